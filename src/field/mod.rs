@@ -1,0 +1,25 @@
+//! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
+
+use crate::volume::{Mask, Volume};
+
+/// On the planning grid: planning point `x` goes to `x + u(x)` in the fraction. LPS mm.
+///
+/// In ITK's sense the displacement field transform of fixed = planning, moving = fraction.
+#[derive(Debug, Clone)]
+pub struct PushField {
+    /// Displacement `u`, mm, at each voxel of the planning grid; finite everywhere.
+    pub displacement: Volume<[f32; 3]>,
+    /// Voxels whose displacement the model computed; elsewhere it is a smooth extension that fades to zero.
+    pub computed: Mask,
+}
+
+/// On the fraction grid: fraction voxel `y` shows what was at `y + v(y)` in planning. LPS mm.
+///
+/// The inverse of the push field; resampling images needs this one.
+#[derive(Debug, Clone)]
+pub struct PullField {
+    /// Displacement `v`, mm, at each voxel of the fraction grid; finite everywhere.
+    pub displacement: Volume<[f32; 3]>,
+    /// Voxels whose pre-image lies inside the planning image.
+    pub inside: Mask,
+}

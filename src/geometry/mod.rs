@@ -1,0 +1,8 @@
+//! Rank 1: regular grids in the world frame and rigid transforms. World frame is LPS, millimetres.
+
+mod grid;
+mod rigid;
+pub mod stencil;
+
+pub use grid::Grid;
+pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg};

@@ -1,0 +1,54 @@
+//! aventail registers a planning CT to a fraction CT for adaptive radiotherapy.
+//!
+//! Bones move rigidly, as an articulated skeleton, and are fitted to the fraction CT; a chain mail of
+//! soft-tissue elements carries their motion to every voxel. The result is a displacement vector field
+//! (DVF) with the evidence for it: landmark residuals, Jacobian characteristics and fusion images.
+//!
+//! # Frames and directions
+//!
+//! All positions are in the **LPS** world frame in **millimetres**; files are converted at the boundary
+//! (`io`) and nowhere else. Two field types keep directions apart:
+//!
+//! - [`field::PushField`] on the planning grid: planning point `x` goes to `x + u(x)` in the fraction;
+//! - [`field::PullField`] on the fraction grid: fraction voxel `y` shows what was at `y + v(y)` in planning.
+//!
+//! # Rooms
+//!
+//! Each room imports only from rooms of lower rank; `tests/layers.rs` proves it.
+//!
+//! ```text
+//! 9 cli        arguments, terminal            8 report     outcome -> files
+//! 7 pipeline   case + config -> outcome       6 config io  settings | files <-> domain types
+//! 5 fit phantom                               4 skeleton chainmail evaluate
+//! 3 field body                                2 volume     voxels on a grid
+//! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
+//! ```
+
+pub mod error;
+pub mod progress;
+pub mod runtime;
+pub mod stats;
+pub mod warning;
+
+pub mod geometry;
+pub mod volume;
+
+pub mod body;
+pub mod field;
+
+pub mod chainmail;
+pub mod evaluate;
+pub mod skeleton;
+
+pub mod fit;
+pub mod phantom;
+
+pub mod config;
+pub mod io;
+
+pub mod pipeline;
+pub mod report;
+
+pub mod cli;
+
+pub use error::{Error, Result};

@@ -1,0 +1,35 @@
+//! The loaded inputs of a registration.
+
+use crate::evaluate::landmark::Landmark;
+use crate::skeleton::Skeleton;
+use crate::volume::{LabelMap, Volume};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// One input file with its checksum.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InputFile {
+    /// What it is, for example `planning`.
+    pub role: String,
+    /// Path as given.
+    pub path: PathBuf,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+}
+
+/// Everything a registration needs, loaded and converted to LPS mm.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// Planning CT, HU.
+    pub planning: Volume<f32>,
+    /// Bone labels on the planning grid.
+    pub bones: LabelMap,
+    /// Fraction CT, HU.
+    pub fraction: Volume<f32>,
+    /// Evaluation landmarks; they never enter the fit.
+    pub landmarks: Vec<Landmark>,
+    /// Skeleton given by the user instead of the built one.
+    pub skeleton: Option<Skeleton>,
+    /// The files behind it.
+    pub inputs: Vec<InputFile>,
+}

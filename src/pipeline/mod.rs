@@ -1,0 +1,7 @@
+//! Rank 7: from a case and a configuration to an outcome.
+
+mod case;
+mod outcome;
+
+pub use case::{Case, InputFile};
+pub use outcome::{InverseReport, Outcome};

@@ -1,0 +1,63 @@
+//! What a registration found.
+
+use crate::chainmail::LinkReport;
+use crate::evaluate::jacobian::JacobianReport;
+use crate::evaluate::landmark::LandmarkReport;
+use crate::field::{PullField, PushField};
+use crate::fit::BoneFit;
+use crate::runtime::StageTime;
+use crate::skeleton::{Pose, Skeleton};
+use crate::stats::Summary;
+use crate::volume::{LabelMap, Mask, Volume};
+use crate::warning::Warning;
+use serde::{Deserialize, Serialize};
+
+/// How well the pull field inverts the push field.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct InverseReport {
+    /// |v(y) + u(y + v(y))| over converged fraction voxels that map into the body, mm.
+    pub residual_mm: Summary,
+    /// Voxels whose iteration did not reach the tolerance.
+    pub unconverged: usize,
+    /// Voxels with more than one pre-image (where the push field folds).
+    pub multiple: usize,
+    /// Fraction voxels whose pre-image lies outside the planning scan.
+    pub outside: usize,
+    /// Fraction voxels in all.
+    pub voxels: usize,
+}
+
+/// Result of a registration, in memory.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The skeleton used.
+    pub skeleton: Skeleton,
+    /// Its fitted pose.
+    pub pose: Pose,
+    /// Each bone's fit, in the order of the skeleton.
+    pub bone_fits: Vec<BoneFit>,
+    /// The patient in the planning CT: inside the skin, cavities included.
+    pub body: Mask,
+    /// Planning to fraction.
+    pub push: PushField,
+    /// Fraction to planning.
+    pub pull: PullField,
+    /// The planning CT on the fraction grid; -1000 HU where nothing maps.
+    pub planning_on_fraction: Volume<f32>,
+    /// The bone labels on the fraction grid.
+    pub bones_on_fraction: LabelMap,
+    /// Jacobian map of the push field on the planning grid; -1 folded, 1 where not computed.
+    pub jacobian: Volume<f32>,
+    /// Jacobian characteristics.
+    pub jacobian_report: JacobianReport,
+    /// Chain-mail links of the result.
+    pub links: LinkReport,
+    /// Quality of the inverse.
+    pub inverse: InverseReport,
+    /// Landmark residuals, when landmarks were given.
+    pub landmarks: Option<LandmarkReport>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+    /// Wall time of each stage.
+    pub stages: Vec<StageTime>,
+}

@@ -1,0 +1,21 @@
+//! Progress records: the library emits them, the terminal decides how they look.
+
+/// Receives what a run is doing. Implementations must be cheap: `step` is called often.
+pub trait Progress: Send + Sync {
+    /// A stage begins, for example "fit skeleton".
+    fn stage(&self, name: &str);
+    /// `done` of `total` units of the current stage are finished, `label` names the unit.
+    fn step(&self, done: usize, total: usize, label: &str);
+    /// The current stage ended after `seconds`.
+    fn finish(&self, seconds: f64);
+}
+
+/// Progress that nobody sees.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn stage(&self, _: &str) {}
+    fn step(&self, _: usize, _: usize, _: &str) {}
+    fn finish(&self, _: f64) {}
+}

@@ -1,0 +1,81 @@
+//! How to run, apart from what to compute: threads, progress, stage times. Nothing here may change a result.
+
+use crate::error::{Error, Result};
+use crate::progress::{Progress, Silent};
+use serde::{Deserialize, Serialize};
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Wall time of one stage of a run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct StageTime {
+    /// Name of the stage.
+    pub stage: String,
+    /// Wall time in seconds.
+    pub seconds: f64,
+}
+
+/// Thread pool, progress receiver and stage clock of one run.
+pub struct Runtime {
+    pool: rayon::ThreadPool,
+    progress: Box<dyn Progress>,
+    times: Mutex<Vec<StageTime>>,
+}
+
+impl Runtime {
+    /// A runtime with `threads` threads (0: one per core).
+    ///
+    /// # Errors
+    /// When the thread pool cannot be started.
+    pub fn new(threads: usize, progress: Box<dyn Progress>) -> Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|e| Error::usage(format!("cannot start {threads} threads: {e}"), "use a smaller --threads"))?;
+        Ok(Self { pool, progress, times: Mutex::new(Vec::new()) })
+    }
+
+    /// A runtime that shows nothing, with one thread per core.
+    ///
+    /// # Errors
+    /// When the thread pool cannot be started.
+    pub fn silent() -> Result<Self> {
+        Self::new(0, Box::new(Silent))
+    }
+
+    /// Number of threads.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// The progress receiver.
+    pub fn progress(&self) -> &dyn Progress {
+        self.progress.as_ref()
+    }
+
+    /// Runs `work` as a named stage inside the thread pool and records its wall time.
+    pub fn stage<T: Send>(&self, name: &str, work: impl FnOnce() -> T + Send) -> T {
+        self.progress.stage(name);
+        let start = Instant::now();
+        let out = self.pool.install(work);
+        let seconds = start.elapsed().as_secs_f64();
+        self.progress.finish(seconds);
+        if let Ok(mut times) = self.times.lock() {
+            times.push(StageTime { stage: name.to_owned(), seconds });
+        }
+        out
+    }
+
+    /// Stage times so far, in order.
+    pub fn times(&self) -> Vec<StageTime> {
+        self.times.lock().map(|t| t.clone()).unwrap_or_default()
+    }
+}
+
+/// Peak resident memory of this process in bytes, where the system tells (Linux).
+pub fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}

@@ -1,0 +1,85 @@
+//! Rank 2: values on a grid, as flat arrays with `i` fastest.
+
+mod interpolate;
+pub mod label;
+
+pub use interpolate::{trilinear, trilinear_vector};
+pub use label::LabelMap;
+
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use ndarray::{ArrayView3, ShapeBuilder};
+
+/// Values on a [`Grid`], `i` fastest in storage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume<T> {
+    grid: Grid,
+    data: Vec<T>,
+}
+
+/// A yes or no for each voxel.
+pub type Mask = Volume<bool>;
+
+impl<T> Volume<T> {
+    /// A volume from its grid and values in storage order.
+    ///
+    /// # Errors
+    /// When the number of values is not the number of voxels.
+    pub fn new(grid: Grid, data: Vec<T>) -> Result<Self> {
+        if grid.len() != data.len() {
+            return Err(Error::Internal(format!("{} values for a grid of {:?}", data.len(), grid.size())));
+        }
+        Ok(Self { grid, data })
+    }
+
+    /// A volume with `value(storage position)` everywhere.
+    pub fn from_fn(grid: Grid, value: impl FnMut(usize) -> T) -> Self {
+        let data = (0..grid.len()).map(value).collect();
+        Self { grid, data }
+    }
+
+    /// The grid.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+    /// The values in storage order.
+    pub fn data(&self) -> &[T] {
+        &self.data
+    }
+    /// The values in storage order, writable.
+    pub fn data_mut(&mut self) -> &mut [T] {
+        &mut self.data
+    }
+    /// The values, without their grid.
+    pub fn into_data(self) -> Vec<T> {
+        self.data
+    }
+    /// The value of a voxel.
+    pub fn at(&self, voxel: [usize; 3]) -> &T {
+        &self.data[self.grid.linear(voxel)]
+    }
+    /// A volume of the same grid with `f` of each value.
+    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Volume<U> {
+        Volume { grid: self.grid.clone(), data: self.data.iter().map(f).collect() }
+    }
+    /// The values as an ndarray view of shape (i, j, k).
+    pub fn view(&self) -> ArrayView3<'_, T> {
+        let [ni, nj, nk] = self.grid.size();
+        ArrayView3::from_shape((ni, nj, nk).f(), &self.data).expect("length was checked on construction")
+    }
+}
+
+impl<T: Clone> Volume<T> {
+    /// A volume with one value everywhere.
+    pub fn filled(grid: Grid, value: T) -> Self {
+        let data = vec![value; grid.len()];
+        Self { grid, data }
+    }
+}
+
+impl Mask {
+    /// Number of voxels that are set.
+    pub fn count(&self) -> usize {
+        self.data.iter().filter(|&&v| v).count()
+    }
+}
