@@ -1,10 +1,14 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
+mod cubic;
 mod interpolate;
 pub mod label;
+mod smooth;
 
+pub use cubic::cubic;
 pub use interpolate::{trilinear, trilinear_vector};
 pub use label::LabelMap;
+pub use smooth::gaussian;
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
