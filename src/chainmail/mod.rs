@@ -1,5 +1,18 @@
 //! Rank 4: the chain mail. Elements on a grid, linked to their neighbours with min, max and shear.
 
+mod blend;
+mod extend;
+mod front;
+mod lattice;
+mod material;
+mod propagate;
+mod relax;
+
+pub use front::{Front, LinkTime};
+pub use lattice::{Lattice, Node, Tissue};
+pub use material::{Constraint, Knot, Material, MaterialName};
+pub use propagate::{ChainmailOptions, Propagation, propagate};
+
 use serde::{Deserialize, Serialize};
 
 /// How many links of the result lie outside their valid region, and by how much.
