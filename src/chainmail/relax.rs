@@ -108,6 +108,13 @@ impl<'a> Relaxation<'a> {
         (0..self.work.len()).flat_map(|k| self.plane(k).u.iter().copied()).collect()
     }
 
+    /// Local rotation of every node after `rounds` updates; identity outside.
+    pub fn rotations(&mut self, rounds: usize) -> Vec<Matrix3<f64>> {
+        (0..rounds).for_each(|_| self.rotate());
+        let matrix = |t: &[f32; 9]| Matrix3::from_row_slice(t).cast::<f64>() + Matrix3::identity();
+        (0..self.work.len()).flat_map(|k| self.plane(k).turn.iter().map(matrix)).collect()
+    }
+
     fn plane(&self, k: usize) -> &Plane {
         if k.is_multiple_of(2) { &self.even[k / 2] } else { &self.odd[k / 2] }
     }
@@ -149,9 +156,9 @@ impl<'a> Relaxation<'a> {
                         let w = l.weight / (0.5 * (s + sm)).max(LEAST_PLAY);
                         weights += w;
                         // Rest vector from neighbour to here is -rest; turned by the mean of both rotations.
-                        for a in 0..3 {
+                        for (a, sum) in sum.iter_mut().enumerate() {
                             let t = (r[3 * a] + q.1[3 * a]) * l.rest[0] + (r[3 * a + 1] + q.1[3 * a + 1]) * l.rest[1] + (r[3 * a + 2] + q.1[3 * a + 2]) * l.rest[2];
-                            sum[a] += w * (q.0[a] - 0.5 * t);
+                            *sum += w * (q.0[a] - 0.5 * t);
                         }
                     }
                     if weights > 0.0 {

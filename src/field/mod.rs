@@ -1,5 +1,11 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod invert;
+mod warp;
+
+pub use invert::{InverseReport, InvertOptions, invert};
+pub use warp::{push_point, warp_image, warp_labels, warp_mask};
+
 use crate::volume::{Mask, Volume};
 
 /// On the planning grid: planning point `x` goes to `x + u(x)` in the fraction. LPS mm.

@@ -45,12 +45,12 @@ fn along(volume: &Volume<f32>, axis: usize, kernel: &[f32]) -> Volume<f32> {
                 *v = sum;
             }
         } else {
-            for d in 0..kernel.len() {
+            for (d, w) in kernel.iter().enumerate() {
                 for sign in if d == 0 { &[1i64][..] } else { &[-1, 1] } {
                     let shift = |at: usize, n: usize| (at as i64 + sign * d as i64).clamp(0, n as i64 - 1) as usize;
                     let other = if axis == 1 { shift(j, ny) + ny * k } else { j + ny * shift(k, nz) };
                     for (v, s) in line.iter_mut().zip(&src[other * nx..(other + 1) * nx]) {
-                        *v += kernel[d] * s;
+                        *v += w * s;
                     }
                 }
             }
