@@ -14,6 +14,8 @@ pub enum LinkTime {
     SlowInStiff,
     /// Length * shear: stiff tissue is fast (the text of thesis 2.4 and Fig. 14).
     FastInStiff,
+    /// 1 / (length * shear): eq. in 5.2.2 to the letter, whose constraints are multiplied by the link's length.
+    Literal,
 }
 
 /// Which links a front runs along.
@@ -52,18 +54,24 @@ impl FrontRules {
         let t = match self.time {
             LinkTime::SlowInStiff => length / s,
             LinkTime::FastInStiff => length * s,
+            LinkTime::Literal => 1.0 / (length * s),
         };
         (t * TICKS).round().max(1.0) as u32
+    }
+
+    /// Index steps of the links.
+    pub fn steps(&self) -> &'static [[i32; 3]] {
+        match self.front {
+            Front::Round => &NEIGHBOURS_26,
+            Front::Rhombus => &NEIGHBOURS_6,
+        }
     }
 
     /// Storage offsets and lengths in mm of the links.
     pub fn links(&self, lattice: &Lattice) -> Vec<(isize, f64)> {
         let [sx, sy, sz] = lattice.grid.strides().map(|s| s as isize);
-        let all: &[[i32; 3]] = match self.front {
-            Front::Round => &NEIGHBOURS_26,
-            Front::Rhombus => &NEIGHBOURS_6,
-        };
-        all.iter()
+        self.steps()
+            .iter()
             .map(|o| {
                 let mm = (lattice.grid.step() * Vector3::from(o.map(f64::from))).norm();
                 (o[0] as isize * sx + o[1] as isize * sy + o[2] as isize * sz, mm)
@@ -77,16 +85,26 @@ impl FrontRules {
     }
 }
 
-/// Ticks at which the front of one bone reaches each node; 0 inside the bone, [`NEVER`] where it does not come.
+/// When the front of one bone reaches each node.
+pub struct TimeMap {
+    /// Ticks; 0 inside the bone, [`NEVER`] where the front does not come.
+    pub time: Vec<u32>,
+    /// Soft nodes in the order in which the front settles them: no node before its parent.
+    pub order: Vec<u32>,
+}
+
+/// Time map of one bone.
 ///
 /// Other bones are not entered (thesis 5.4.2). Times are the unique least path sums, whatever the order of processing.
-pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> Vec<u32> {
+pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> TimeMap {
     let links = rules.links(lattice);
     let longest = links.iter().map(|l| l.1).fold(0.0, f64::max);
-    let slowest = rules.ticks(longest, LEAST_SHEAR).max(rules.ticks(longest, 1.0)).max(rules.ticks(longest, 10.0));
+    let shortest = links.iter().map(|l| l.1).fold(f64::MAX, f64::min);
+    let slowest = [longest, shortest].iter().flat_map(|&l| [rules.ticks(l, LEAST_SHEAR), rules.ticks(l, 10.0)]).max().unwrap_or(1);
     let limit = (rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32;
     let mut time = vec![NEVER; lattice.node.len()];
     let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); slowest as usize + 1];
+    let mut settled = vec![false; lattice.node.len()];
     let mut waiting = 0usize;
     for &n in &lattice.active {
         if lattice.node[n as usize] == Node::Bone(bone) {
@@ -100,14 +118,19 @@ pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> Vec<u32> {
     }
     let mut now = 0u32;
     let mut batch = Vec::new();
+    let mut order = Vec::new();
     while waiting > 0 && now <= limit {
         let slot = now as usize % buckets.len();
         std::mem::swap(&mut batch, &mut buckets[slot]);
         waiting -= batch.len();
         for &n in &batch {
             let n = n as usize;
-            if time[n] != now {
+            if time[n] != now || settled[n] {
                 continue;
+            }
+            settled[n] = true;
+            if now > 0 {
+                order.push(n as u32);
             }
             for &(o, mm) in &links {
                 let m = (n as isize + o) as usize;
@@ -126,5 +149,5 @@ pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> Vec<u32> {
         batch.clear();
         now += 1;
     }
-    time
+    TimeMap { time, order }
 }

@@ -1,6 +1,7 @@
 //! From bone transforms to the push field on the planning grid.
 
 use super::blend::superpose;
+use super::carry::Carry;
 use super::extend::extend;
 use super::front::{Front, FrontRules, LinkTime};
 use super::lattice::{Lattice, Node, Tissue};
@@ -11,7 +12,7 @@ use crate::field::PushField;
 use crate::geometry::Rigid;
 use crate::progress::Progress;
 use crate::volume::{Volume, trilinear_vector};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,8 @@ pub struct ChainmailOptions {
     pub link_time: LinkTime,
     /// Links that a front runs along.
     pub front: Front,
+    /// What a bone hands to the tissue around it.
+    pub carry: Carry,
     /// Exponent n of the superposition's weights t^-n.
     pub exponent: f64,
     /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
@@ -43,6 +46,7 @@ impl Default for ChainmailOptions {
             material: Material::default(),
             link_time: LinkTime::SlowInStiff,
             front: Front::Round,
+            carry: Carry::Rigid,
             exponent: 4.0,
             cutoff: 800.0 * 0.98,
             spacing_mm: 3.0,
@@ -50,6 +54,29 @@ impl Default for ChainmailOptions {
             least_hu: -500.0,
         }
     }
+}
+
+impl ChainmailOptions {
+    /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
+    pub fn thesis() -> Self {
+        Self {
+            link_time: LinkTime::Literal,
+            front: Front::Rhombus,
+            carry: Carry::LinearDecay,
+            cutoff: 800.0,
+            spacing_mm: 0.0,
+            relaxation: Vec::new(),
+            ..Self::default()
+        }
+    }
+}
+
+/// The bones' motion: one transform and one centroid (LPS mm, the thesis's rotation point) per bone of the skeleton.
+pub struct Initiators<'a> {
+    /// Planning to fraction.
+    pub transforms: &'a [Rigid],
+    /// Centroids in planning.
+    pub centroids: &'a [Point3<f64>],
 }
 
 /// The propagation's result: the field, and the lattice with its displacements for the links' report.
@@ -66,16 +93,16 @@ pub struct Propagation {
 ///
 /// # Errors
 /// None at present; the result type leaves room for limits on memory.
-pub fn propagate(tissue: &Tissue<'_>, transforms: &[Rigid], options: &ChainmailOptions, progress: &dyn Progress) -> Result<Propagation> {
+pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &ChainmailOptions, progress: &dyn Progress) -> Result<Propagation> {
     let rules = FrontRules { time: options.link_time, front: options.front, cutoff: options.cutoff };
-    let turns: Vec<Matrix3<f64>> = transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let turns: Vec<Matrix3<f64>> = bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let steps = options.relaxation.len() + 2;
     // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
     let mut change: Option<Volume<[f32; 3]>> = None;
     for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
         progress.step(n, steps, &format!("relax at {spacing} mm"));
         let lattice = Lattice::new(tissue, &options.material, spacing);
-        let start = start(&lattice, transforms, &rules, options.exponent, change.as_ref());
+        let start = start(&lattice, bones, &rules, options, change.as_ref());
         let mut relaxation = Relaxation::new(&lattice, &start.0, &turns);
         relaxation.run(rounds);
         let relaxed = relaxation.displacements();
@@ -86,7 +113,7 @@ pub fn propagate(tissue: &Tissue<'_>, transforms: &[Rigid], options: &ChainmailO
     }
     progress.step(steps - 2, steps, "propagate");
     let lattice = Lattice::new(tissue, &options.material, options.spacing_mm);
-    let (mut displacement, _) = start(&lattice, transforms, &rules, options.exponent, change.as_ref());
+    let (mut displacement, _) = start(&lattice, bones, &rules, options, change.as_ref());
     if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
         let mut relaxation = Relaxation::new(&lattice, &displacement, &turns);
         relaxation.run(rounds);
@@ -96,13 +123,13 @@ pub fn propagate(tissue: &Tissue<'_>, transforms: &[Rigid], options: &ChainmailO
     }
     progress.step(steps - 1, steps, "all voxels");
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
-    let push = to_voxels(tissue, transforms, &coarse)?;
+    let push = to_voxels(tissue, bones.transforms, &coarse)?;
     Ok(Propagation { push, lattice, displacement: coarse.into_data() })
 }
 
 /// Superposition plus the coarser correction on the whole lattice, and the superposition alone.
-fn start(lattice: &Lattice, transforms: &[Rigid], rules: &FrontRules, exponent: f64, change: Option<&Volume<[f32; 3]>>) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let plain = extend(lattice, &superpose(lattice, transforms, rules, exponent));
+fn start(lattice: &Lattice, bones: &Initiators<'_>, rules: &FrontRules, options: &ChainmailOptions, change: Option<&Volume<[f32; 3]>>) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+    let plain = extend(lattice, &superpose(lattice, bones.transforms, bones.centroids, rules, options.exponent, options.carry));
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];
