@@ -2,8 +2,9 @@
 
 use super::field::FieldFormat;
 use super::gzip::Payload;
-use super::raster::{Layout, load, require_finite};
+use super::raster::{load, require_finite};
 use super::values::{Contents, Values};
+use super::voxels::Layout;
 use super::{Loaded, atomic, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::volume::{Mask, Volume};
@@ -21,7 +22,8 @@ pub enum Stored {
 /// How files are written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Gzip level, 0 (none) to 9 (smallest); 1 is by far the fastest that makes files small.
+    /// Gzip level, 0 (none) to 9 (smallest). Level 1 has fixed Huffman codes, which can make float32 vectors larger than
+    /// they are raw; 2 is the fastest without.
     pub gzip_level: u32,
     /// Free text for the header, for example what the image is; NIfTI keeps 79 bytes of it.
     pub description: String,
@@ -29,7 +31,7 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        Self { gzip_level: 1, description: "aventail".into() }
+        Self { gzip_level: 2, description: "aventail".into() }
     }
 }
 

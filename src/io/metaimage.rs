@@ -3,9 +3,9 @@
 //! Written without compression: the header must tell the compressed size before the values are compressed.
 //! Source: MetaIO of Kitware, as used by ITK's `MetaImageIO`.
 
-use super::raster::{GeometrySource, HeaderNotes, Layout, Raster, VectorKind};
+use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::values::Contents;
-use super::voxels::Element;
+use super::voxels::{Element, Layout};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use flate2::read::ZlibDecoder;

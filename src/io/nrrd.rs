@@ -3,9 +3,9 @@
 //! Source: "Definition of NRRD File Format", teem.sourceforge.net/nrrd/format.html.
 
 use super::gzip::Content;
-use super::raster::{GeometrySource, HeaderNotes, Layout, Raster, VectorKind};
+use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::values::Contents;
-use super::voxels::Element;
+use super::voxels::{Element, Layout};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::warning::Warning;

@@ -2,7 +2,7 @@
 
 use super::Loaded;
 use super::checksum::{read_bytes, sha256};
-use super::voxels::{Element, Voxels};
+use super::voxels::{Element, Layout, Voxels};
 use super::{metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -67,15 +67,6 @@ pub struct HeaderNotes {
     pub description: String,
     /// NIfTI header extensions.
     pub extensions: Vec<ExtensionNote>,
-}
-
-/// How the components of a vector are stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Layout {
-    /// One whole volume per component.
-    Planar,
-    /// The components of a voxel together.
-    Interleaved,
 }
 
 /// What the components of a stored vector mean.
@@ -183,24 +174,15 @@ impl Raster<'_> {
                 or as .mha or .nrrd vectors";
             Error::input(path.display().to_string(), problem, remedy)
         })?;
-        let values = self.voxels(path)?.decode(|v| v as f32);
-        let n = self.grid.len();
-        let data = (0..n).into_par_iter().map(|i| {
-            let v = match self.layout {
-                Layout::Planar => [values[i], values[n + i], values[2 * n + i]],
-                Layout::Interleaved => [values[3 * i], values[3 * i + 1], values[3 * i + 2]],
-            };
-            match kind {
-                VectorKind::Lps => v,
-                VectorKind::Ras => [-v[0], -v[1], v[2]],
-                VectorKind::RasPosition => {
-                    let here = self.grid.centre(self.grid.voxel(i));
-                    let lps = [-v[0], -v[1], v[2]];
-                    std::array::from_fn(|a| (f64::from(lps[a]) - here[a]) as f32)
-                }
+        let data = self.voxels(path)?.decode_vectors(self.layout, |at, [x, y, z]| match kind {
+            VectorKind::Lps => [x, y, z].map(|c| c as f32),
+            VectorKind::Ras => [-x, -y, z].map(|c| c as f32),
+            VectorKind::RasPosition => {
+                let here = self.grid.centre(self.grid.voxel(at));
+                [-x - here.x, -y - here.y, z - here.z].map(|c| c as f32)
             }
         });
-        Volume::new(self.grid.clone(), data.collect())
+        Volume::new(self.grid.clone(), data)
     }
 }
 

@@ -1,7 +1,6 @@
 //! Values on their way into a file: each kind with its stored type and little-endian bytes.
 
-use super::raster::Layout;
-use super::voxels::Element;
+use super::voxels::{Element, Layout};
 use crate::geometry::Grid;
 use std::ops::Range;
 

@@ -53,6 +53,15 @@ impl Element {
     }
 }
 
+/// How the components of a vector are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Layout {
+    /// One whole volume per component.
+    Planar,
+    /// The components of a voxel together.
+    Interleaved,
+}
+
 /// Stored values: bytes with how to read them. A value is `raw * slope + inter`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Voxels<'a> {
@@ -64,14 +73,23 @@ pub(super) struct Voxels<'a> {
 }
 
 impl Voxels<'_> {
-    /// All values through `convert`, in storage order, decoded in parallel.
+    /// All values through `convert`, in storage order.
     pub(super) fn decode<T: Copy + Default + Send>(&self, convert: impl Fn(f64) -> T + Sync) -> Vec<T> {
+        self.decode_vectors(Layout::Planar, |_, [v]| convert(v))
+    }
+
+    /// All vectors of `C` components through `convert(storage position, components)`, decoded in parallel.
+    pub(super) fn decode_vectors<T: Copy + Default + Send, const C: usize>(
+        &self,
+        layout: Layout,
+        convert: impl Fn(usize, [f64; C]) -> T + Sync,
+    ) -> Vec<T> {
         macro_rules! decode_as {
             ($raw:ty) => {
                 if self.big_endian {
-                    self.run(|b| <$raw>::from_be_bytes(b) as f64, convert)
+                    self.run(layout, |b| <$raw>::from_be_bytes(b) as f64, convert)
                 } else {
-                    self.run(|b| <$raw>::from_le_bytes(b) as f64, convert)
+                    self.run(layout, |b| <$raw>::from_le_bytes(b) as f64, convert)
                 }
             };
         }
@@ -89,16 +107,32 @@ impl Voxels<'_> {
         }
     }
 
-    fn run<T: Copy + Default + Send, const N: usize>(
+    fn run<T: Copy + Default + Send, const C: usize, const N: usize>(
         &self,
+        layout: Layout,
         raw: impl Fn([u8; N]) -> f64 + Sync,
-        convert: impl Fn(f64) -> T + Sync,
+        convert: impl Fn(usize, [f64; C]) -> T + Sync,
     ) -> Vec<T> {
         let (slope, inter) = (self.slope, self.inter);
-        let mut out = vec![T::default(); self.bytes.len() / N];
-        self.bytes.par_chunks(CHUNK * N).zip(out.par_chunks_mut(CHUNK)).for_each(|(from, to)| {
-            for (bytes, value) in from.as_chunks::<N>().0.iter().zip(to) {
-                *value = convert(raw(*bytes) * slope + inter);
+        let stored = self.bytes.as_chunks::<N>().0;
+        let voxels = stored.len() / C;
+        let value = |b: [u8; N]| raw(b) * slope + inter;
+        let mut out = vec![T::default(); voxels];
+        out.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+            let start = chunk * CHUNK;
+            match layout {
+                Layout::Planar => {
+                    let planes: [&[[u8; N]]; C] = std::array::from_fn(|c| &stored[c * voxels + start..][..out.len()]);
+                    for (i, out) in out.iter_mut().enumerate() {
+                        *out = convert(start + i, planes.map(|p| value(p[i])));
+                    }
+                }
+                Layout::Interleaved => {
+                    let vectors = stored[start * C..].as_chunks::<C>().0;
+                    for (i, (out, vector)) in out.iter_mut().zip(vectors).enumerate() {
+                        *out = convert(start + i, vector.map(&value));
+                    }
+                }
             }
         });
         out

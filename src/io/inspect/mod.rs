@@ -3,7 +3,8 @@
 mod text;
 
 use super::labels::{header_names, is_label};
-use super::raster::{GeometrySource, HeaderNotes, Layout, Raster, VectorKind, load};
+use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind, load};
+use super::voxels::Layout;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::warning::Warning;

@@ -134,7 +134,8 @@ impl Fields {
         let nearest = svd.u.zip(svd.v_t).map_or(axes, |(u, v)| u * v);
         let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(nearest));
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-        let single = |v: f64| v as f32;
+        // Adding zero turns -0 into 0.
+        let single = |v: f64| v as f32 + 0.0;
         Self {
             size: grid.size(),
             pixdim: [single(handed), single(spacing[0]), single(spacing[1]), single(spacing[2])],

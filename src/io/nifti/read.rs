@@ -4,8 +4,8 @@
 //! header, and converts in three passes on one thread. Values are decoded by `voxels`, as for the other formats.
 
 use super::super::gzip::Content;
-use super::super::raster::{ExtensionNote, HeaderNotes, Layout, Raster, VectorKind};
-use super::super::voxels::Element;
+use super::super::raster::{ExtensionNote, HeaderNotes, Raster, VectorKind};
+use super::super::voxels::{Element, Layout};
 use super::geometry::{Fields, Placed};
 use crate::error::{Error, Result};
 use crate::warning::Warning;
@@ -122,10 +122,11 @@ fn element(path: &Path, header: &NiftiHeader) -> Result<Element> {
     })
 }
 
-/// Slope and offset of values; slope 0 or NaN means that there are none (nifti1.h; nibabel writes NaN).
+/// Slope and offset of values, where they change anything; slope 0 or NaN means that there are none (nifti1.h; nibabel's NaN).
 fn scaling(path: &Path, header: &NiftiHeader) -> Result<Option<[f64; 2]>> {
     let (slope, inter) = (f64::from(header.scl_slope), f64::from(header.scl_inter));
-    if slope == 0.0 || slope.is_nan() {
+    let identity = slope.total_cmp(&1.0).is_eq() && inter.abs().total_cmp(&0.0).is_eq();
+    if slope == 0.0 || slope.is_nan() || identity {
         return Ok(None);
     }
     if !slope.is_finite() || !inter.is_finite() {
