@@ -1,5 +1,9 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod jacobian;
+
+pub use jacobian::{FOLDED, digital_folds, jacobian};
+
 use crate::volume::{Mask, Volume};
 
 /// On the planning grid: planning point `x` goes to `x + u(x)` in the fraction. LPS mm.
