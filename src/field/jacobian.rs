@@ -6,7 +6,6 @@
 //! along the same diagonal and the tetrahedra fill space without gap or overlap.
 
 use super::PushField;
-use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -20,16 +19,17 @@ type Edges = [[Vector3<f64>; 4]; 3];
 
 /// V_deformed / V_initial of each cell of the planning grid.
 ///
-/// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell.
-/// The smooth extension of the field outside tissue is measured too: choose the cells that matter with a mask.
+/// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
+/// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
 pub fn jacobian(push: &PushField) -> Volume<f32> {
     each_cell(push, 1.0, |edges, even, inverse_volume| {
-        let (total, least) = five_tetrahedra(edges, even, inverse_volume);
-        if least > 0.0 { (total / 6.0) as f32 } else { FOLDED }
+        let (total, positive) = five_tetrahedra(edges, even, inverse_volume);
+        if positive { (total / 6.0) as f32 } else { FOLDED }
     })
 }
 
-/// Cells that fail the digital criterion of Liu et al., false at the last voxel along each axis.
+/// Cells that fail the digital criterion of Liu et al.; false where [`jacobian`] is 1 for want of a cell or a computed
+/// corner.
 ///
 /// "On finite difference Jacobian computation in deformable image registration", Int. J. Comput. Vis. 2024, asks for
 /// 10 positive determinants at each voxel: the 8 combinations of one-sided differences and two more, `J*1` and `J*2`.
@@ -38,17 +38,20 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
 /// fails when any of its own 10 tetrahedra is not positive. Over an image that is the same set of determinants.
 pub fn digital_folds(push: &PushField) -> Mask {
     each_cell(push, false, |edges, _, inverse_volume| {
-        let least = |even| five_tetrahedra(edges, even, inverse_volume).1;
-        !(least(true) > 0.0 && least(false) > 0.0)
+        let positive = |even| five_tetrahedra(edges, even, inverse_volume).1;
+        !(positive(true) && positive(false))
     })
 }
 
-/// Six times the relative volume of a cell, and the least of six times the relative volumes of its 5 tetrahedra.
+/// Six times the relative volume of a cell, and whether all of its 5 tetrahedra are positive.
 ///
 /// `inverse_volume` is 1 over the signed volume of an undeformed cell; its sign takes handedness of storage out.
 /// `even` cuts off corners 000, 110, 101 and 011, the other way the other four.
-fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f64, f64) {
-    let det = |a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>| a.cross(b).dot(c) * inverse_volume;
+fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f64, bool) {
+    let det = |a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>| {
+        let minors = [a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x];
+        (minors[0] * c.x + minors[1] * c.y + minors[2] * c.z) * inverse_volume
+    };
     // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1; the
     // central tetrahedron, spanned by diagonals of the faces, has +2.
     let (corners, centre) = if even {
@@ -58,49 +61,59 @@ fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f6
         let corners = [det(&ex[0], &ey[1], &ez[1]), det(&ex[1], &ey[0], &ez[2]), det(&ex[2], &ey[2], &ez[0]), det(&ex[3], &ey[3], &ez[3])];
         (corners, det(&(ex[0] + ey[1]), &(ey[0] + ez[2]), &(ex[0] + ez[1])))
     };
-    let total = corners[0] + corners[1] + corners[2] + corners[3] + centre;
-    (total, corners.iter().fold(centre, |a, &b| a.min(b)))
+    let [a, b, c, d] = corners;
+    (a + b + c + d + centre, (a > 0.0) & (b > 0.0) & (c > 0.0) & (d > 0.0) & (centre > 0.0))
 }
 
-/// `value(edges, even, 1 / undeformed volume)` of every cell, `no_cell` at the last voxel along each axis.
-fn each_cell<T: Copy + Send>(push: &PushField, no_cell: T, value: impl Fn(&Edges, bool, f64) -> T + Sync) -> Volume<T> {
+/// `value(edges, even, 1 / undeformed volume)` of every cell with a computed corner, `unmeasured` elsewhere.
+fn each_cell<T: Copy + Send>(push: &PushField, unmeasured: T, value: impl Fn(&Edges, bool, f64) -> T + Sync) -> Volume<T> {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
     let inverse_volume = grid.step().determinant().recip();
-    let mut out = Volume::filled(grid.clone(), no_cell);
+    let mut out = Volume::filled(grid.clone(), unmeasured);
     out.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {
-        for (j, row) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
-            let mut columns = Columns::new(push.displacement.data(), grid, [j, k]);
-            for (i, cell) in row[..ni - 1].iter_mut().enumerate() {
-                *cell = value(&columns.advance(i + 1), (i + j + k) % 2 == 0, inverse_volume);
+        for (j, cells) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
+            let rows = Rows::new(push, [j, k]);
+            for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
+                if rows.computed(i) {
+                    *cell = value(&rows.edges(i), (i + j + k) % 2 == 0, inverse_volume);
+                }
             }
         }
     });
     out
 }
 
-/// Walks along a row of cells, so that each displacement is read and converted once per row of voxels.
-struct Columns<'a> {
-    rows: [&'a [[f32; 3]]; 4],
+/// The four rows of voxels that hold the corners of a row of cells: low or high along `j` (bit 0) and `k` (bit 1).
+struct Rows<'a> {
+    u: [&'a [[f32; 3]]; 4],
+    computed: [&'a [bool]; 4],
     step: Matrix3<f64>,
-    last: [Vector3<f64>; 4],
 }
 
-impl<'a> Columns<'a> {
-    /// Before the first cell of the row of cells at `j`, `k`.
-    fn new(u: &'a [[f32; 3]], grid: &Grid, [j, k]: [usize; 2]) -> Self {
-        let rows = [[j, k], [j + 1, k], [j, k + 1], [j + 1, k + 1]].map(|[j, k]| {
-            let start = grid.linear([0, j, k]);
-            &u[start..start + grid.size()[0]]
-        });
-        Self { rows, step: *grid.step(), last: rows.map(|row| Vector3::from(row[0].map(f64::from))) }
+impl<'a> Rows<'a> {
+    fn new(push: &'a PushField, [j, k]: [usize; 2]) -> Self {
+        let grid = push.displacement.grid();
+        let range = |m: usize| {
+            let start = grid.linear([0, j + (m & 1), k + (m >> 1)]);
+            start..start + grid.size()[0]
+        };
+        Self {
+            u: std::array::from_fn(|m| &push.displacement.data()[range(m)]),
+            computed: std::array::from_fn(|m| &push.computed.data()[range(m)]),
+            step: *grid.step(),
+        }
     }
 
-    /// Edges of the cell that ends at voxel `i` of the row.
-    fn advance(&mut self, i: usize) -> Edges {
-        let low = self.last;
-        let high = self.rows.map(|row| Vector3::from(row[i].map(f64::from)));
-        self.last = high;
+    /// Whether the displacement at any corner of cell `i` was computed.
+    fn computed(&self, i: usize) -> bool {
+        self.computed.iter().any(|row| row[i] || row[i + 1])
+    }
+
+    /// Deformed edges of cell `i`.
+    fn edges(&self, i: usize) -> Edges {
+        let at = |i: usize| self.u.map(|row| Vector3::from(row[i].map(f64::from)));
+        let (low, high) = (at(i), at(i + 1));
         let [sx, sy, sz] = [0, 1, 2].map(|a| self.step.column(a).into_owned());
         let ex = std::array::from_fn(|m| sx + high[m] - low[m]);
         let ey = [sy + low[1] - low[0], sy + high[1] - high[0], sy + low[3] - low[2], sy + high[3] - high[2]];
@@ -110,8 +123,10 @@ impl<'a> Columns<'a> {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
     use super::*;
+    use crate::geometry::Grid;
     use nalgebra::{Point3, Rotation3};
     use proptest::prelude::*;
 
@@ -172,6 +187,9 @@ mod tests {
         let doubled = jacobian(&push(grid, |x| x * 2.0));
         assert_eq!(*doubled.at([2, 1, 1]), 8.0);
         assert_eq!([*doubled.at([3, 1, 1]), *doubled.at([2, 2, 1]), *doubled.at([2, 1, 2])], [1.0; 3]);
+        let mut partly = push(doubled.grid().clone(), |x| x * 2.0);
+        partly.computed = Volume::from_fn(doubled.grid().clone(), |l| l == 0);
+        assert_eq!((*jacobian(&partly).at([0, 0, 0]), *jacobian(&partly).at([1, 0, 0])), (8.0, 1.0));
         let flat = Grid::axis_aligned([4, 3, 1], [1.0; 3], [0.0; 3]).unwrap();
         assert!(jacobian(&push(flat, |x| x * 2.0)).data().iter().all(|&j| j == 1.0));
     }

@@ -1,1 +1,5 @@
-//! io (under construction)
+//! Rank 6: files <-> domain types.
+
+mod atomic;
+
+pub use atomic::write_file;
