@@ -3,12 +3,14 @@
 use crate::chainmail::LinkReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
+use crate::evaluate::rigidity::BoneRigidity;
 use crate::field::{InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
+use nalgebra::Vector3;
 
 /// Result of a registration, in memory.
 #[derive(Debug, Clone)]
@@ -17,6 +19,9 @@ pub struct Outcome {
     pub skeleton: Skeleton,
     /// Its fitted pose.
     pub pose: Pose,
+    /// Translation that brings the planning scan onto the fraction before any bone moves: couch shift and difference of
+    /// scanner origins, planning to fraction, LPS mm.
+    pub couch_shift: Vector3<f64>,
     /// Each bone's fit, in the order of the skeleton.
     pub bone_fits: Vec<BoneFit>,
     /// The patient in the planning CT: inside the skin, cavities included.
@@ -33,6 +38,8 @@ pub struct Outcome {
     pub jacobian: Volume<f32>,
     /// Jacobian characteristics.
     pub jacobian_report: JacobianReport,
+    /// How rigidly the field moves each bone.
+    pub rigidity: Vec<BoneRigidity>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.
