@@ -2,10 +2,12 @@
 
 mod invert;
 mod jacobian;
+mod multiple;
 mod warp;
 
 pub use invert::{InverseReport, InvertOptions, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};
+pub use multiple::multiple_preimages;
 pub use warp::{push_point, warp_image, warp_labels, warp_mask};
 
 use crate::volume::{Mask, Volume};
