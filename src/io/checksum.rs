@@ -76,7 +76,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let empty = dir.path().join("empty.nii");
         std::fs::write(&empty, b"").unwrap();
-        for (path, word) in [(dir.path().join("none.nii"), "no such file"), (dir.path().into(), "folder"), (empty, "empty")] {
+        for (path, word) in
+            [(dir.path().join("none.nii"), "no such file"), (dir.path().into(), "folder"), (empty, "empty")]
+        {
             let err = read_bytes(&path).unwrap_err();
             assert_eq!(err.exit_code(), 3);
             let text = err.to_string();

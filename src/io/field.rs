@@ -1,9 +1,9 @@
 //! Displacement fields as files: float32 LPS mm vectors that ITK, ANTs, greedy, plastimatch and Slicer read alike.
 
+use super::Loaded;
 use super::image::{WriteOptions, write};
 use super::raster::{load, require_finite};
 use super::values::{Contents, Values};
-use super::Loaded;
 use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
 use crate::volume::Volume;
@@ -39,9 +39,13 @@ impl FieldFormat {
     /// [`Error::Usage`] when it names none.
     pub fn of(path: &Path) -> Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-        let formats = [(".nii.gz", Self::Nifti), (".nii", Self::Nifti), (".mha", Self::MetaImage), (".nrrd", Self::Nrrd)];
+        let formats =
+            [(".nii.gz", Self::Nifti), (".nii", Self::Nifti), (".mha", Self::MetaImage), (".nrrd", Self::Nrrd)];
         formats.iter().find(|(end, _)| name.ends_with(end)).map(|(_, format)| *format).ok_or_else(|| {
-            Error::usage(format!("{}: the extension names no image format", path.display()), "use .nii.gz, .nii, .mha or .nrrd")
+            Error::usage(
+                format!("{}: the extension names no image format", path.display()),
+                "use .nii.gz, .nii, .mha or .nrrd",
+            )
         })
     }
 }
@@ -57,9 +61,8 @@ impl FieldFormat {
 pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
     let path = path.as_ref();
     load(path, |raster| {
-        let field = raster.displacements(path)?;
-        require_finite(path, &field, |v: [f32; 3]| v.iter().all(|c| c.is_finite()))?;
-        Ok(field)
+        let (field, odd) = raster.displacements(path)?;
+        require_finite(path, field, odd, |v: [f32; 3]| v.iter().all(|c| c.is_finite()))
     })
 }
 
@@ -70,7 +73,13 @@ pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
 /// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown.
 pub fn write_field(path: impl AsRef<Path>, field: &Volume<[f32; 3]>, options: &WriteOptions) -> Result<()> {
     let description = &options.description;
-    let contents = Contents { grid: field.grid(), values: Values::Vectors(field.data()), labels: false, description, extension: None };
+    let contents = Contents {
+        grid: field.grid(),
+        values: Values::Vectors(field.data()),
+        labels: false,
+        description,
+        extension: None,
+    };
     write(path.as_ref(), &contents, options.gzip_level)
 }
 
@@ -79,7 +88,7 @@ pub fn write_field(path: impl AsRef<Path>, field: &Volume<[f32; 3]>, options: &W
 /// # Errors
 /// As [`write_field`].
 pub fn write_push(path: impl AsRef<Path>, field: &PushField, gzip_level: u32) -> Result<()> {
-    let description = "aventail planning to fraction: x in planning goes to x+u(x) in fraction, LPS mm";
+    let description = "aventail planning_to_fraction: planning x goes to fraction x+u(x), LPS mm";
     write_field(path, &field.displacement, &WriteOptions { gzip_level, description: description.into() })
 }
 
@@ -88,6 +97,6 @@ pub fn write_push(path: impl AsRef<Path>, field: &PushField, gzip_level: u32) ->
 /// # Errors
 /// As [`write_field`].
 pub fn write_pull(path: impl AsRef<Path>, field: &PullField, gzip_level: u32) -> Result<()> {
-    let description = "aventail fraction to planning: y in fraction shows planning at y+v(y), LPS mm";
+    let description = "aventail fraction_to_planning: fraction y shows planning y+v(y), LPS mm";
     write_field(path, &field.displacement, &WriteOptions { gzip_level, description: description.into() })
 }

@@ -18,18 +18,20 @@ const BLOCK: usize = 1 << 20;
 const WAVE: usize = 64;
 
 /// The content of a file in memory, inflated as far as asked when it is gzip.
-pub(super) struct Content<'a> {
-    bytes: Cow<'a, [u8]>,
-    members: Option<Members<'a>>,
+pub(super) enum Content<'a> {
+    /// Not gzip.
+    Plain(&'a [u8]),
+    /// Gzip: what is inflated so far, and the rest.
+    Packed(Vec<u8>, Box<Members<'a>>),
 }
 
 impl<'a> Content<'a> {
     /// The content of a file with these raw bytes.
     pub(super) fn new(raw: &'a [u8]) -> Self {
         if raw.starts_with(&MAGIC) {
-            Self { bytes: Cow::Owned(Vec::new()), members: Some(Members { current: Some(GzDecoder::new(raw)) }) }
+            Self::Packed(Vec::new(), Box::new(Members { current: Some(GzDecoder::new(raw)) }))
         } else {
-            Self { bytes: Cow::Borrowed(raw), members: None }
+            Self::Plain(raw)
         }
     }
 
@@ -38,31 +40,56 @@ impl<'a> Content<'a> {
     /// # Errors
     /// When the gzip data are damaged or cut off within these bytes.
     pub(super) fn first(&mut self, len: usize) -> io::Result<&[u8]> {
-        if let (Some(members), Cow::Owned(bytes)) = (&mut self.members, &mut self.bytes) {
-            let missing = len.saturating_sub(bytes.len());
-            if missing > 0 {
-                // Room for ordinary images at once; more grows as bytes really arrive, never as a header promises.
-                bytes.reserve(missing.min(members.remaining().saturating_mul(8)));
-                members.take(missing as u64).read_to_end(bytes)?;
+        match self {
+            Self::Plain(bytes) => Ok(&bytes[..len.min(bytes.len())]),
+            Self::Packed(bytes, members) => {
+                inflate(bytes, members, len)?;
+                Ok(&bytes[..len.min(bytes.len())])
             }
         }
-        Ok(&self.bytes[..len.min(self.bytes.len())])
     }
 
-    /// Reads to the end of the gzip data, whose checksum stands there, and gives the bytes read so far.
+    /// Reads to the end of the gzip data, whose checksum stands there, and gives the bytes asked for so far.
     ///
     /// # Errors
     /// When the gzip data are damaged or cut off.
     pub(super) fn checked(self) -> io::Result<Cow<'a, [u8]>> {
-        if let Some(mut members) = self.members {
-            io::copy(&mut members, &mut io::sink())?;
+        match self {
+            Self::Plain(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::Packed(bytes, mut members) => {
+                io::copy(&mut *members, &mut io::sink())?;
+                Ok(Cow::Owned(bytes))
+            }
         }
-        Ok(self.bytes)
     }
 }
 
+/// Inflates until there are `len` bytes, or as many as there are.
+///
+/// Room is made for a multiple of the compressed size, and doubles as bytes really arrive, so that a header that promises
+/// too much costs nothing. Fresh zeroed memory is not touched before it is filled, which saves a pass over it.
+fn inflate(bytes: &mut Vec<u8>, members: &mut Members<'_>, len: usize) -> io::Result<()> {
+    let mut filled = bytes.len();
+    while filled < len {
+        let room = members.remaining().saturating_mul(32).max(2 * filled + 4096).min(len);
+        let mut fresh = vec![0; room];
+        fresh[..filled].copy_from_slice(bytes);
+        *bytes = fresh;
+        while filled < room {
+            match members.read(&mut bytes[filled..])? {
+                0 => {
+                    bytes.truncate(filled);
+                    return Ok(());
+                }
+                n => filled += n,
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Reads gzip members one after the other; bytes that are no member end it, as with gzip itself.
-struct Members<'a> {
+pub(super) struct Members<'a> {
     current: Option<GzDecoder<&'a [u8]>>,
 }
 
@@ -204,7 +231,16 @@ mod tests {
 
     fn payload_bytes(seed: u32, len: usize) -> Vec<u8> {
         let mut x = seed;
-        (0..len).map(|i| if i % 7 == 0 { x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223); (x >> 24) as u8 } else { 5 }).collect()
+        (0..len)
+            .map(|i| {
+                if i % 7 == 0 {
+                    x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (x >> 24) as u8
+                } else {
+                    5
+                }
+            })
+            .collect()
     }
 
     fn compress(header: &[u8], data: &[u8], level: u32, threads: usize) -> Vec<u8> {

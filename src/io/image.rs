@@ -44,9 +44,8 @@ impl Default for WriteOptions {
 pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
     let path = path.as_ref();
     load(path, |raster| {
-        let image = raster.scalar(path)?;
-        require_finite(path, &image, f32::is_finite)?;
-        Ok(image)
+        let (image, odd) = raster.scalar(path)?;
+        require_finite(path, image, odd, f32::is_finite)
     })
 }
 
@@ -69,7 +68,8 @@ pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, 
             Values::Rounded(image.data())
         }
     };
-    let contents = Contents { grid: image.grid(), values, labels: false, description: &options.description, extension: None };
+    let contents =
+        Contents { grid: image.grid(), values, labels: false, description: &options.description, extension: None };
     write(path, &contents, options.gzip_level)
 }
 
@@ -79,7 +79,8 @@ pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, 
 /// As [`write_image`].
 pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, options: &WriteOptions) -> Result<()> {
     let description = &options.description;
-    let contents = Contents { grid: mask.grid(), values: Values::Mask(mask.data()), labels: false, description, extension: None };
+    let contents =
+        Contents { grid: mask.grid(), values: Values::Mask(mask.data()), labels: false, description, extension: None };
     write(path.as_ref(), &contents, options.gzip_level)
 }
 

@@ -3,7 +3,7 @@
 use super::Loaded;
 use super::checksum::read_bytes;
 use super::image::{WriteOptions, write};
-use super::raster::{Raster, load};
+use super::raster::{Odd, Raster, load};
 use super::values::{Contents, Values};
 use crate::error::{Error, Result};
 use crate::volume::{LabelMap, Volume};
@@ -14,7 +14,6 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Names of labels.
 pub(super) type Names = BTreeMap<u16, String>;
@@ -54,25 +53,27 @@ fn no_names(path: &Path) -> Error {
 /// The values as labels.
 fn label_values(path: &Path, raster: &Raster<'_>) -> Result<Volume<u16>> {
     let voxels = raster.voxels(path)?;
-    let bad = AtomicUsize::new(0);
+    let odd = Odd::default();
     let labels = voxels.decode(|v| {
-        if !is_label(v) {
-            bad.fetch_add(1, Ordering::Relaxed);
-        }
+        odd.note(!is_label(v));
         v as u16
     });
-    let count = bad.into_inner();
-    if count == 0 {
+    if odd.count() == 0 {
         return Volume::new(raster.grid.clone(), labels);
     }
     let all = voxels.decode(|v| v);
     let first = all.iter().position(|v| !is_label(*v)).unwrap_or_default();
     let problem = format!(
-        "{count} voxels hold no label: value {} at voxel {:?} is no integer from 0 to 65535",
+        "{} voxels hold no label: value {} at voxel {:?} is no integer from 0 to 65535",
+        odd.count(),
         all[first],
         raster.grid.voxel(first)
     );
-    Err(Error::input(path.display().to_string(), problem, "give a label map, resampled with nearest neighbour if at all"))
+    Err(Error::input(
+        path.display().to_string(),
+        problem,
+        "give a label map, resampled with nearest neighbour if at all",
+    ))
 }
 
 /// Whether a value is an integer that a label can be.
@@ -85,12 +86,20 @@ fn check(path: &Path, map: &LabelMap) -> Result<()> {
     let what = path.display().to_string();
     let counts = map.counts();
     if counts.is_empty() {
-        return Err(Error::input(what, "no voxel is labelled: all are 0", "give the label map of the planning CT's bones"));
+        return Err(Error::input(
+            what,
+            "no voxel is labelled: all are 0",
+            "give the label map of the planning CT's bones",
+        ));
     }
     let nameless: Vec<u16> = counts.keys().copied().filter(|l| !map.names.contains_key(l)).collect();
     if !nameless.is_empty() {
         let problem = format!("labels without a name: {}", list(&nameless));
-        return Err(Error::input(what, problem, "name every label that occurs, in the header's table or the JSON file"));
+        return Err(Error::input(
+            what,
+            problem,
+            "name every label that occurs, in the header's table or the JSON file",
+        ));
     }
     let mut owners: BTreeMap<&str, u16> = BTreeMap::new();
     for &label in counts.keys() {
@@ -117,9 +126,18 @@ struct NamesFile {
 fn read_names(path: &Path) -> Result<Names> {
     let bytes = read_bytes(path)?;
     let parsed: NamesFile = serde_json::from_slice(&bytes).map_err(|e| {
-        Error::read(path, format!("it is no table of label names ({e})"), "write {\"labels\": {\"1\": \"skull\", \"2\": \"mandible\"}}")
+        Error::read(
+            path,
+            format!("it is no table of label names ({e})"),
+            "write {\"labels\": {\"1\": \"skull\", \"2\": \"mandible\"}}",
+        )
     })?;
-    Ok(parsed.labels.into_iter().map(|(l, name)| (l, name.trim().to_owned())).filter(|(l, n)| *l > 0 && !n.is_empty()).collect())
+    Ok(parsed
+        .labels
+        .into_iter()
+        .map(|(l, name)| (l, name.trim().to_owned()))
+        .filter(|(l, n)| *l > 0 && !n.is_empty())
+        .collect())
 }
 
 /// The names in a header's extensions, if one holds a label table.
@@ -127,10 +145,12 @@ pub(super) fn header_names(path: &Path, raster: &Raster<'_>) -> Result<Option<Na
     for (code, data) in &raster.extensions {
         let text = String::from_utf8_lossy(data);
         if TABLE_CODES.contains(code) && text.contains("<LabelTable") {
-            return parse_table(text.trim_matches(|c: char| c == '\0' || c.is_whitespace())).map(Some).map_err(|problem| {
-                let problem = format!("the label table in its header is damaged: {problem}");
-                Error::read(path, problem, "give the names as a JSON file with --labels")
-            });
+            return parse_table(text.trim_matches(|c: char| c == '\0' || c.is_whitespace())).map(Some).map_err(
+                |problem| {
+                    let problem = format!("the label table in its header is damaged: {problem}");
+                    Error::read(path, problem, "give the names as a JSON file with --labels")
+                },
+            );
         }
     }
     Ok(None)
@@ -188,7 +208,11 @@ pub fn write_labels(path: impl AsRef<Path>, map: &LabelMap, options: &WriteOptio
     let values = if small { Values::Bytes(labels) } else { Values::Words(labels) };
     let extension = (!map.names.is_empty()).then(|| table(map));
     let description = &options.description;
-    write(path.as_ref(), &Contents { grid: map.volume.grid(), values, labels: true, description, extension }, options.gzip_level)
+    write(
+        path.as_ref(),
+        &Contents { grid: map.volume.grid(), values, labels: true, description, extension },
+        options.gzip_level,
+    )
 }
 
 /// A CaretExtension with the label table, as TotalSegmentator writes it.

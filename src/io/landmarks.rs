@@ -21,7 +21,9 @@ pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Vec<Landmark>> {
     let path = path.as_ref();
     let bytes = read_bytes(path)?;
     let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(&bytes[..]);
-    let unreadable = |e: csv::Error| Error::read(path, format!("it is no CSV text ({e})"), "export it as comma-separated UTF-8 text");
+    let unreadable = |e: csv::Error| {
+        Error::read(path, format!("it is no CSV text ({e})"), "export it as comma-separated UTF-8 text")
+    };
     let columns = columns(path, reader.headers().map_err(unreadable)?)?;
     let mut landmarks = Vec::new();
     for record in reader.records() {
@@ -31,7 +33,11 @@ pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Vec<Landmark>> {
         }
     }
     if landmarks.is_empty() {
-        return Err(Error::input(path.display().to_string(), "it holds no landmark", "add a line per landmark, or leave the file out"));
+        return Err(Error::input(
+            path.display().to_string(),
+            "it holds no landmark",
+            "add a line per landmark, or leave the file out",
+        ));
     }
     Ok(landmarks)
 }
@@ -42,7 +48,11 @@ fn columns(path: &Path, header: &StringRecord) -> Result<[usize; 7]> {
     for (to, name) in found.iter_mut().zip(COLUMNS) {
         *to = header.iter().position(|h| h.eq_ignore_ascii_case(name)).ok_or_else(|| {
             let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
-            Error::input(path.display().to_string(), problem, format!("start the file with the line {}", COLUMNS.join(",")))
+            Error::input(
+                path.display().to_string(),
+                problem,
+                format!("start the file with the line {}", COLUMNS.join(",")),
+            )
         })?;
     }
     Ok(found)
@@ -58,7 +68,11 @@ fn line(bytes: &[u8], record: &StringRecord) -> u64 {
 
 fn landmark(path: &Path, columns: &[usize; 7], record: &StringRecord, line: u64) -> Result<Landmark> {
     let refuse = |problem: String| {
-        Error::input(path.display().to_string(), format!("line {line}: {problem}"), "give LPS coordinates in mm with a decimal point")
+        Error::input(
+            path.display().to_string(),
+            format!("line {line}: {problem}"),
+            "give LPS coordinates in mm with a decimal point",
+        )
     };
     let name = record.get(columns[0]).unwrap_or_default();
     if name.is_empty() {

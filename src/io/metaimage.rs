@@ -57,7 +57,11 @@ pub(super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
         let most = (grid.len() * components).saturating_mul(element.size()).saturating_add(1) as u64;
         let mut inflated = Vec::new();
         ZlibDecoder::new(values).take(most).read_to_end(&mut inflated).map_err(|e| {
-            Error::read(path, format!("the compressed values are damaged or cut off ({e})"), "copy or export the file again")
+            Error::read(
+                path,
+                format!("the compressed values are damaged or cut off ({e})"),
+                "copy or export the file again",
+            )
         })?;
         Cow::Owned(inflated)
     } else {
@@ -157,7 +161,8 @@ impl<'a> Fields<'a> {
 /// The grid of the first three axes; a 2-D image is one slice at z = 0.
 fn grid(fields: &Fields<'_>, rank: usize, sizes: &[usize]) -> Result<Grid> {
     let pick = |values: &[f64], a: usize, missing: f64| if a < rank { values[a] } else { missing };
-    let spacing = fields.either(["ElementSpacing", "ElementSize", "ElementSpacing"], rank)?.unwrap_or_else(|| vec![1.0; rank]);
+    let spacing =
+        fields.either(["ElementSpacing", "ElementSize", "ElementSpacing"], rank)?.unwrap_or_else(|| vec![1.0; rank]);
     let origin = fields.either(["Offset", "Position", "Origin"], rank)?.unwrap_or_else(|| vec![0.0; rank]);
     let matrix = fields.either(["TransformMatrix", "Rotation", "Orientation"], rank * rank)?;
     let unit = |r: usize, c: usize| f64::from(u8::from(r == c));

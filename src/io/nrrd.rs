@@ -29,7 +29,8 @@ pub(super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
     let fields = Fields::parse(path, raw)?;
     let stored: Option<Vec<usize>> = fields.words("sizes").iter().map(|w| w.parse().ok()).collect();
     let stored = stored.filter(|s| (2..=4).contains(&s.len()) && !s.contains(&0));
-    let stored = stored.ok_or_else(|| fields.refuse(format!("sizes {:?} are not 2 to 4 positive numbers", fields.words("sizes"))))?;
+    let stored = stored
+        .ok_or_else(|| fields.refuse(format!("sizes {:?} are not 2 to 4 positive numbers", fields.words("sizes"))))?;
     let mut warnings = Vec::new();
     let (flip, is_lps) = space(&fields, &mut warnings)?;
     let (grid, range_axis) = grid(&fields, &stored, flip)?;
@@ -48,7 +49,10 @@ pub(super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
     let vectors = if components != 3 {
         Err(format!("it has {components} values per voxel, not 3 as a displacement field has"))
     } else if !is_lps {
-        Err(format!("its space is {}, so the frame of its vectors is unknown", fields.get("space").unwrap_or("not given")))
+        Err(format!(
+            "its space is {}, so the frame of its vectors is unknown",
+            fields.get("space").unwrap_or("not given")
+        ))
     } else {
         Ok(VectorKind::Lps)
     };
@@ -130,7 +134,8 @@ fn space(fields: &Fields<'_>, warnings: &mut Vec<Warning>) -> Result<([f64; 3], 
 
 /// `(x,y,z)` of a header line.
 fn vector(text: &str) -> Option<Vector3<f64>> {
-    let numbers: Option<Vec<f64>> = text.trim().strip_prefix('(')?.strip_suffix(')')?.split(',').map(|n| n.trim().parse().ok()).collect();
+    let numbers: Option<Vec<f64>> =
+        text.trim().strip_prefix('(')?.strip_suffix(')')?.split(',').map(|n| n.trim().parse().ok()).collect();
     let numbers: [f64; 3] = numbers?.try_into().ok()?;
     Some(numbers.into())
 }

@@ -8,10 +8,10 @@ use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Which header fields the geometry came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -99,10 +99,7 @@ pub(super) struct Raster<'a> {
 }
 
 /// Reads and parses a file, then gives its raster to `take`; the checksum is computed meanwhile.
-pub(super) fn load<T: Send>(
-    path: &Path,
-    take: impl FnOnce(&mut Raster<'_>) -> Result<T> + Send,
-) -> Result<Loaded<T>> {
+pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> Result<T> + Send) -> Result<Loaded<T>> {
     let raw = read_bytes(path)?;
     let (sha256, taken) = rayon::join(
         || sha256(&raw),
@@ -157,46 +154,88 @@ impl Raster<'_> {
         if self.components == 1 {
             return Ok(());
         }
-        let problem = format!("it has {} values per voxel (sizes {:?}), not one {what}", self.components, self.notes.sizes);
-        Err(Error::input(path.display().to_string(), problem, "give a 3-D file; extract one volume from a series first"))
+        let problem =
+            format!("it has {} values per voxel (sizes {:?}), not one {what}", self.components, self.notes.sizes);
+        Err(Error::input(
+            path.display().to_string(),
+            problem,
+            "give a 3-D file; extract one volume from a series first",
+        ))
     }
 
-    /// The values as a scalar image, whatever they are.
-    pub(super) fn scalar(&self, path: &Path) -> Result<Volume<f32>> {
+    /// The values as a scalar image, and how many are not finite.
+    pub(super) fn scalar(&self, path: &Path) -> Result<(Volume<f32>, usize)> {
         self.require_scalar(path, "image")?;
-        Volume::new(self.grid.clone(), self.voxels(path)?.decode(|v| v as f32))
+        let odd = Odd::default();
+        let data = self.voxels(path)?.decode(|v| {
+            let v = v as f32;
+            odd.note(!v.is_finite());
+            v
+        });
+        Ok((Volume::new(self.grid.clone(), data)?, odd.count()))
     }
 
-    /// The values as displacements, LPS mm, whatever they are.
-    pub(super) fn displacements(&self, path: &Path) -> Result<Volume<[f32; 3]>> {
+    /// The values as displacements, LPS mm, and how many are not finite.
+    pub(super) fn displacements(&self, path: &Path) -> Result<(Volume<[f32; 3]>, usize)> {
         let kind = self.vectors.clone().map_err(|problem| {
             let remedy = "save the field as a 5-D NIfTI (x, y, z, 1, 3) with intent_code 1007 and LPS mm components, \
                 or as .mha or .nrrd vectors";
             Error::input(path.display().to_string(), problem, remedy)
         })?;
-        let data = self.voxels(path)?.decode_vectors(self.layout, |at, [x, y, z]| match kind {
-            VectorKind::Lps => [x, y, z].map(|c| c as f32),
-            VectorKind::Ras => [-x, -y, z].map(|c| c as f32),
-            VectorKind::RasPosition => {
-                let here = self.grid.centre(self.grid.voxel(at));
-                [-x - here.x, -y - here.y, z - here.z].map(|c| c as f32)
-            }
+        let odd = Odd::default();
+        let data = self.voxels(path)?.decode_vectors(self.layout, |at, [x, y, z]| {
+            let vector = match kind {
+                VectorKind::Lps => [x, y, z],
+                VectorKind::Ras => [-x, -y, z],
+                VectorKind::RasPosition => {
+                    let here = self.grid.centre(self.grid.voxel(at));
+                    [-x - here.x, -y - here.y, z - here.z]
+                }
+            };
+            let vector = vector.map(|c| c as f32);
+            odd.note(!vector.iter().all(|c| c.is_finite()));
+            vector
         });
-        Volume::new(self.grid.clone(), data)
+        Ok((Volume::new(self.grid.clone(), data)?, odd.count()))
     }
 }
 
-/// Refuses values that are not finite, with their number and the first one's voxel.
-pub(super) fn require_finite<T: Copy + Sync>(path: &Path, volume: &Volume<T>, finite: impl Fn(T) -> bool + Sync) -> Result<()> {
-    let count = volume.data().par_iter().filter(|v| !finite(**v)).count();
-    if count == 0 {
-        return Ok(());
+/// Counts what should not be there while values are decoded in parallel.
+#[derive(Default)]
+pub(super) struct Odd(AtomicUsize);
+
+impl Odd {
+    /// Counts one value if it is odd.
+    pub(super) fn note(&self, odd: bool) {
+        if odd {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+    /// How many were odd.
+    pub(super) fn count(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Refuses a volume with `odd` voxels that are not finite, naming the first.
+pub(super) fn require_finite<T: Copy>(
+    path: &Path,
+    volume: Volume<T>,
+    odd: usize,
+    finite: impl Fn(T) -> bool,
+) -> Result<Volume<T>> {
+    if odd == 0 {
+        return Ok(volume);
     }
     let first = volume.data().iter().position(|v| !finite(*v)).unwrap_or_default();
     let problem = format!(
-        "{count} of {} voxels are NaN or infinite, the first at voxel {:?}",
+        "{odd} of {} voxels are NaN or infinite, the first at voxel {:?}",
         volume.data().len(),
         volume.grid().voxel(first)
     );
-    Err(Error::input(path.display().to_string(), problem, "replace them, for example by -1000 HU (air) in a CT or 0 in a dose or field"))
+    Err(Error::input(
+        path.display().to_string(),
+        problem,
+        "replace them, for example by -1000 HU (air) in a CT or 0 in a dose or field",
+    ))
 }

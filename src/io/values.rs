@@ -95,7 +95,8 @@ mod tests {
         let values = Values::Vectors(&v);
         let mut whole = Vec::new();
         values.fill(Layout::Planar, 0..30, &mut whole);
-        let expected: Vec<u8> = (0..3).flat_map(|c| (0..10).flat_map(move |i| (c as f32 * 100.0 + i as f32).to_le_bytes())).collect();
+        let expected: Vec<u8> =
+            (0..3).flat_map(|c| (0..10).flat_map(move |i| (c as f32 * 100.0 + i as f32).to_le_bytes())).collect();
         assert_eq!(whole, expected);
         for cut in 0..=30 {
             let mut parts = Vec::new();

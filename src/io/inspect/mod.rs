@@ -173,7 +173,7 @@ fn content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
             return Ok(Content::Other { reason: reason.clone(), values });
         }
     };
-    let field = raster.displacements(path)?;
+    let (field, _) = raster.displacements(path)?;
     let components = std::array::from_fn(|a| range(field.data().iter().map(|v| f64::from(v[a]))));
     let length = range(field.data().iter().map(|v| Vector3::from(v.map(f64::from)).norm()));
     Ok(Content::Field { convention: convention(kind, raster), components, length })
@@ -183,7 +183,9 @@ fn convention(kind: VectorKind, raster: &Raster<'_>) -> String {
     let frame = match kind {
         VectorKind::Lps => "displacements in LPS mm (as ITK, ANTs, elastix, plastimatch and Slicer read them)",
         VectorKind::Ras => "displacements in RAS mm (turned to LPS on reading)",
-        VectorKind::RasPosition => "positions in RAS mm (NiftyReg deformation field; turned to LPS displacements on reading)",
+        VectorKind::RasPosition => {
+            "positions in RAS mm (NiftyReg deformation field; turned to LPS displacements on reading)"
+        }
     };
     let stored = match raster.layout {
         Layout::Planar => "component after component",
@@ -207,8 +209,11 @@ fn scalar_content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
             let absent = names.keys().filter(|l| !counts.contains_key(l)).count();
             counts.remove(&0);
             let ml = raster.grid.voxel_volume() / 1000.0;
-            let label = |(label, voxels): (u16, usize)| {
-                Label { label, name: names.get(&label).cloned(), voxels, volume_ml: voxels as f64 * ml }
+            let label = |(label, voxels): (u16, usize)| Label {
+                label,
+                name: names.get(&label).cloned(),
+                voxels,
+                volume_ml: voxels as f64 * ml,
             };
             return Ok(Content::Labels { labels: counts.into_iter().map(label).collect(), absent });
         }
@@ -217,7 +222,8 @@ fn scalar_content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
 }
 
 fn range(values: impl Iterator<Item = f64>) -> Range {
-    let (mut least, mut greatest, mut sum, mut finite, mut not_finite) = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize, 0);
+    let (mut least, mut greatest, mut sum, mut finite, mut not_finite) =
+        (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize, 0);
     for v in values {
         if v.is_finite() {
             least = least.min(v);
@@ -237,7 +243,11 @@ fn range(values: impl Iterator<Item = f64>) -> Range {
 /// In words, where the geometry came from.
 fn geometry_source(header: &HeaderNotes) -> String {
     let codes = || {
-        format!("sform code {}, qform code {}", header.sform_code.unwrap_or_default(), header.qform_code.unwrap_or_default())
+        format!(
+            "sform code {}, qform code {}",
+            header.sform_code.unwrap_or_default(),
+            header.qform_code.unwrap_or_default()
+        )
     };
     match (header.geometry, header.disagreement_mm) {
         (GeometrySource::Header, _) => "header".into(),

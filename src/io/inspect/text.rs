@@ -9,15 +9,26 @@ impl Display for Inspection {
         let size = g.size().map(|n| n.to_string()).join(" x ");
         let spacing = g.spacing().map(short).join(" x ");
         let handed = if o.right_handed { "right-handed" } else { "left-handed" };
-        let oblique = if o.oblique_deg < 0.01 { "not oblique".into() } else { format!("oblique by {:.2} degrees", o.oblique_deg) };
+        let oblique = if o.oblique_deg < 0.01 {
+            "not oblique".into()
+        } else {
+            format!("oblique by {:.2} degrees", o.oblique_deg)
+        };
         let packed = if h.compressed { ", compressed" } else { "" };
         let order = if h.big_endian { ", big-endian" } else { "" };
-        let extent = std::array::from_fn::<_, 3, _>(|a| format!("{:.1}", g.size()[a] as f64 * g.spacing()[a])).join(" x ");
+        let extent =
+            std::array::from_fn::<_, 3, _>(|a| format!("{:.1}", g.size()[a] as f64 * g.spacing()[a])).join(" x ");
         writeln!(f, "{}", self.path.display())?;
         let mut row = |name: &str, value: String| writeln!(f, "  {name:<12} {value}");
         row("content", self.content.summary())?;
         row("size", format!("{size} voxels of {spacing} mm = {extent} mm"))?;
-        row("origin", format!("({}) mm LPS, centre of the first voxel", g.origin().coords.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ")))?;
+        row(
+            "origin",
+            format!(
+                "({}) mm LPS, centre of the first voxel",
+                g.origin().coords.iter().map(|v| short(*v)).collect::<Vec<_>>().join(", ")
+            ),
+        )?;
         row("orientation", format!("{} ({}), {handed}, {oblique}", o.code, in_words(&o.code)))?;
         if o.oblique_deg >= 0.01 {
             for r in 0..3 {
@@ -69,7 +80,8 @@ impl Content {
                 writeln!(f, "  {:<12} {length} mm", "  length")
             }
             Self::Labels { labels, absent } => {
-                let width = labels.iter().filter_map(|l| l.name.as_ref()).map(|n| n.chars().count()).max().unwrap_or(7).max(4);
+                let width =
+                    labels.iter().filter_map(|l| l.name.as_ref()).map(|n| n.chars().count()).max().unwrap_or(7).max(4);
                 writeln!(f, "  {:>5}  {:<width$} {:>10} {:>11}", "label", "name", "voxels", "volume")?;
                 for Label { label, name, voxels, volume_ml } in labels {
                     let name = name.as_deref().unwrap_or("no name");

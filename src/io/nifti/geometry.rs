@@ -90,7 +90,8 @@ impl Fields {
         }
         // As ITK takes such files; nibabel centres the grid and turns y the other way.
         let spacing = [self.pixdim[1], self.pixdim[2], self.pixdim[3]].map(f64::from);
-        let grid = Grid::axis_aligned(self.size, spacing, [0.0; 3]).map_err(refuse("pixdim", "correct the header's pixdim"))?;
+        let grid = Grid::axis_aligned(self.size, spacing, [0.0; 3])
+            .map_err(refuse("pixdim", "correct the header's pixdim"))?;
         let message = "neither sform nor qform is set, so that position and left and right are unknown; the axes are taken as left, \
             posterior, superior from (0, 0, 0), as ITK does. Export the image again with its geometry";
         warnings.push(Warning::new("no-orientation", message));
@@ -103,7 +104,8 @@ impl Fields {
             return None;
         }
         let Some(qform) = qform else {
-            warnings.push(Warning::new("qform-invalid", "the qform is set but is no valid geometry; the sform is used"));
+            warnings
+                .push(Warning::new("qform-invalid", "the qform is set but is no valid geometry; the sform is used"));
             return None;
         };
         let (a, b) = (sform.corners(), qform.corners());

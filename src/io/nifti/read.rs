@@ -37,9 +37,14 @@ pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'
     let offset = voxel_offset(path, &header)?;
     let placed = place(path, &header, &sizes)?;
     let values = sizes.iter().try_fold(1usize, |n, &s| n.checked_mul(s));
-    let end = values.and_then(|n| n.checked_mul(element.size())).and_then(|n| n.checked_add(offset)).ok_or_else(|| {
-        Error::read(path, format!("sizes {sizes:?} are too large"), "the header is damaged: copy or export the file again")
-    })?;
+    let end =
+        values.and_then(|n| n.checked_mul(element.size())).and_then(|n| n.checked_add(offset)).ok_or_else(|| {
+            Error::read(
+                path,
+                format!("sizes {sizes:?} are too large"),
+                "the header is damaged: copy or export the file again",
+            )
+        })?;
     content.first(end).map_err(damaged)?;
     let bytes = content.checked().map_err(damaged)?;
     let big_endian = header.endianness == Endianness::Big;
@@ -63,7 +68,18 @@ pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'
     };
     let components = values.unwrap_or_default() / grid.len();
     let vectors = vector_kind(&header, &sizes);
-    Ok(Raster { grid, components, layout: Layout::Planar, vectors, element, bytes, offset, notes, extensions, warnings })
+    Ok(Raster {
+        grid,
+        components,
+        layout: Layout::Planar,
+        vectors,
+        element,
+        bytes,
+        offset,
+        notes,
+        extensions,
+        warnings,
+    })
 }
 
 fn header(path: &Path, bytes: &[u8]) -> Result<NiftiHeader> {
@@ -95,7 +111,11 @@ fn sizes(path: &Path, header: &NiftiHeader) -> Result<Vec<usize>> {
     let used = header.dim.get(1..=rank).unwrap_or_default();
     if used.is_empty() || used.iter().any(|&n| n == 0 || n > i16::MAX as u16) {
         let dim = header.dim.map(|n| n as i16);
-        return Err(Error::read(path, format!("dim {dim:?} is no image size"), "the header is damaged: copy or export the file again"));
+        return Err(Error::read(
+            path,
+            format!("dim {dim:?} is no image size"),
+            "the header is damaged: copy or export the file again",
+        ));
     }
     let mut sizes: Vec<usize> = used.iter().map(|&n| usize::from(n)).collect();
     sizes.resize(rank.max(3), 1);
@@ -180,7 +200,10 @@ fn extensions(head: &[u8], big_endian: bool, warnings: &mut Vec<Warning>) -> Vec
         let Some(data) = usize::try_from(size).ok().and_then(|n| rest.get(8..n)) else {
             // Padding up to the voxels is legal; anything else is damage that does not touch them.
             if size != 0 {
-                let message = format!("header extension {} claims {size} bytes; it and those behind it are ignored", found.len() + 1);
+                let message = format!(
+                    "header extension {} claims {size} bytes; it and those behind it are ignored",
+                    found.len() + 1
+                );
                 warnings.push(Warning::new("extension-damaged", message));
             }
             break;
@@ -196,16 +219,24 @@ fn extensions(head: &[u8], big_endian: bool, warnings: &mut Vec<Warning>) -> Vec
 /// ITK writes LPS with intent 1007 and RAS with 1006; NiftyReg writes RAS and puts its field type into `intent_p1`.
 fn vector_kind(header: &NiftiHeader, sizes: &[usize]) -> Result<VectorKind, String> {
     if sizes.len() != 5 || sizes[3] != 1 || sizes[4] != 3 {
-        return Err(format!("sizes {sizes:?} with intent_code {} are no 5-D (x, y, z, 1, 3) displacement field", header.intent_code));
+        return Err(format!(
+            "sizes {sizes:?} with intent_code {} are no 5-D (x, y, z, 1, 3) displacement field",
+            header.intent_code
+        ));
     }
     let niftyreg = text(&header.intent_name) == "NREG_TRANS";
     match (niftyreg, header.intent_code) {
         (true, DISPVECT | VECTOR) if header.intent_p1.to_bits() == 0f32.to_bits() => Ok(VectorKind::RasPosition),
         (true, DISPVECT | VECTOR) if header.intent_p1.to_bits() == 1f32.to_bits() => Ok(VectorKind::Ras),
-        (true, _) => Err(format!("its NiftyReg field type (intent_p1) is {}, not 0 (deformation) or 1 (displacement)", header.intent_p1)),
+        (true, _) => Err(format!(
+            "its NiftyReg field type (intent_p1) is {}, not 0 (deformation) or 1 (displacement)",
+            header.intent_p1
+        )),
         (false, VECTOR) => Ok(VectorKind::Lps),
         (false, DISPVECT) => Ok(VectorKind::Ras),
-        (false, code) => Err(format!("its intent_code is {code}, neither 1007 (vectors, LPS) nor 1006 (displacements, RAS), so the frame of its vectors is unknown")),
+        (false, code) => Err(format!(
+            "its intent_code is {code}, neither 1007 (vectors, LPS) nor 1006 (displacements, RAS), so the frame of its vectors is unknown"
+        )),
     }
 }
 

@@ -20,7 +20,11 @@ pub(in super::super) fn header(path: &Path, contents: &Contents<'_>) -> Result<V
     dim[0] = if vectors { 5 } else { 3 };
     for (to, from) in dim[1..4].iter_mut().zip(fields.size) {
         *to = i16::try_from(from).map_err(|_| {
-            Error::write(path, format!("NIfTI-1 holds at most 32767 voxels along an axis, not {from}"), "write .nrrd or .mha instead")
+            Error::write(
+                path,
+                format!("NIfTI-1 holds at most 32767 voxels along an axis, not {from}"),
+                "write .nrrd or .mha instead",
+            )
         })?;
     }
     if vectors {
