@@ -1,5 +1,7 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
+pub mod components;
+pub mod distance;
 mod interpolate;
 pub mod label;
 
