@@ -1,6 +1,8 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
+pub mod components;
 mod cubic;
+pub mod distance;
 mod interpolate;
 pub mod label;
 mod smooth;
