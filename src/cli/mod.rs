@@ -1,3 +1,1 @@
-//! cli (under construction)
-
-pub mod inspect;
+//! cli

@@ -4,9 +4,8 @@
 use crate::body::BodyOptions;
 use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
-use crate::field::InvertOptions;
+use crate::field::{FieldFormat, InvertOptions};
 use crate::fit::FitOptions;
-use crate::io::FieldFormat;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -30,7 +29,7 @@ pub struct Config {
 }
 
 /// Named starting points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// What measures best (docs/validation.md).

@@ -1,10 +1,12 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod format;
 mod invert;
 mod jacobian;
 mod multiple;
 mod warp;
 
+pub use format::FieldFormat;
 pub use invert::{InverseReport, InvertOptions, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};
 pub use multiple::multiple_preimages;

@@ -42,6 +42,8 @@ mod schedule;
 mod similarity;
 mod solver;
 mod start;
+#[cfg(test)]
+mod tests;
 mod tissue;
 
 /// How the pose is fitted.

@@ -36,8 +36,8 @@ pub enum Measure {
 
 /// Cubic mm of image that carry one independent sample: residuals are correlated over a few voxels.
 const CORRELATION_VOLUME_MM3: f64 = 60.0;
-/// Least unexplained share; keeps the logarithm finite on noise-free images.
-const LEAST_SHARE: f64 = 1e-4;
+/// Unexplained share that every image has; keeps the logarithm finite on noise-free ones.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// Similarity of one bone at one position.
 #[derive(Debug, Clone)]
@@ -175,11 +175,12 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) ->
     if s.w <= 0.0 {
         return Evaluation { cost: 0.0, gradient: Vector6::zeros(), curvature: Matrix6::zeros(), explained: 0.0, visible: 0.0 };
     }
-    let rss = square(s.ff, s.fa, s.aa, s.f, s.a, s.w).max(LEAST_SHARE * s.w * total / count);
+    let least = LEAST_SHARE * total / count;
+    let rss = square(s.ff, s.fa, s.aa, s.f, s.a, s.w).max(0.0) + least * s.w;
     let q = rss / s.w / (total / count);
     let scale = weight * s.w / rss;
     let [k1, kf, ka, kff, kfa, kaa] = &s.k;
-    let border = kff * (g * g) - kfa * (2.0 * g) + kaa + kf * (2.0 * g * o) - ka * (2.0 * o) + k1 * (o * o);
+    let border = kff * (g * g) - kfa * (2.0 * g) + kaa + kf * (2.0 * g * o) - ka * (2.0 * o) + k1 * (o * o + least);
     let gradient = ((s.fj * g + s.j * o - s.aj) * g + border * 0.5) * scale + k1 * (0.5 * weight * (q.ln() - 1.0));
     let mut curvature = s.jj;
     if fitted {

@@ -1,6 +1,6 @@
 //! Scalar images: reading CT and dose, writing them and masks, in any of the formats.
 
-use super::field::FieldFormat;
+use crate::field::FieldFormat;
 use super::gzip::Payload;
 use super::raster::{load, require_finite};
 use super::values::{Contents, Values};

@@ -23,7 +23,7 @@ mod voxels;
 mod tests;
 
 pub use atomic::write_file;
-pub use field::{FieldFormat, read_field, write_field, write_pull, write_push};
+pub use field::{read_field, write_field, write_pull, write_push};
 pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
 pub use labels::{read_labels, write_labels};
 pub use landmarks::read_landmarks;
