@@ -1,1 +1,3 @@
-//! cli (under construction)
+//! Rank 9: arguments and terminal.
+
+pub mod terminal;
