@@ -1,1 +1,4 @@
-//! cli
+//! Rank 9: arguments and terminal.
+
+pub mod inspect;
+pub mod terminal;

@@ -1,6 +1,6 @@
 //! Rank 8: from an outcome to the files that people read.
 //!
-//! [`write`] puts the evidence of a run into a folder: `report.html`, one page that a physicist reads top to bottom;
+//! [`write()`] puts the evidence of a run into a folder: `report.html`, one page that a physicist reads top to bottom;
 //! `report.json`, its numbers with everything needed to run again; `landmarks.csv`; `bone_transforms.json`; and the
 //! pictures under `report/`. [`terminal_table`] is the short version for the screen.
 

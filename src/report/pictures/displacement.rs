@@ -117,7 +117,23 @@ fn floor_nice(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::example;
     use super::*;
+
+    #[test]
+    fn arrows_stand_in_tissue_and_carry_the_field() {
+        let (case, mut outcome, _) = example::small();
+        outcome.push.displacement = outcome.push.displacement.map(|_| [3.0, 4.0, 12.0]);
+        let scene = Scene::new(&case, &outcome);
+        let axial = &scene.planning[0];
+        let arrows = arrows(&scene, axial);
+        assert!(arrows.len() > 50);
+        for (foot, u) in &arrows {
+            assert!((u.norm() - 13.0).abs() < 1e-6 && (in_plane(axial, u) - 5.0).abs() < 1e-6);
+            let p = axial.world(foot[0], foot[1]);
+            assert!((p.x / 93.0).powi(2) + (p.y / 83.0).powi(2) < 1.0 || p.x.abs() < 20.0, "outside the head: {p}");
+        }
+    }
 
     #[test]
     fn nice_numbers() {

@@ -43,3 +43,37 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
         canvas,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example;
+    use super::*;
+
+    #[test]
+    fn folded_cells_are_black_and_growth_is_red() {
+        let (case, mut outcome, _) = example::small();
+        let grid = outcome.jacobian.grid().clone();
+        // Left half grows, right half shrinks, one slab is folded.
+        for l in 0..grid.len() {
+            let p = grid.centre(grid.voxel(l));
+            outcome.jacobian.data_mut()[l] = if p.z > 30.0 { -1.0 } else if p.x > 0.0 { 1.8 } else { 0.6 };
+        }
+        let scene = Scene::new(&case, &outcome);
+        let picture = draw(&scene).canvas;
+        // The coronal row lies below the axial one.
+        let coronal = &scene.planning[1];
+        let pixel = |x: f64, z: f64| {
+            let [u, v] = coronal.place(&Point3::new(x, coronal.at(), z));
+            let left = (picture_width() - coronal.width) / 2;
+            picture.pixel(u as usize + left, v as usize + scene.planning[0].height + 6)
+        };
+        assert_eq!(pixel(40.0, 50.0), BLACK);
+        let ([r, _, b], [r2, _, b2]) = (pixel(50.0, -10.0), pixel(-50.0, -10.0));
+        assert!(r > b + 60 && b2 > r2 + 60, "{r} {b} {r2} {b2}");
+        assert_eq!(pixel(110.0, 0.0), BACKDROP);
+    }
+
+    fn picture_width() -> usize {
+        super::super::super::plane::WIDTH
+    }
+}
