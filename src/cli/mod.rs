@@ -1,3 +1,4 @@
 //! Rank 9: arguments and terminal.
 
+pub mod inspect;
 pub mod terminal;

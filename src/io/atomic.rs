@@ -66,7 +66,9 @@ fn refusal(path: &Path, error: &io::Error) -> Error {
     let remedy = match error.kind() {
         ErrorKind::NotFound | ErrorKind::NotADirectory => "create the folder first, or choose another place",
         ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => "choose a folder that you may write to",
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => "free some space, or choose another disk",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+            "free some space, or choose another disk"
+        }
         _ => "check the disk, or choose another place",
     };
     Error::write(path, error.to_string(), remedy)

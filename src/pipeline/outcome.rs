@@ -4,30 +4,13 @@ use crate::chainmail::LinkReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
-use crate::field::{PullField, PushField};
+use crate::field::{InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
-use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
-
-/// How well the pull field inverts the push field.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct InverseReport {
-    /// |v(y) + u(y + v(y))| over converged fraction voxels that map into the body, mm.
-    pub residual_mm: Summary,
-    /// Voxels whose iteration did not reach the tolerance.
-    pub unconverged: usize,
-    /// Voxels with more than one pre-image (where the push field folds).
-    pub multiple: usize,
-    /// Fraction voxels whose pre-image lies outside the planning scan.
-    pub outside: usize,
-    /// Fraction voxels in all.
-    pub voxels: usize,
-}
 
 /// Result of a registration, in memory.
 #[derive(Debug, Clone)]

@@ -3,10 +3,10 @@
 use super::{OutputFile, Run};
 use crate::chainmail::LinkReport;
 use crate::evaluate::{jacobian as jacobians, landmark, rigidity};
-use crate::field::{PullField, PushField, jacobian};
+use crate::field::{InverseReport, PullField, PushField, jacobian};
 use crate::fit::BoneFit;
 use crate::geometry::{Grid, Rigid, about};
-use crate::pipeline::{Case, InputFile, InverseReport, Outcome};
+use crate::pipeline::{Case, InputFile, Outcome};
 use crate::runtime::StageTime;
 use crate::skeleton::{Bone, Joint, Skeleton};
 use crate::stats::Summary;
@@ -119,7 +119,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         path: format!("case/{role}.nii.gz").into(),
         sha256: "0123456789abcdef".repeat(4),
     });
-    let case = Case { planning, bones, fraction, landmarks, skeleton: None, inputs: inputs.into() };
+    let case = Case { planning, bones, fraction, landmarks, skeleton: None, warnings: Vec::new(), inputs: inputs.into() };
     let outputs = vec![OutputFile { name: "planning_to_fraction.nii.gz".into(), what: "push field on the planning grid, LPS mm".into() }];
     let run = Run { command: "aventail register --planning case/planning.nii.gz".into(), settings: json!({"fit": {"levels": 3}}), threads: 2, outputs };
     (case, outcome, run)

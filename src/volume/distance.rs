@@ -1,0 +1,236 @@
+//! Exact Euclidean distance in mm on anisotropic grids, and the morphology that follows from it.
+//!
+//! The squared distance to a set separates by axes: the distance along lines of one axis, then for the two
+//! others the lower envelope of parabolas (Felzenszwalb and Huttenlocher, Theory of Computing 8, 2012).
+//! Where only distances up to a radius matter, a window of that radius replaces the envelope.
+//!
+//! Nothing is known outside the image: its edge is neither foreground nor background, so that a patient who is
+//! cut by the edge is not eroded there.
+
+use super::{Mask, Volume};
+use rayon::prelude::*;
+
+/// Lines that are gathered together, so that a cache line read across the storage order is used whole.
+const BLOCK: usize = 16;
+
+/// Squared distance in mm^2 from each voxel's centre to the nearest centre of a voxel whose value is `target`.
+///
+/// Infinite everywhere when no voxel has that value. Exact up to `f32` rounding.
+pub fn squared_distance(mask: &Mask, target: bool) -> Volume<f32> {
+    let spacing = mask.grid().spacing();
+    let mut out = along_i(mask, target);
+    for axis in [1, 2] {
+        for_each_plane(&mut out, axis, |rows| envelope_rows(rows, spacing[axis]));
+    }
+    out
+}
+
+/// As [`squared_distance`], but exact only up to `limit` mm; beyond it the value is larger than `limit` squared.
+pub fn squared_distance_within(mask: &Mask, target: bool, limit: f64) -> Volume<f32> {
+    let spacing = mask.grid().spacing();
+    let mut out = along_i(mask, target);
+    for axis in [1, 2] {
+        let reach = (limit / spacing[axis] + 1e-9) as usize;
+        for_each_plane(&mut out, axis, |rows| window_rows(rows, spacing[axis], reach));
+    }
+    out
+}
+
+/// All voxels within `radius` mm of the mask.
+pub fn dilate(mask: &Mask, radius: f64) -> Mask {
+    let limit = tolerant_square(radius);
+    squared_distance_within(mask, true, radius).map(|&d| d <= limit)
+}
+
+/// All voxels of the mask farther than `radius` mm from its outside. The image's edge is not outside.
+pub fn erode(mask: &Mask, radius: f64) -> Mask {
+    let limit = tolerant_square(radius);
+    squared_distance_within(mask, false, radius).map(|&d| d > limit)
+}
+
+/// Erosion, then dilation: what a ball of `radius` mm that fits into the mask can reach.
+pub fn open(mask: &Mask, radius: f64) -> Mask {
+    dilate(&erode(mask, radius), radius)
+}
+
+/// Dilation, then erosion: the mask with gaps narrower than a ball of `radius` mm closed.
+pub fn close(mask: &Mask, radius: f64) -> Mask {
+    erode(&dilate(mask, radius), radius)
+}
+
+/// The square of a radius, with room for rounding, so that a radius of whole voxels counts as reached.
+fn tolerant_square(radius: f64) -> f32 {
+    (radius * radius * (1.0 + 1e-5)) as f32
+}
+
+/// Squared distances along lines of the first axis.
+fn along_i(mask: &Mask, target: bool) -> Volume<f32> {
+    let [ni, ..] = mask.grid().size();
+    let step = mask.grid().spacing()[0] as f32;
+    let mut out = Volume::filled(mask.grid().clone(), f32::INFINITY);
+    out.data_mut().par_chunks_mut(ni).zip(mask.data().par_chunks(ni)).for_each(|(line, set)| {
+        let mut steps = f32::INFINITY;
+        for (d, &s) in line.iter_mut().zip(set) {
+            steps = if s == target { 0.0 } else { steps + 1.0 };
+            *d = steps;
+        }
+        steps = f32::INFINITY;
+        for (d, &s) in line.iter_mut().zip(set).rev() {
+            steps = if s == target { 0.0 } else { steps + 1.0 };
+            *d = (d.min(steps) * step).powi(2);
+        }
+    });
+    out
+}
+
+/// Calls `work` with the rows (along the first axis) of every plane that contains the first axis and `axis`.
+fn for_each_plane(volume: &mut Volume<f32>, axis: usize, work: impl Fn(&mut [&mut [f32]]) + Sync) {
+    let [ni, nj, nk] = volume.grid().size();
+    let mut planes: Vec<Vec<&mut [f32]>> = Vec::new();
+    planes.resize_with(if axis == 1 { nk } else { nj }, Vec::new);
+    for (n, row) in volume.data_mut().chunks_mut(ni).enumerate() {
+        planes[if axis == 1 { n / nj } else { n % nj }].push(row);
+    }
+    planes.par_iter_mut().for_each(|rows| work(rows));
+}
+
+/// Least of own and shifted rows within `reach` rows.
+fn window_rows(rows: &mut [&mut [f32]], step: f64, reach: usize) {
+    let Some(ni) = rows.first().map(|r| r.len()) else { return };
+    let mut source = vec![f32::INFINITY; rows.len() * ni];
+    for (s, row) in source.chunks_mut(ni).zip(rows.iter()) {
+        s.copy_from_slice(row);
+    }
+    for (n, row) in rows.iter_mut().enumerate() {
+        for m in n.saturating_sub(reach)..(n + reach + 1).min(source.len() / ni) {
+            let far = ((m.abs_diff(n) as f64) * step).powi(2) as f32;
+            for (d, s) in row.iter_mut().zip(&source[m * ni..(m + 1) * ni]) {
+                *d = d.min(s + far);
+            }
+        }
+    }
+}
+
+/// Lower envelope of parabolas along the direction across the rows.
+fn envelope_rows(rows: &mut [&mut [f32]], step: f64) {
+    let n = rows.len();
+    let Some(ni) = rows.first().map(|r| r.len()) else { return };
+    let mut lines = vec![0.0f32; BLOCK * n];
+    let mut hull = Hull { at: vec![0; n], from: vec![0.0; n] };
+    for first in (0..ni).step_by(BLOCK) {
+        let width = BLOCK.min(ni - first);
+        for (q, row) in rows.iter().enumerate() {
+            for (b, v) in row[first..first + width].iter().enumerate() {
+                lines[b * n + q] = *v;
+            }
+        }
+        for (b, line) in lines.chunks(n).take(width).enumerate() {
+            hull.minimum(line, step, |q, v| rows[q][first + b] = v);
+        }
+    }
+}
+
+/// Parabolas of the lower envelope: their vertex, and where each becomes the lowest.
+struct Hull {
+    at: Vec<usize>,
+    from: Vec<f64>,
+}
+
+impl Hull {
+    /// Calls `set(q, min over p of line[p] + (step (q - p))^2)` for every position `q` of the line.
+    fn minimum(&mut self, line: &[f32], step: f64, mut set: impl FnMut(usize, f32)) {
+        let square = step * step;
+        let height = |p: usize| f64::from(line[p]) / square + (p * p) as f64;
+        let mut count = 0;
+        for p in (0..line.len()).filter(|&p| line[p].is_finite()) {
+            let mut start = f64::NEG_INFINITY;
+            while count > 0 {
+                let last = self.at[count - 1];
+                start = (height(p) - height(last)) / (2.0 * (p - last) as f64);
+                if start > self.from[count - 1] {
+                    break;
+                }
+                count -= 1;
+                start = f64::NEG_INFINITY;
+            }
+            self.at[count] = p;
+            self.from[count] = start;
+            count += 1;
+        }
+        if count == 0 {
+            return;
+        }
+        let mut n = 0;
+        for q in 0..line.len() {
+            while n + 1 < count && self.from[n + 1] < q as f64 {
+                n += 1;
+            }
+            let p = self.at[n];
+            set(q, (f64::from(line[p]) + (p.abs_diff(q) as f64).powi(2) * square) as f32);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use proptest::prelude::*;
+
+    /// Squared distance to the target by looking at every pair.
+    fn brute(mask: &Mask, target: bool) -> Vec<f64> {
+        let g = mask.grid();
+        let targets: Vec<_> = (0..g.len()).filter(|&l| mask.data()[l] == target).map(|l| g.centre(g.voxel(l))).collect();
+        let nearest = |l: usize| {
+            targets.iter().map(|t| (t - g.centre(g.voxel(l))).norm_squared()).fold(f64::INFINITY, f64::min)
+        };
+        (0..g.len()).map(nearest).collect()
+    }
+
+    fn scene() -> impl Strategy<Value = Mask> {
+        let size = prop::array::uniform3(1usize..9);
+        (size, prop::array::uniform3(0.4f64..4.0), any::<u64>(), 1u64..40).prop_map(|(size, spacing, seed, every)| {
+            let grid = Grid::axis_aligned(size, spacing, [0.0; 3]).unwrap();
+            let mut state = seed | 1;
+            Volume::from_fn(grid, |_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 33).is_multiple_of(every)
+            })
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn equals_brute_force(mask in scene(), target in any::<bool>(), limit in 0.5f64..12.0) {
+            let exact = brute(&mask, target);
+            for (&e, &d) in exact.iter().zip(squared_distance(&mask, target).data()) {
+                let d = f64::from(d);
+                prop_assert!((e.is_infinite() && d.is_infinite()) || (e - d).abs() <= 1e-5 * e);
+            }
+            for (&e, &d) in exact.iter().zip(squared_distance_within(&mask, target, limit).data()) {
+                let d = f64::from(d);
+                let right = if e <= limit * limit { (e - d).abs() <= 1e-5 * e } else { d >= e * (1.0 - 1e-5) };
+                prop_assert!(right, "{e} {d}");
+            }
+        }
+
+        #[test]
+        fn opening_shrinks_and_closing_grows(mask in scene(), radius in 0.3f64..5.0) {
+            let (opened, closed) = (open(&mask, radius), close(&mask, radius));
+            for ((&m, &o), &c) in mask.data().iter().zip(opened.data()).zip(closed.data()) {
+                prop_assert!((m || !o) && (c || !m));
+            }
+        }
+    }
+
+    #[test]
+    fn opening_cuts_a_sheet_and_keeps_what_the_image_edge_cuts() {
+        // A block that leaves the image at i = 0, with a sheet of one voxel standing on it.
+        let grid = Grid::axis_aligned([30, 20, 10], [1.0, 1.0, 3.0], [0.0; 3]).unwrap();
+        let inside = |[i, j, _]: [usize; 3]| (i < 15 && (4..16).contains(&j)) || j == 10;
+        let mask = Volume::from_fn(grid.clone(), |l| inside(grid.voxel(l)));
+        let opened = open(&mask, 3.0);
+        assert!(opened.at([0, 4, 5]) & opened.at([0, 10, 0]) & opened.at([13, 10, 5]));
+        assert!(!opened.at([20, 10, 5]) && !opened.at([16, 10, 5]));
+    }
+}
