@@ -1,5 +1,23 @@
 //! Rank 4: the kinematic skeleton. Rigid bones in a tree, joined by joints with soft limits.
 
+pub mod anatomy;
+mod build;
+mod centres;
+mod check;
+mod limits;
+mod reroot;
+mod shape;
+mod show;
+mod spine;
+#[cfg(test)]
+mod tests;
+
+pub use build::{Built, build};
+pub use limits::Excess;
+pub(crate) use reroot::in_order;
+pub use reroot::reroot;
+pub use show::tree;
+
 use crate::geometry::{Rigid, about};
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
