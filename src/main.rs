@@ -1,2 +1,2 @@
-//! The `aventail` program. Everything it does is in the library.
-fn main() {}
+//! x
+fn main(){}

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 /// Wall time of one stage of a run.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
     /// Name of the stage.
     pub stage: String,

@@ -1,1 +1,4 @@
-//! cli (under construction)
+//! Rank 9: arguments and terminal.
+
+pub mod inspect;
+pub mod terminal;

@@ -1,1 +1,191 @@
-//! config (under construction)
+//! Rank 6: the settings of a run. A preset, overlaid with the user's file; complete, serialisable, recorded with every
+//! result.
+
+use crate::body::BodyOptions;
+use crate::chainmail::ChainmailOptions;
+use crate::error::{Error, Result};
+use crate::field::{FieldFormat, InvertOptions};
+use crate::fit::FitOptions;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+
+/// Complete settings of a registration.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// What the settings started from.
+    pub preset: Preset,
+    /// Finding the patient.
+    pub body: BodyOptions,
+    /// Fitting the skeleton.
+    pub fit: FitOptions,
+    /// Carrying bone motion to soft tissue.
+    pub chainmail: ChainmailOptions,
+    /// Inverting the field.
+    pub invert: InvertOptions,
+    /// What is written, and how.
+    pub output: OutputOptions,
+}
+
+/// Named starting points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// What measures best (docs/validation.md).
+    #[default]
+    Default,
+    /// The final model of the thesis (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel.
+    Thesis,
+}
+
+/// What is written, and how.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputOptions {
+    /// File format of the two displacement fields.
+    pub field_format: FieldFormat,
+    /// Gzip level of compressed files, 0 to 9.
+    pub gzip_level: u32,
+}
+
+impl Default for OutputOptions {
+    fn default() -> Self {
+        Self { field_format: FieldFormat::Nifti, gzip_level: 2 }
+    }
+}
+
+impl Preset {
+    /// The settings that the preset stands for.
+    pub fn config(self) -> Config {
+        let base = Config { preset: self, ..Config::default() };
+        match self {
+            Self::Default => base,
+            Self::Thesis => Config { chainmail: ChainmailOptions::thesis(), ..base },
+        }
+    }
+}
+
+/// One input of an earlier run, as its report records it.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct RecordedInput {
+    /// Role, for example `planning`.
+    pub role: String,
+    /// Path as it was given.
+    pub path: PathBuf,
+    /// SHA-256 of the file then.
+    pub sha256: String,
+}
+
+/// A configuration file: settings and, from a report, the inputs it was run with.
+#[derive(Debug, Clone, Default)]
+pub struct ConfigFile {
+    /// The user's settings, to be overlaid on a preset.
+    settings: Map<String, Value>,
+    /// Inputs of the run that a report describes.
+    pub inputs: Vec<RecordedInput>,
+}
+
+impl ConfigFile {
+    /// Reads a TOML file, or the `report.json` of an earlier run.
+    ///
+    /// # Errors
+    /// [`Error::Read`] when the file cannot be read or parsed.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
+        let bad = |problem: String| Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run");
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+            let report: Value = serde_json::from_str(&text).map_err(|e| bad(format!("it is no JSON ({e})")))?;
+            let settings = report.get("settings").and_then(Value::as_object).ok_or_else(|| bad("it has no `settings`".into()))?.clone();
+            let inputs = serde_json::from_value(report.get("inputs").cloned().unwrap_or(Value::Array(Vec::new())))
+                .map_err(|e| bad(format!("its `inputs` are damaged ({e})")))?;
+            return Ok(Self { settings, inputs });
+        }
+        let value: Value = toml::from_str(&text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
+        Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), inputs: Vec::new() })
+    }
+
+    /// The complete settings: the preset (the argument's, else the file's, else the default), overlaid with the file.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when the file has an unknown key or a value that is not legal.
+    pub fn resolve(&self, preset: Option<Preset>) -> Result<Config> {
+        let bad = |e: String| Error::usage(format!("the settings are not legal: {e}"), "compare with docs/settings.md; `settings` of any report.json is a complete example");
+        let named = self.settings.get("preset").map(|p| serde_json::from_value::<Preset>(p.clone())).transpose().map_err(|e| bad(e.to_string()))?;
+        let preset = preset.or(named).unwrap_or_default();
+        let mut value = serde_json::to_value(preset.config()).map_err(|e| Error::Internal(e.to_string()))?;
+        overlay(&mut value, &Value::Object(self.settings.clone()));
+        value["preset"] = serde_json::to_value(preset).map_err(|e| Error::Internal(e.to_string()))?;
+        let config: Config = serde_json::from_value(value).map_err(|e| bad(e.to_string()))?;
+        config.problem().map_or(Ok(config), |p| Err(bad(p)))
+    }
+}
+
+/// Replaces values of `base` by those of `over`; objects are merged key by key, except where their kind differs.
+fn overlay(base: &mut Value, over: &Value) {
+    match (base, over) {
+        (Value::Object(base), Value::Object(over)) => {
+            for (key, value) in over {
+                overlay(base.entry(key.clone()).or_insert(Value::Null), value);
+            }
+        }
+        (base, over) => *base = over.clone(),
+    }
+}
+
+impl Config {
+    /// What is impossible in these settings, if anything.
+    pub fn problem(&self) -> Option<String> {
+        let c = &self.chainmail;
+        let checks = [
+            (self.fit.levels.is_empty(), format!("fit.levels is {:?}: at least one (blur mm, samples) pair is needed", self.fit.levels)),
+            (!(self.fit.tolerance_mm > 0.0), format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm)),
+            (!(c.exponent > 0.0 && c.exponent <= 64.0), format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent)),
+            (!(c.cutoff > 0.0), format!("chainmail.cutoff is {}: it must be above 0", c.cutoff)),
+            (!(0.0..=50.0).contains(&c.spacing_mm), format!("chainmail.spacing_mm is {}: it must lie in [0, 50]", c.spacing_mm)),
+            (c.relaxation.iter().any(|r| !(0.0..=100.0).contains(&r.0)), format!("chainmail.relaxation is {:?}: spacings must lie in [0, 100] mm", c.relaxation)),
+            (!(self.invert.tolerance_mm > 0.0), format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm)),
+            (self.output.gzip_level > 9, format!("output.gzip_level is {}: it must lie in 0 to 9", self.output.gzip_level)),
+        ];
+        let own = checks.into_iter().find(|(bad, _)| *bad).map(|(_, text)| text);
+        own.or_else(|| c.material.problem())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolve(toml: &str) -> Result<Config> {
+        let value: Value = toml::from_str(toml).unwrap();
+        ConfigFile { settings: value.as_object().cloned().unwrap(), inputs: Vec::new() }.resolve(None)
+    }
+
+    #[test]
+    fn a_file_changes_what_it_names_and_nothing_else() {
+        let c = resolve("[chainmail]\nexponent = 2.0\nmaterial = \"elastic\"\n[fit]\nlevels = [[1.5, 100]]").unwrap();
+        assert_eq!(c.chainmail.exponent, 2.0);
+        assert_eq!(c.fit.levels, vec![(1.5, 100)]);
+        assert_eq!(c.chainmail.cutoff, ChainmailOptions::default().cutoff);
+        assert_eq!(resolve("preset = \"thesis\"").unwrap().chainmail, ChainmailOptions::thesis());
+        assert_eq!(resolve("").unwrap(), Config::default());
+    }
+
+    #[test]
+    fn every_complete_configuration_survives_a_round_trip() {
+        for preset in [Preset::Default, Preset::Thesis] {
+            let settings = serde_json::to_value(preset.config()).unwrap().as_object().cloned().unwrap();
+            let again = ConfigFile { settings, inputs: Vec::new() }.resolve(None).unwrap();
+            assert_eq!(again, preset.config());
+        }
+    }
+
+    #[test]
+    fn refuses_unknown_keys_and_illegal_values_by_name() {
+        for (toml, name) in [("[chainmail]\nexponant = 2.0", "exponant"), ("[chainmail]\nexponent = -1.0", "exponent"), ("[output]\ngzip_level = 12", "gzip_level"), ("colour = 1", "colour")] {
+            let error = resolve(toml).unwrap_err();
+            assert!(error.to_string().contains(name), "{error}");
+            assert_eq!(error.exit_code(), 2);
+        }
+    }
+}

@@ -1,5 +1,8 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
+use crate::field::{PushField, digital_folds};
+use crate::volume::{LabelMap, Mask, Volume};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The five characteristics of thesis Tab. 2 over a set of cells.
@@ -19,7 +22,13 @@ pub struct JacobianStats {
     pub below_half_percent: f64,
     /// Mean over positive cells.
     pub mean: f64,
-    /// Greatest value.
+    /// Smallest value over positive cells.
+    pub min: f64,
+    /// 1st percentile over positive cells.
+    pub p1: f64,
+    /// 99th percentile over positive cells.
+    pub p99: f64,
+    /// Greatest value over positive cells.
     pub max: f64,
 }
 
@@ -38,4 +47,197 @@ pub struct JacobianReport {
     pub digital_folded: usize,
     /// Pairs of neighbouring body cells whose Jacobians differ by more than 10 (thesis 2.3.2).
     pub jumps_above_10: usize,
+}
+
+/// Jacobians that differ by more than this between neighbours are errors of the field (thesis 2.3.2).
+pub const JUMP: f32 = 10.0;
+
+/// HU below which nothing is tissue: air, airway and lung take no part (thesis 4.3.2).
+pub const TISSUE_HU: f32 = -500.0;
+
+/// Voxels inside the body above [`TISSUE_HU`]: those that count.
+pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
+    Volume::from_fn(body.grid().clone(), |l| body.data()[l] && ct.data()[l] > TISSUE_HU)
+}
+
+/// Jacobian characteristics of `push`.
+///
+/// `map` is its Jacobian map ([`crate::field::jacobian`]); `tissue` says which voxels of the planning grid are body
+/// above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other labels count as soft tissue. Labels
+/// of the same name are one bone. All on the planning grid.
+pub fn evaluate(push: &PushField, map: &Volume<f32>, tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)]) -> JacobianReport {
+    let (names, bone_of) = index_bones(rigid);
+    let kinds = cell_kinds(tissue, bones, &bone_of);
+    let values = |keep: &(dyn Fn(Cell) -> bool + Sync)| -> Vec<f32> {
+        kinds.data().iter().zip(map.data()).filter(|(k, _)| keep(**k)).map(|(_, &j)| j).collect()
+    };
+    let mut per_bone = vec![Vec::new(); names.len()];
+    for (kind, &j) in kinds.data().iter().zip(map.data()) {
+        if let Cell::Inside(b) = kind {
+            per_bone[usize::from(*b)].push(j);
+        }
+    }
+    let folds = digital_folds(push);
+    let soft_folds = kinds.data().iter().zip(folds.data()).filter(|(k, f)| **k == Cell::Soft && **f).count();
+    JacobianReport {
+        body: stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact))),
+        soft_tissue: stats(values(&|k| k == Cell::Soft)),
+        contact: stats(values(&|k| k == Cell::Contact)),
+        bones: names.into_iter().zip(per_bone.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),
+        digital_folded: soft_folds,
+        jumps_above_10: jumps(map, &kinds),
+    }
+}
+
+/// The five characteristics of Jacobian values, of which folded ones are negative.
+pub fn stats(values: Vec<f32>) -> JacobianStats {
+    let cells = values.len();
+    let mut positive = values;
+    positive.retain(|&j| j > 0.0);
+    let n = positive.len();
+    let folded = cells - n;
+    let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
+    let count = |keep: fn(f32) -> bool| positive.iter().filter(|&&j| keep(j)).count();
+    let (above, below) = (count(|j| j > 2.0), count(|j| j < 0.5));
+    let mean = positive.iter().map(|&j| f64::from(j)).sum::<f64>() / n.max(1) as f64;
+    let mut rank = |share: f64| match n {
+        0 => 0.0,
+        _ => f64::from(*positive.select_nth_unstable_by((share * (n - 1) as f64).round() as usize, f32::total_cmp).1),
+    };
+    JacobianStats {
+        cells,
+        folded,
+        folded_percent: percent(folded, cells),
+        above_2_percent: percent(above, n),
+        below_half_percent: percent(below, n),
+        mean,
+        min: rank(0.0),
+        p1: rank(0.01),
+        p99: rank(0.99),
+        max: rank(1.0),
+    }
+}
+
+/// What a cell holds, by its 8 corners.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Cell {
+    /// A corner that is not tissue, or no cell at all.
+    Outside,
+    /// No bone.
+    Soft,
+    /// Partly one bone.
+    Edge,
+    /// Wholly one bone, by its index.
+    Inside(u16),
+    /// Two or more bones.
+    Contact,
+}
+
+/// Names of the bones, and for each label its bone's index plus one; 0 for labels that are no bones.
+fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
+    let mut names: Vec<String> = Vec::new();
+    let mut bone_of = vec![0u16; usize::from(u16::MAX) + 1];
+    for (label, name) in rigid.iter().filter(|(label, _)| *label != 0) {
+        let at = names.iter().position(|n| n == name).unwrap_or_else(|| {
+            names.push(name.clone());
+            names.len() - 1
+        });
+        bone_of[usize::from(*label)] = at as u16 + 1;
+    }
+    (names, bone_of)
+}
+
+/// The kind of each cell, at its lowest-index corner.
+fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16]) -> Volume<Cell> {
+    let grid = tissue.grid();
+    let [ni, nj, nk] = grid.size();
+    let [sx, sy, sz] = grid.strides();
+    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let (tissue, labels) = (tissue.data(), bones.volume.data());
+    let mut kinds = Volume::filled(grid.clone(), Cell::Outside);
+    kinds.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {
+        for (j, row) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
+            let start = grid.linear([0, j, k]);
+            for (i, cell) in row[..ni - 1].iter_mut().enumerate() {
+                if corners.iter().all(|c| tissue[start + i + c]) {
+                    *cell = kind(corners.map(|c| bone_of[usize::from(labels[start + i + c])]));
+                }
+            }
+        }
+    });
+    kinds
+}
+
+/// The kind of a tissue cell from its corners' bones (0: none).
+fn kind(corners: [u16; 8]) -> Cell {
+    let most = corners.into_iter().fold(0, u16::max);
+    match corners.into_iter().filter(|&b| b > 0).min() {
+        None => Cell::Soft,
+        Some(least) if least != most => Cell::Contact,
+        Some(_) if corners.contains(&0) => Cell::Edge,
+        Some(bone) => Cell::Inside(bone - 1),
+    }
+}
+
+/// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`].
+fn jumps(map: &Volume<f32>, kinds: &Volume<Cell>) -> usize {
+    let grid = map.grid();
+    let size = grid.size();
+    let strides = grid.strides();
+    let (j, kinds) = (map.data(), kinds.data());
+    let body = |l: usize| !matches!(kinds[l], Cell::Outside | Cell::Contact);
+    let pairs = |l: usize| {
+        let v = grid.voxel(l);
+        (0..3).filter(|&a| v[a] + 1 < size[a] && body(l + strides[a]) && (j[l] - j[l + strides[a]]).abs() > JUMP).count()
+    };
+    (0..grid.len()).into_par_iter().filter(|&l| body(l)).map(pairs).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::FOLDED;
+    use crate::geometry::Grid;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn characteristics_by_hand() {
+        let s = stats(vec![FOLDED, 0.25, 0.75, 1.0, 3.0, 5.0]);
+        assert_eq!((s.cells, s.folded), (6, 1));
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+        close(s.folded_percent, 100.0 / 6.0);
+        close(s.above_2_percent, 40.0);
+        close(s.below_half_percent, 20.0);
+        close(s.mean, 2.0);
+        close(s.min, 0.25);
+        close(s.max, 5.0);
+        assert_eq!(stats(vec![]), JacobianStats::default());
+        close(stats(vec![FOLDED]).folded_percent, 100.0);
+    }
+
+    #[test]
+    fn cells_go_to_the_right_tissue() {
+        // A row of 12 voxels, 2 thick: label 1 at 1..=3, label 2 at 4..=5 (touching), label 9 (no bone) at 7, skin at 10.
+        let grid = Grid::axis_aligned([12, 2, 2], [1.0; 3], [0.0; 3]).unwrap();
+        let labels = Volume::from_fn(grid.clone(), |l| match l % 12 { 1..=3 => 1, 4..=5 => 2, 7 => 9, _ => 0u16 });
+        let tissue = Volume::from_fn(grid.clone(), |l| l % 12 <= 10);
+        let bones = LabelMap { volume: labels, names: BTreeMap::new() };
+        let rigid = [(1, "a".to_owned()), (2, "b".to_owned())];
+        // Stretch by 2 from x = 6 on, so that cells 6.. have Jacobian 2; cell 8 jumps to 26.
+        let x = |i: usize| match i { 0..=6 => i as f32, 7 | 8 => (i * 2 - 6) as f32, _ => (i * 2 - 6 + 24) as f32 };
+        let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
+        let push = PushField { displacement, computed: Volume::filled(grid, true) };
+        let map = crate::field::jacobian(&push);
+        let r = evaluate(&push, &map, &tissue, &bones, &rigid);
+        assert_eq!(r.contact.cells, 1); // between 3 and 4
+        assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
+        assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
+        assert_eq!(r.bones.iter().map(|(n, s)| (n.as_str(), s.cells)).collect::<Vec<_>>(), [("a", 2), ("b", 1)]);
+        assert!((r.soft_tissue.mean - (2.0 + 2.0 + 26.0 + 2.0) / 4.0).abs() < 1e-5);
+        assert_eq!(r.jumps_above_10, 2);
+        assert_eq!((r.digital_folded, r.body.folded), (0, 0));
+        // The same labels under one name are one bone: no contact.
+        let joined = evaluate(&push, &map, &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())]);
+        assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
+    }
 }

@@ -1,6 +1,8 @@
 //! Landmark residuals before and after (thesis 4.3.3).
 
+use crate::field::PushField;
 use crate::stats::Summary;
+use crate::volume::trilinear_vector;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -37,10 +39,78 @@ pub struct LandmarkReport {
     pub before: Summary,
     /// Distances after, mm.
     pub after: Summary,
-    /// Mean over landmarks of after / before (thesis eq. 4.2 as eq. 4.3 reads it).
+    /// Mean over landmarks of after / before (thesis eq. 4.2 as eq. 4.3 reads it); landmarks that do not move are left out.
     pub mean_of_ratios: f64,
     /// Standard deviation (n - 1) of after / before (thesis eq. 4.3).
     pub std_of_ratios: f64,
-    /// Mean after / mean before: the steadier figure.
+    /// Mean after / mean before, over landmarks inside the planning grid: the steadier figure.
     pub ratio_of_means: f64,
+}
+
+/// A landmark that moves less than this, mm, has no ratio of residuals.
+const UNMOVED_MM: f64 = 1e-6;
+
+/// Residuals of `landmarks` under `push`, whose displacement is interpolated linearly at the planning positions.
+///
+/// A landmark outside the planning grid keeps its residual before but has none after.
+pub fn evaluate(push: &PushField, landmarks: &[Landmark]) -> LandmarkReport {
+    let each: Vec<_> = landmarks.iter().map(|l| residual(push, l)).collect();
+    let all: Vec<f64> = each.iter().map(|r| r.before).collect();
+    let pairs: Vec<(f64, f64)> = each.iter().filter_map(|r| Some((r.before, r.after?))).collect();
+    let after: Vec<f64> = pairs.iter().map(|p| p.1).collect();
+    let ratios: Vec<f64> = pairs.iter().filter(|p| p.0 > UNMOVED_MM).map(|p| p.1 / p.0).collect();
+    let ratios = Summary::of(&ratios);
+    let (before_sum, after_sum) = pairs.iter().fold((0.0, 0.0), |(b, a), p| (b + p.0, a + p.1));
+    LandmarkReport {
+        before: Summary::of(&all),
+        after: Summary::of(&after),
+        mean_of_ratios: ratios.mean,
+        std_of_ratios: ratios.std,
+        ratio_of_means: if before_sum > 0.0 { after_sum / before_sum } else { 0.0 },
+        each,
+    }
+}
+
+/// Residual of one landmark.
+fn residual(push: &PushField, landmark: &Landmark) -> LandmarkResidual {
+    let index = push.displacement.grid().index(&landmark.planning);
+    let mapped = trilinear_vector(&push.displacement, &index).map(|u| landmark.planning + u);
+    LandmarkResidual {
+        landmark: landmark.clone(),
+        mapped,
+        before: (landmark.planning - landmark.fraction).norm(),
+        after: mapped.map(|p| (p - landmark.fraction).norm()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use crate::volume::Volume;
+
+    #[test]
+    fn residuals_by_hand() {
+        // u = (x / 10, 0, 0) on a grid over 0..20 mm.
+        let grid = Grid::axis_aligned([11, 3, 3], [2.0, 2.0, 2.0], [0.0; 3]).unwrap();
+        let displacement = Volume::from_fn(grid.clone(), |l| [grid.centre(grid.voxel(l)).x as f32 / 10.0, 0.0, 0.0]);
+        let push = PushField { displacement, computed: Volume::filled(grid, true) };
+        let landmark = |name: &str, p: [f64; 3], f: [f64; 3]| Landmark { name: name.into(), planning: p.into(), fraction: f.into() };
+        let r = evaluate(&push, &[
+            landmark("exact", [5.0, 1.0, 1.0], [5.5, 1.0, 1.0]), // before 0.5, after 0
+            landmark("half", [10.0, 1.0, 1.0], [12.0, 1.0, 1.0]), // before 2, after 1
+            landmark("still", [10.0, 2.0, 2.0], [10.0, 2.0, 2.0]), // before 0, after 1: no ratio
+            landmark("outside", [30.0, 1.0, 1.0], [33.0, 5.0, 1.0]), // before 5
+        ]);
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-6, "{a} {b}");
+        assert_eq!((r.before.n, r.after.n), (4, 3));
+        close(r.before.mean, 7.5 / 4.0);
+        close(r.after.mean, 2.0 / 3.0);
+        close(r.mean_of_ratios, 0.25);
+        close(r.std_of_ratios, 0.125f64.sqrt());
+        close(r.ratio_of_means, 2.0 / 2.5);
+        assert_eq!((r.each[3].mapped, r.each[3].after), (None, None));
+        close(r.each[1].mapped.unwrap().x, 11.0);
+        assert_eq!(evaluate(&push, &[]).after, Summary::default());
+    }
 }

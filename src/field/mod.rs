@@ -1,5 +1,17 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod format;
+mod invert;
+mod jacobian;
+mod multiple;
+mod warp;
+
+pub use format::FieldFormat;
+pub use invert::{InverseReport, InvertOptions, invert};
+pub use jacobian::{FOLDED, digital_folds, jacobian};
+pub use multiple::multiple_preimages;
+pub use warp::{push_point, warp_image, warp_labels, warp_mask};
+
 use crate::volume::{Mask, Volume};
 
 /// On the planning grid: planning point `x` goes to `x + u(x)` in the fraction. LPS mm.

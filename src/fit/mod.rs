@@ -1,6 +1,11 @@
 //! Rank 5: the pose of the skeleton that best explains the fraction CT.
 
+pub use schedule::fit_pose;
+pub use similarity::Measure;
+
 use crate::geometry::Rigid;
+use crate::skeleton::Pose;
+use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
 
 /// How well one bone's position is known after the fit.
@@ -28,4 +33,63 @@ pub struct BoneFit {
     pub motion_mm: f64,
     /// `image` when the image determined the bone, `joint` when it follows its parent.
     pub determined_by: String,
+}
+mod lie;
+mod prior;
+mod problem;
+mod samples;
+mod schedule;
+mod similarity;
+mod solver;
+mod start;
+#[cfg(test)]
+mod tests;
+mod tissue;
+
+/// How the pose is fitted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FitOptions {
+    /// How planning and fraction HU are compared.
+    pub measure: Measure,
+    /// Blur (sigma, mm) of both images for the search of the couch shift.
+    pub start_blur_mm: f64,
+    /// Bone by bone: blur (sigma, mm) and samples per bone of each pass.
+    pub outward: Vec<(f64, usize)>,
+    /// All bones together: blur (sigma, mm) and samples per bone of each pass.
+    pub levels: Vec<(f64, usize)>,
+    /// An optimisation stops when no parameter moves by this much, mm.
+    pub tolerance_mm: f64,
+    /// Iteration limit of each optimisation.
+    pub max_iterations: u64,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            measure: Measure::Correlation,
+            start_blur_mm: 6.0,
+            outward: vec![(4.0, 3000), (2.0, 4000)],
+            levels: vec![(2.0, 4000), (0.8, 12000)],
+            tolerance_mm: 1e-3,
+            max_iterations: 50,
+        }
+    }
+}
+
+/// The fitted pose with what is known about each bone.
+#[derive(Debug, Clone)]
+pub struct FitResult {
+    /// Planning to fraction, one per bone in the order of the skeleton.
+    pub transforms: Vec<Rigid>,
+    /// The same as joint motions.
+    pub pose: Pose,
+    /// How well each bone is known.
+    pub bones: Vec<BoneFit>,
+    /// Couch shift and scanner-origin offset: the common motion of all bones that started the fit.
+    pub common: Rigid,
+    /// Share of the bone contrast that the common motion explains.
+    pub common_share: f64,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
 }

@@ -1,1 +1,48 @@
-//! io (under construction)
+//! Rank 6: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, checksums.
+//!
+//! Inside the library every position is LPS mm; this room converts at the file boundary. Formats are told apart by
+//! the first bytes of a file when reading and by its extension when writing. Every write goes to a temporary file in
+//! the same folder that is renamed when complete, so that no half-written result is ever seen.
+
+mod atomic;
+pub mod checksum;
+mod field;
+mod gzip;
+mod image;
+pub mod inspect;
+mod labels;
+mod landmarks;
+mod metaimage;
+mod nifti;
+mod nrrd;
+mod raster;
+mod values;
+mod voxels;
+
+#[cfg(test)]
+mod tests;
+
+pub use atomic::write_file;
+pub use field::{read_field, write_field, write_pull, write_push};
+pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
+pub use labels::{read_labels, write_labels};
+pub use landmarks::read_landmarks;
+pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
+
+use crate::warning::Warning;
+use std::path::PathBuf;
+
+/// What was read from a file, with what is worth knowing about the file.
+#[derive(Debug, Clone)]
+pub struct Loaded<T> {
+    /// The image, label map or field; LPS mm.
+    pub value: T,
+    /// The file.
+    pub path: PathBuf,
+    /// SHA-256 of the file's bytes, hexadecimal.
+    pub sha256: String,
+    /// What its header said.
+    pub header: HeaderNotes,
+    /// Legal but unusual findings.
+    pub warnings: Vec<Warning>,
+}

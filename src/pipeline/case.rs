@@ -3,6 +3,7 @@
 use crate::evaluate::landmark::Landmark;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -30,6 +31,8 @@ pub struct Case {
     pub landmarks: Vec<Landmark>,
     /// Skeleton given by the user instead of the built one.
     pub skeleton: Option<Skeleton>,
+    /// What reading the files found.
+    pub warnings: Vec<Warning>,
     /// The files behind it.
     pub inputs: Vec<InputFile>,
 }

@@ -4,4 +4,4 @@ mod case;
 mod outcome;
 
 pub use case::{Case, InputFile};
-pub use outcome::{InverseReport, Outcome};
+pub use outcome::Outcome;

@@ -3,29 +3,14 @@
 use crate::chainmail::LinkReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
-use crate::field::{PullField, PushField};
+use crate::evaluate::rigidity::BoneRigidity;
+use crate::field::{InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
-use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
-use serde::{Deserialize, Serialize};
-
-/// How well the pull field inverts the push field.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct InverseReport {
-    /// |v(y) + u(y + v(y))| over converged fraction voxels that map into the body, mm.
-    pub residual_mm: Summary,
-    /// Voxels whose iteration did not reach the tolerance.
-    pub unconverged: usize,
-    /// Voxels with more than one pre-image (where the push field folds).
-    pub multiple: usize,
-    /// Fraction voxels whose pre-image lies outside the planning scan.
-    pub outside: usize,
-    /// Fraction voxels in all.
-    pub voxels: usize,
-}
+use nalgebra::Vector3;
 
 /// Result of a registration, in memory.
 #[derive(Debug, Clone)]
@@ -34,6 +19,9 @@ pub struct Outcome {
     pub skeleton: Skeleton,
     /// Its fitted pose.
     pub pose: Pose,
+    /// Translation that brings the planning scan onto the fraction before any bone moves: couch shift and difference of
+    /// scanner origins, planning to fraction, LPS mm.
+    pub couch_shift: Vector3<f64>,
     /// Each bone's fit, in the order of the skeleton.
     pub bone_fits: Vec<BoneFit>,
     /// The patient in the planning CT: inside the skin, cavities included.
@@ -50,6 +38,8 @@ pub struct Outcome {
     pub jacobian: Volume<f32>,
     /// Jacobian characteristics.
     pub jacobian_report: JacobianReport,
+    /// How rigidly the field moves each bone.
+    pub rigidity: Vec<BoneRigidity>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.

@@ -1,1 +1,50 @@
-//! report (under construction)
+//! Rank 8: from an outcome to the files that people read.
+//!
+//! [`write()`] puts the evidence of a run into a folder: `report.html`, one page that a physicist reads top to bottom;
+//! `report.json`, its numbers with everything needed to run again; `landmarks.csv`; `bone_transforms.json`; and the
+//! pictures under `report/`. [`terminal_table`] is the short version for the screen.
+
+mod canvas;
+mod colour;
+mod csv;
+#[cfg(test)]
+mod example;
+mod html;
+mod numbers;
+mod pictures;
+mod plane;
+mod table;
+mod transforms;
+
+pub use csv::write_landmarks;
+pub use html::page;
+pub use numbers::{OutputFile, Report, Run};
+pub use pictures::{Picture, draw};
+pub use table::terminal_table;
+pub use transforms::write_bone_transforms;
+
+use crate::error::{Error, Result};
+use crate::io::write_file;
+use crate::pipeline::{Case, Outcome};
+use std::path::Path;
+
+/// Writes the report of a run into `folder` and returns its numbers.
+///
+/// # Errors
+/// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
+pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run) -> Result<Report> {
+    let pictures_folder = folder.join("report");
+    std::fs::create_dir_all(&pictures_folder)
+        .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
+    let pictures = draw(case, outcome)?;
+    pictures::write(&pictures_folder, &pictures)?;
+    let report = Report::new(case, outcome, run);
+    write_file(folder.join("report.json"), |out| Ok(serde_json::to_writer_pretty(out, &report)?))?;
+    if let Some(landmarks) = &report.landmarks {
+        write_landmarks(&folder.join("landmarks.csv"), landmarks)?;
+    }
+    write_bone_transforms(&folder.join("bone_transforms.json"), &report.bones)?;
+    let page = page(&report, &pictures);
+    write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
+    Ok(report)
+}

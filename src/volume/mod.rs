@@ -1,12 +1,16 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
 pub mod components;
+mod cubic;
 pub mod distance;
 mod interpolate;
 pub mod label;
+mod smooth;
 
+pub use cubic::cubic;
 pub use interpolate::{trilinear, trilinear_vector};
 pub use label::LabelMap;
+pub use smooth::gaussian;
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

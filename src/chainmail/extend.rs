@@ -1,0 +1,79 @@
+//! Continuation of the field beyond the elements: every reader interpolates at the skin, so the field must be smooth
+//! some way out and fade to the identity (DESIGN section 1).
+
+use super::lattice::Lattice;
+use crate::geometry::stencil::NEIGHBOURS_26;
+
+/// Distance over which the field is continued unchanged, mm.
+const KEEP_MM: f64 = 20.0;
+/// Distance over which it then fades to zero, mm, for displacements up to half of it.
+const FADE_MM: f64 = 40.0;
+
+/// Fills every node without a displacement, layer by layer, with the mean of its filled neighbours (weighted by inverse
+/// length), and fades it with the distance from the nodes that had one.
+pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
+    let size = lattice.grid.size();
+    let links = lattice.links();
+    let mut out: Vec<[f32; 3]> = known.iter().map(|u| u.unwrap_or_default()).collect();
+    let mut far: Vec<f32> = known.iter().map(|u| if u.is_some() { 0.0 } else { f32::INFINITY }).collect();
+    let largest = known.iter().flatten().map(|u| u.iter().map(|v| v * v).sum::<f32>().sqrt()).fold(0f32, f32::max);
+    let fade_mm = FADE_MM.max(2.0 * f64::from(largest));
+    let inside = |at: [usize; 3], o: [i32; 3]| -> Option<usize> {
+        let mut n = [0; 3];
+        for a in 0..3 {
+            n[a] = at[a].checked_add_signed(o[a] as isize).filter(|&v| v < size[a])?;
+        }
+        Some(lattice.grid.linear(n))
+    };
+    let mut layer: Vec<usize> = Vec::new();
+    let mut queued = vec![false; out.len()];
+    let mut next_layer = |from: &mut dyn Iterator<Item = usize>, far: &[f32]| {
+        let mut next = Vec::new();
+        for n in from {
+            let at = lattice.grid.voxel(n);
+            for o in NEIGHBOURS_26 {
+                if let Some(m) = inside(at, o) && far[m].is_infinite() && !queued[m] {
+                    queued[m] = true;
+                    next.push(m);
+                }
+            }
+        }
+        next.sort_unstable();
+        next
+    };
+    layer.extend(next_layer(&mut (0..known.len()).filter(|&n| known[n].is_some()), &far));
+    while !layer.is_empty() {
+        let filled: Vec<([f32; 3], f32)> = layer
+            .iter()
+            .map(|&n| {
+                let at = lattice.grid.voxel(n);
+                let (mut sum, mut weights, mut nearest) = ([0f32; 3], 0f32, f32::INFINITY);
+                for (o, l) in NEIGHBOURS_26.iter().zip(&links) {
+                    let Some(m) = inside(at, *o) else { continue };
+                    if far[m].is_infinite() {
+                        continue;
+                    }
+                    let mm = l.norm() as f32;
+                    nearest = nearest.min(far[m] + mm);
+                    weights += 1.0 / mm;
+                    for a in 0..3 {
+                        sum[a] += out[m][a] / mm;
+                    }
+                }
+                (sum.map(|s| s / weights), nearest)
+            })
+            .collect();
+        for (&n, (u, d)) in layer.iter().zip(filled) {
+            out[n] = u;
+            far[n] = d;
+        }
+        let from = std::mem::take(&mut layer);
+        layer = next_layer(&mut from.into_iter(), &far);
+    }
+    for (u, &d) in out.iter_mut().zip(&far) {
+        let t = ((f64::from(d) - KEEP_MM) / fade_mm).clamp(0.0, 1.0);
+        let keep = if d.is_finite() { 1.0 - t * t * (3.0 - 2.0 * t) } else { 0.0 };
+        *u = u.map(|v| v * keep as f32);
+    }
+    out
+}

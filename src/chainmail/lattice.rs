@@ -1,0 +1,155 @@
+//! The chain mail's elements: a padded grid over the planning CT with the material of each node.
+
+use super::material::{Constraint, Material, RIGID};
+use crate::geometry::{Grid, stencil::NEIGHBOURS_26};
+use crate::volume::{LabelMap, Mask, Volume};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+/// What a node is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Node {
+    /// Air or outside the patient: takes no part.
+    Outside,
+    /// Soft tissue, or rigid material without a bone label.
+    Soft,
+    /// Part of a bone (position in the skeleton): an initiator.
+    Bone(u16),
+}
+
+/// Chain-mail elements on a grid that covers the planning CT with a border of one node that is always outside.
+///
+/// Flat arrays in storage order; `active` lists the nodes that take part, ascending.
+#[derive(Debug, Clone)]
+pub struct Lattice {
+    /// The padded grid, LPS mm.
+    pub grid: Grid,
+    /// Kind of each node.
+    pub node: Vec<Node>,
+    /// Constraint of each node; meaningless outside.
+    pub constraint: Vec<Constraint>,
+    /// Nodes that are soft tissue or bone, ascending.
+    pub active: Vec<u32>,
+}
+
+/// Share of a node's voxels that must carry a bone label for the node to be bone.
+const BONE_SHARE: f64 = 1.0 / 3.0;
+
+/// The fine voxels that belong to each coarse index along one axis.
+fn ranges(fine: usize, coarse: usize, ratio: f64) -> Vec<std::ops::Range<usize>> {
+    // Fine index i lies at coarse index i / ratio; it belongs to the nearest one.
+    let first = |c: f64| ((c - 0.5) * ratio).ceil().max(0.0) as usize;
+    (0..coarse).map(|c| first(c as f64).min(fine)..first(c as f64 + 1.0).min(fine)).collect()
+}
+
+/// What the chain mail is built from, all on the planning grid.
+pub struct Tissue<'a> {
+    /// Planning CT, HU.
+    pub ct: &'a Volume<f32>,
+    /// Inside of the patient's skin.
+    pub body: &'a Mask,
+    /// Bone labels.
+    pub labels: &'a LabelMap,
+    /// Position in the skeleton of each bone label.
+    pub bone_of_label: &'a [Option<u16>],
+    /// Voxels below this take no part, HU.
+    pub least_hu: f32,
+}
+
+impl Tissue<'_> {
+    /// The bone a voxel belongs to.
+    pub fn bone(&self, voxel: usize) -> Option<u16> {
+        self.bone_of_label[usize::from(self.labels.volume.data()[voxel])]
+    }
+
+    /// Whether a voxel takes part: bone, or body above the least HU.
+    pub fn active(&self, voxel: usize) -> bool {
+        self.bone(voxel).is_some() || (self.body.data()[voxel] && self.ct.data()[voxel] >= self.least_hu)
+    }
+}
+
+impl Lattice {
+    /// The lattice at about `spacing` mm (0: the planning grid itself).
+    pub fn new(tissue: &Tissue<'_>, material: &Material, spacing: f64) -> Self {
+        let fine = tissue.ct.grid();
+        let inner = fine.coarsened(spacing);
+        let size = inner.size().map(|n| n + 2);
+        let origin: Point3<f64> = inner.world(&Vector3::new(-1.0, -1.0, -1.0));
+        let grid = Grid::new(size, inner.spacing(), origin, *inner.direction()).expect("a padded grid of a legal grid is legal");
+        let axis = |a: usize| ranges(fine.size()[a], inner.size()[a], inner.spacing()[a] / fine.spacing()[a]);
+        let (xs, ys, zs) = (axis(0), axis(1), axis(2));
+        let plane = size[0] * size[1];
+        let planes: Vec<Vec<(Node, Constraint)>> = (0..size[2])
+            .into_par_iter()
+            .map(|k| {
+                let mut out = vec![(Node::Outside, RIGID); plane];
+                if k == 0 || k + 1 == size[2] {
+                    return out;
+                }
+                for (j, y) in ys.iter().enumerate() {
+                    for (i, x) in xs.iter().enumerate() {
+                        out[i + 1 + size[0] * (j + 1)] = classify(tissue, material, [x, y, &zs[k - 1]]);
+                    }
+                }
+                out
+            })
+            .collect();
+        let (node, constraint): (Vec<Node>, Vec<Constraint>) = planes.into_iter().flatten().unzip();
+        let active = (0..node.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
+        Self { grid, node, constraint, active }
+    }
+
+    /// Distances in storage to the 26 neighbours.
+    pub fn offsets(&self) -> [isize; 26] {
+        let [sx, sy, sz] = self.grid.strides().map(|s| s as isize);
+        NEIGHBOURS_26.map(|o| o[0] as isize * sx + o[1] as isize * sy + o[2] as isize * sz)
+    }
+
+    /// World vectors to the 26 neighbours, mm.
+    pub fn links(&self) -> [Vector3<f64>; 26] {
+        let step: &Matrix3<f64> = self.grid.step();
+        NEIGHBOURS_26.map(|o| step * Vector3::from(o.map(f64::from)))
+    }
+
+    /// Constraint of the link between two nodes.
+    pub fn link(&self, a: usize, b: usize) -> Constraint {
+        self.constraint[a].mean(self.constraint[b])
+    }
+
+    /// World position of a node at rest.
+    pub fn rest(&self, node: usize) -> Point3<f64> {
+        self.grid.centre(self.grid.voxel(node))
+    }
+}
+
+/// Kind and constraint of one node from its voxels.
+fn classify(tissue: &Tissue<'_>, material: &Material, [xs, ys, zs]: [&std::ops::Range<usize>; 3]) -> (Node, Constraint) {
+    let grid = tissue.ct.grid();
+    let (mut all, mut active, mut hu) = (0usize, 0usize, 0f64);
+    let mut votes: Vec<(u16, usize)> = Vec::new();
+    for k in zs.clone() {
+        for j in ys.clone() {
+            for i in xs.clone() {
+                let v = grid.linear([i, j, k]);
+                all += 1;
+                if let Some(b) = tissue.bone(v) {
+                    match votes.iter_mut().find(|(n, _)| *n == b) {
+                        Some((_, count)) => *count += 1,
+                        None => votes.push((b, 1)),
+                    }
+                }
+                if tissue.active(v) {
+                    active += 1;
+                    hu += f64::from(tissue.ct.data()[v]);
+                }
+            }
+        }
+    }
+    // Ties go to the bone that comes first in the skeleton.
+    let bone = votes.iter().max_by(|a, b| a.1.cmp(&b.1).then(b.0.cmp(&a.0)));
+    match bone {
+        Some(&(b, n)) if n as f64 >= BONE_SHARE * all as f64 => (Node::Bone(b), RIGID),
+        _ if 2 * active >= all && active > 0 => (Node::Soft, material.at((hu / active as f64) as f32)),
+        _ => (Node::Outside, RIGID),
+    }
+}

@@ -1,0 +1,91 @@
+//! Do the links hold? Each link of the result against its valid region (thesis 2.4, Fig. 7), which turns with the tissue.
+
+use super::lattice::{Lattice, Node};
+use super::relax::Relaxation;
+use crate::geometry::stencil::NEIGHBOURS_26;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// How many links of the result lie outside their valid region, and by how much.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct LinkReport {
+    /// Links between active elements (6-neighbourhood).
+    pub links: usize,
+    /// Links outside [min, max] along the link or beyond shear across it.
+    pub violated: usize,
+    /// Violated links in percent.
+    pub violated_percent: f64,
+    /// Mean excess of the violated links, mm.
+    pub mean_excess_mm: f64,
+    /// 95th percentile of the excess of the violated links, mm.
+    pub p95_excess_mm: f64,
+    /// Largest excess, mm.
+    pub max_excess_mm: f64,
+}
+
+/// Excess below this is rounding, mm.
+const ROUNDING_MM: f64 = 1e-3;
+
+/// Excess of a link (mm): `moved` is the link's vector turned back into the rest frame, `axis` its unit rest direction.
+fn excess(moved: &Vector3<f64>, axis: usize, directions: &Matrix3<f64>, length: f64, c: super::Constraint) -> f64 {
+    let local = directions.transpose() * moved;
+    let along = local[axis];
+    let mut worst = (f64::from(c.min) * length - along).max(along - f64::from(c.max) * length);
+    for other in (0..3).filter(|&o| o != axis) {
+        worst = worst.max(local[other].abs() - f64::from(c.shear) * length);
+    }
+    worst
+}
+
+/// Checks every link of the lattice between active elements; two bones have no link (DESIGN section 2.1).
+pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[Matrix3<f64>]) -> LinkReport {
+    let turns = Relaxation::new(lattice, displacement, bone_turns).rotations(4);
+    let size = lattice.grid.size();
+    let plane = size[0] * size[1];
+    let directions = lattice.grid.direction();
+    // The three forward face neighbours: +i, +j, +k.
+    let forward: Vec<(usize, isize, Vector3<f64>)> = NEIGHBOURS_26
+        .iter()
+        .enumerate()
+        .filter(|(_, o)| o.iter().sum::<i32>() == 1 && o.iter().filter(|&&c| c != 0).count() == 1)
+        .map(|(n, o)| (o.iter().position(|&c| c == 1).unwrap_or(0), lattice.offsets()[n], lattice.links()[n]))
+        .collect();
+    let at = |n: usize| Vector3::from(displacement[n].map(f64::from));
+    let parts: Vec<(usize, Vec<f64>)> = lattice
+        .active
+        .par_chunks(plane)
+        .map(|nodes| {
+            let (mut links, mut found) = (0, Vec::new());
+            for &n in nodes {
+                let n = n as usize;
+                for (axis, offset, rest) in &forward {
+                    let m = (n as isize + offset) as usize;
+                    let apart = matches!((lattice.node[n], lattice.node[m]), (Node::Bone(a), Node::Bone(b)) if a != b);
+                    if lattice.node[m] == Node::Outside || apart {
+                        continue;
+                    }
+                    links += 1;
+                    let back = (turns[n] + turns[m]).transpose() * 0.5;
+                    let moved = back * (rest + at(m) - at(n));
+                    let e = excess(&moved, *axis, directions, rest.norm(), lattice.link(n, m));
+                    if e > ROUNDING_MM {
+                        found.push(e);
+                    }
+                }
+            }
+            (links, found)
+        })
+        .collect();
+    let links: usize = parts.iter().map(|p| p.0).sum();
+    let all: Vec<f64> = parts.into_iter().flat_map(|p| p.1).collect();
+    let s = crate::stats::Summary::of(&all);
+    LinkReport {
+        links,
+        violated: s.n,
+        violated_percent: 100.0 * s.n as f64 / links.max(1) as f64,
+        mean_excess_mm: s.mean,
+        p95_excess_mm: s.p95,
+        max_excess_mm: s.max,
+    }
+}

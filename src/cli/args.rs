@@ -1,0 +1,214 @@
+//! The command line: verbs, options and their help.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Deformable image registration for adaptive radiotherapy: bones move rigidly as a skeleton, a chain mail of soft
+/// tissue carries their motion to every voxel.
+#[derive(Debug, Parser)]
+#[command(name = "aventail", version, max_term_width = 110, arg_required_else_help = true, after_help = AFTER)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+const AFTER: &str = "\
+Start with `aventail demo`: it registers a phantom that it makes itself and writes the full report.
+
+Exit codes: 0 done; 1 internal error; 2 wrong command line or settings; 3 a file cannot be read;
+4 the inputs do not fit the task or each other; 5 a result cannot be written; 6 the registration failed.
+
+Research software, not a medical device.";
+
+/// What aventail can do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Register a planning CT to a fraction CT
+    #[command(after_help = REGISTER)]
+    Register(Box<RegisterArgs>),
+    /// Make the phantom, register it, and write the report: needs no data
+    Demo(DemoArgs),
+    /// Write the phantom as files: planning and fraction CT, bone labels, landmarks, true field
+    Phantom(PhantomArgs),
+    /// Build the joint tree from bone labels, check it and show it
+    Skeleton(SkeletonArgs),
+    /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
+    Inspect(InspectArgs),
+    /// Print a completion script for your shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+const REGISTER: &str = "\
+Writes to OUT:
+  planning_to_fraction.*      push field on the planning grid: planning point x goes to x + u(x)
+  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at y + v(y)
+  planning_on_fraction.nii.gz planning CT on the fraction grid, int16 HU
+  bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
+  bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
+  jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
+  body.nii.gz, computed.nii.gz, inside_planning.nii.gz
+                              masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  report.html, report.json, report/*.png, landmarks.csv, settings.toml
+
+Examples:
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
+  aventail register --config out/report.json --out again      # the same run once more";
+
+/// Options of `register`.
+#[derive(Debug, Args)]
+pub struct RegisterArgs {
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub bones: Option<PathBuf>,
+    /// Fraction CT in HU; any grid, origin and field of view
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub fraction: Option<PathBuf>,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Settings (TOML), or the report.json of an earlier run to repeat it
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Options of every run.
+#[derive(Debug, Args, Clone)]
+pub struct RunArgs {
+    /// Settings to start from
+    #[arg(long, value_enum)]
+    pub preset: Option<PresetName>,
+    /// Format of the displacement fields
+    #[arg(long, value_enum)]
+    pub field_format: Option<FormatName>,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Print the numbers of the report as JSON instead of the table
+    #[arg(long)]
+    pub json: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Names of the presets.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum PresetName {
+    /// What measures best
+    Default,
+    /// The final model of Bartelheimer's thesis
+    Thesis,
+}
+
+/// Names of the field formats.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum FormatName {
+    /// NIfTI, 5-D, intent 1007, gzip
+    Nifti,
+    /// MetaImage (.mha), not compressed
+    Mha,
+    /// NRRD
+    Nrrd,
+}
+
+/// Options of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR", default_value = "aventail-demo")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Options of `phantom`.
+#[derive(Debug, Args)]
+pub struct PhantomArgs {
+    /// Folder for the files; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Voxel spacing in mm, for example 1.5x1.5x3
+    #[arg(long, value_name = "XxYxZ", value_parser = parse_spacing)]
+    pub spacing: Option<[f64; 3]>,
+    /// Posture of the fraction as a pose file, instead of the built-in one
+    #[arg(long, value_name = "FILE")]
+    pub pose: Option<PathBuf>,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+}
+
+/// Options of `skeleton`.
+#[derive(Debug, Args)]
+pub struct SkeletonArgs {
+    /// Bone labels, for example TotalSegmentator's multi-label file
+    #[arg(long, value_name = "FILE")]
+    pub bones: PathBuf,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to check against the built skeleton
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Write the skeleton as TOML, to be edited and given to `register --skeleton`
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `inspect`.
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// Images, label maps or displacement fields
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Three positive numbers joined by `x`.
+fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text.split('x').map(|t| t.parse().map_err(|_| format!("`{t}` is no number"))).collect::<Result<_, _>>()?;
+    let spacing: [f64; 3] = numbers.try_into().map_err(|_| "three numbers joined by x are needed, for example 1.5x1.5x3".to_owned())?;
+    if spacing.iter().all(|s| (0.2..=20.0).contains(s)) { Ok(spacing) } else { Err("each spacing must lie between 0.2 and 20 mm".into()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn spacing_needs_three_positive_numbers() {
+        assert_eq!(parse_spacing("1.5x1.5x3"), Ok([1.5, 1.5, 3.0]));
+        for bad in ["1.5", "1x2x-3", "axbxc", "1x2x3x4", "0x1x1", "NaNx1x1"] {
+            assert!(parse_spacing(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! `aventail inspect FILE...`: what files hold, and whether they lie on one grid.
+
+use crate::error::{Error, Result};
+use crate::io::inspect::{Inspection, compare_grids, inspect};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report<'a> {
+    files: &'a [Inspection],
+    grids: Vec<String>,
+}
+
+/// The text, or with `json` the JSON document, that describes `files`.
+///
+/// # Errors
+/// When a file cannot be read or its geometry cannot be used.
+pub fn run(files: &[PathBuf], json: bool) -> Result<String> {
+    let files = files.iter().map(inspect).collect::<Result<Vec<_>>>()?;
+    let grids = compare_grids(&files);
+    if json {
+        let report = Report { files: &files, grids };
+        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(format!("inspection as JSON: {e}")));
+    }
+    let mut text = files.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    if !grids.is_empty() {
+        text.push('\n');
+    }
+    for line in &grids {
+        writeln!(text, "{line}").expect("writing to a String cannot fail");
+    }
+    Ok(text)
+}

@@ -1,0 +1,171 @@
+//! Progress on the terminal: a live line on a screen, plain lines in a log.
+
+use crate::progress::Progress;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{IsTerminal, Write};
+use std::sync::Mutex;
+use std::time::Duration;
+
+/// Shows what a run is doing on standard error.
+///
+/// On a screen one live line shows the stage, its bar and the unit at work, and stays as a line with its time when the
+/// stage ends. Elsewhere each stage writes a line when it begins and one when it ends.
+pub struct Terminal {
+    shown: Mutex<Shown>,
+}
+
+/// What the current stage has on display.
+struct Shown {
+    stage: String,
+    /// The live line, on a screen only.
+    bar: Option<ProgressBar>,
+    /// Where lines go.
+    lines: Lines,
+}
+
+enum Lines {
+    Screen,
+    Plain(Box<dyn Write + Send>),
+}
+
+impl Terminal {
+    /// Progress on standard error, live when that is a screen.
+    pub fn new() -> Self {
+        let stderr = std::io::stderr();
+        if stderr.is_terminal() { Self::with(Lines::Screen) } else { Self::plain(stderr) }
+    }
+
+    /// Progress as plain lines.
+    pub fn plain(out: impl Write + Send + 'static) -> Self {
+        Self::with(Lines::Plain(Box::new(out)))
+    }
+
+    fn with(lines: Lines) -> Self {
+        Self { shown: Mutex::new(Shown { stage: String::new(), bar: None, lines }) }
+    }
+
+    fn update(&self, act: impl FnOnce(&mut Shown)) {
+        // A panic elsewhere must not hide behind one about progress.
+        act(&mut self.shown.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
+    }
+}
+
+impl Default for Terminal {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Lines {
+    /// Writes a line; a closed terminal is no reason to stop a run.
+    fn write(&mut self, line: &str) {
+        if let Self::Plain(out) = self {
+            let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+        }
+    }
+}
+
+impl Progress for Terminal {
+    fn stage(&self, name: &str) {
+        self.update(|shown| {
+            name.clone_into(&mut shown.stage);
+            match &mut shown.lines {
+                Lines::Screen => shown.bar = Some(live_line(name)),
+                lines => lines.write(&format!("{name} ...")),
+            }
+        });
+    }
+
+    fn step(&self, done: usize, total: usize, label: &str) {
+        self.update(|shown| {
+            let Some(bar) = &shown.bar else { return };
+            if bar.length() != Some(total as u64) {
+                bar.set_length(total as u64);
+                bar.set_style(style("{spinner} {prefix:<24} {bar:30} {pos}/{len} {msg}"));
+            }
+            bar.set_position(done as u64);
+            bar.set_message(label.to_owned());
+        });
+    }
+
+    fn finish(&self, seconds: f64) {
+        self.update(|shown| match shown.bar.take() {
+            Some(bar) => {
+                bar.set_style(style("  {prefix:<24} {msg}"));
+                bar.finish_with_message(time(seconds));
+            }
+            None => {
+                let line = format!("{} {}", shown.stage, time(seconds));
+                shown.lines.write(&line);
+            }
+        });
+    }
+}
+
+/// A live line that turns while nothing is known but the stage.
+fn live_line(name: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    bar.set_style(style("{spinner} {prefix:<24} {elapsed} {msg}"));
+    bar.set_prefix(name.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(120));
+    bar
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("templates are constants of this file").progress_chars("=> ")
+}
+
+fn time(seconds: f64) -> String {
+    if seconds < 10.0 { format!("{seconds:.2} s") } else { format!("{seconds:.1} s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    /// A writer whose text can be looked at.
+    #[derive(Clone, Default)]
+    struct Shared(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Shared {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn plain_lines_have_no_control_characters() {
+        let out = Shared::default();
+        let progress = Terminal::plain(out.clone());
+        progress.stage("fit skeleton");
+        progress.step(1, 2, "skull");
+        progress.step(2, 2, "mandible");
+        progress.finish(12.345);
+        progress.stage("invert");
+        progress.finish(0.5);
+        let text = String::from_utf8(out.0.lock().unwrap().clone()).unwrap();
+        assert_eq!(text, "fit skeleton ...\nfit skeleton 12.3 s\ninvert ...\ninvert 0.50 s\n");
+    }
+
+    #[test]
+    fn live_lines_take_any_order_of_calls() {
+        // Tests have no screen: indicatif draws nothing, but the calls must hold together and every template parse.
+        let progress = Terminal::with(Lines::Screen);
+        progress.finish(1.0);
+        progress.step(1, 2, "early");
+        progress.stage("fit {skeleton}");
+        progress.step(1, 15, "skull");
+        progress.step(3, 20, "more than thought");
+        progress.update(|shown| {
+            let bar = shown.bar.as_ref().unwrap();
+            assert_eq!((bar.position(), bar.length(), bar.message().as_str()), (3, Some(20), "more than thought"));
+        });
+        progress.finish(1.0);
+        progress.update(|shown| assert!(shown.bar.is_none()));
+    }
+}

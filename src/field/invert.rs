@@ -1,0 +1,284 @@
+//! Push to pull: for every fraction voxel y the v with v + u(y + v) = 0.
+//!
+//! A scattered, coarse guess brings the iteration near; the fixed point v <- -u(y + v) (Chen et al. 2008) then
+//! converges fast where the field changes slowly; where it does not, Newton steps with the local gradient take over.
+
+use super::{PullField, PushField};
+use crate::error::Result;
+use crate::geometry::Grid;
+use crate::stats::Summary;
+use crate::volume::{Volume, trilinear_vector};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// How exactly to invert.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InvertOptions {
+    /// A voxel has converged when |v + u(y + v)| is below this, mm.
+    pub tolerance_mm: f64,
+    /// Iteration limit per voxel.
+    pub max_iterations: usize,
+}
+
+impl Default for InvertOptions {
+    fn default() -> Self {
+        Self { tolerance_mm: 1e-3, max_iterations: 40 }
+    }
+}
+
+/// How well the pull field inverts the push field.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct InverseReport {
+    /// |v + u(y + v)| over converged fraction voxels whose pre-image the model computed (patient tissue), mm.
+    pub residual_mm: Summary,
+    /// Voxels in all whose iteration did not reach the tolerance.
+    pub unconverged: usize,
+    /// Of those, voxels whose last pre-image is patient tissue.
+    pub unconverged_tissue: usize,
+    /// Largest residual of an unconverged voxel, mm.
+    pub unconverged_max_mm: f64,
+    /// Voxels with more than one pre-image (where the push field folds).
+    pub multiple: usize,
+    /// Voxels whose pre-image lies outside the planning scan.
+    pub outside: usize,
+    /// Fraction voxels in all.
+    pub voxels: usize,
+}
+
+/// Spacing of the scattered guess, mm.
+const GUESS_MM: f64 = 6.0;
+
+/// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
+struct Continued<'a> {
+    u: &'a Volume<[f32; 3]>,
+    last: Vector3<f64>,
+}
+
+impl<'a> Continued<'a> {
+    fn new(u: &'a Volume<[f32; 3]>) -> Self {
+        Self { u, last: Vector3::from(u.grid().size().map(|n| (n - 1) as f64)) }
+    }
+
+    fn at(&self, index: &Vector3<f64>) -> Vector3<f64> {
+        let inside = index.zip_map(&self.last, |i, l| i.clamp(0.0, l));
+        trilinear_vector(self.u, &inside).unwrap_or_default()
+    }
+
+    /// Derivative of u by the index, by central differences of half a voxel.
+    fn slope(&self, index: &Vector3<f64>) -> Matrix3<f64> {
+        let column = |a: usize| {
+            let mut d = Vector3::zeros();
+            d[a] = 0.5;
+            self.at(&(index + d)) - self.at(&(index - d))
+        };
+        Matrix3::from_columns(&[column(0), column(1), column(2)])
+    }
+}
+
+/// Nearest-voxel scatter of -u on a coarse fraction grid, holes filled from their neighbours.
+fn guess(push: &PushField, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
+    let grid = fraction.coarsened(GUESS_MM);
+    let size = grid.size();
+    let from = push.displacement.grid();
+    let stride: [usize; 3] = from.spacing().map(|s| ((0.5 * GUESS_MM / s) as usize).max(1));
+    let mut sums = vec![[0f64; 4]; grid.len()];
+    for k in (0..from.size()[2]).step_by(stride[2]) {
+        for j in (0..from.size()[1]).step_by(stride[1]) {
+            for i in (0..from.size()[0]).step_by(stride[0]) {
+                let u = Vector3::from(push.displacement.at([i, j, k]).map(f64::from));
+                let at = grid.index(&(from.centre([i, j, k]) + u)).map(f64::round);
+                if (0..3).all(|a| at[a] >= 0.0 && at[a] < size[a] as f64) {
+                    let s = &mut sums[grid.linear([at.x as usize, at.y as usize, at.z as usize])];
+                    s[0] += 1.0;
+                    for a in 0..3 {
+                        s[1 + a] -= u[a];
+                    }
+                }
+            }
+        }
+    }
+    let mut known: Vec<Option<[f32; 3]>> = sums.iter().map(|s| (s[0] > 0.0).then(|| [1, 2, 3].map(|a| (s[a] / s[0]) as f32))).collect();
+    let mut layer: Vec<usize> = (0..known.len()).filter(|&n| known[n].is_some()).collect();
+    while !layer.is_empty() {
+        let mut found: std::collections::BTreeMap<usize, ([f32; 3], f32)> = std::collections::BTreeMap::new();
+        for &n in &layer {
+            let Some(u) = known[n] else { continue };
+            let at = grid.voxel(n);
+            for a in 0..3 {
+                for o in [-1isize, 1] {
+                    let mut m = at;
+                    let Some(c) = at[a].checked_add_signed(o).filter(|&c| c < size[a]) else { continue };
+                    m[a] = c;
+                    let m = grid.linear(m);
+                    if known[m].is_none() {
+                        let e = found.entry(m).or_insert(([0.0; 3], 0.0));
+                        e.0 = std::array::from_fn(|a| e.0[a] + u[a]);
+                        e.1 += 1.0;
+                    }
+                }
+            }
+        }
+        layer = found.keys().copied().collect();
+        for (n, (sum, count)) in found {
+            known[n] = Some(sum.map(|v| v / count));
+        }
+    }
+    Volume::new(grid, known.into_iter().map(Option::unwrap_or_default).collect())
+}
+
+/// Iterates one voxel; returns v, its residual (mm) and whether it converged.
+fn solve(y: &Vector3<f64>, start: Vector3<f64>, field: &Continued<'_>, options: &InvertOptions) -> (Vector3<f64>, f64, bool) {
+    let grid = field.u.grid();
+    let index = |v: &Vector3<f64>| grid.inverse_step() * (y + v - grid.origin().coords);
+    let mut v = start;
+    let mut at = index(&v);
+    let mut r = v + field.at(&at);
+    let mut best = (v, r.norm());
+    for _ in 0..options.max_iterations {
+        let size = r.norm();
+        if size < best.1 {
+            best = (v, size);
+        }
+        if size < options.tolerance_mm {
+            return (v, size, true);
+        }
+        let fixed = v - r;
+        at = index(&fixed);
+        let next = fixed + field.at(&at);
+        if next.norm() < 0.5 * size {
+            (v, r) = (fixed, next);
+            continue;
+        }
+        // The fixed point stalls: a Newton step, shortened to a voxel or two so that it stays in its basin.
+        let here = index(&v);
+        let jacobian = Matrix3::identity() + field.slope(&here) * grid.inverse_step();
+        let step = jacobian.try_inverse().map_or(r, |inverse| inverse * r);
+        let limit = (2.0 * size).max(options.tolerance_mm);
+        let step = if step.norm() > limit { step * (limit / step.norm()) } else { step };
+        v -= step;
+        at = index(&v);
+        r = v + field.at(&at);
+    }
+    let size = r.norm();
+    if size < best.1 {
+        best = (v, size);
+    }
+    (best.0, best.1, best.1 < options.tolerance_mm)
+}
+
+/// Inverts a push field on the fraction grid. The report's `multiple` is left at 0: it needs the folded cells.
+///
+/// # Errors
+/// Only for internal inconsistency of grids.
+pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Result<(PullField, InverseReport)> {
+    let field = Continued::new(&push.displacement);
+    let guess = guess(push, fraction)?;
+    let planning = push.displacement.grid();
+    let [nx, ny, nz] = fraction.size();
+    let plane = nx * ny;
+    let mut v = vec![[0f32; 3]; fraction.len()];
+    let mut inside = vec![false; fraction.len()];
+    struct Tally {
+        residuals: Vec<f32>,
+        unconverged: usize,
+        tissue: usize,
+        worst: f64,
+        outside: usize,
+    }
+    let tallies: Vec<Tally> = v
+        .par_chunks_mut(plane)
+        .zip(inside.par_chunks_mut(plane))
+        .enumerate()
+        .map(|(k, (v, inside))| {
+            let mut t = Tally { residuals: Vec::new(), unconverged: 0, tissue: 0, worst: 0.0, outside: 0 };
+            for n in 0..plane {
+                let y = fraction.centre([n % nx, n / nx, k]);
+                let start = trilinear_vector(&guess, &guess.grid().index(&y)).unwrap_or_default();
+                let (d, residual, converged) = solve(&y.coords, start, &field, options);
+                let at = planning.index(&(y + d));
+                let within = planning.contains(&at);
+                let tissue = within && push.computed.data()[planning.linear([at.x.round() as usize, at.y.round() as usize, at.z.round() as usize])];
+                v[n] = [d.x as f32, d.y as f32, d.z as f32];
+                inside[n] = within;
+                t.outside += usize::from(!within);
+                match (converged, tissue) {
+                    (true, true) => t.residuals.push(residual as f32),
+                    (false, _) => {
+                        t.unconverged += 1;
+                        t.tissue += usize::from(tissue);
+                        t.worst = t.worst.max(residual);
+                    }
+                    _ => {}
+                }
+            }
+            t
+        })
+        .collect();
+    debug_assert_eq!(tallies.len(), nz);
+    let residuals: Vec<f64> = tallies.iter().flat_map(|t| t.residuals.iter().map(|&r| f64::from(r))).collect();
+    let report = InverseReport {
+        residual_mm: Summary::of(&residuals),
+        unconverged: tallies.iter().map(|t| t.unconverged).sum(),
+        unconverged_tissue: tallies.iter().map(|t| t.tissue).sum(),
+        unconverged_max_mm: tallies.iter().map(|t| t.worst).fold(0.0, f64::max),
+        multiple: 0,
+        outside: tallies.iter().map(|t| t.outside).sum(),
+        voxels: fraction.len(),
+    };
+    let pull = PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
+    Ok((pull, report))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Volume;
+
+    fn push(f: impl Fn(Vector3<f64>) -> Vector3<f64>) -> PushField {
+        let grid = Grid::axis_aligned([40, 30, 20], [2.0, 2.0, 3.0], [-40.0, -30.0, -30.0]).unwrap();
+        let displacement = Volume::from_fn(grid.clone(), |l| {
+            let u = f(grid.centre(grid.voxel(l)).coords);
+            [u.x as f32, u.y as f32, u.z as f32]
+        });
+        PushField { displacement, computed: Volume::filled(grid, true) }
+    }
+
+    #[test]
+    fn inverts_a_turn_and_a_shift_exactly() {
+        let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
+        let shift = Vector3::new(7.0, -3.0, 2.0);
+        let push = push(|x| turn * x + shift - x);
+        let fraction = Grid::axis_aligned([20, 20, 10], [2.5, 2.5, 3.0], [-18.0, -27.0, -12.0]).unwrap();
+        let (pull, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        assert_eq!(report.unconverged, 0);
+        for (n, v) in pull.displacement.data().iter().enumerate() {
+            let y = fraction.centre(fraction.voxel(n)).coords;
+            let truth = turn.inverse() * (y - shift) - y;
+            if pull.inside.data()[n] {
+                assert!((Vector3::from(v.map(f64::from)) - truth).norm() < 2e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_wavy_field_converges_below_tolerance() {
+        let push = push(|x| Vector3::new(4.0 * (x.y / 9.0).sin(), 3.0 * (x.x / 11.0).cos(), 2.0 * (x.x / 8.0).sin()));
+        let fraction = push.displacement.grid().clone();
+        let (_, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        assert_eq!(report.unconverged, 0);
+        assert!(report.residual_mm.max < 1e-3 && report.residual_mm.n > 10_000);
+    }
+
+    #[test]
+    fn a_fold_is_counted_not_hidden() {
+        // x + u(x) runs back over itself: slope of u is below -1 in the middle.
+        let push = push(|x| Vector3::new(-12.0 * (x.x / 6.0).tanh(), 0.0, 0.0));
+        let fraction = push.displacement.grid().clone();
+        let (pull, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        assert!(pull.displacement.data().iter().flatten().all(|v| v.is_finite()));
+        assert_eq!(report.voxels, fraction.len());
+        assert!(report.residual_mm.max < 1e-3);
+    }
+}

@@ -1,0 +1,271 @@
+//! Jacobian map of a push field: how much each cell of the planning grid grows or shrinks.
+//!
+//! The cell of a voxel has that voxel as its lowest-index corner and the next voxel along each axis as its others.
+//! Its deformed volume is the sum of 5 tetrahedra (thesis 4.2.5 and 4.3.2). A cube falls apart into 5 tetrahedra in
+//! two ways, mirror images of each other; alternate cells use alternate ways, so that neighbours cut their common face
+//! along the same diagonal and the tetrahedra fill space without gap or overlap.
+
+use super::PushField;
+use crate::volume::{Mask, Volume};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+/// Jacobian of a cell in which a tetrahedron is turned inside out.
+pub const FOLDED: f32 = -1.0;
+
+/// The 12 deformed edges of a cell, mm, each in the sense of growing index: `edges[a][m]` runs along axis `a`; bits 0
+/// and 1 of `m` say whether it lies high along the other two axes, lower axis first.
+type Edges = [[Vector3<f64>; 4]; 3];
+
+/// V_deformed / V_initial of each cell of the planning grid.
+///
+/// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
+/// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
+pub fn jacobian(push: &PushField) -> Volume<f32> {
+    each_cell(push, 1.0, |edges, even, inverse_volume| {
+        let (total, positive) = five_tetrahedra(edges, even, inverse_volume);
+        if positive { (total / 6.0) as f32 } else { FOLDED }
+    })
+}
+
+/// Cells that fail the digital criterion of Liu et al.; false where [`jacobian`] is 1 for want of a cell or a computed
+/// corner.
+///
+/// "On finite difference Jacobian computation in deformable image registration", Int. J. Comput. Vis. 2024, asks for
+/// 10 positive determinants at each voxel: the 8 combinations of one-sided differences and two more, `J*1` and `J*2`.
+/// Each is the volume of a tetrahedron: the 8 lie at the corners of the cells that meet in the voxel, the other two
+/// are the central tetrahedra of both ways to cut a cell. Here they are gathered by cell instead of by voxel: a cell
+/// fails when any of its own 10 tetrahedra is not positive. Over an image that is the same set of determinants.
+pub fn digital_folds(push: &PushField) -> Mask {
+    each_cell(push, false, |edges, _, inverse_volume| {
+        let positive = |even| five_tetrahedra(edges, even, inverse_volume).1;
+        !(positive(true) && positive(false))
+    })
+}
+
+/// Six times the relative volume of a cell, and whether all of its 5 tetrahedra are positive.
+///
+/// `inverse_volume` is 1 over the signed volume of an undeformed cell; its sign takes handedness of storage out.
+/// `even` cuts off corners 000, 110, 101 and 011, the other way the other four.
+fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f64, bool) {
+    let det = |a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>| {
+        let minors = [a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x];
+        (minors[0] * c.x + minors[1] * c.y + minors[2] * c.z) * inverse_volume
+    };
+    // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1; the
+    // central tetrahedron, spanned by diagonals of the faces, has +2.
+    let (corners, centre) = if even {
+        let corners = [det(&ex[0], &ey[0], &ez[0]), det(&ex[1], &ey[1], &ez[3]), det(&ex[2], &ey[3], &ez[1]), det(&ex[3], &ey[2], &ez[2])];
+        (corners, det(&(ey[0] - ex[0]), &(ez[0] - ex[0]), &(ey[1] + ez[3])))
+    } else {
+        let corners = [det(&ex[0], &ey[1], &ez[1]), det(&ex[1], &ey[0], &ez[2]), det(&ex[2], &ey[2], &ez[0]), det(&ex[3], &ey[3], &ez[3])];
+        (corners, det(&(ex[0] + ey[1]), &(ey[0] + ez[2]), &(ex[0] + ez[1])))
+    };
+    let [a, b, c, d] = corners;
+    (a + b + c + d + centre, (a > 0.0) & (b > 0.0) & (c > 0.0) & (d > 0.0) & (centre > 0.0))
+}
+
+/// `value(edges, even, 1 / undeformed volume)` of every cell with a computed corner, `unmeasured` elsewhere.
+fn each_cell<T: Copy + Send>(push: &PushField, unmeasured: T, value: impl Fn(&Edges, bool, f64) -> T + Sync) -> Volume<T> {
+    let grid = push.displacement.grid();
+    let [ni, nj, nk] = grid.size();
+    let inverse_volume = grid.step().determinant().recip();
+    let mut out = Volume::filled(grid.clone(), unmeasured);
+    out.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {
+        for (j, cells) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
+            let rows = Rows::new(push, [j, k]);
+            for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
+                if rows.computed(i) {
+                    *cell = value(&rows.edges(i), (i + j + k) % 2 == 0, inverse_volume);
+                }
+            }
+        }
+    });
+    out
+}
+
+/// The four rows of voxels that hold the corners of a row of cells: low or high along `j` (bit 0) and `k` (bit 1).
+struct Rows<'a> {
+    u: [&'a [[f32; 3]]; 4],
+    computed: [&'a [bool]; 4],
+    step: Matrix3<f64>,
+}
+
+impl<'a> Rows<'a> {
+    fn new(push: &'a PushField, [j, k]: [usize; 2]) -> Self {
+        let grid = push.displacement.grid();
+        let range = |m: usize| {
+            let start = grid.linear([0, j + (m & 1), k + (m >> 1)]);
+            start..start + grid.size()[0]
+        };
+        Self {
+            u: std::array::from_fn(|m| &push.displacement.data()[range(m)]),
+            computed: std::array::from_fn(|m| &push.computed.data()[range(m)]),
+            step: *grid.step(),
+        }
+    }
+
+    /// Whether the displacement at any corner of cell `i` was computed.
+    fn computed(&self, i: usize) -> bool {
+        self.computed.iter().any(|row| row[i] || row[i + 1])
+    }
+
+    /// Deformed edges of cell `i`.
+    fn edges(&self, i: usize) -> Edges {
+        let at = |i: usize| self.u.map(|row| Vector3::from(row[i].map(f64::from)));
+        let (low, high) = (at(i), at(i + 1));
+        let [sx, sy, sz] = [0, 1, 2].map(|a| self.step.column(a).into_owned());
+        let ex = std::array::from_fn(|m| sx + high[m] - low[m]);
+        let ey = [sy + low[1] - low[0], sy + high[1] - high[0], sy + low[3] - low[2], sy + high[3] - high[2]];
+        let ez = [sz + low[2] - low[0], sz + high[2] - high[0], sz + low[3] - low[1], sz + high[3] - high[1]];
+        [ex, ey, ez]
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use nalgebra::{Point3, Rotation3};
+    use proptest::prelude::*;
+
+    /// A push field that takes each point `x` of `grid` to `map(x)`.
+    fn push(grid: Grid, map: impl Fn(Point3<f64>) -> Point3<f64>) -> PushField {
+        let displacement = Volume::from_fn(grid.clone(), |l| {
+            let x = grid.centre(grid.voxel(l));
+            (map(x) - x).map(|c| c as f32).into()
+        });
+        PushField { displacement, computed: Volume::filled(grid, true) }
+    }
+
+    /// Grids as scanners write them: any spacing, oblique, either handedness.
+    fn grids() -> impl Strategy<Value = Grid> {
+        (prop::array::uniform3(0.5f64..4.0), prop::array::uniform3(-2.0f64..2.0), prop::array::uniform3(any::<bool>())).prop_map(
+            |(spacing, rotation, flips)| {
+                let mut direction = Rotation3::from_scaled_axis(rotation.into()).into_inner();
+                for a in (0..3).filter(|&a| flips[a]) {
+                    direction.column_mut(a).neg_mut();
+                }
+                Grid::new([6, 5, 4], spacing, Point3::new(3.0, -20.0, 7.0), direction).unwrap()
+            },
+        )
+    }
+
+    /// Values of the voxels that have a cell.
+    fn cells<T: Copy>(v: &Volume<T>) -> Vec<T> {
+        let [ni, nj, nk] = v.grid().size();
+        (0..v.grid().len())
+            .filter(|&l| matches!(v.grid().voxel(l), [i, j, k] if i + 1 < ni && j + 1 < nj && k + 1 < nk))
+            .map(|l| v.data()[l])
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn affine_maps_have_their_determinant(grid in grids(), scale in 0.3f64..3.0, axis in prop::array::uniform3(-3.0f64..3.0),
+                                              shear in -0.5f64..0.5) {
+            let rotation = Rotation3::from_scaled_axis(axis.into());
+            let rotated = jacobian(&push(grid.clone(), |x| rotation * x));
+            prop_assert!(rotated.data().iter().all(|j| (j - 1.0).abs() < 1e-5));
+            let mut m = Matrix3::identity() * scale;
+            m[(0, 2)] = shear;
+            let field = push(grid.clone(), |x| rotation * (m * x));
+            let det = scale.powi(3) as f32;
+            prop_assert!(cells(&jacobian(&field)).iter().all(|j| (j / det - 1.0).abs() < 1e-4));
+            prop_assert_eq!(digital_folds(&field).count(), 0);
+            let mirrored = push(grid, |x| Point3::new(-x.x, x.y, x.z));
+            prop_assert!(cells(&jacobian(&mirrored)).iter().all(|&j| j == FOLDED));
+            prop_assert!(cells(&digital_folds(&mirrored)).iter().all(|&f| f));
+        }
+    }
+
+    #[test]
+    fn identity_is_one_and_the_far_faces_have_no_cell() {
+        let grid = Grid::axis_aligned([4, 3, 3], [1.0, 1.5, 3.0], [0.0; 3]).unwrap();
+        assert!(jacobian(&push(grid.clone(), |x| x)).data().iter().all(|&j| j == 1.0));
+        let doubled = jacobian(&push(grid, |x| x * 2.0));
+        assert_eq!(*doubled.at([2, 1, 1]), 8.0);
+        assert_eq!([*doubled.at([3, 1, 1]), *doubled.at([2, 2, 1]), *doubled.at([2, 1, 2])], [1.0; 3]);
+        let mut partly = push(doubled.grid().clone(), |x| x * 2.0);
+        partly.computed = Volume::from_fn(doubled.grid().clone(), |l| l == 0);
+        assert_eq!((*jacobian(&partly).at([0, 0, 0]), *jacobian(&partly).at([1, 0, 0])), (8.0, 1.0));
+        let flat = Grid::axis_aligned([4, 3, 1], [1.0; 3], [0.0; 3]).unwrap();
+        assert!(jacobian(&push(flat, |x| x * 2.0)).data().iter().all(|&j| j == 1.0));
+    }
+
+    /// Greatest error over all cells, and over means of 2 x 2 x 2 cells, for a smooth map at spacing 2 / `n`.
+    fn smooth_errors(n: usize) -> [f64; 2] {
+        let h = 2.0 / n as f64;
+        let grid = Grid::axis_aligned([n + 1; 3], [h; 3], [-1.0; 3]).unwrap();
+        let map = |x: Point3<f64>| {
+            Point3::new(x.x + 0.3 * x.y.sin() * x.x, x.y + 0.2 * (x.z * 2.0).sin(), x.z + 0.25 * x.x * x.z)
+        };
+        let exact = |x: Point3<f64>| {
+            let dx = [1.0 + 0.3 * x.y.sin(), 0.3 * x.y.cos() * x.x, 0.0];
+            let dz = [0.25 * x.z, 0.0, 1.0 + 0.25 * x.x];
+            Matrix3::from([dx, [0.0, 1.0, 0.4 * (x.z * 2.0).cos()], dz]).determinant()
+        };
+        let j = jacobian(&push(grid.clone(), map));
+        let at = |v: [usize; 3]| f64::from(*j.at(v));
+        let (mut single, mut mean) = (0.0f64, 0.0f64);
+        for l in 0..grid.len() {
+            let v = grid.voxel(l);
+            if v.iter().all(|&c| c < n) {
+                single = single.max((at(v) - exact(grid.centre(v) + Vector3::repeat(h / 2.0))).abs());
+            }
+            if v.iter().all(|&c| c > 0 && c < n) {
+                let around: f64 = (0..8).map(|c| at(std::array::from_fn(|a| v[a] - (c >> a & 1)))).sum();
+                mean = mean.max((around / 8.0 - exact(grid.centre(v))).abs());
+            }
+        }
+        [single, mean]
+    }
+
+    #[test]
+    fn smooth_maps_converge_to_the_analytic_determinant() {
+        // One cell cut one way leans to a side (first order); cells of both ways together do not (second order).
+        let ([cell, mean], [fine_cell, fine_mean]) = (smooth_errors(10), smooth_errors(20));
+        assert!(fine_cell < 5e-3 && fine_cell < cell / 1.8, "{cell} {fine_cell}");
+        assert!(fine_mean < 1e-3 && fine_mean < mean / 3.0, "{mean} {fine_mean}");
+    }
+
+    #[test]
+    fn one_displaced_corner_changes_the_cells_around_it_by_hand_values() {
+        let grid = Grid::axis_aligned([4, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
+        let middle = Point3::new(1.0, 1.0, 1.0);
+        // Moved by (a, a, a) towards cell (1,1,1), where it is corner 000 of an odd cell (central tetrahedron).
+        let moved = |a: f64| push(grid.clone(), |x| if x == middle { x + Vector3::repeat(a) } else { x });
+        let j = jacobian(&moved(0.3));
+        // The central tetrahedron 000, 110, 011, 101 of height 2/sqrt(3) loses 3a/2 of its third of the cell; the three
+        // corner tetrahedra that hold 000 lose a of their sixth each: a in all.
+        assert!((j.at([1, 1, 1]) - 0.7).abs() < 1e-6, "{}", j.at([1, 1, 1]));
+        // The opposite cell (0,0,0) is even; the point is corner 111 of its central tetrahedron: grows by as much.
+        assert!((j.at([0, 0, 0]) - 1.3).abs() < 1e-6);
+        // Tetrahedra fill space: what one cell gains its neighbours lose.
+        let sum: f64 = cells(&j).iter().map(|&v| f64::from(v)).sum();
+        assert!((sum - 27.0).abs() < 1e-5);
+        // Beyond the plane through the other three corners, x + y + z = 2 from the cell's corner, it folds.
+        assert!(*jacobian(&moved(0.66)).at([1, 1, 1]) > 0.0);
+        assert_eq!(*jacobian(&moved(0.67)).at([1, 1, 1]), FOLDED);
+        // The digital criterion also sees the corner tetrahedron of the other cut: plane x + y + z = 1.
+        assert!(!digital_folds(&moved(0.32)).at([1, 1, 1]));
+        assert!(digital_folds(&moved(0.34)).at([1, 1, 1]));
+    }
+
+    proptest! {
+        #[test]
+        fn mirrored_cuts_fill_space(noise in prop::collection::vec(-0.15f32..0.15, 5 * 5 * 5 * 3)) {
+            // Interior points move at random, the surface stays: the volume in all must stay as well.
+            let grid = Grid::axis_aligned([5, 5, 5], [1.0; 3], [0.0; 3]).unwrap();
+            let displacement = Volume::from_fn(grid.clone(), |l| {
+                let inner = grid.voxel(l).iter().all(|&c| c > 0 && c < 4);
+                std::array::from_fn(|a| if inner { noise[3 * l + a] } else { 0.0 })
+            });
+            let field = PushField { displacement, computed: Volume::filled(grid, true) };
+            let j = cells(&jacobian(&field));
+            prop_assert!(j.iter().all(|&v| v > 0.0));
+            prop_assert!((j.iter().map(|&v| f64::from(v)).sum::<f64>() - 64.0).abs() < 1e-4);
+        }
+    }
+}

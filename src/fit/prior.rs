@@ -1,0 +1,90 @@
+//! What a joint allows: a Gaussian about the planning posture, with steep sides beyond the soft range.
+
+use super::lie::left_jacobian_inverse;
+use crate::geometry::Rigid;
+use crate::skeleton::{Joint, JointPose};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+/// Standard deviation inside the soft range as a share of half the range.
+const INSIDE: f64 = 0.5;
+/// Standard deviation of the excess beyond a rotation limit, degrees.
+const BEYOND_DEG: f64 = 1.5;
+/// Standard deviation of the excess beyond a translation limit, mm.
+const BEYOND_MM: f64 = 0.5;
+/// Least standard deviations (fused joints), degrees and mm.
+const LEAST_DEG: f64 = 0.02;
+const LEAST_MM: f64 = 0.01;
+
+/// Penalty of one joint: value, gradient and curvature with respect to small motions of parent and child.
+///
+/// Order of the 12 variables: parent rotation (radians, about `parent_centre`), parent shift (mm), child likewise.
+pub struct Penalty {
+    /// Negative log-density, 0 in the planning posture.
+    pub cost: f64,
+    /// Gradient.
+    pub gradient: SVector<f64, 12>,
+    /// Gauss-Newton curvature.
+    pub curvature: SMatrix<f64, 12, 12>,
+}
+
+/// Joint motion between two bone transforms, in joint axes.
+pub fn relative(joint: &Joint, parent: &Rigid, child: &Rigid) -> JointPose {
+    let m = parent.inverse() * child;
+    let back = joint.axes.transpose();
+    JointPose { rotation: (back * m.rotation.scaled_axis()).into(), translation: (back * (m * joint.centre - joint.centre)).into() }
+}
+
+/// Largest excess over the soft range: degrees beyond a rotation limit or mm beyond a translation limit.
+pub fn limit_excess(joint: &Joint, pose: &JointPose) -> f64 {
+    let mut worst: f64 = 0.0;
+    for a in 0..3 {
+        let deg = pose.rotation[a].to_degrees();
+        let [low, high] = joint.rotation_range_deg[a];
+        worst = worst.max(low - deg).max(deg - high).max(pose.translation[a].abs() - joint.translation_range_mm[a]);
+    }
+    worst
+}
+
+/// Penalty of a joint; centres are where the small rotations of parent and child turn about (world, fraction side).
+pub fn penalty(joint: &Joint, parent: &Rigid, child: &Rigid, parent_centre: &Vector3<f64>, child_centre: &Vector3<f64>) -> Penalty {
+    let at_parent = (parent * joint.centre).coords;
+    let at_child = (child * joint.centre).coords;
+    let to_axes: Matrix3<f64> = joint.axes.transpose() * parent.rotation.inverse().to_rotation_matrix().matrix();
+    let pose = relative(joint, parent, child);
+    let phi = joint.axes * Vector3::from(pose.rotation);
+    // Rotation: d phi = J^-1 R_p^T (w_c - w_p).
+    let turn = joint.axes.transpose() * left_jacobian_inverse(&phi) * parent.rotation.inverse().to_rotation_matrix().matrix();
+    let mut rows = SMatrix::<f64, 6, 12>::zeros();
+    rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&-turn);
+    rows.fixed_view_mut::<3, 3>(0, 6).copy_from(&turn);
+    // Translation: t = A^T R_p^T (q_c - q_p); the parent's rotation also turns the frame it is seen in.
+    let gap = at_child - at_parent;
+    rows.fixed_view_mut::<3, 3>(3, 0).copy_from(&(to_axes * ((at_parent - parent_centre).cross_matrix() + gap.cross_matrix())));
+    rows.fixed_view_mut::<3, 3>(3, 3).copy_from(&-to_axes);
+    rows.fixed_view_mut::<3, 3>(3, 6).copy_from(&(-to_axes * (at_child - child_centre).cross_matrix()));
+    rows.fixed_view_mut::<3, 3>(3, 9).copy_from(&to_axes);
+    let mut out = Penalty { cost: 0.0, gradient: SVector::zeros(), curvature: SMatrix::zeros() };
+    let mut add = |row: usize, residual: f64, sd: f64| {
+        let r = rows.row(row) / sd;
+        out.cost += 0.5 * (residual / sd).powi(2);
+        out.gradient += r.transpose() * (residual / sd);
+        out.curvature += r.transpose() * r;
+    };
+    for a in 0..3 {
+        let [low, high] = joint.rotation_range_deg[a].map(f64::to_radians);
+        let angle = pose.rotation[a];
+        add(a, angle, (INSIDE * 0.5 * (high - low)).max(LEAST_DEG.to_radians()));
+        let excess = angle - angle.clamp(low.min(high), high.max(low));
+        if excess != 0.0 {
+            add(a, excess, BEYOND_DEG.to_radians());
+        }
+        let range = joint.translation_range_mm[a];
+        let shift = pose.translation[a];
+        add(3 + a, shift, (INSIDE * range).max(LEAST_MM));
+        let excess = shift - shift.clamp(-range, range);
+        if excess != 0.0 {
+            add(3 + a, excess, BEYOND_MM);
+        }
+    }
+    out
+}

@@ -1,0 +1,100 @@
+//! Planning bone points with their HU: what the fit compares with the fraction CT.
+
+use super::tissue::Tissue;
+use crate::skeleton::Skeleton;
+use crate::volume::LabelMap;
+use nalgebra::Point3;
+
+/// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information.
+const SHELL_MM: f64 = 2.5;
+
+/// Sample voxels of one bone at one resolution.
+#[derive(Debug, Clone)]
+pub struct Samples {
+    /// Positions in the planning CT, LPS mm.
+    pub points: Vec<Point3<f64>>,
+    /// Planning HU there (clamped and smoothed as the fraction is).
+    pub values: Vec<f64>,
+    /// Volume in cubic mm of all candidate voxels, of which the samples are a part.
+    pub volume_mm3: f64,
+}
+
+/// Storage positions of each bone's voxels and shell, in storage order; bones in the order of the skeleton.
+///
+/// Shell voxels belong to the first bone of the skeleton that reaches them; another bone's voxels are never taken.
+pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
+    let grid = labels.volume.grid();
+    let size = grid.size();
+    let spacing = grid.spacing();
+    let mut of_label = vec![usize::MAX; usize::from(u16::MAX) + 1];
+    for (b, bone) in skeleton.bones.iter().enumerate() {
+        of_label[usize::from(bone.label)] = b;
+    }
+    let reach: [i64; 3] = std::array::from_fn(|a| (SHELL_MM / spacing[a]).floor() as i64);
+    let mut ball = Vec::new();
+    for k in -reach[2]..=reach[2] {
+        for j in -reach[1]..=reach[1] {
+            for i in -reach[0]..=reach[0] {
+                let mm2: f64 = [i, j, k].iter().zip(spacing).map(|(&o, s)| (o as f64 * s).powi(2)).sum();
+                if mm2 <= SHELL_MM * SHELL_MM {
+                    ball.push([i, j, k]);
+                }
+            }
+        }
+    }
+    let data = labels.volume.data();
+    let mut out = vec![Vec::new(); skeleton.bones.len()];
+    let mut taken = vec![false; data.len()];
+    for (l, &label) in data.iter().enumerate() {
+        let b = of_label[usize::from(label)];
+        if label == 0 || b == usize::MAX {
+            continue;
+        }
+        out[b].push(l as u32);
+        let at = grid.voxel(l);
+        let surface = (0..3).any(|a| {
+            let stride = grid.strides()[a];
+            at[a] == 0 || at[a] + 1 == size[a] || data[l - stride] != label || data[l + stride] != label
+        });
+        if !surface {
+            continue;
+        }
+        for o in &ball {
+            let n: [i64; 3] = std::array::from_fn(|a| at[a] as i64 + o[a]);
+            if (0..3).any(|a| n[a] < 0 || n[a] >= size[a] as i64) {
+                continue;
+            }
+            let m = grid.linear(n.map(|v| v as usize));
+            if data[m] == 0 && !taken[m] {
+                taken[m] = true;
+                out[b].push(m as u32);
+            }
+        }
+    }
+    for list in &mut out {
+        list.sort_unstable();
+    }
+    out
+}
+
+/// At most `most` of the candidates that lie in tissue, chosen by a hash of their position so that no lattice pattern remains.
+pub fn draw(candidates: &[u32], image: &Tissue, most: usize) -> Samples {
+    let grid = image.value.grid();
+    let tissue: Vec<u32> = candidates.iter().copied().filter(|&l| image.valid.data()[l as usize] > 0.5).collect();
+    let n = tissue.len();
+    let keep = |l: u32| n <= most || hash(l) % n as u64 <= most as u64;
+    let chosen: Vec<u32> = tissue.into_iter().filter(|&l| keep(l)).collect();
+    Samples {
+        points: chosen.iter().map(|&l| grid.centre(grid.voxel(l as usize))).collect(),
+        values: chosen.iter().map(|&l| f64::from(image.value.data()[l as usize])).collect(),
+        volume_mm3: n as f64 * grid.voxel_volume(),
+    }
+}
+
+/// SplitMix64's finaliser: a fixed, well-mixed hash.
+fn hash(l: u32) -> u64 {
+    let mut z = u64::from(l).wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}

@@ -1,0 +1,88 @@
+//! SHA-256 of files, and reading a file's bytes with errors that say what to do.
+
+use crate::error::{Error, Result};
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, ErrorKind};
+use std::path::Path;
+
+/// SHA-256 of a file's bytes, as 64 hexadecimal digits. The file is streamed, not loaded.
+///
+/// # Errors
+/// [`Error::Read`] when the file is missing, a folder or unreadable.
+pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
+    let path = path.as_ref();
+    let mut hash = Sha256::new();
+    io::copy(&mut open(path)?, &mut hash).map_err(|e| unreadable(path, &e))?;
+    Ok(hex(&hash.finalize()))
+}
+
+/// SHA-256 of bytes, as 64 hexadecimal digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(digest: &[u8]) -> String {
+    digest.iter().fold(String::with_capacity(2 * digest.len()), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("writing to a String cannot fail");
+        text
+    })
+}
+
+/// All bytes of a file that should hold something.
+pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    let mut file = open(path)?;
+    let mut bytes = Vec::new();
+    io::Read::read_to_end(&mut file, &mut bytes).map_err(|e| unreadable(path, &e))?;
+    if bytes.is_empty() {
+        return Err(Error::read(path, "the file is empty (0 bytes)", "copy or export it again"));
+    }
+    Ok(bytes)
+}
+
+fn open(path: &Path) -> Result<File> {
+    if path.is_dir() {
+        let remedy = "name one file; a DICOM series must first be converted to NIfTI, for example with dcm2niix";
+        return Err(Error::read(path, "it is a folder", remedy));
+    }
+    File::open(path).map_err(|e| unreadable(path, &e))
+}
+
+fn unreadable(path: &Path, error: &io::Error) -> Error {
+    match error.kind() {
+        ErrorKind::NotFound => Error::read(path, "no such file", "check the path"),
+        ErrorKind::PermissionDenied => Error::read(path, "permission denied", "make the file readable for you"),
+        _ => Error::read(path, error.to_string(), "check the disk, or copy the file again"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_digest_both_ways() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("abc");
+        std::fs::write(&path, b"abc").unwrap();
+        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(sha256_file(&path).unwrap(), expected);
+        assert_eq!(sha256(&read_bytes(&path).unwrap()), expected);
+    }
+
+    #[test]
+    fn refusals_name_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let empty = dir.path().join("empty.nii");
+        std::fs::write(&empty, b"").unwrap();
+        for (path, word) in
+            [(dir.path().join("none.nii"), "no such file"), (dir.path().into(), "folder"), (empty, "empty")]
+        {
+            let err = read_bytes(&path).unwrap_err();
+            assert_eq!(err.exit_code(), 3);
+            let text = err.to_string();
+            assert!(text.contains(word) && text.contains(&path.display().to_string()), "{text}");
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Scalar images: reading CT and dose, writing them and masks, in any of the formats.
+
+use crate::field::FieldFormat;
+use super::gzip::Payload;
+use super::raster::{load, require_finite};
+use super::values::{Contents, Values};
+use super::voxels::Layout;
+use super::{Loaded, atomic, metaimage, nifti, nrrd};
+use crate::error::{Error, Result};
+use crate::volume::{Mask, Volume};
+use std::path::Path;
+
+/// How an image's values are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stored {
+    /// As they are, float32.
+    Float32,
+    /// Rounded to int16, as CT numbers are.
+    Int16,
+}
+
+/// How files are written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// Gzip level, 0 (none) to 9 (smallest). Level 1 has fixed Huffman codes, which can make float32 vectors larger than
+    /// they are raw; 2 is the fastest without.
+    pub gzip_level: u32,
+    /// Free text for the header, for example what the image is; NIfTI keeps 79 bytes of it.
+    pub description: String,
+}
+
+impl Default for WriteOptions {
+    fn default() -> Self {
+        Self { gzip_level: 2, description: "aventail".into() }
+    }
+}
+
+/// Reads a 3-D scalar image, LPS mm, with slope and offset applied.
+///
+/// # Errors
+/// [`Error::Read`] when the file is missing, damaged or of an unknown format; [`Error::Input`] when it is not 3-D and
+/// scalar, when its geometry cannot be used, or when voxels are NaN or infinite: such a CT has no value that would be
+/// right everywhere, so the user chooses one.
+pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
+    let path = path.as_ref();
+    load(path, |raster| {
+        let (image, odd) = raster.scalar(path)?;
+        require_finite(path, image, odd, f32::is_finite)
+    })
+}
+
+/// Writes a scalar image; the extension of `path` chooses the format.
+///
+/// # Errors
+/// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown,
+/// [`Error::Input`] when a value does not fit into int16.
+pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, options: &WriteOptions) -> Result<()> {
+    let path = path.as_ref();
+    let values = match stored {
+        Stored::Float32 => Values::Float(image.data()),
+        Stored::Int16 => {
+            let fits = |v: &f32| (f32::from(i16::MIN)..=f32::from(i16::MAX)).contains(v);
+            if let Some(first) = image.data().iter().position(|v| !fits(v)) {
+                let at = image.grid().voxel(first);
+                let problem = format!("value {} at voxel {at:?} does not fit into int16", image.data()[first]);
+                return Err(Error::input(path.display().to_string(), problem, "write the image as float32"));
+            }
+            Values::Rounded(image.data())
+        }
+    };
+    let contents =
+        Contents { grid: image.grid(), values, labels: false, description: &options.description, extension: None };
+    write(path, &contents, options.gzip_level)
+}
+
+/// Writes a mask as uint8, 1 inside; the extension of `path` chooses the format.
+///
+/// # Errors
+/// As [`write_image`].
+pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, options: &WriteOptions) -> Result<()> {
+    let description = &options.description;
+    let contents =
+        Contents { grid: mask.grid(), values: Values::Mask(mask.data()), labels: false, description, extension: None };
+    write(path.as_ref(), &contents, options.gzip_level)
+}
+
+/// Writes contents of any kind in the format that the extension names.
+pub(super) fn write(path: &Path, contents: &Contents<'_>, level: u32) -> Result<()> {
+    let format = FieldFormat::of(path)?;
+    let layout = if format == FieldFormat::Nifti { Layout::Planar } else { Layout::Interleaved };
+    // Values are the unit where components lie apart, voxels where they lie together.
+    let together = if layout == Layout::Interleaved { contents.values.components() } else { 1 };
+    let fill = |range: std::ops::Range<usize>, out: &mut Vec<u8>| {
+        contents.values.fill(layout, range.start * together..range.end * together, out);
+    };
+    let compress = level > 0 && (format == FieldFormat::Nrrd || is_gz(path));
+    let header = match format {
+        FieldFormat::Nifti => nifti::header(path, contents)?,
+        FieldFormat::MetaImage => metaimage::header(contents),
+        FieldFormat::Nrrd => nrrd::header(contents, compress),
+    };
+    let item_bytes = together * contents.values.element().size();
+    let mut payload = Payload { header, items: contents.values.len() / together, item_bytes, fill: &fill };
+    atomic::write_file(path, |out| match format {
+        FieldFormat::Nifti if is_gz(path) => payload.write_gzip(out, level),
+        FieldFormat::Nrrd if compress => {
+            // Only the values are compressed.
+            out.write_all(&std::mem::take(&mut payload.header))?;
+            payload.write_gzip(out, level)
+        }
+        _ => payload.write_plain(out),
+    })
+}
+
+fn is_gz(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
+}

@@ -1,0 +1,237 @@
+//! Label maps and the names of their labels: TotalSegmentator's NIfTI header extension, or a JSON file.
+
+use super::Loaded;
+use super::checksum::read_bytes;
+use super::image::{WriteOptions, write};
+use super::raster::{Odd, Raster, load};
+use super::values::{Contents, Values};
+use crate::error::{Error, Result};
+use crate::volume::{LabelMap, Volume};
+use quick_xml::Reader;
+use quick_xml::escape::{escape, resolve_predefined_entity};
+use quick_xml::events::{BytesRef, BytesStart, Event};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Names of labels.
+pub(super) type Names = BTreeMap<u16, String>;
+
+/// Extension codes that hold a label table: TotalSegmentator writes 0, Connectome Workbench 30.
+const TABLE_CODES: [i32; 2] = [0, 30];
+
+/// Reads a label map with the names of its labels, from the JSON file `names` where given, else from the header.
+///
+/// The JSON file holds `{"labels": {"1": "skull", "2": "mandible"}}`. Names whose label never occurs are kept.
+///
+/// # Errors
+/// [`Error::Input`] when a value is no integer from 0 to 65535, when no voxel is labelled, when a label that occurs has no
+/// name or shares one, and when there are no names at all; [`Error::Read`] when a file cannot be read.
+pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    let given = names.map(read_names).transpose()?;
+    load(path, |raster| {
+        raster.require_scalar(path, "label map")?;
+        let volume = label_values(path, raster)?;
+        let names = match given {
+            Some(given) => given,
+            None => header_names(path, raster)?.ok_or_else(|| no_names(path))?,
+        };
+        let map = LabelMap { volume, names };
+        check(path, &map)?;
+        Ok(map)
+    })
+}
+
+fn no_names(path: &Path) -> Error {
+    let remedy = "give a JSON file with --labels: {\"labels\": {\"1\": \"skull\", \"2\": \"vertebrae_C1\"}}, with TotalSegmentator's \
+        names; or use a label map that TotalSegmentator wrote with --ml, which has them in its header";
+    Error::input(path.display().to_string(), "its header holds no names of its labels", remedy)
+}
+
+/// The values as labels.
+fn label_values(path: &Path, raster: &Raster<'_>) -> Result<Volume<u16>> {
+    let voxels = raster.voxels(path)?;
+    let odd = Odd::default();
+    let labels = voxels.decode(|v| {
+        odd.note(!is_label(v));
+        v as u16
+    });
+    if odd.count() == 0 {
+        return Volume::new(raster.grid.clone(), labels);
+    }
+    let all = voxels.decode(|v| v);
+    let first = all.iter().position(|v| !is_label(*v)).unwrap_or_default();
+    let problem = format!(
+        "{} voxels hold no label: value {} at voxel {:?} is no integer from 0 to 65535",
+        odd.count(),
+        all[first],
+        raster.grid.voxel(first)
+    );
+    Err(Error::input(
+        path.display().to_string(),
+        problem,
+        "give a label map, resampled with nearest neighbour if at all",
+    ))
+}
+
+/// Whether a value is an integer that a label can be.
+pub(super) fn is_label(value: f64) -> bool {
+    (0.0..=f64::from(u16::MAX)).contains(&value) && value.fract() == 0.0
+}
+
+/// Refuses maps without labels and labels without a name of their own.
+fn check(path: &Path, map: &LabelMap) -> Result<()> {
+    let what = path.display().to_string();
+    let counts = map.counts();
+    if counts.is_empty() {
+        return Err(Error::input(
+            what,
+            "no voxel is labelled: all are 0",
+            "give the label map of the planning CT's bones",
+        ));
+    }
+    let nameless: Vec<u16> = counts.keys().copied().filter(|l| !map.names.contains_key(l)).collect();
+    if !nameless.is_empty() {
+        let problem = format!("labels without a name: {}", list(&nameless));
+        return Err(Error::input(
+            what,
+            problem,
+            "name every label that occurs, in the header's table or the JSON file",
+        ));
+    }
+    let mut owners: BTreeMap<&str, u16> = BTreeMap::new();
+    for &label in counts.keys() {
+        if let Some(other) = owners.insert(&map.names[&label], label) {
+            let problem = format!("labels {other} and {label} have the same name, {}", map.names[&label]);
+            return Err(Error::input(what, problem, "give each label its own name, or merge them"));
+        }
+    }
+    Ok(())
+}
+
+/// The first of many numbers as text.
+fn list(labels: &[u16]) -> String {
+    let shown = labels.iter().take(20).map(u16::to_string).collect::<Vec<_>>().join(", ");
+    if labels.len() > 20 { format!("{shown} and {} more", labels.len() - 20) } else { shown }
+}
+
+/// The JSON file's content. Other keys are left for other tools.
+#[derive(Deserialize)]
+struct NamesFile {
+    labels: BTreeMap<u16, String>,
+}
+
+fn read_names(path: &Path) -> Result<Names> {
+    let bytes = read_bytes(path)?;
+    let parsed: NamesFile = serde_json::from_slice(&bytes).map_err(|e| {
+        Error::read(
+            path,
+            format!("it is no table of label names ({e})"),
+            "write {\"labels\": {\"1\": \"skull\", \"2\": \"mandible\"}}",
+        )
+    })?;
+    Ok(parsed
+        .labels
+        .into_iter()
+        .map(|(l, name)| (l, name.trim().to_owned()))
+        .filter(|(l, n)| *l > 0 && !n.is_empty())
+        .collect())
+}
+
+/// The names in a header's extensions, if one holds a label table.
+pub(super) fn header_names(path: &Path, raster: &Raster<'_>) -> Result<Option<Names>> {
+    for (code, data) in &raster.extensions {
+        let text = String::from_utf8_lossy(data);
+        if TABLE_CODES.contains(code) && text.contains("<LabelTable") {
+            return parse_table(text.trim_matches(|c: char| c == '\0' || c.is_whitespace())).map(Some).map_err(
+                |problem| {
+                    let problem = format!("the label table in its header is damaged: {problem}");
+                    Error::read(path, problem, "give the names as a JSON file with --labels")
+                },
+            );
+        }
+    }
+    Ok(None)
+}
+
+/// Names in a CaretExtension's label table. Label 0 is background, whatever its name.
+fn parse_table(xml: &str) -> Result<Names, String> {
+    let mut reader = Reader::from_str(xml);
+    let mut names = Names::new();
+    let mut open: Option<(u16, String)> = None;
+    loop {
+        let event = reader.read_event().map_err(|e| e.to_string())?;
+        match (&event, &mut open) {
+            (Event::Start(tag), _) if tag.name().as_ref() == b"Label" => open = Some((key(tag)?, String::new())),
+            (Event::End(tag), Some((label, name))) if tag.name().as_ref() == b"Label" => {
+                if *label > 0 && !name.trim().is_empty() {
+                    names.insert(*label, name.trim().to_owned());
+                }
+                open = None;
+            }
+            (Event::Text(text), Some((_, name))) => name.push_str(&text.decode().map_err(|e| e.to_string())?),
+            (Event::CData(text), Some((_, name))) => name.push_str(&text.decode().map_err(|e| e.to_string())?),
+            (Event::GeneralRef(entity), Some((_, name))) => name.push_str(&character(entity)?),
+            (Event::Eof, None) => return Ok(names),
+            (Event::Eof, Some(_)) => return Err("it ends within a label".into()),
+            _ => {}
+        }
+    }
+}
+
+/// The label of a table entry.
+fn key(tag: &BytesStart<'_>) -> Result<u16, String> {
+    let attribute = tag.try_get_attribute("Key").map_err(|e| e.to_string())?.ok_or("a label has no Key")?;
+    let text = attribute.unescape_value().map_err(|e| e.to_string())?;
+    text.trim().parse().map_err(|_| format!("label Key {text:?} is no integer from 0 to 65535"))
+}
+
+/// The text that an entity such as `&amp;` or `&#228;` stands for.
+fn character(entity: &BytesRef<'_>) -> Result<String, String> {
+    if let Some(c) = entity.resolve_char_ref().map_err(|e| e.to_string())? {
+        return Ok(c.into());
+    }
+    let name = entity.decode().map_err(|e| e.to_string())?;
+    resolve_predefined_entity(&name).map(str::to_owned).ok_or_else(|| format!("unknown entity &{name};"))
+}
+
+/// Writes a label map as uint8, or uint16 where a label needs it; NIfTI files carry the names in TotalSegmentator's
+/// header extension. The extension of `path` chooses the format.
+///
+/// # Errors
+/// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown.
+pub fn write_labels(path: impl AsRef<Path>, map: &LabelMap, options: &WriteOptions) -> Result<()> {
+    let labels = map.volume.data();
+    let small = labels.iter().all(|&l| l <= u16::from(u8::MAX));
+    let values = if small { Values::Bytes(labels) } else { Values::Words(labels) };
+    let extension = (!map.names.is_empty()).then(|| table(map));
+    let description = &options.description;
+    write(
+        path.as_ref(),
+        &Contents { grid: map.volume.grid(), values, labels: true, description, extension },
+        options.gzip_level,
+    )
+}
+
+/// A CaretExtension with the label table, as TotalSegmentator writes it.
+fn table(map: &LabelMap) -> String {
+    let mut xml = String::from(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?> <CaretExtension> <VolumeInformation Index=\"0\"> <LabelTable>\n",
+    );
+    for (label, name) in &map.names {
+        // Successive golden angles of hue keep neighbours apart.
+        let hue = (f64::from(*label) * 0.618_033_988_75).fract() * 6.0;
+        let channel = |shift: f64| (((hue + shift) % 6.0 - 3.0).abs() - 1.0).clamp(0.0, 1.0);
+        let [red, green, blue] = [channel(0.0), channel(4.0), channel(2.0)];
+        writeln!(
+            xml,
+            "<Label Key=\"{label}\" Red=\"{red:.3}\" Green=\"{green:.3}\" Blue=\"{blue:.3}\" Alpha=\"1\">{}</Label>",
+            escape(name.as_str())
+        )
+        .expect("writing to a String cannot fail");
+    }
+    xml.push_str("</LabelTable> <StudyMetaDataLinkSet> </StudyMetaDataLinkSet> <VolumeType>Label</VolumeType> </VolumeInformation></CaretExtension>");
+    xml
+}

@@ -1,0 +1,133 @@
+//! Landmarks known in both images, from CSV.
+
+use super::checksum::read_bytes;
+use crate::error::{Error, Result};
+use crate::evaluate::landmark::Landmark;
+use csv::{ReaderBuilder, StringRecord, Trim};
+use nalgebra::Point3;
+use std::path::Path;
+
+/// The columns that count, in any order and among others.
+const COLUMNS: [&str; 7] = ["name", "planning_x", "planning_y", "planning_z", "fraction_x", "fraction_y", "fraction_z"];
+
+/// Reads landmarks from a CSV file with the columns `name`, `planning_x`, ..., `fraction_z`, LPS mm.
+///
+/// Columns may come in any order and among others; blank lines and CRLF are fine, names may be quoted.
+///
+/// # Errors
+/// [`Error::Read`] when the file cannot be read or is not CSV text; [`Error::Input`], naming the line, when a column is
+/// missing or a value is no finite number, or when there is no landmark.
+pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Vec<Landmark>> {
+    let path = path.as_ref();
+    let bytes = read_bytes(path)?;
+    let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(&bytes[..]);
+    let unreadable = |e: csv::Error| {
+        Error::read(path, format!("it is no CSV text ({e})"), "export it as comma-separated UTF-8 text")
+    };
+    let columns = columns(path, reader.headers().map_err(unreadable)?)?;
+    let mut landmarks = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(unreadable)?;
+        if !record.iter().all(str::is_empty) {
+            landmarks.push(landmark(path, &columns, &record, line(&bytes, &record))?);
+        }
+    }
+    if landmarks.is_empty() {
+        return Err(Error::input(
+            path.display().to_string(),
+            "it holds no landmark",
+            "add a line per landmark, or leave the file out",
+        ));
+    }
+    Ok(landmarks)
+}
+
+/// Position of each of [`COLUMNS`].
+fn columns(path: &Path, header: &StringRecord) -> Result<[usize; 7]> {
+    let mut found = [0; 7];
+    for (to, name) in found.iter_mut().zip(COLUMNS) {
+        *to = header.iter().position(|h| h.eq_ignore_ascii_case(name)).ok_or_else(|| {
+            let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
+            Error::input(
+                path.display().to_string(),
+                problem,
+                format!("start the file with the line {}", COLUMNS.join(",")),
+            )
+        })?;
+    }
+    Ok(found)
+}
+
+/// Line of a record. Its position is that of the blank lines before it.
+fn line(bytes: &[u8], record: &StringRecord) -> u64 {
+    record.position().map_or(0, |p| {
+        let before = bytes.get(p.byte() as usize..).unwrap_or_default().iter().take_while(|b| b.is_ascii_whitespace());
+        p.line() + before.filter(|b| **b == b'\n').count() as u64
+    })
+}
+
+fn landmark(path: &Path, columns: &[usize; 7], record: &StringRecord, line: u64) -> Result<Landmark> {
+    let refuse = |problem: String| {
+        Error::input(
+            path.display().to_string(),
+            format!("line {line}: {problem}"),
+            "give LPS coordinates in mm with a decimal point",
+        )
+    };
+    let name = record.get(columns[0]).unwrap_or_default();
+    if name.is_empty() {
+        return Err(refuse("the landmark has no name".into()));
+    }
+    let number = |column: usize| {
+        let text = record.get(columns[column]).unwrap_or_default();
+        let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
+        value.ok_or_else(|| refuse(format!("{} = {text:?} is no finite number", COLUMNS[column])))
+    };
+    Ok(Landmark {
+        name: name.to_owned(),
+        planning: Point3::new(number(1)?, number(2)?, number(3)?),
+        fraction: Point3::new(number(4)?, number(5)?, number(6)?),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Vec<Landmark>> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("marks.csv");
+        std::fs::write(&path, text).unwrap();
+        read_landmarks(&path)
+    }
+
+    #[test]
+    fn any_order_extra_columns_blank_lines_crlf_and_quotes() {
+        let text = "\u{feff}note, fraction_z,fraction_y,fraction_x,Planning_X,planning_y,planning_z,name\r\n\
+            seen, 6,5,4,1,2,-3.5e0,\"C2, tip \"\"dens\"\"\"\r\n\r\n,,,,,,,\r\n,9,8,7,1,1,1,chin\r\n";
+        let marks = read(text).unwrap();
+        assert_eq!(marks.len(), 2);
+        assert_eq!(marks[0].name, "C2, tip \"dens\"");
+        assert_eq!(marks[0].planning, Point3::new(1.0, 2.0, -3.5));
+        assert_eq!(marks[0].fraction, Point3::new(4.0, 5.0, 6.0));
+        assert_eq!(marks[1].fraction, Point3::new(7.0, 8.0, 9.0));
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        let head = "name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z\n";
+        let bad = [
+            ("a,1,2,3,4,5,6\n\nb,1,2,x,4,5,6\n", "line 4: planning_z = \"x\""),
+            ("a,1,2,3,4,5\n", "line 2: fraction_z = \"\""),
+            ("a,1,2,3,4,5,inf\n", "line 2: fraction_z = \"inf\""),
+            (",1,2,3,4,5,6\n", "line 2: the landmark has no name"),
+            ("", "no landmark"),
+        ];
+        for (rows, expected) in bad {
+            let text = read(&format!("{head}{rows}")).unwrap_err().to_string();
+            assert!(text.contains(expected) && text.contains("marks.csv"), "{text}");
+        }
+        let text = read("name,x,y,z\na,1,2,3\n").unwrap_err().to_string();
+        assert!(text.contains("no column planning_x"), "{text}");
+    }
+}

@@ -1,0 +1,209 @@
+//! `report.html`: one self-contained page, pictures first, that a physicist reads top to bottom.
+//!
+//! It draws no verdict: figures stand beside the tolerances of AAPM TG-132, and the reviewer's fields stay blank.
+
+mod summary;
+mod tables;
+
+use super::numbers::{Report, utc};
+use super::pictures::Picture;
+use base64::{Engine, engine::general_purpose::STANDARD};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+/// The page of a run; everything it needs is inside.
+pub fn page(report: &Report, pictures: &[Picture]) -> String {
+    let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
+    let title = summary::title(report);
+    let has_landmarks = report.landmarks.is_some();
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "aventail: " (title) }
+                style { (PreEscaped(include_str!("report.css"))) }
+            }
+            body {
+                (summary::header(report, &title))
+                (summary::cards(report))
+                (warnings(report))
+                h2 { "Fusion" }
+                (colour_key())
+                div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                h2 { "Deformation" }
+                div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
+                @if has_landmarks {
+                    h2 { "Landmarks" }
+                    (colour_key())
+                    div.pair {
+                        (picture("landmarks.png"))
+                        div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                    }
+                    (tables::landmarks(report))
+                }
+                h2 { "Figures beside tolerances" }
+                (summary::tolerances(report))
+                h2 { "Bones" }
+                (tables::bones(report))
+                h2 { "Jacobian" }
+                (tables::jacobian(report))
+                h2 { "Inverse and chain mail" }
+                (tables::inverse_and_links(report))
+                h2 { "Time and memory" }
+                (stages(report))
+                h2 { "Provenance" }
+                (provenance(report))
+                (limits())
+                (review())
+                footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
+            }
+        }
+    }
+    .into_string()
+}
+
+/// What the colours of every fusion mean.
+fn colour_key() -> Markup {
+    html! {
+        p.key {
+            span { i style="background: var(--blue)" {} "planning CT blue" }
+            span { i style="background: var(--orange)" {} "fraction CT orange" }
+            span { i style="background: #9aa0a8" {} "equal content grey" }
+        }
+    }
+}
+
+/// A picture as part of the page; nothing when it was not drawn.
+fn figure(picture: Option<&Picture>) -> Markup {
+    html! {
+        @if let Some(p) = picture {
+            figure {
+                h3 { (p.title) }
+                img alt=(p.title) src={ "data:image/png;base64," (STANDARD.encode(&p.png)) };
+                figcaption { (p.caption) }
+            }
+        }
+    }
+}
+
+fn warnings(report: &Report) -> Markup {
+    html! {
+        @if !report.warnings.is_empty() {
+            h3 { "Warnings" }
+            ul.warnings {
+                @for w in &report.warnings { li { code { (w.code) } (w.message) } }
+            }
+        }
+    }
+}
+
+/// Wall time of each stage as bars.
+fn stages(report: &Report) -> Markup {
+    let longest = report.stages.iter().map(|s| s.seconds).fold(1e-9, f64::max);
+    let memory = report.peak_memory.map_or(String::new(), |b| format!(", at most {:.2} GB of memory", b as f64 / 1e9));
+    html! {
+        p { (format!("{:.1} s in all on {} threads{memory}.", report.seconds(), report.threads)) }
+        div.bars {
+            @for s in &report.stages {
+                span { (s.stage) }
+                i style=(format!("width: {:.1}%", 100.0 * s.seconds / longest)) {}
+                span { (format!("{:.2} s", s.seconds)) }
+            }
+        }
+    }
+}
+
+fn provenance(report: &Report) -> Markup {
+    let settings = serde_json::to_string_pretty(&report.settings).unwrap_or_default();
+    html! {
+        table {
+            thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
+            tbody {
+                @for input in &report.inputs {
+                    tr { td { (input.role) } td.wide { (input.path.display()) } td.mono { (input.sha256) } }
+                }
+            }
+        }
+        @if !report.outputs.is_empty() {
+            table {
+                thead { tr { th { "Output" } th { "What it holds" } } }
+                tbody { @for o in &report.outputs { tr { td.mono { (o.name) } td.wide { (o.what) } } } }
+            }
+        }
+        h3 { "Command" }
+        pre { (report.command) }
+        details open { summary { "Settings, defaults resolved" } pre { (settings) } }
+    }
+}
+
+fn limits() -> Markup {
+    html! {
+        section.limits {
+            h2 { "Limits" }
+            p {
+                "aventail is research software and not a medical device. The field is a model: bones are placed by the image, "
+                "soft tissue follows them through the chain mail and is not itself compared with the image. Swallowing, weight "
+                "loss and tumour shrinkage are not modelled. Landmarks speak for the places where they lie; a Jacobian free of "
+                "folds says that the field is regular, not that it is right. TG-132 gives no tolerance for carrying dose."
+            }
+        }
+    }
+}
+
+/// Fields that only a person fills in.
+fn review() -> Markup {
+    html! {
+        section.review {
+            h2 { "Review" }
+            p.note { "Left blank by the program. No registration is accepted automatically." }
+            div.choice { span { "accept" } span { "accept with limits" } span { "reject" } }
+            div.line { span { "Purpose, region" } span.blank {} span {} span {} }
+            div.line { span { "Limits, remarks" } span.blank {} span {} span {} }
+            div.line { span { "Name" } span.blank {} span { "Date" } span.blank {} }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{draw, example};
+    use super::*;
+
+    #[test]
+    fn page_is_self_contained_and_holds_the_figures() {
+        let (case, outcome, run) = example::small();
+        let report = Report::new(&case, &outcome, &run);
+        let pictures = draw(&case, &outcome).unwrap();
+        assert_eq!(pictures.len(), 6);
+        let page = page(&report, &pictures);
+        for outside in ["http:", "https:", "src=\"/", "url(", "<script", "<link"] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+        assert_eq!(page.matches("data:image/png;base64,").count(), 6);
+        let landmarks = report.landmarks.as_ref().unwrap();
+        let figures = [
+            format!("{:.2}", landmarks.before.mean),
+            format!("{:.2}", landmarks.after.mean),
+            "skull: 2 pieces, &lt;largest&gt; 98 %".to_owned(), // escaped
+            report.inputs[0].sha256.clone(),
+            run.command.clone(),
+            "landmark_7".to_owned(),
+        ];
+        for figure in figures {
+            assert!(page.contains(&figure), "{figure}");
+        }
+        assert!(page.find("<img").unwrap() < page.find("<table").unwrap(), "pictures come before tables");
+        assert!(!page.to_lowercase().contains("approved"));
+    }
+
+    #[test]
+    fn a_run_without_landmarks_has_no_landmark_section() {
+        let (case, mut outcome, run) = example::small();
+        outcome.landmarks = None;
+        let pictures = draw(&case, &outcome).unwrap();
+        let page = page(&Report::new(&case, &outcome, &run), &pictures);
+        assert_eq!(pictures.len(), 4);
+        assert!(!page.contains("<h2>Landmarks</h2>"));
+    }
+}

@@ -1,0 +1,193 @@
+//! Tables of the page: bones, landmarks, Jacobian, inverse and links.
+
+use super::super::numbers::Report;
+use crate::evaluate::jacobian::JacobianStats;
+use crate::evaluate::landmark::LandmarkResidual;
+use crate::fit::BoneFit;
+use crate::geometry::rotation_angle_deg;
+use maud::{Markup, html};
+
+const MISSING: &str = "\u{2013}";
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or(MISSING.to_owned(), |v| format!("{v:.digits$}"))
+}
+
+/// Each bone's motion and how well it is known.
+pub(super) fn bones(report: &Report) -> Markup {
+    let rigid_rms = |bone: &BoneFit| report.rigidity.iter().find(|r| r.name == bone.name).map(|r| r.rms_mm);
+    html! {
+        p.note {
+            "Motion is the mean displacement of a bone's points, from planning to fraction, couch shift included. Uncertainty is one standard "
+            "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the couch "
+            "shift alone. Beyond range: excess over the joint's soft limit. Rigid: root mean square departure of the field from rigid motion."
+        }
+        table {
+            thead {
+                tr {
+                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Rotation" br; "deg" }
+                    th.n { "Uncertainty" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
+                }
+            }
+            tbody {
+                @for b in &report.bones {
+                    tr {
+                        td { (b.name) }
+                        td { span.tag.image[b.determined_by == "image"] { (b.determined_by) } }
+                        td { (format!("{:.0} %", 100.0 * b.visible)) span.meter { i style=(format!("width: {:.0}%", 100.0 * b.visible)) {} } }
+                        td.n { (number(b.similarity_before, 2)) " \u{2192} " (number(b.similarity_after, 2)) }
+                        td.n { (format!("{:.1}", b.motion_mm)) }
+                        td.n { (format!("{:.1}", rotation_angle_deg(&b.transform))) }
+                        td.n { (uncertainty(b)) }
+                        td.n { (number(Some(b.limit_excess).filter(|e| *e > 0.0), 2)) }
+                        td.n { (rigid_rms(b).map_or(MISSING.to_owned(), |r| format!("{r:.1e}"))) }
+                        td.wide { (b.stop) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A bone without a finite standard deviation is not determined.
+fn uncertainty(bone: &BoneFit) -> String {
+    if bone.position_sd_mm.is_finite() && bone.rotation_sd_deg.is_finite() {
+        format!("{:.2} / {:.2}", bone.position_sd_mm, bone.rotation_sd_deg)
+    } else {
+        "open".to_owned()
+    }
+}
+
+/// Summary of the landmark residuals, with eq. 4.2 and 4.3.
+pub(super) fn landmark_figures(report: &Report) -> Markup {
+    let Some(l) = &report.landmarks else { return html! {} };
+    let row = |what: &str, s: &crate::stats::Summary| {
+        html! { tr { td { (what) } td.n { (s.n) } @for v in [s.mean, s.std, s.median, s.p95, s.max] { td.n { (format!("{v:.2}")) } } } }
+    };
+    html! {
+        h3 { "Residuals, mm" }
+        table {
+            thead { tr { th {} th.n { "points" } th.n { "mean" } th.n { "sd" } th.n { "median" } th.n { "95 %" } th.n { "worst" } } }
+            tbody { (row("before", &l.before)) (row("after", &l.after)) }
+        }
+        table {
+            tbody {
+                tr { td { "Mean of ratios after / before (thesis eq. 4.2, 4.3)" } td.n { (format!("{:.2} \u{b1} {:.2}", l.mean_of_ratios, l.std_of_ratios)) } }
+                tr { td { "Ratio of means after / before" } td.n { (format!("{:.2}", l.ratio_of_means)) } }
+            }
+        }
+        p.note { "Landmarks only evaluate; they never enter the fit." }
+    }
+}
+
+/// Each landmark with its residuals as numbers and as dots on one scale.
+pub(super) fn landmarks(report: &Report) -> Markup {
+    let Some(l) = &report.landmarks else { return html! {} };
+    let top = l.before.max.max(l.after.max).max(1e-9);
+    html! {
+        p.key {
+            span { i.dot-before style="border-radius: 50%" {} "before" }
+            span { i.dot-after style="border-radius: 50%" {} "after" }
+            span.note { (format!("scale 0 to {top:.1} mm")) }
+        }
+        table {
+            thead { tr { th.n { "#" } th { "Landmark" } th.n { "before mm" } th.n { "after mm" } th.n { "ratio" } th { "residual" } } }
+            tbody {
+                @for (i, r) in l.each.iter().enumerate() {
+                    tr {
+                        td.n { (i + 1) }
+                        td.wide { (r.landmark.name) }
+                        td.n { (format!("{:.2}", r.before)) }
+                        td.n { (number(r.after, 2)) }
+                        td.n { (number(r.after.filter(|_| r.before > 0.0).map(|a| a / r.before), 2)) }
+                        td { (dots(r, top)) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn dots(r: &LandmarkResidual, top: f64) -> Markup {
+    let share = |mm: f64| 100.0 * mm / top;
+    html! {
+        div.track {
+            @if let Some(after) = r.after {
+                u style=(format!("left: {:.1}%; width: {:.1}%", share(after.min(r.before)), share((after - r.before).abs()))) {}
+            }
+            i.dot-before style=(format!("left: {:.1}%", share(r.before))) {}
+            @if let Some(after) = r.after { i.dot-after style=(format!("left: {:.1}%", share(after))) {} }
+        }
+    }
+}
+
+/// The five characteristics of thesis Tab. 2 and what lies around them.
+pub(super) fn jacobian(report: &Report) -> Markup {
+    let j = &report.jacobian;
+    let uneven = |s: &JacobianStats| s.folded > 0 || s.min < 0.999 || s.max > 1.001;
+    let (shown, rigid): (Vec<_>, Vec<_>) = j.bones.iter().partition(|(_, s)| uneven(s));
+    html! {
+        p.note {
+            "Volume after over before, per cell of the planning grid; tissue is body above -500 HU. J<0 counts all cells, the other figures the "
+            "positive ones. Contact cells have corners in two or more bones: where rigid bones slide or meet, even the truth folds."
+        }
+        table {
+            thead {
+                tr {
+                    th { "Cells" } th.n { "number" } th.n { "folded" } th.n { "J<0 %" } th.n { "J>2 %" } th.n { "J<0.5 %" } th.n { "mean" } th.n { "max" }
+                    th.n { "min" } th.n { "1 %" } th.n { "99 %" }
+                }
+            }
+            tbody {
+                (jacobian_row("Tissue outside bone contact", &j.body))
+                (jacobian_row("Soft tissue", &j.soft_tissue))
+                (jacobian_row("Bone contact", &j.contact))
+                @for (name, s) in shown { (jacobian_row(name, s)) }
+            }
+        }
+        p {
+            @if !rigid.is_empty() { "Inside " (rigid.len()) " bones every Jacobian is 1 within 0.001. " }
+            (j.digital_folded) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
+            (j.jumps_above_10) " pairs of neighbouring cells differ by more than 10."
+        }
+    }
+}
+
+fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
+    html! {
+        tr {
+            td { (name) } td.n { (s.cells) } td.n { (s.folded) }
+            @for v in [s.folded_percent, s.above_2_percent, s.below_half_percent] { td.n { (format!("{v:.3}")) } }
+            @for v in [s.mean, s.max, s.min, s.p1, s.p99] { td.n { (format!("{v:.3}")) } }
+        }
+    }
+}
+
+/// Quality of the pull field, and links outside their valid region.
+pub(super) fn inverse_and_links(report: &Report) -> Markup {
+    let (inverse, links) = (&report.inverse, &report.links);
+    let share = |n: usize| format!("{n} ({:.2} %)", 100.0 * n as f64 / inverse.voxels.max(1) as f64);
+    let r = &inverse.residual_mm;
+    html! {
+        div.pair {
+            table {
+                thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
+                tbody {
+                    tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
+                    tr { td { "Voxels measured" } td.n { (r.n) } }
+                    tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
+                    tr { td { "More than one pre-image" } td.n { (share(inverse.multiple)) } }
+                    tr { td { "Pre-image outside the planning scan" } td.n { (share(inverse.outside)) } }
+                }
+            }
+            table {
+                thead { tr { th { "Chain-mail links" } th {} } }
+                tbody {
+                    tr { td { "Links" } td.n { (links.links) } }
+                    tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", links.violated, links.violated_percent)) } }
+                    tr { td { "Excess, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", links.mean_excess_mm, links.p95_excess_mm, links.max_excess_mm)) } }
+                }
+            }
+        }
+    }
+}

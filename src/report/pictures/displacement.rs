@@ -1,0 +1,151 @@
+//! Displacement arrows over the planning CT, coloured by magnitude.
+
+use super::super::canvas::{Canvas, mix};
+use super::super::colour::{grey, magnitude, tone};
+use super::super::plane::{Plane, hu_at, nearest};
+use super::legend::sheet;
+use super::{Plate, Scene};
+use crate::evaluate::jacobian::TISSUE_HU;
+use crate::stats::percentile;
+use crate::volume::trilinear_vector;
+use nalgebra::{Point3, Vector3};
+
+/// Distance between arrows, pixels.
+const SPACING: usize = 42;
+/// The longest usual arrow, in distances between arrows.
+const REACH: f64 = 1.6;
+
+/// An arrow's foot, pixels, and its displacement, mm.
+type Arrow = ([f64; 2], Vector3<f64>);
+
+/// The in-plane part of the push field as arrows at the planning positions.
+pub(super) fn draw(scene: &Scene<'_>) -> Plate {
+    let arrows = scene.planning.each_ref().map(|plane| arrows(scene, plane));
+    let scale = scene.planning[0].scale;
+    let top = ceil_nice(high_percentile(arrows.iter().flatten().map(|(_, u)| u.norm()), 99.0));
+    let in_plane = arrows.iter().zip(&scene.planning).flat_map(|(list, plane)| list.iter().map(move |(_, u)| in_plane(plane, u)));
+    let zoom = zoom(high_percentile(in_plane, 95.0) * scale);
+    let rows: Vec<Canvas> = scene
+        .planning
+        .iter()
+        .zip(&arrows)
+        .map(|(plane, list)| {
+            let mut panel = plane.paint(|p| grey(0.75 * hu_at(&scene.case.planning, &p).map_or(0.0, tone)));
+            for (foot, u) in list {
+                let [dx, dy] = plane.vector(&(u * zoom));
+                let colour = magnitude(u.norm() / top);
+                let tip = [foot[0] + dx, foot[1] + dy];
+                panel.line(*foot, tip, 5.5, mix(colour, [0; 3], 0.85));
+                panel.arrow(*foot, tip, 3.2, colour);
+            }
+            plane.row(&panel, [0; 3], [255; 3], [0; 3])
+        })
+        .collect();
+    let key_mm = floor_nice(110.0 / (scale * zoom));
+    let canvas = sheet(&rows, 1, |legend| {
+        let ticks: Vec<_> = (0..=4).map(|i| (f64::from(i) / 4.0, short(top * f64::from(i) / 4.0))).collect();
+        legend.bar("mm", 420.0, magnitude, &ticks);
+        let long = key_mm * scale * zoom;
+        legend.canvas.arrow([legend.x, legend.y], [legend.x + long, legend.y], 3.2, [31, 41, 55]);
+        legend.x += long + 14.0;
+        let size = if (zoom - 1.0).abs() < 1e-9 { String::new() } else { format!(", drawn x {zoom}") };
+        legend.text(&format!("{key_mm} mm{size}"));
+    });
+    Plate {
+        file: "displacement.png",
+        title: "Displacement",
+        caption: format!(
+            "Where planning tissue goes: in-plane part as arrows, whole magnitude as colour, over the planning CT. Planes \
+             through {}.",
+            scene.focus
+        ),
+        canvas,
+    }
+}
+
+/// Arrows on a regular raster, in tissue only.
+fn arrows(scene: &Scene<'_>, plane: &Plane) -> Vec<Arrow> {
+    let field = &scene.outcome.push.displacement;
+    let mut out = Vec::new();
+    for y in (SPACING / 2..plane.height).step_by(SPACING) {
+        for x in (SPACING / 2..plane.width).step_by(SPACING) {
+            let foot = [x as f64, y as f64];
+            let p: Point3<f64> = plane.world(foot[0], foot[1]);
+            let tissue = hu_at(&scene.case.planning, &p).is_some_and(|hu| hu > f64::from(TISSUE_HU));
+            if tissue && nearest(&scene.outcome.body, &p) == Some(true) {
+                out.extend(trilinear_vector(field, &field.grid().index(&p)).map(|u| (foot, u)));
+            }
+        }
+    }
+    out
+}
+
+/// Length of the in-plane part, mm.
+fn in_plane(plane: &Plane, u: &Vector3<f64>) -> f64 {
+    let [x, y] = plane.vector(u);
+    x.hypot(y) / plane.scale
+}
+
+/// Factor that gives arrows of `pixels` a length that neither hides the picture nor vanishes.
+fn zoom(pixels: f64) -> f64 {
+    let limit = REACH * SPACING as f64 / pixels.max(1e-6);
+    [5.0, 2.0, 1.0, 0.5, 0.2].into_iter().find(|z| *z <= limit).unwrap_or(0.1)
+}
+
+fn high_percentile(values: impl Iterator<Item = f64>, p: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    percentile(&values, p)
+}
+
+/// The least number that reaches `value` and has short quarters.
+fn ceil_nice(value: f64) -> f64 {
+    let power = 10f64.powf(value.max(0.1).log10().floor());
+    [1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 6.0, 8.0, 10.0].into_iter().map(|m| m * power).find(|v| *v >= value).unwrap_or(10.0 * power)
+}
+
+/// A number without trailing zeros.
+fn short(value: f64) -> String {
+    format!("{}", (value * 1e4).round() / 1e4)
+}
+
+/// The greatest of 1, 2, 5 (times a power of ten) up to `value`.
+fn floor_nice(value: f64) -> f64 {
+    let power = 10f64.powf(value.max(1e-3).log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|v| *v <= value).unwrap_or(power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example;
+    use super::*;
+
+    #[test]
+    fn arrows_stand_in_tissue_and_carry_the_field() {
+        let (case, mut outcome, _) = example::small();
+        outcome.push.displacement = outcome.push.displacement.map(|_| [3.0, 4.0, 12.0]);
+        let scene = Scene::new(&case, &outcome);
+        let axial = &scene.planning[0];
+        let arrows = arrows(&scene, axial);
+        assert!(arrows.len() > 50);
+        for (foot, u) in &arrows {
+            assert!((u.norm() - 13.0).abs() < 1e-6 && (in_plane(axial, u) - 5.0).abs() < 1e-6);
+            let p = axial.world(foot[0], foot[1]);
+            assert!((p.x / 93.0).powi(2) + (p.y / 83.0).powi(2) < 1.0 || p.x.abs() < 20.0, "outside the head: {p}");
+        }
+    }
+
+    #[test]
+    fn nice_numbers() {
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+        close(ceil_nice(23.0), 24.0);
+        close(ceil_nice(7.9), 8.0);
+        close(ceil_nice(0.0), 0.1);
+        close(floor_nice(23.0), 20.0);
+        close(floor_nice(0.7), 0.5);
+        close(zoom(67.0), 1.0);
+        close(zoom(68.0), 0.5);
+        close(zoom(0.0), 5.0);
+        assert_eq!([short(0.1 * 3.0), short(6.0)], ["0.3", "6"]);
+    }
+}

@@ -1,0 +1,139 @@
+//! Fusion of planning and fraction CT, before and after registration: planning blue, fraction orange, equal is grey.
+
+use super::super::canvas::Canvas;
+use super::super::colour::{BLUE, ORANGE, fuse, tone};
+use super::super::plane::{Plane, hu_at};
+use super::legend::{Legend, sheet};
+use super::{Plate, Scene};
+use nalgebra::Point3;
+
+/// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
+pub(super) fn before(scene: &Scene<'_>) -> Plate {
+    let shift = scene.shift_before.unwrap_or_default();
+    let planning = |p: &Point3<f64>| hu_at(&scene.case.planning, &(p - shift));
+    let how = match scene.shift_before {
+        None => "Both scans at their scanner positions, nothing moved.".to_owned(),
+        Some(s) => format!(
+            "The scans have hardly any volume in common as scanned, so the planning CT is moved by the couch shift alone \
+             ({:.1}, {:.1}, {:.1} mm).",
+            s.x, s.y, s.z
+        ),
+    };
+    Plate {
+        file: "fusion_before.png",
+        title: "Before registration",
+        caption: format!("{how} Planes through {}.", scene.focus),
+        canvas: panels(scene, planning),
+    }
+}
+
+/// The deformed planning CT over the fraction CT.
+pub(super) fn after(scene: &Scene<'_>) -> Plate {
+    let planning = |p: &Point3<f64>| hu_at(&scene.outcome.planning_on_fraction, p);
+    Plate {
+        file: "fusion_after.png",
+        title: "After registration",
+        caption: "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
+                  they differ or where the other scan has no data."
+            .to_owned(),
+        canvas: panels(scene, planning),
+    }
+}
+
+fn panels(scene: &Scene<'_>, planning: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -> Canvas {
+    let rows = scene.fraction.each_ref().map(|plane| plane.row(&fused(scene, plane, &planning), [0; 3], [255; 3], [0; 3]));
+    sheet(&rows, 1, colours)
+}
+
+/// A plane of the fraction CT fused with `planning` (HU at a fraction position).
+pub(super) fn fused(scene: &Scene<'_>, plane: &Plane, planning: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -> Canvas {
+    let brightness = |hu: Option<f64>| hu.map_or(0.0, tone);
+    plane.paint(|p| fuse(brightness(planning(&p)), brightness(hu_at(&scene.case.fraction, &p))))
+}
+
+/// What the colours mean.
+pub(super) fn colours(legend: &mut Legend<'_>) {
+    legend.swatch(BLUE, "planning CT");
+    legend.swatch(ORANGE, "fraction CT");
+    legend.swatch([170; 3], "both agree");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example::{self, Layout};
+    use super::*;
+
+    /// Red minus blue of a pixel: positive is orange, negative is blue, zero is grey.
+    fn tint(panel: &Canvas, [x, y]: [f64; 2]) -> i32 {
+        let [r, _, b] = panel.pixel(x as usize, y as usize);
+        i32::from(r) - i32::from(b)
+    }
+
+    #[test]
+    fn equal_scans_fuse_to_grey_everywhere() {
+        let (mut case, outcome, _) = example::small();
+        case.fraction = case.planning.clone();
+        let scene = Scene::new(&case, &outcome);
+        for plane in &scene.fraction {
+            let panel = fused(&scene, plane, |p| hu_at(&case.planning, p));
+            let (mut worst, mut brightest) = (0, 0);
+            for y in 0..plane.height {
+                for x in 0..plane.width {
+                    worst = worst.max(tint(&panel, [x as f64, y as f64]).abs());
+                    brightest = brightest.max(panel.pixel(x, y)[0]);
+                }
+            }
+            assert!(worst <= 1 && brightest > 150, "{worst} {brightest}");
+        }
+    }
+
+    #[test]
+    fn a_shifted_scan_shows_blue_where_it_left_and_orange_where_it_went() {
+        let (mut case, outcome, _) = example::small();
+        // The fraction lies 8 mm to the patient's left: 2 voxels.
+        let [ni, ..] = case.planning.grid().size();
+        let shifted: Vec<f32> =
+            (0..case.planning.data().len()).map(|l| if l % ni >= 2 { case.planning.data()[l - 2] } else { -1000.0 }).collect();
+        case.fraction = crate::volume::Volume::new(case.planning.grid().clone(), shifted).unwrap();
+        let scene = Scene::new(&case, &outcome);
+        let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
+        let panel = fused(&scene, axial, |p| hu_at(&case.planning, p));
+        // Skin at x = -84 (patient right, image left) is now air; x = 88 is now tissue; the inside agrees but for the gradient.
+        let at = |x: f64| tint(&panel, axial.place(&Point3::new(x, 10.0, 0.0)));
+        assert!(at(-80.0) < -20 && at(88.0) > 20, "{} {}", at(-80.0), at(88.0));
+        assert!(at(0.0).abs() < 6, "{}", at(0.0));
+        assert!(axial.place(&Point3::new(-80.0, 0.0, 0.0))[0] < axial.place(&Point3::new(88.0, 0.0, 0.0))[0]);
+    }
+
+    #[test]
+    fn far_scanner_origins_are_brought_together_by_the_couch_shift_and_it_says_so() {
+        let layout = |offset| Layout { size: [40, 32, 20], spacing: [6.0, 6.0, 9.0], offset };
+        let (case, outcome, _) = example::scene(layout([500.0, -20.0, 300.0]));
+        let (near_case, near_outcome, _) = example::scene(layout([0.0; 3]));
+        let (far, near) = (Scene::new(&case, &outcome), Scene::new(&near_case, &near_outcome));
+        assert_eq!(far.shift_before, Some(outcome.couch_shift));
+        assert_eq!(near.shift_before, None);
+        assert!(before(&far).caption.contains("couch shift alone (500.0, -20.0, 300.0 mm)"));
+        assert!(before(&near).caption.contains("scanner positions"));
+        // Apart from the numbers written on it, the picture is the same.
+        let panel = |s: &Scene<'_>| {
+            let shift = s.shift_before.unwrap_or_default();
+            fused(s, &s.fraction[0], |p| hu_at(&s.case.planning, &(p - shift)))
+        };
+        assert!(panel(&far).difference(&panel(&near)) <= 2);
+    }
+
+    #[test]
+    fn registration_turns_colour_to_grey() {
+        let (case, outcome, _) = example::small();
+        let scene = Scene::new(&case, &outcome);
+        let colour = |planning: &crate::volume::Volume<f32>| {
+            let plane = &scene.fraction[2];
+            let panel = fused(&scene, plane, |p| hu_at(planning, p));
+            (0..plane.height).flat_map(|y| (0..plane.width).map(move |x| [x as f64, y as f64])).map(|at| tint(&panel, at).unsigned_abs() as usize).sum::<usize>()
+        };
+        let (before, after) = (colour(&case.planning), colour(&outcome.planning_on_fraction));
+        // What is left is linear interpolation at the edges of 4 mm voxels.
+        assert!(after * 2 < before, "{before} {after}");
+    }
+}

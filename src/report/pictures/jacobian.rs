@@ -1,0 +1,79 @@
+//! Jacobian map over a faint planning CT: red growth, blue shrinkage, white no change, black folded.
+
+use super::super::canvas::Rgb;
+use super::super::colour::{BLACK, INK, jacobian, tone};
+use super::super::plane::{cell_at, hu_at, nearest};
+use super::legend::sheet;
+use super::{Plate, Scene};
+use crate::evaluate::jacobian::TISSUE_HU;
+use nalgebra::Point3;
+
+/// Air and everything outside the patient: darker than white, which means no change.
+const BACKDROP: Rgb = [198, 203, 210];
+/// Brightness of the darkest tissue: the CT shows through, and no change still looks white.
+const SHADE: f64 = 0.86;
+
+/// The Jacobian map in the planes of the planning CT.
+pub(super) fn draw(scene: &Scene<'_>) -> Plate {
+    let outcome = scene.outcome;
+    let colour = |p: Point3<f64>| {
+        let hu = hu_at(&scene.case.planning, &p).unwrap_or(f64::NEG_INFINITY);
+        let tissue = hu > f64::from(TISSUE_HU) && nearest(&outcome.body, &p).unwrap_or(false);
+        match cell_at(&outcome.jacobian, &p) {
+            Some(value) if tissue => {
+                let shade = SHADE + (1.0 - SHADE) * tone(hu);
+                jacobian(f64::from(value)).map(|c| (f64::from(c) * shade).round() as u8)
+            }
+            _ => BACKDROP,
+        }
+    };
+    let rows = scene.planning.each_ref().map(|plane| plane.row(&plane.paint(colour), BACKDROP, INK, BACKDROP));
+    let ticks: Vec<_> = ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
+    let canvas = sheet(&rows, 1, |legend| {
+        legend.bar("shrinks", 420.0, |share| jacobian((2.0 * share - 1.0).exp2()), &ticks);
+        legend.text("grows");
+        legend.swatch(BLACK, "folded");
+    });
+    Plate {
+        file: "jacobian.png",
+        title: "Jacobian map",
+        caption: "Volume of each cell after over before deformation, on the planning CT: red grows, blue shrinks, white \
+                  keeps its volume, black is folded. Logarithmic scale; tissue above -500 HU inside the body."
+            .to_owned(),
+        canvas,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example;
+    use super::*;
+
+    #[test]
+    fn folded_cells_are_black_and_growth_is_red() {
+        let (case, mut outcome, _) = example::small();
+        let grid = outcome.jacobian.grid().clone();
+        // Left half grows, right half shrinks, one slab is folded.
+        for l in 0..grid.len() {
+            let p = grid.centre(grid.voxel(l));
+            outcome.jacobian.data_mut()[l] = if p.z > 30.0 { -1.0 } else if p.x > 0.0 { 1.8 } else { 0.6 };
+        }
+        let scene = Scene::new(&case, &outcome);
+        let picture = draw(&scene).canvas;
+        // The coronal row lies below the axial one.
+        let coronal = &scene.planning[1];
+        let pixel = |x: f64, z: f64| {
+            let [u, v] = coronal.place(&Point3::new(x, coronal.at(), z));
+            let left = (picture_width() - coronal.width) / 2;
+            picture.pixel(u as usize + left, v as usize + scene.planning[0].height + 6)
+        };
+        assert_eq!(pixel(40.0, 50.0), BLACK);
+        let ([r, _, b], [r2, _, b2]) = (pixel(50.0, -10.0), pixel(-50.0, -10.0));
+        assert!(r > b + 60 && b2 > r2 + 60, "{r} {b} {r2} {b2}");
+        assert_eq!(pixel(110.0, 0.0), BACKDROP);
+    }
+
+    fn picture_width() -> usize {
+        super::super::super::plane::WIDTH
+    }
+}

@@ -1,0 +1,112 @@
+//! Where to look: the planes that every picture of a run shares.
+
+use super::super::plane::{KINDS, Plane, Region, planes};
+use crate::geometry::Grid;
+use crate::pipeline::{Case, Outcome};
+use nalgebra::{Point3, Vector3};
+
+/// A run with the planes through its largest motion.
+pub(super) struct Scene<'a> {
+    pub(super) case: &'a Case,
+    pub(super) outcome: &'a Outcome,
+    /// Planes in the planning CT.
+    pub(super) planning: [Plane; 3],
+    /// The corresponding planes in the fraction CT.
+    pub(super) fraction: [Plane; 3],
+    /// Points of the patient in the fraction, before and after registration together.
+    moved: Vec<Point3<f64>>,
+    /// What the planes go through and why.
+    pub(super) focus: String,
+    /// Shift of the planning CT in the picture before registration; `None` when the scanner positions are used as they are.
+    pub(super) shift_before: Option<Vector3<f64>>,
+}
+
+/// Share of the fraction's box that the planning scan must cover for the picture before registration to be as scanned.
+const LEAST_OVERLAP: f64 = 0.25;
+/// Bones that are visible by less are not looked at.
+const LEAST_VISIBLE: f64 = 0.5;
+/// Rim around the patient, mm.
+const RIM_MM: f64 = 10.0;
+/// Distance of the points that stand for the patient, mm.
+const POINTS_MM: f64 = 4.0;
+/// What lies this close to a plane decides what it shows, mm.
+const SLAB_MM: f64 = 8.0;
+
+impl<'a> Scene<'a> {
+    pub(super) fn new(case: &'a Case, outcome: &'a Outcome) -> Self {
+        let overlap = overlap(case.planning.grid(), case.fraction.grid());
+        let shift_before = (overlap < LEAST_OVERLAP).then_some(outcome.couch_shift);
+        let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
+        let fraction_box = Region::of(case.fraction.grid());
+        let (from, to, focus) = focus(outcome, &fraction_box).unwrap_or_else(|| {
+            (case.planning.grid().middle(), case.fraction.grid().middle(), "the middle of the scans".to_owned())
+        });
+        let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
+        let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
+        Self { case, outcome, planning, fraction, moved, focus, shift_before }
+    }
+
+    /// The planes of the fraction through another point.
+    pub(super) fn fraction_through(&self, p: &Point3<f64>) -> [Plane; 3] {
+        planes(&regions(&self.moved, p, self.case.fraction.grid()), p)
+    }
+}
+
+/// What axial, coronal and sagittal plane through `p` show: the patient near the plane, as far as `grid` reaches.
+fn regions(points: &[Point3<f64>], p: &Point3<f64>, grid: &Grid) -> [Region; 3] {
+    let scan = Region::of(grid);
+    KINDS.map(|kind| {
+        let a = kind.across();
+        let near = Region::around(points.iter().filter(|q| (q[a] - p[a]).abs() <= SLAB_MM && scan.contains(q)).copied());
+        near.map_or(scan, |r| r.grown(RIM_MM).within(scan))
+    })
+}
+
+/// Points of the body in the planning CT, and in the fraction before and after registration together.
+fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Point3<f64>>) {
+    let grid = outcome.body.grid();
+    let every = grid.spacing().map(|s| ((POINTS_MM / s).round() as usize).max(1));
+    let (mut body, mut moved) = (Vec::new(), Vec::new());
+    for (l, _) in outcome.body.data().iter().enumerate().filter(|(_, inside)| **inside) {
+        let v = grid.voxel(l);
+        if v.iter().zip(every).all(|(c, n)| c % n == 0) {
+            let x = grid.centre(v);
+            body.push(x);
+            moved.extend([x + shift, x + Vector3::from(outcome.push.displacement.data()[l].map(f64::from))]);
+        }
+    }
+    (body, moved)
+}
+
+/// Centroid of the bone that moves most apart from the couch shift, in planning and fraction, and its description.
+fn focus(outcome: &Outcome, region: &Region) -> Option<(Point3<f64>, Point3<f64>, String)> {
+    let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
+    let moves = bones.map(|(bone, fit)| {
+        let to = fit.transform * bone.centroid;
+        (bone, to, (to - bone.centroid - outcome.couch_shift).norm())
+    });
+    let (bone, to, mm) = moves.filter(|(_, to, _)| region.contains(to)).max_by(|a, b| a.2.total_cmp(&b.2))?;
+    let focus = format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
+    Some((bone.centroid, to, focus))
+}
+
+/// Share of `fraction`'s box that lies inside `planning`'s.
+fn overlap(planning: &Grid, fraction: &Grid) -> f64 {
+    let coarse = fraction.coarsened(10.0);
+    let inside = (0..coarse.len()).filter(|&l| planning.contains(&planning.index(&coarse.centre(coarse.voxel(l))))).count();
+    inside as f64 / coarse.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overlap_counts_the_shared_part() {
+        let planning = Grid::axis_aligned([101, 101, 101], [1.0; 3], [0.0; 3]).unwrap();
+        let at = |x: f64| Grid::axis_aligned([101, 101, 101], [1.0; 3], [x, 0.0, 0.0]).unwrap();
+        assert!((overlap(&planning, &at(0.0)) - 1.0).abs() < 1e-12);
+        assert!((overlap(&planning, &at(75.0)) - 3.0 / 11.0).abs() < 1e-12);
+        assert!(overlap(&planning, &at(500.0)) == 0.0);
+    }
+}
