@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 /// One coarse phantom without noise, gain or offset for all tests that only look.
 fn plain() -> &'static Phantom {
     static ONE: OnceLock<Phantom> = OnceLock::new();
-    ONE.get_or_init(|| Phantom::new(&plain_options()).unwrap())
+    ONE.get_or_init(|| Phantom::new(&plain_options()).expect("the options are sensible"))
 }
 
 fn plain_options() -> PhantomOptions {
@@ -36,8 +36,21 @@ fn at_least_forty_named_bones_are_in_the_image() {
         assert!(counts[label] >= 8, "{name} has {} voxels", counts[label]);
     }
     let names: BTreeSet<&str> = p.bones.names.values().map(String::as_str).collect();
-    let wanted = ["skull", "mandible", "hyoid", "vertebrae_C1", "vertebrae_T6", "rib_left_1", "rib_right_6", "sternum",
-        "clavicula_left", "scapula_right", "humerus_left", "radius_left", "ulna_right"];
+    let wanted = [
+        "skull",
+        "mandible",
+        "hyoid",
+        "vertebrae_C1",
+        "vertebrae_T6",
+        "rib_left_1",
+        "rib_right_6",
+        "sternum",
+        "clavicula_left",
+        "scapula_right",
+        "humerus_left",
+        "radius_left",
+        "ulna_right",
+    ];
     for name in wanted {
         assert!(names.contains(name), "{name}");
     }
@@ -84,6 +97,22 @@ fn bones_move_exactly_rigidly() {
     }
     let skull = p.skeleton.bones.iter().position(|b| b.name == "skull").unwrap();
     assert!((8.0..14.0).contains(&rotation_angle_deg(&p.transforms[skull])));
+}
+
+#[test]
+fn joints_of_the_spine_lie_between_their_bones() {
+    let p = plain();
+    let mut seen = 0;
+    for bone in p.skeleton.bones.iter().filter(|b| b.name.starts_with("vertebrae") || b.name == "skull") {
+        let Some(parent) = bone.parent else { continue };
+        for label in [bone.label, p.skeleton.bones[parent].label] {
+            let d = p.motion.anatomy().bone_distance(usize::from(label) - 1, &bone.joint.centre);
+            // The atlas turns about the dens, which is the axis's; the condyles stand beside the foramen.
+            assert!(d < 9.9 || bone.name == "skull", "{}: {d} mm", bone.joint.name);
+        }
+        seen += 1;
+    }
+    assert_eq!(seen, 14);
 }
 
 #[test]
@@ -207,7 +236,12 @@ fn the_body_mask_holds_bones_and_airway_but_no_couch() {
     let (mut couch, mut air) = (0, 0);
     for n in 0..grid.len() {
         let (hu, body) = (p.planning.data()[n], p.body.data()[n]);
-        assert!(body || p.bones.volume.data()[n] == 0, "{} outside: {}", p.bones.names[&p.bones.volume.data()[n]], grid.centre(grid.voxel(n)));
+        assert!(
+            body || p.bones.volume.data()[n] == 0,
+            "{} outside: {}",
+            p.bones.names[&p.bones.volume.data()[n]],
+            grid.centre(grid.voxel(n))
+        );
         couch += usize::from(!body && hu > -400.0 && grid.centre(grid.voxel(n)).y > 121.0);
         air += usize::from(body && hu < -900.0);
     }
@@ -232,7 +266,8 @@ fn a_shifted_scanner_moves_patient_couch_and_grid_together() {
     let shift = [480.0, -25.0, 310.0];
     let here = Phantom::new(&tiny_options()).unwrap();
     let there = Phantom::new(&PhantomOptions { scanner_shift_mm: shift, ..tiny_options() }).unwrap();
-    let differing = here.fraction.data().iter().zip(there.fraction.data()).filter(|(a, b)| (*a - *b).abs() > 1.0).count();
+    let differing =
+        here.fraction.data().iter().zip(there.fraction.data()).filter(|(a, b)| (*a - *b).abs() > 1.0).count();
     assert!(differing * 1000 < here.fraction.data().len(), "{differing} voxels differ");
     assert_eq!(there.unfound, 0);
     for (a, b) in here.landmarks.iter().zip(&there.landmarks) {
@@ -250,7 +285,10 @@ fn arms_can_be_raised_by_a_posture_file() {
         assert!((rotation_angle_deg(&p.transforms[n]) - 165.0).abs() < 1.0);
         let elbow = p.skeleton.bones.iter().find(|b| b.name == format!("ulna_{side}")).unwrap().joint.centre;
         let shoulder = p.skeleton.bones[n].joint.centre;
-        assert!((p.transforms[n] * elbow).z > (p.transforms[n] * shoulder).z + 200.0, "the elbow is above the shoulder");
+        assert!(
+            (p.transforms[n] * elbow).z > (p.transforms[n] * shoulder).z + 200.0,
+            "the elbow is above the shoulder"
+        );
     }
 }
 
@@ -261,7 +299,10 @@ fn senseless_options_are_refused() {
         change(&mut options);
         Phantom::new(&options).unwrap_err().to_string()
     };
-    assert!(refused(|o| o.posture = toml::from_str("femur_left = { rotation_deg = [1, 2, 3] }").unwrap()).contains("femur_left"));
+    assert!(
+        refused(|o| o.posture = toml::from_str("femur_left = { rotation_deg = [1, 2, 3] }").unwrap())
+            .contains("femur_left")
+    );
     assert!(refused(|o| o.posture = toml::from_str("skull = { shift_mm = [nan, 0, 0] }").unwrap()).contains("skull"));
     assert!(refused(|o| o.fraction_cut_top_mm = 1e4).contains("empty"));
     assert!(refused(|o| o.edge_mm = 0.0).contains("edge"));

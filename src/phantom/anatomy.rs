@@ -47,7 +47,6 @@ struct Part {
 /// Where a cell lies with respect to the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Depth {
-    FarAir,
     Air,
     Skin,
     Inside,
@@ -101,7 +100,11 @@ impl Anatomy {
         let skin = outline::skin();
         let within: Bounds = [V3::new(-290.0, -190.0, -500.0), V3::new(290.0, 170.0, 170.0)];
         let bone_cells = Cells::new(within, bones.iter().flat_map(|b| b.solid.parts.iter().map(|p| &p.1)), BONE_REACH);
-        let tissue_cells = Cells::new(within, tissues.iter().flat_map(|t| t.solid.parts.iter().map(|p| &p.1)), edge + MUSCLE_FILL + 2.0);
+        let tissue_cells = Cells::new(
+            within,
+            tissues.iter().flat_map(|t| t.solid.parts.iter().map(|p| &p.1)),
+            edge + MUSCLE_FILL + 2.0,
+        );
         let skin_cells = Cells::new(within, skin.iter().map(|s| &s.1), SKIN_REACH + 20.0);
         let mut out = Self {
             bone_parts: parts(bones.iter().map(|b| &b.solid)),
@@ -118,8 +121,7 @@ impl Anatomy {
         };
         let room = super::cells::CELL;
         let depth = |cell: usize| match out.outline_in(cell, &out.skin_cells.centre(cell)) {
-            d if d > room + 9.0 => Depth::FarAir,
-            d if d > room + 1.0 => Depth::Air,
+            d if d > room + 3.0 => Depth::Air,
             d if d < -(room + 6.0) => Depth::Inside,
             _ => Depth::Skin,
         };
@@ -131,7 +133,6 @@ impl Anatomy {
     pub(super) fn bones(&self) -> &[BoneSolid] {
         &self.bones
     }
-
 
     /// HU and bone label at a point of the planning space, with the couch in its planning place.
     pub fn sample(&self, point: &Point3<f64>) -> Sample {
@@ -157,9 +158,9 @@ impl Anatomy {
         self.couch.hu(p, || self.outline(p), self.edge)
     }
 
-    /// Whether a point is well outside the patient (more than about 10 mm).
-    pub(super) fn far_outside(&self, p: &V3) -> bool {
-        self.skin_cells.cell(p).is_none_or(|c| self.depth[c] == Depth::FarAir)
+    /// Whether a point is outside the patient by 4 mm at least.
+    pub(super) fn outer_air(&self, p: &V3) -> bool {
+        self.skin_cells.cell(p).is_none_or(|c| self.depth[c] == Depth::Air)
     }
 
     /// Share of patient at a point, HU of that share, and bone label.
@@ -167,7 +168,7 @@ impl Anatomy {
         const NOTHING: (f64, f64, u16) = (0.0, -1000.0, 0);
         let Some(cell) = self.skin_cells.cell(p) else { return NOTHING };
         let (cover, skin) = match self.depth[cell] {
-            Depth::FarAir | Depth::Air => return NOTHING,
+            Depth::Air => return NOTHING,
             Depth::Inside => (1.0, 0.0),
             Depth::Skin => {
                 let d = self.outline_in(cell, p);

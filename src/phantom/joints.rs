@@ -6,7 +6,7 @@ use crate::skeleton::{Bone, Joint, Skeleton};
 use nalgebra::{Matrix3, Point3};
 use std::collections::BTreeMap;
 
-/// Rotation ranges of White and Panjabi (1990), "Clinical Biomechanics of the Spine", Tables 2-2 to 2-5: half of
+/// Rotation ranges of White and Panjabi (1990), "Clinical Biomechanics of the Spine", representative values: half of
 /// flexion-extension, lateral bending and axial rotation to one side, degrees, from C0-C1 down to T6-T7.
 const SPINE_RANGES: [[f64; 3]; 14] = [
     [12.5, 5.0, 5.0],
@@ -70,7 +70,15 @@ fn spine_rows() -> Vec<Row> {
     let degrees = SPINE_RANGES[0];
     let parent = Some("vertebrae_C1".into());
     let joint = "atlanto-occipital".into();
-    rows.push(Row { bone: "skull".into(), parent, joint, centre: [0.0, 2.0, -4.0], degrees, shift: 2.0, source: white });
+    rows.push(Row {
+        bone: "skull".into(),
+        parent,
+        joint,
+        centre: [0.0, 2.0, -4.0],
+        degrees,
+        shift: 2.0,
+        source: white,
+    });
     rows
 }
 

@@ -22,7 +22,9 @@ impl Lattice {
         let low = low.add_scalar(-2.0 * SPACING);
         let size: [usize; 3] = std::array::from_fn(|a| ((high[a] - low[a]) / SPACING).ceil().max(1.0) as usize + 4);
         let count = size[0] * size[1] * size[2];
-        let at = |n: usize| low + V3::from([n % size[0], n / size[0] % size[1], n / (size[0] * size[1])].map(|c| c as f64)) * SPACING;
+        let at = |n: usize| {
+            low + V3::from([n % size[0], n / size[0] % size[1], n / (size[0] * size[1])].map(|c| c as f64)) * SPACING
+        };
         let nodes = (0..count).into_par_iter().map(|n| value(&at(n))).collect();
         Self { low, size, nodes }
     }

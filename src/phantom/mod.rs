@@ -96,7 +96,9 @@ impl Phantom {
         let landmarks = landmarks::LANDMARKS
             .iter()
             .map(landmark)
-            .filter(|l| grid.contains(&grid.index(&l.planning)) && fraction_grid.contains(&fraction_grid.index(&l.fraction)))
+            .filter(|l| {
+                grid.contains(&grid.index(&l.planning)) && fraction_grid.contains(&fraction_grid.index(&l.fraction))
+            })
             .collect();
         Ok(Self {
             planning: planning.ct,

@@ -46,7 +46,10 @@ pub struct PreImage {
     pub point: Point3<f64>,
     /// Distance between its image and the fraction point, mm.
     pub residual: f64,
-    local: Local,
+    /// Where the map takes the planning point.
+    image: Point3<f64>,
+    /// Estimate of the inverse of the map's derivative there.
+    inverse: Matrix3<f64>,
 }
 
 impl TrueMotion {
@@ -74,31 +77,49 @@ impl TrueMotion {
         local.rigid * point + local.shift
     }
 
-    /// Where a fraction point was in planning, searched from the motion at a point near by, if known.
+    /// Where a fraction point was in planning, searched from the pre-image of a point near by, if known.
     ///
     /// The residual tells whether the search has ended: it is at most [`INVERSE_TOLERANCE`] then.
     pub fn pull(&self, target: &Point3<f64>, near: Option<&PreImage>) -> PreImage {
-        let mut x = near.copied().unwrap_or_else(|| self.guess(target)).undo(target);
-        let mut best = self.check(x, target);
-        for _ in 0..12 {
+        let start = near.copied().unwrap_or_else(|| self.guess(target));
+        let mut best = self.step(&start, target);
+        let mut fresh = false;
+        for _ in 0..20 {
             if best.residual <= INVERSE_TOLERANCE {
                 return best;
             }
-            x = best.undo(target);
-            let next = self.check(x, target);
-            if next.residual > 0.7 * best.residual {
+            let next = self.step(&best, target);
+            if next.residual <= 0.6 * best.residual {
+                best = next;
+            } else if fresh {
                 break;
+            } else {
+                // The estimate came from elsewhere: begin again with the motion here.
+                best = self.check(best.point, target);
+                fresh = true;
             }
-            best = next;
         }
         self.newton(best, target)
     }
 
-    /// A first guess of a pre-image: two steps from the motion of the bones around the same place.
+    /// A first guess of a pre-image: two steps from the bones' mean shift.
     pub(super) fn guess(&self, target: &Point3<f64>) -> PreImage {
-        let start = target - self.rough_shift;
-        let first = self.check(start, target);
-        self.check(first.undo(target), target)
+        let first = self.check(target - self.rough_shift, target);
+        self.check(first.towards(target), target)
+    }
+
+    /// One step of Broyden's (1965) method: the estimate of the derivative learns from each evaluation.
+    fn step(&self, from: &PreImage, target: &Point3<f64>) -> PreImage {
+        let point = from.towards(target);
+        let image = self.push(&point);
+        let moved = point - from.point;
+        let predicted = from.inverse * (image - from.image);
+        let scale = moved.dot(&predicted);
+        let mut inverse = from.inverse;
+        if scale > 0.2 * moved.norm_squared() && scale > 1e-16 {
+            inverse += (moved - predicted) * (moved.transpose() * from.inverse) / scale;
+        }
+        PreImage { point, residual: (image - target).norm(), image, inverse }
     }
 
     /// Damped Newton steps for places where the motion changes quickly, such as between the teeth.
@@ -126,9 +147,12 @@ impl TrueMotion {
         best
     }
 
+    /// A candidate with the local rotation as the estimate of the derivative.
     fn check(&self, point: Point3<f64>, target: &Point3<f64>) -> PreImage {
         let local = self.local(&point.coords);
-        PreImage { point, residual: (local.rigid * point + local.shift - target).norm(), local }
+        let image = local.rigid * point + local.shift;
+        let inverse = local.rigid.rotation.inverse().to_rotation_matrix().into_inner();
+        PreImage { point, residual: (image - target).norm(), image, inverse }
     }
 
     fn local(&self, p: &V3) -> Local {
@@ -146,14 +170,17 @@ impl TrueMotion {
             }
         }
         let s = sum.map(|v| v / total);
-        Local { rigid: exponential(&[s[0], s[1], s[2], s[3], s[4], s[5]]), shift: V3::new(s[6], s[7], s[8]) + self.scanner }
+        Local {
+            rigid: exponential(&[s[0], s[1], s[2], s[3], s[4], s[5]]),
+            shift: V3::new(s[6], s[7], s[8]) + self.scanner,
+        }
     }
 }
 
 impl PreImage {
-    /// Where another fraction point near by came from, if the motion there is the same.
-    pub(super) fn undo(&self, target: &Point3<f64>) -> Point3<f64> {
-        self.local.rigid.inverse_transform_point(&(target - self.local.shift))
+    /// Where another fraction point near by came from, as far as the estimate of the derivative tells.
+    pub(super) fn towards(&self, target: &Point3<f64>) -> Point3<f64> {
+        self.point + self.inverse * (target - self.image)
     }
 }
 

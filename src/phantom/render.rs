@@ -62,7 +62,7 @@ pub(super) fn fraction(motion: &TrueMotion, grid: &Grid, options: &PhantomOption
             let mut walk = Walk::default();
             for (i, out) in row.iter_mut().enumerate() {
                 let y = grid.centre([i, j, k]);
-                let before = walk.planning_point(motion, &y, i);
+                let before = walk.planning_point(motion, &y, grid.spacing()[0]);
                 let (cover, inner) = match before {
                     Some(x) => {
                         unfound += usize::from(x.residual > INVERSE_TOLERANCE);
@@ -88,29 +88,29 @@ pub(super) fn fraction(motion: &TrueMotion, grid: &Grid, options: &PhantomOption
 #[derive(Default)]
 struct Walk {
     last: Option<PreImage>,
-    skipped: usize,
+    passed: f64,
 }
 
-/// Voxels in outer air after which the motion is looked up anew.
-const STRIDE: usize = 4;
+/// Way in outer air, mm, after which the motion is looked up anew.
+const STRIDE: f64 = 8.0;
 
 impl Walk {
-    /// The pre-image of a point, or `None` well outside the patient.
-    fn planning_point(&mut self, motion: &TrueMotion, y: &Point3<f64>, i: usize) -> Option<PreImage> {
+    /// The pre-image of a point, `spacing` mm after the one before, or `None` well outside the patient.
+    fn planning_point(&mut self, motion: &TrueMotion, y: &Point3<f64>, spacing: f64) -> Option<PreImage> {
         let last = match self.last {
-            Some(last) if self.skipped < STRIDE && i > 0 => last,
+            Some(last) if self.passed < STRIDE => last,
             _ => {
-                self.skipped = 0;
+                self.passed = 0.0;
                 motion.guess(y)
             }
         };
         self.last = Some(last);
-        if motion.anatomy().far_outside(&last.undo(y).coords) {
-            self.skipped += 1;
+        self.passed += spacing;
+        if motion.anatomy().outer_air(&last.towards(y).coords) {
             return None;
         }
-        self.skipped = 0;
         let found = motion.pull(y, Some(&last));
+        self.passed = 0.0;
         self.last = Some(found);
         Some(found)
     }
