@@ -1,4 +1,5 @@
 //! Rank 9: arguments and terminal.
 
 pub mod inspect;
+pub mod skeleton;
 pub mod terminal;
