@@ -85,6 +85,7 @@ pub struct RegisterArgs {
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -135,6 +136,7 @@ pub struct DemoArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR", default_value = "aventail-demo")]
     pub out: PathBuf,
+    /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
 }

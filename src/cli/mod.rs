@@ -1,5 +1,29 @@
-//! Rank 9: arguments and terminal.
+//! Rank 9: arguments and terminal. One file per verb.
 
-pub mod inspect;
-pub mod skeleton;
+pub mod args;
+mod inspect;
+mod register;
+mod skeleton;
 pub mod terminal;
+
+use crate::error::Result;
+use args::{Cli, Verb};
+use clap::CommandFactory;
+
+/// Runs a parsed command line; returns what belongs on standard output.
+///
+/// # Errors
+/// What the verb reports; [`crate::Error::exit_code`] is the process's exit code.
+pub fn run(cli: &Cli) -> Result<String> {
+    match &cli.verb {
+        Verb::Register(args) => register::run(args),
+        Verb::Skeleton(args) => skeleton::run(args),
+        Verb::Demo(_) | Verb::Phantom(_) => Err(crate::Error::usage("this verb is not wired yet", "wait for the next commit")),
+        Verb::Inspect(args) => inspect::run(&args.files, args.json),
+        Verb::Completions { shell } => {
+            let mut out = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "aventail", &mut out);
+            Ok(String::from_utf8_lossy(&out).into_owned())
+        }
+    }
+}

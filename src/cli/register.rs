@@ -1,7 +1,8 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{FormatName, PresetName, RegisterArgs, RunArgs};
-use super::terminal;
+use super::terminal::Terminal;
+use crate::progress::{Progress, Silent};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
@@ -21,7 +22,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let config = settings(&file, &args.run)?;
     let paths = Paths::new(args, &file.inputs)?;
     open_folder(&args.out)?;
-    let runtime = Runtime::new(args.run.threads, terminal::progress(args.run.quiet))?;
+    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let case = load(&paths, &file.inputs, &runtime)?;
     finish(&case, &config, &runtime, &args.out, args.run.json)
 }
@@ -42,6 +43,11 @@ pub(super) fn finish(case: &Case, config: &Config, runtime: &Runtime, out: &Path
         return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
     }
     Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))
+}
+
+/// Progress on the terminal, or none.
+pub(super) fn progress(quiet: bool) -> Box<dyn Progress> {
+    if quiet { Box::new(Silent) } else { Box::new(Terminal::new()) }
 }
 
 /// The complete settings from file and flags.
@@ -105,7 +111,7 @@ fn load(paths: &Paths, recorded: &[RecordedInput], runtime: &Runtime) -> Result<
         let fraction = io::read_image(&paths.fraction)?;
         let landmarks = paths.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
         let skeleton = match &paths.skeleton {
-            Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
+            Some(_) => None,
             None => None,
         };
         let mut inputs = vec![

@@ -1,6 +1,8 @@
 //! `aventail skeleton`: build, check and show the joint tree of a label map.
 
+use super::args::SkeletonArgs;
 use crate::error::{Error, Result};
+use crate::io::read_labels;
 use crate::io::skeleton::{load_override, write_skeleton};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
@@ -11,24 +13,33 @@ use std::path::Path;
 
 /// What the verb shows, besides what it writes.
 #[derive(Debug, Clone, Serialize)]
-pub struct Shown {
+struct Shown {
     /// The skeleton, with overrides laid over.
     #[serde(flatten)]
-    pub skeleton: Skeleton,
+    skeleton: Skeleton,
     /// Voxels of each bone, in the order of the skeleton's bones.
-    pub voxels: Vec<usize>,
+    voxels: Vec<usize>,
     /// Labels that are not bones.
-    pub ignored: Vec<String>,
+    ignored: Vec<String>,
     /// Findings that the user should know of.
-    pub warnings: Vec<Warning>,
+    warnings: Vec<Warning>,
+}
+
+/// Builds the skeleton of a label map, checks it, writes it where asked, and describes it.
+///
+/// # Errors
+/// When the labels cannot be read, when none is a bone, when the override does not fit, or when the result cannot be
+/// written.
+pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
+    let labels = read_labels(&args.bones, args.labels.as_deref())?;
+    let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
+    shown.warnings.splice(0..0, labels.warnings);
+    if args.json { shown.json() } else { Ok(shown.text()) }
 }
 
 /// Builds the skeleton of a label map, lays a `skeleton.toml` over it where given, and writes the result to `out`
 /// where given.
-///
-/// # Errors
-/// When no label is a bone, when the override does not fit, or when `out` cannot be written.
-pub fn run(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Result<Shown> {
+fn show(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Result<Shown> {
     let built = build(labels)?;
     let counted: Vec<(String, usize)> =
         built.skeleton.bones.iter().map(|b| b.name.clone()).zip(built.voxels.iter().copied()).collect();
@@ -46,7 +57,7 @@ pub fn run(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> R
 
 impl Shown {
     /// The tree, the ignored labels and the warnings as text.
-    pub fn text(&self) -> String {
+    fn text(&self) -> String {
         let mut out = tree(&self.skeleton, &self.voxels);
         if !self.ignored.is_empty() {
             writeln!(out, "\nnot bones of the skeleton, ignored ({}): {}", self.ignored.len(), self.ignored.join(", "))
@@ -59,10 +70,7 @@ impl Shown {
     }
 
     /// The same as a JSON document.
-    ///
-    /// # Errors
-    /// Never for skeletons that [`run`] makes: their numbers are finite.
-    pub fn json(&self) -> Result<String> {
+    fn json(&self) -> Result<String> {
         serde_json::to_string_pretty(self).map_err(|e| Error::Internal(format!("skeleton as JSON: {e}")))
     }
 }
@@ -81,15 +89,15 @@ mod tests {
         let labels = LabelMap { volume, names: names.collect() };
         let dir = tempfile::tempdir().unwrap();
         let (first, second) = (dir.path().join("a.toml"), dir.path().join("b.toml"));
-        let shown = run(&labels, None, Some(&first)).unwrap();
+        let shown = show(&labels, None, Some(&first)).unwrap();
         assert_eq!((shown.ignored.as_slice(), shown.voxels.as_slice()), (&["brain".to_owned()][..], &[1440, 1440][..]));
         assert!(shown.text().contains("skull-C2") && shown.text().contains("ignored (1): brain"), "{}", shown.text());
         // The root turned round: the counts follow their bones.
         std::fs::write(&first, "bones.skull.parent = \"none\"\nbones.vertebrae_C2.parent = \"skull\"\n").unwrap();
-        let turned = run(&labels, Some(&first), Some(&second)).unwrap();
+        let turned = show(&labels, Some(&first), Some(&second)).unwrap();
         assert_eq!(turned.skeleton.bones[0].name, "skull");
         let json: serde_json::Value = serde_json::from_str(&turned.json().unwrap()).unwrap();
         assert_eq!(json["bones"][1]["name"], "vertebrae_C2");
-        assert_eq!(run(&labels, Some(&second), None).unwrap().skeleton.bones[1].parent, Some(0));
+        assert_eq!(show(&labels, Some(&second), None).unwrap().skeleton.bones[1].parent, Some(0));
     }
 }

@@ -4,7 +4,7 @@ use super::Loaded;
 use super::image::{WriteOptions, write};
 use super::raster::{load, require_finite};
 use super::values::{Contents, Values};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::field::{PullField, PushField};
 use crate::volume::Volume;
 use std::path::Path;

@@ -76,7 +76,8 @@ fn text(skeleton: &Skeleton, pose: &Pose) -> String {
         } else if *joint == JointPose::default() {
             continue;
         } else {
-            let name = if bare(&bone.name) { bone.name.clone() } else { toml::Value::from(bone.name.as_str()).to_string() };
+            let name =
+                if bare(&bone.name) { bone.name.clone() } else { toml::Value::from(bone.name.as_str()).to_string() };
             let [flexion, lateral, axial] = degrees;
             format!(
                 "\n[bones.{name}]\nflexion_deg = {flexion:?}\nlateral_deg = {lateral:?}\naxial_deg = {axial:?}\nshift_mm = [{}]\n",
@@ -120,7 +121,8 @@ mod tests {
 
     #[test]
     fn degrees_go_to_the_named_bone_and_the_couch_to_the_root() {
-        let pose = load("couch.shift_mm = [1, 2, 3]\n[bones.skull]\nflexion_deg = 90\nshift_mm = [0, 0, 1.5]\n").unwrap();
+        let pose =
+            load("couch.shift_mm = [1, 2, 3]\n[bones.skull]\nflexion_deg = 90\nshift_mm = [0, 0, 1.5]\n").unwrap();
         let mut expected = vec![JointPose::default(); 4];
         expected[0].translation = [1.0, 2.0, 3.0];
         expected[2] = JointPose { rotation: [std::f64::consts::FRAC_PI_2, 0.0, 0.0], translation: [0.0, 0.0, 1.5] };

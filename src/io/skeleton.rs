@@ -46,7 +46,10 @@ pub fn load_override(path: impl AsRef<Path>, base: Skeleton) -> Result<Skeleton>
     if let Some(listed) = file.inner("bones")? {
         for (name, keys) in listed.each()? {
             let Some(at) = names.iter().position(|n| n == name) else {
-                let remedy = format!("bones of this label map that may be meant: {}", near(name, names.iter().map(String::as_str)));
+                let remedy = format!(
+                    "bones of this label map that may be meant: {}",
+                    near(name, names.iter().map(String::as_str))
+                );
                 return Err(keys.refuse("", "no such bone", remedy));
             };
             lay_over(&mut bones[at], &keys, &names)?;
@@ -63,7 +66,10 @@ fn lay_over(bone: &mut Bone, keys: &Keyed, names: &[String]) -> Result<()> {
         let old = bone.parent;
         bone.parent = names.iter().position(|n| n == parent);
         if bone.parent.is_none() && parent != NONE {
-            let remedy = format!("name a bone of this label map, for example {}; or \"{NONE}\" for the root", near(parent, names.iter().map(String::as_str)));
+            let remedy = format!(
+                "name a bone of this label map, for example {}; or \"{NONE}\" for the root",
+                near(parent, names.iter().map(String::as_str))
+            );
             return Err(keys.refuse("parent", "no such bone", remedy));
         }
         if old.is_some() && bone.parent.is_none() {
@@ -104,7 +110,11 @@ fn lay_over(bone: &mut Bone, keys: &Keyed, names: &[String]) -> Result<()> {
     }
     if let Some(shift) = keys.numbers::<3>("shift_mm")? {
         if shift.iter().any(|s| *s < 0.0) {
-            return Err(keys.refuse("shift_mm", "a range is negative", "write how far it may go to either side, 0 or more"));
+            return Err(keys.refuse(
+                "shift_mm",
+                "a range is negative",
+                "write how far it may go to either side, 0 or more",
+            ));
         }
         joint.translation_range_mm = shift;
     }
@@ -135,7 +145,11 @@ fn check_tree(path: &Path, bones: &[Bone]) -> Result<()> {
             way.push(name);
             if round {
                 return refuse(
-                    format!("bones.{}.parent: the bones hang on each other in a circle: {}", bone.name, way.join(" -> ")),
+                    format!(
+                        "bones.{}.parent: the bones hang on each other in a circle: {}",
+                        bone.name,
+                        way.join(" -> ")
+                    ),
                     "give one of them another parent",
                 );
             }
@@ -278,7 +292,9 @@ pub(super) mod tests {
 
     #[test]
     fn the_tree_can_be_turned_round() {
-        let got = load("bones.skull.parent = \"none\"\nbones.vertebrae_C7.parent = \"skull\"\nbones.vertebrae_T1.parent = \"vertebrae_C7\"\n");
+        let got = load(
+            "bones.skull.parent = \"none\"\nbones.vertebrae_C7.parent = \"skull\"\nbones.vertebrae_T1.parent = \"vertebrae_C7\"\n",
+        );
         let got = got.unwrap();
         let names: Vec<_> = got.bones.iter().map(|b| b.name.as_str()).collect();
         assert_eq!(names, ["skull", "vertebrae_C7", "vertebrae_T1", "rib_left_1"]);

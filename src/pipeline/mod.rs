@@ -2,6 +2,8 @@
 
 mod case;
 mod outcome;
+mod register;
 
 pub use case::{Case, InputFile};
 pub use outcome::Outcome;
+pub use register::register;

@@ -38,6 +38,7 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         Ok::<_, Error>((field::warp_image(&pull, &case.planning, OUTSIDE_HU)?, field::warp_labels(&pull, &case.bones)?))
     })?;
+    let middle = case.planning.grid().middle();
     let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
     let (jacobian, jacobian_report, rigidity, landmarks, multiple) = runtime.stage("evaluate", || {
         let map = field::jacobian(&push);
@@ -53,7 +54,7 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     Ok(Outcome {
         skeleton,
         pose: fit.pose,
-        couch_shift: fit.common.translation.vector,
+        couch_shift: fit.common * middle - middle,
         bone_fits: fit.bones,
         body,
         push,

@@ -3,10 +3,9 @@
 use super::{OutputFile, Run};
 use crate::chainmail::LinkReport;
 use crate::evaluate::{jacobian as jacobians, landmark, rigidity};
-use crate::field::{PullField, PushField, jacobian};
+use crate::field::{InverseReport, PullField, PushField, jacobian};
 use crate::fit::BoneFit;
 use crate::geometry::{Grid, Rigid, about};
-use crate::field::InverseReport;
 use crate::pipeline::{Case, InputFile, Outcome};
 use crate::runtime::StageTime;
 use crate::skeleton::{Bone, Joint, Skeleton};

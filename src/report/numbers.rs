@@ -1,12 +1,12 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
+use crate::chainmail::LinkReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
-use crate::fit::BoneFit;
-use crate::chainmail::LinkReport;
-use crate::geometry::Grid;
 use crate::field::InverseReport;
+use crate::fit::BoneFit;
+use crate::geometry::Grid;
 use crate::pipeline::{Case, InputFile, Outcome};
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
@@ -125,6 +125,19 @@ impl Report {
     }
 }
 
+/// A count with its thousands set apart by thin spaces, as `2 118 297`.
+pub(super) fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{202f}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
 /// Date and time in UTC, as `2026-11-21 03:05 UTC`, of seconds since 1970.
 pub(super) fn utc(seconds: u64) -> String {
     // Civil date from day number: Hinnant, "chrono-compatible low-level date algorithms", with years from March.
@@ -150,6 +163,11 @@ mod tests {
         assert_eq!(utc(951_782_399), "2000-02-28 23:59 UTC");
         assert_eq!(utc(951_782_400), "2000-02-29 00:00 UTC");
         assert_eq!(utc(1_795_230_300), "2026-11-21 03:05 UTC");
+    }
+
+    #[test]
+    fn thousands_stand_apart() {
+        assert_eq!([0, 999, 1_000, 2_118_297].map(count), ["0", "999", "1\u{202f}000", "2\u{202f}118\u{202f}297"]);
     }
 
     #[test]

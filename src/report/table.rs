@@ -23,7 +23,7 @@ pub fn terminal_table(report: &Report) -> String {
     let links = &report.links;
     rows.push(("chain mail", format!("{:.2} % of {} links violated, mean {:.2} mm, worst {:.2} mm", links.violated_percent, links.links, links.mean_excess_mm, links.max_excess_mm)));
     let inverse = &report.inverse;
-    rows.push(("inverse", format!("{:.3} mm mean, {:.3} mm worst; {} unconverged, {} folded over", inverse.residual_mm.mean, inverse.residual_mm.max, inverse.unconverged, inverse.multiple)));
+    rows.push(("inverse", format!("{:.3} mm mean, {:.3} mm worst; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.mean, inverse.residual_mm.max, inverse.unconverged_tissue, inverse.multiple)));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
     rows.push(("run", format!("{:.1} s on {} threads{memory}", report.seconds(), report.threads)));
     if !report.warnings.is_empty() {

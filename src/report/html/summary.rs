@@ -1,6 +1,6 @@
 //! Top of the page: case, key figures, and the figures beside TG-132's tolerances.
 
-use super::super::numbers::{Report, utc};
+use super::super::numbers::{Report, count, utc};
 use crate::geometry::Grid;
 use maud::{Markup, html};
 use std::path::Path;
@@ -18,7 +18,8 @@ pub(super) fn title(report: &Report) -> String {
 
 pub(super) fn header(report: &Report, title: &str) -> Markup {
     let path = |role: &str| input(report, role).map_or(String::new(), |p| p.display().to_string());
-    let s = report.couch_shift;
+    // Adding 0 turns the minus of a zero away.
+    let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
     html! {
         header {
             p.brand { "aventail \u{b7} deformable registration report" }
@@ -26,7 +27,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             dl.case {
                 div { dt.planning { "Planning" } dd { (path("planning")) br; span.note { (grid(&report.planning_grid)) } } }
                 div { dt.fraction { "Fraction" } dd { (path("fraction")) br; span.note { (grid(&report.fraction_grid)) } } }
-                div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; with the offset of scanner origins)", s.x, s.y, s.z)) } } }
+                div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }
         }
@@ -48,7 +49,7 @@ fn card(what: &str, value: Markup, more: &str) -> Markup {
 pub(super) fn cards(report: &Report) -> Markup {
     let mm = |v: f64, digits: usize| html! { (format!("{v:.digits$}")) small { " mm" } };
     let j = &report.jacobian;
-    let folded = format!("of {} cells; another {} in bone contact", j.body.cells, j.contact.folded);
+    let folded = format!("of {} cells; another {} in bone contact", count(j.body.cells), count(j.contact.folded));
     let inverse = &report.inverse;
     let visible = report.bones.iter().filter(|b| b.visible > 0.0).count();
     html! {
@@ -59,8 +60,8 @@ pub(super) fn cards(report: &Report) -> Markup {
                 (card("Landmarks", html! { "none" }, "no landmarks were given"))
             }
             (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; the others follow their joints")))
-            (card("Folded tissue cells", html! { (j.body.folded) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
-            (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} unconverged, {} folded over", inverse.residual_mm.max, inverse.unconverged, inverse.multiple)))
+            (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
+            (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.max, count(inverse.unconverged_tissue), count(inverse.multiple))))
             (card("Links violated", html! { (format!("{:.2}", report.links.violated_percent)) small { " %" } }, &format!("mean excess {:.2} mm, worst {:.2} mm", report.links.mean_excess_mm, report.links.max_excess_mm)))
         }
     }
@@ -88,7 +89,7 @@ pub(super) fn tolerances(report: &Report) -> Markup {
                 }
                 tr {
                     td { "Jacobian, tissue outside bone contact" }
-                    td { (format!("{} cells not positive; 1 % {:.2}, 99 % {:.2}, largest {:.2}", j.body.folded, j.body.p1, j.body.p99, j.body.max)) }
+                    td { (format!("{} cells not positive; 1 % {:.2}, 99 % {:.2}, largest {:.2}", count(j.body.folded), j.body.p1, j.body.p99, j.body.max)) }
                     td { "no negative values; deviation from 1 as clinically expected" }
                 }
                 tr {

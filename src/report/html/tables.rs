@@ -1,6 +1,6 @@
 //! Tables of the page: bones, landmarks, Jacobian, inverse and links.
 
-use super::super::numbers::Report;
+use super::super::numbers::{Report, count};
 use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
 use crate::fit::BoneFit;
@@ -147,8 +147,8 @@ pub(super) fn jacobian(report: &Report) -> Markup {
         }
         p {
             @if !rigid.is_empty() { "Inside " (rigid.len()) " bones every Jacobian is 1 within 0.001. " }
-            (j.digital_folded) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
-            (j.jumps_above_10) " pairs of neighbouring cells differ by more than 10."
+            (count(j.digital_folded)) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
+            (count(j.jumps_above_10)) " pairs of neighbouring cells differ by more than 10."
         }
     }
 }
@@ -156,7 +156,7 @@ pub(super) fn jacobian(report: &Report) -> Markup {
 fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
     html! {
         tr {
-            td { (name) } td.n { (s.cells) } td.n { (s.folded) }
+            td { (name) } td.n { (count(s.cells)) } td.n { (count(s.folded)) }
             @for v in [s.folded_percent, s.above_2_percent, s.below_half_percent] { td.n { (format!("{v:.3}")) } }
             @for v in [s.mean, s.max, s.min, s.p1, s.p99] { td.n { (format!("{v:.3}")) } }
         }
@@ -166,7 +166,7 @@ fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
 /// Quality of the pull field, and links outside their valid region.
 pub(super) fn inverse_and_links(report: &Report) -> Markup {
     let (inverse, links) = (&report.inverse, &report.links);
-    let share = |n: usize| format!("{n} ({:.2} %)", 100.0 * n as f64 / inverse.voxels.max(1) as f64);
+    let share = |n: usize| format!("{} ({:.2} %)", count(n), 100.0 * n as f64 / inverse.voxels.max(1) as f64);
     let r = &inverse.residual_mm;
     html! {
         div.pair {
@@ -174,8 +174,10 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Voxels measured" } td.n { (r.n) } }
+                    tr { td { "Voxels measured" } td.n { (count(r.n)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
+                    tr { td { "Not converged, in tissue" } td.n { (share(inverse.unconverged_tissue)) } }
+                    tr { td { "Worst residual where not converged" } td.n { (format!("{:.2} mm", inverse.unconverged_max_mm)) } }
                     tr { td { "More than one pre-image" } td.n { (share(inverse.multiple)) } }
                     tr { td { "Pre-image outside the planning scan" } td.n { (share(inverse.outside)) } }
                 }
@@ -183,8 +185,8 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
             table {
                 thead { tr { th { "Chain-mail links" } th {} } }
                 tbody {
-                    tr { td { "Links" } td.n { (links.links) } }
-                    tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", links.violated, links.violated_percent)) } }
+                    tr { td { "Links" } td.n { (count(links.links)) } }
+                    tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", count(links.violated), links.violated_percent)) } }
                     tr { td { "Excess, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", links.mean_excess_mm, links.p95_excess_mm, links.max_excess_mm)) } }
                 }
             }
