@@ -1,7 +1,7 @@
 //! Material transfer function: HU to the constraints of a chain-mail element (thesis 5.1, Fig. 13).
 //!
 //! The numbers behind Fig. 13 are not printed. Air and rigid material are the thesis's; the soft-tissue regime of the
-//! two sets is ours and documented in docs/decisions/0004-material.md.
+//! two sets is ours and documented in docs/decisions/0005-material.md.
 
 use serde::{Deserialize, Serialize};
 

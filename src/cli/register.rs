@@ -111,7 +111,7 @@ fn load(paths: &Paths, recorded: &[RecordedInput], runtime: &Runtime) -> Result<
         let fraction = io::read_image(&paths.fraction)?;
         let landmarks = paths.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
         let skeleton = match &paths.skeleton {
-            Some(_) => None,
+            Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
             None => None,
         };
         let mut inputs = vec![

@@ -101,11 +101,13 @@ fn check(case: &Case) -> Result<()> {
 
 /// The user's skeleton, or the one that the labels give.
 fn skeleton_of(case: &Case) -> Result<(Skeleton, Vec<Warning>)> {
-    if let Some(own) = &case.skeleton {
-        return Ok((own.clone(), Vec::new()));
-    }
     let built = skeleton::build(&case.bones)?;
-    Ok((built.skeleton, built.warnings))
+    let mut warnings = built.warnings;
+    if !built.ignored.is_empty() {
+        let list = built.ignored.join(", ");
+        warnings.push(Warning::new("labels-ignored", format!("{} labels are no bones of the skeleton and were ignored: {list}", built.ignored.len())));
+    }
+    Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }
 
 /// Carries the fitted motion to every voxel.

@@ -1,0 +1,90 @@
+//! Hot paths of a registration on the phantom, each over a range of sizes: `cargo bench`.
+
+use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
+use aventail::field::{InvertOptions, PushField, invert, jacobian, warp_image};
+use aventail::fit::{FitOptions, fit_pose};
+use aventail::phantom::{Phantom, PhantomOptions};
+use aventail::progress::Silent;
+use aventail::volume::gaussian;
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::Point3;
+
+/// The phantom at a spacing, with its true field.
+fn phantom(spacing: [f64; 3]) -> (Phantom, PushField) {
+    let base = PhantomOptions::default();
+    let size = std::array::from_fn(|a| (base.size[a] as f64 * base.spacing_mm[a] / spacing[a]) as usize);
+    let phantom = Phantom::new(&PhantomOptions { size, spacing_mm: spacing, ..base }).expect("a legal phantom");
+    let truth = phantom.truth().expect("a legal field");
+    (phantom, truth)
+}
+
+/// Fields and images: by the number of voxels.
+fn fields(c: &mut Criterion) {
+    let mut group = c.benchmark_group("field");
+    group.sample_size(10);
+    for spacing in [[4.0, 4.0, 6.0], [2.0, 2.0, 3.0]] {
+        let (phantom, truth) = phantom(spacing);
+        let voxels = phantom.planning.grid().len();
+        group.throughput(Throughput::Elements(voxels as u64));
+        let grid = phantom.fraction.grid();
+        let (pull, _) = invert(&truth, grid, &InvertOptions::default()).expect("grids agree");
+        group.bench_with_input(BenchmarkId::new("jacobian", voxels), &truth, |b, f| b.iter(|| jacobian(f)));
+        group.bench_with_input(BenchmarkId::new("invert to 1e-3 mm", voxels), &truth, |b, f| {
+            b.iter(|| invert(f, grid, &InvertOptions::default()));
+        });
+        group.bench_with_input(BenchmarkId::new("resample", voxels), &pull, |b, f| {
+            b.iter(|| warp_image(f, &phantom.planning, -1000.0));
+        });
+        group.bench_with_input(BenchmarkId::new("blur 2 mm", voxels), &phantom.planning, |b, v| {
+            b.iter(|| gaussian(v, 2.0));
+        });
+    }
+    group.finish();
+}
+
+/// Propagation: by the spacing of the elements, with and without relaxation and pruning.
+fn propagation(c: &mut Criterion) {
+    let (phantom, _) = phantom([2.0, 2.0, 3.0]);
+    let mut bone_of_label = vec![None; usize::from(u16::MAX) + 1];
+    phantom.skeleton.bones.iter().enumerate().for_each(|(b, bone)| {
+        bone_of_label[usize::from(bone.label)] = Some(b as u16);
+    });
+    let centroids: Vec<Point3<f64>> = phantom.skeleton.bones.iter().map(|b| b.centroid).collect();
+    let tissue = Tissue {
+        ct: &phantom.planning,
+        body: &phantom.body,
+        labels: &phantom.bones,
+        bone_of_label: &bone_of_label,
+        least_hu: -500.0,
+    };
+    let bones = Initiators { transforms: &phantom.transforms, centroids: &centroids };
+    let mut group = c.benchmark_group("propagate");
+    group.sample_size(10);
+    for (name, prune_ratio, relaxed) in [("exact", 0.0, false), ("pruned", 4.0, false), ("pruned, relaxed", 4.0, true)] {
+        for spacing_mm in [6.0, 4.0, 3.0] {
+            let relaxation = if relaxed { vec![(12.0, 40), (spacing_mm, 20)] } else { Vec::new() };
+            let options = ChainmailOptions { prune_ratio, spacing_mm, relaxation, ..ChainmailOptions::default() };
+            group.bench_with_input(BenchmarkId::new(name, spacing_mm), &options, |b, o| {
+                b.iter(|| propagate(&tissue, &bones, o, &Silent));
+            });
+        }
+    }
+    group.finish();
+}
+
+/// The fit: by samples per bone at the finest level.
+fn fit(c: &mut Criterion) {
+    let (phantom, _) = phantom([3.0, 3.0, 3.0]);
+    let mut group = c.benchmark_group("fit");
+    group.sample_size(10);
+    for samples in [1000, 4000, 12_000] {
+        let options = FitOptions { levels: vec![(0.8, samples)], ..FitOptions::default() };
+        group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
+            b.iter(|| fit_pose(&phantom.skeleton, &phantom.planning, &phantom.bones, &phantom.fraction, o, &Silent));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, fields, propagation, fit);
+criterion_main!(benches);
