@@ -5,6 +5,7 @@ mod demo;
 mod inspect;
 mod phantom;
 mod register;
+mod skeleton;
 pub mod terminal;
 
 use crate::error::Result;
@@ -20,7 +21,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Register(args) => register::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
-        Verb::Skeleton(_) => Err(crate::Error::usage("this verb is not wired yet", "wait for the next commit")),
+        Verb::Skeleton(args) => skeleton::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

@@ -3,9 +3,11 @@
 use super::tissue::Tissue;
 use crate::skeleton::Skeleton;
 use crate::volume::LabelMap;
+use crate::geometry::Grid;
 use nalgebra::Point3;
 
-/// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information.
+/// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information. In
+/// coarser images it is one voxel of the finest axis wide: without any shell a bone has no contrast.
 const SHELL_MM: f64 = 2.5;
 
 /// Sample voxels of one bone at one resolution.
@@ -30,13 +32,14 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     for (b, bone) in skeleton.bones.iter().enumerate() {
         of_label[usize::from(bone.label)] = b;
     }
-    let reach: [i64; 3] = std::array::from_fn(|a| (SHELL_MM / spacing[a]).floor() as i64);
+    let shell = spacing.into_iter().fold(f64::INFINITY, f64::min).max(SHELL_MM);
+    let reach: [i64; 3] = std::array::from_fn(|a| (shell / spacing[a]).floor() as i64);
     let mut ball = Vec::new();
     for k in -reach[2]..=reach[2] {
         for j in -reach[1]..=reach[1] {
             for i in -reach[0]..=reach[0] {
                 let mm2: f64 = [i, j, k].iter().zip(spacing).map(|(&o, s)| (o as f64 * s).powi(2)).sum();
-                if mm2 <= SHELL_MM * SHELL_MM {
+                if mm2 <= shell * shell {
                     ball.push([i, j, k]);
                 }
             }
@@ -77,18 +80,17 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     out
 }
 
-/// At most `most` of the candidates that lie in tissue, chosen by a hash of their position so that no lattice pattern remains.
-pub fn draw(candidates: &[u32], image: &Tissue, most: usize) -> Samples {
-    let grid = image.value.grid();
-    let tissue: Vec<u32> = candidates.iter().copied().filter(|&l| image.valid.data()[l as usize] > 0.5).collect();
-    let n = tissue.len();
+/// At most about `most` of the candidates (storage positions on `grid`), those in tissue; chosen by a hash of their
+/// position so that no lattice pattern remains.
+pub fn draw(candidates: &[u32], grid: &Grid, image: &Tissue, most: usize) -> Samples {
+    let n = candidates.len();
     let keep = |l: u32| n <= most || hash(l) % n as u64 <= most as u64;
-    let chosen: Vec<u32> = tissue.into_iter().filter(|&l| keep(l)).collect();
-    Samples {
-        points: chosen.iter().map(|&l| grid.centre(grid.voxel(l as usize))).collect(),
-        values: chosen.iter().map(|&l| f64::from(image.value.data()[l as usize])).collect(),
-        volume_mm3: n as f64 * grid.voxel_volume(),
-    }
+    let chosen = candidates.iter().copied().filter(|&l| keep(l)).filter_map(|l| {
+        let p = grid.centre(grid.voxel(l as usize));
+        image.at(&p).map(|v| (p, v))
+    });
+    let (points, values) = chosen.unzip();
+    Samples { points, values, volume_mm3: n as f64 * grid.voxel_volume() }
 }
 
 /// SplitMix64's finaliser: a fixed, well-mixed hash.
