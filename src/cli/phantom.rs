@@ -56,11 +56,12 @@ fn write(phantom: &Phantom, out: &Path) -> Result<()> {
     io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &phantom.landmarks))
 }
 
-fn write_landmarks(w: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
-    writeln!(w, "name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z")?;
+fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
+    let mut table = csv::Writer::from_writer(out);
+    table.write_record(["name", "planning_x", "planning_y", "planning_z", "fraction_x", "fraction_y", "fraction_z"])?;
     for l in landmarks {
-        let (p, f) = (l.planning, l.fraction);
-        writeln!(w, "{},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4}", l.name, p.x, p.y, p.z, f.x, f.y, f.z)?;
+        let numbers = l.planning.iter().chain(l.fraction.iter()).map(|c| format!("{c:.4}"));
+        table.write_record(std::iter::once(l.name.clone()).chain(numbers))?;
     }
-    Ok(())
+    table.flush()
 }

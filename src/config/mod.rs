@@ -90,7 +90,7 @@ impl ConfigFile {
     /// Reads a TOML file, or the `report.json` of an earlier run.
     ///
     /// # Errors
-    /// [`Error::Read`] when the file cannot be read or parsed.
+    /// [`Error::Read`] when the file cannot be read or parsed, [`Error::Usage`] when it holds `nan` or `inf`.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
         let bad = |problem: String| Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run");
@@ -102,6 +102,9 @@ impl ConfigFile {
             return Ok(Self { settings, inputs });
         }
         let value: Value = toml::from_str(&text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
+        if let Some(key) = not_finite(&value) {
+            return Err(Error::usage(format!("{}: {key} is not a finite number", path.display()), "give a finite number, or leave the line out"));
+        }
         Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), inputs: Vec::new() })
     }
 
@@ -118,6 +121,17 @@ impl ConfigFile {
         value["preset"] = serde_json::to_value(preset).map_err(|e| Error::Internal(e.to_string()))?;
         let config: Config = serde_json::from_value(value).map_err(|e| bad(e.to_string()))?;
         config.problem().map_or(Ok(config), |p| Err(bad(p)))
+    }
+}
+
+/// Key of the first `nan` or `inf` of a TOML file: JSON values, which the settings are held in, have null in their place.
+fn not_finite(value: &Value) -> Option<String> {
+    let join = |key: String, inner: String| if inner.is_empty() { key } else { format!("{key}.{inner}") };
+    match value {
+        Value::Null => Some(String::new()),
+        Value::Object(table) => table.iter().find_map(|(key, v)| Some(join(key.clone(), not_finite(v)?))),
+        Value::Array(list) => list.iter().enumerate().find_map(|(n, v)| Some(join(n.to_string(), not_finite(v)?))),
+        _ => None,
     }
 }
 

@@ -6,7 +6,8 @@ use crate::volume::LabelMap;
 use crate::geometry::Grid;
 use nalgebra::Point3;
 
-/// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information.
+/// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information. In
+/// coarser images it is one voxel of the finest axis wide: without any shell a bone has no contrast.
 const SHELL_MM: f64 = 2.5;
 
 /// Sample voxels of one bone at one resolution.
@@ -31,13 +32,14 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     for (b, bone) in skeleton.bones.iter().enumerate() {
         of_label[usize::from(bone.label)] = b;
     }
-    let reach: [i64; 3] = std::array::from_fn(|a| (SHELL_MM / spacing[a]).floor() as i64);
+    let shell = spacing.into_iter().fold(f64::INFINITY, f64::min).max(SHELL_MM);
+    let reach: [i64; 3] = std::array::from_fn(|a| (shell / spacing[a]).floor() as i64);
     let mut ball = Vec::new();
     for k in -reach[2]..=reach[2] {
         for j in -reach[1]..=reach[1] {
             for i in -reach[0]..=reach[0] {
                 let mm2: f64 = [i, j, k].iter().zip(spacing).map(|(&o, s)| (o as f64 * s).powi(2)).sum();
-                if mm2 <= SHELL_MM * SHELL_MM {
+                if mm2 <= shell * shell {
                     ball.push([i, j, k]);
                 }
             }

@@ -72,7 +72,8 @@ struct Fitter<'a> {
 /// field of view follow their joints.
 ///
 /// # Errors
-/// [`Error::Registration`] when the images show no common anatomy.
+/// [`Error::Registration`] when the images show no common anatomy: no couch shift explains the bones, or no bone is found
+/// in the end.
 pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, fraction: &Volume<f32>, options: &FitOptions, progress: &dyn Progress) -> Result<FitResult> {
     let lists = candidates(skeleton, labels);
     let steps = 1 + options.outward.len() + options.levels.len();
@@ -104,6 +105,12 @@ pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, 
     let before = fitter.evaluate(&level, &vec![common; transforms.len()]);
     let after = fitter.evaluate(&level, &transforms);
     let bones = fitter.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
+    if bones.iter().all(|b| b.determined_by != "image") {
+        return Err(Error::registration(
+            format!("none of the planning CT's {} bones is found in the fraction CT", bones.len()),
+            "check that both CTs show the same patient and a common body region, in HU",
+        ));
+    }
     let warnings = if share < WEAK_START {
         let problem = format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share);
         vec![Warning::new("weak-start", problem)]

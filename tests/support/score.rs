@@ -1,7 +1,9 @@
 //! Errors of a registration against known truth.
 
 use aventail::field::PushField;
-use aventail::volume::{LabelMap, Mask, Volume, distance::squared_distance, trilinear_vector};
+use aventail::stats::percentile;
+use aventail::volume::distance::{erode, squared_distance};
+use aventail::volume::{LabelMap, Mask, Volume, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -74,31 +76,19 @@ pub fn dice(a: &Mask, b: &Mask) -> f64 {
     2.0 * both as f64 / (a.count() + b.count()) as f64
 }
 
-/// 95th percentile of the distances from each mask's surface voxels to the other's nearest, mm. The image's edge is no surface.
-pub fn surface_p95(a: &Mask, b: &Mask) -> f64 {
-    let (a, b) = (surface(a), surface(b));
-    let mut all: Vec<f32> = Vec::new();
-    for (from, to) in [(&a, &b), (&b, &a)] {
-        let distance = squared_distance(to, true);
-        all.extend(from.data().iter().zip(distance.data()).filter(|(on, _)| **on).map(|(_, d)| d.sqrt()));
-    }
-    all.sort_by(f32::total_cmp);
-    f64::from(all[(all.len() - 1) * 95 / 100])
+/// 95th percentile of the distances from a mask's surface voxels to the nearest of another's, mm.
+pub fn surface_p95(from: &Mask, to: &Mask) -> f64 {
+    let distance = squared_distance(&surface(to), true);
+    let on_surface = surface(from);
+    let pairs = on_surface.data().iter().zip(distance.data());
+    let mut all: Vec<f64> = pairs.filter(|(on, _)| **on).map(|(_, d)| f64::from(*d).sqrt()).collect();
+    all.sort_by(f64::total_cmp);
+    percentile(&all, 95.0)
 }
 
-/// Voxels of a mask with a face neighbour outside it.
+/// Voxels of a mask that face its outside; the image's edge is no outside.
 fn surface(mask: &Mask) -> Mask {
-    let grid = mask.grid();
-    Volume::from_fn(grid.clone(), |l| {
-        let at = grid.voxel(l);
-        let open = |axis: usize, up: bool| {
-            let mut other = at;
-            if (up && at[axis] + 1 == grid.size()[axis]) || (!up && at[axis] == 0) {
-                return false;
-            }
-            other[axis] = if up { at[axis] + 1 } else { at[axis] - 1 };
-            !*mask.at(other)
-        };
-        mask.data()[l] && (0..3).any(|axis| open(axis, false) || open(axis, true))
-    })
+    let least = mask.grid().spacing().into_iter().fold(f64::INFINITY, f64::min);
+    let inner = erode(mask, least);
+    Volume::from_fn(mask.grid().clone(), |l| mask.data()[l] && !inner.data()[l])
 }

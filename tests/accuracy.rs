@@ -1,0 +1,144 @@
+//! A registration of the phantom finds the motion that made its fraction CT.
+//!
+//! The phantom is coarse here (5 x 5 x 6 mm) so that the test is quick: bones of a few voxels are blurred, so the bounds
+//! are those of a coarse image; docs/validation.md has the numbers at clinical resolution.
+
+#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
+mod support;
+
+use aventail::config::Config;
+use aventail::phantom::{Phantom, PhantomOptions};
+use aventail::pipeline::{Case, Outcome, register};
+use aventail::runtime::Runtime;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use support::score::{Score, TruthPoint, name, score};
+
+/// Mean over bones of their points' mean error, mm: a tenth of a voxel.
+const BONES_MM: f64 = 0.6;
+/// A bone's mean error, mm: half a voxel.
+const WORST_BONE_MM: f64 = 2.5;
+/// Mean error of soft tissue, mm: the phantom's tissue moves up to 2 mm on its own, which bones cannot tell.
+const SOFT_MM: f64 = 2.0;
+/// A bone's departure from a rigid motion, mm: single precision.
+const RIGID_MM: f64 = 0.001;
+/// Cells that fold outside bone contact, percent of the body.
+const FOLDED_PERCENT: f64 = 0.05;
+
+fn done() -> &'static (Phantom, Outcome) {
+    static ONE: OnceLock<(Phantom, Outcome)> = OnceLock::new();
+    ONE.get_or_init(|| {
+        let phantom = Phantom::new(&PhantomOptions::coarse()).expect("the options are sensible");
+        let case = Case {
+            planning: phantom.planning.clone(),
+            bones: phantom.bones.clone(),
+            fraction: phantom.fraction.clone(),
+            landmarks: phantom.landmarks.clone(),
+            skeleton: None,
+            warnings: Vec::new(),
+            inputs: Vec::new(),
+        };
+        let runtime = Runtime::silent().expect("threads start");
+        let outcome = register(&case, &Config::default(), &runtime).expect("the phantom registers");
+        (phantom, outcome)
+    })
+}
+
+/// Body voxels whose true place lies inside the fraction image, with their true motion.
+fn truth(phantom: &Phantom) -> Vec<TruthPoint> {
+    let grid = phantom.planning.grid();
+    let seen = phantom.fraction.grid();
+    let tissue = |l: &usize| phantom.body.data()[*l] && phantom.planning.data()[*l] > -500.0;
+    (0..grid.len())
+        .filter(tissue)
+        .filter_map(|l| {
+            let at = grid.centre(grid.voxel(l));
+            let to = phantom.push(&at);
+            let bone = phantom.bones.volume.data()[l];
+            seen.contains(&seen.index(&to)).then(|| TruthPoint { at, motion: to - at, bone })
+        })
+        .collect()
+}
+
+#[test]
+fn bones_and_tissue_are_where_they_truly_went() {
+    let (phantom, outcome) = done();
+    let truth = truth(phantom);
+    let moved = truth.iter().map(|p| p.motion.norm()).sum::<f64>() / truth.len() as f64;
+    assert!(moved > 5.0, "the phantom moves by {moved} mm, so standing still is no answer");
+    let Score { soft, bones, worst } = score(&outcome.push, &truth, 20);
+    let bone = name(&phantom.bones, worst.0);
+    println!("motion {moved:.2} mm; bones {bones:.3} mm, worst {bone} {:.3} mm, soft tissue {soft:.3} mm", worst.1);
+    assert!(bones <= BONES_MM, "bones {bones} mm");
+    assert!(worst.1 <= WORST_BONE_MM, "{bone} {} mm", worst.1);
+    assert!(soft <= SOFT_MM, "soft tissue {soft} mm");
+}
+
+#[test]
+fn the_field_moves_bones_rigidly_as_their_transforms_say() {
+    let (phantom, outcome) = done();
+    for bone in &outcome.rigidity {
+        assert!(bone.rms_mm <= RIGID_MM, "{} departs by {} mm", bone.name, bone.rms_mm);
+    }
+    let fits: BTreeMap<&str, _> = outcome.bone_fits.iter().map(|f| (f.name.as_str(), f.transform)).collect();
+    let grid = phantom.planning.grid();
+    let mut checked = 0;
+    for (l, label) in phantom.bones.volume.data().iter().enumerate().filter(|(_, label)| **label > 0) {
+        let x = grid.centre(grid.voxel(l));
+        let u = outcome.push.displacement.data()[l].map(f64::from);
+        let meant = fits[name(&phantom.bones, *label)] * x;
+        assert!((x + nalgebra::Vector3::from(u) - meant).norm() < 1e-3, "{} at {x}", name(&phantom.bones, *label));
+        checked += 1;
+    }
+    assert!(checked > 5_000, "{checked} bone voxels");
+}
+
+#[test]
+fn nothing_folds_outside_bone_contact() {
+    let report = &done().1.jacobian_report;
+    println!("{} of {} cells fold, {} in contact", report.body.folded, report.body.cells, report.contact.folded);
+    assert!(report.body.cells > 50_000);
+    assert!(report.body.folded_percent <= FOLDED_PERCENT, "{} %", report.body.folded_percent);
+}
+
+#[test]
+fn landmarks_come_closer() {
+    let landmarks = done().1.landmarks.as_ref().unwrap();
+    println!("landmarks {:.2} mm before, {:.2} mm after", landmarks.before.mean, landmarks.after.mean);
+    assert!(landmarks.each.len() >= 16);
+    assert!(landmarks.ratio_of_means <= 0.35, "ratio of means {}", landmarks.ratio_of_means);
+}
+
+#[test]
+fn the_inverse_undoes_the_field() {
+    let outcome = &done().1;
+    let grid = outcome.pull.displacement.grid();
+    let mut apart: Vec<f64> = (0..grid.len())
+        .filter(|&l| outcome.pull.inside.data()[l])
+        .filter_map(|l| {
+            let y = grid.centre(grid.voxel(l));
+            let x = y + nalgebra::Vector3::from(outcome.pull.displacement.data()[l].map(f64::from));
+            let back = aventail::field::push_point(&outcome.push, &x)?;
+            Some((back - y).norm())
+        })
+        .collect();
+    apart.sort_by(f64::total_cmp);
+    assert!(apart.len() > 100_000, "{}", apart.len());
+    let p999 = apart[apart.len() * 999 / 1000];
+    println!("push after pull: 99.9th percentile {p999:.4} mm");
+    assert!(p999 <= 0.05, "{p999} mm");
+}
+
+#[test]
+fn the_fit_says_which_bones_the_image_shows() {
+    let outcome = &done().1;
+    let by_image = outcome.bone_fits.iter().filter(|f| f.determined_by == "image").count();
+    assert!(by_image >= 30, "{by_image} bones");
+    for fit in outcome.bone_fits.iter().filter(|f| f.determined_by == "image") {
+        let (before, after) = (fit.similarity_before.unwrap(), fit.similarity_after.unwrap());
+        assert!((0.0..=1.0).contains(&after) && (0.0..=1.0).contains(&before), "{}: {before} {after}", fit.name);
+        assert!(fit.position_sd_mm.is_finite() && fit.position_sd_mm > 0.0, "{}", fit.name);
+    }
+    let better = outcome.bone_fits.iter().filter(|f| f.similarity_after > f.similarity_before).count();
+    assert!(better * 10 >= outcome.bone_fits.len() * 7, "{better} bones fit better than before");
+}
