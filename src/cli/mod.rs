@@ -1,7 +1,9 @@
 //! Rank 9: arguments and terminal. One file per verb.
 
 pub mod args;
+mod demo;
 mod inspect;
+mod phantom;
 mod register;
 mod skeleton;
 pub mod terminal;
@@ -17,8 +19,9 @@ use clap::CommandFactory;
 pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
+        Verb::Demo(args) => demo::run(args),
+        Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
-        Verb::Demo(_) | Verb::Phantom(_) => Err(crate::Error::usage("this verb is not wired yet", "wait for the next commit")),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
