@@ -26,7 +26,9 @@ impl Anatomy<'_> {
             (Kind::Mandible, _) => Some(self.condyles(c)),
             (Kind::Hyoid, _) => Some(c.centroid),
             (Kind::Clavicle(side), Kind::Spine(_)) if c.cut > 0.02 => self.sternal_end(side, p),
+            (Kind::Rib(..), Kind::Spine(level)) => self.rib_head(c, level),
             (Kind::Humerus(_) | Kind::Femur(_), _) => head(c, p),
+            (Kind::Ulna(_) | Kind::Radius(_), _) => beyond_the_edge(c, p),
             _ => None,
         };
         special.unwrap_or_else(|| match contact(&c.surface, &p.surface) {
@@ -108,16 +110,67 @@ impl Anatomy<'_> {
         }
     }
 
+    /// The end of a rib that lies nearest to the vertebra's body: ribs touch the transverse process too.
+    fn rib_head(&self, rib: &Shape, level: u8) -> Option<Point3<f64>> {
+        /// Length of the head, mm.
+        const HEAD: f64 = 4.0;
+        let body = self.on_axis(level)?;
+        let nearest = rib.surface.iter().map(|p| (p - body).norm()).min_by(f64::total_cmp)?;
+        Some(mean(&rib.surface.iter().filter(|p| (*p - body).norm() <= nearest + HEAD).copied().collect::<Vec<_>>()))
+    }
+
+    /// Middle of a vertebra's body, or of the disc above it where the image's edge cuts the body off.
+    fn on_axis(&self, level: u8) -> Option<Point3<f64>> {
+        let own = self.vertebrae.get(&level).filter(|v| v.has_body).map(|v| v.middle);
+        own.or_else(|| self.vertebrae.range(level + 1..).next().and_then(|(&upper, _)| self.disc(upper, level)))
+    }
+
     /// Where the sternal end of a clavicle is expected when the image's edge cuts it off: beside the midline and
     /// in front of the spine, in the frame of the vertebra that carries it.
     fn sternal_end(&self, side: Side, parent: &Shape) -> Option<Point3<f64>> {
         let Kind::Spine(level) = parent.kind else { return None };
         let frame = self.vertebrae.get(&level)?.frame;
-        // The lowest spinal joint lies on the bodies' line, even where the carrier itself is cut.
-        let joint = self.vertebrae.range(level + 1..).next().and_then(|(&upper, _)| self.disc(upper, level));
         let sign = if side == Side::Left { 1.0 } else { -1.0 };
+        // The lowest disc lies on the bodies' line, even where the carrier itself is cut.
+        let joint = self.vertebrae.range(level + 1..).next().and_then(|(&upper, _)| self.disc(upper, level));
         Some(joint.unwrap_or(parent.centroid) + frame * Vector3::new(27.0 * sign, -45.0, 0.0))
     }
+}
+
+/// The joint of two long bones that both leave the image before they meet: where their axes come nearest.
+fn beyond_the_edge(child: &Shape, parent: &Shape) -> Option<Point3<f64>> {
+    /// Longer than any upper arm, mm.
+    const LONGEST: f64 = 400.0;
+    /// Axes that pass each other farther apart than this do not meet, mm.
+    const MISS: f64 = 60.0;
+    let gap = contact(&child.surface, &parent.surface)?.gap;
+    if gap <= BRIDGE || child.cut <= 0.0 || parent.cut <= 0.0 {
+        return None;
+    }
+    let (d, e) = (long_axis(child)?, long_axis(parent)?);
+    let (between, cross) = (parent.centroid - child.centroid, d.cross(&e));
+    // Nearly parallel axes meet nowhere in particular.
+    if cross.norm() < 0.2 {
+        return None;
+    }
+    let along = |other: &Vector3<f64>| between.cross(other).dot(&cross) / cross.norm_squared();
+    let (a, b) = (child.centroid + d * along(&e), parent.centroid + e * along(&d));
+    let plausible =
+        (a - b).norm() <= MISS && (a - child.centroid).norm() <= LONGEST && (b - parent.centroid).norm() <= LONGEST;
+    plausible.then(|| nalgebra::center(&a, &b))
+}
+
+/// Direction of a bone's greatest extent; `None` for one that is not clearly long.
+fn long_axis(bone: &Shape) -> Option<Vector3<f64>> {
+    let mut spread = Matrix3::zeros();
+    for p in &bone.points {
+        let v = p - bone.centroid;
+        spread += v * v.transpose();
+    }
+    let eigen = spread.symmetric_eigen();
+    let longest = eigen.eigenvalues.imax();
+    let second = (0..3).filter(|&n| n != longest).map(|n| eigen.eigenvalues[n]).fold(0.0, f64::max);
+    (eigen.eigenvalues[longest] > 4.0 * second).then(|| eigen.eigenvectors.column(longest).into_owned())
 }
 
 /// Axes of a limb whose bone points away from the joint against `proximal`: flexion stays as near to right-left as

@@ -1,9 +1,11 @@
 //! The joint tree as text.
 
+use super::anatomy::Kind;
 use super::{Bone, Skeleton};
 use std::fmt::Write;
 
-/// The tree with each bone's size, joint, centre and ranges; one line per bone, parents above their children.
+/// The tree with each bone's size, joint, centre and ranges; one line per bone, parents above their children. A branch
+/// hangs on the nearest line above it without its last step of indentation, any other bone on the nearest one in its column.
 ///
 /// `voxels` is the number of voxels of each bone, in the order of the bones.
 pub fn tree(skeleton: &Skeleton, voxels: &[usize]) -> String {
@@ -32,24 +34,20 @@ pub fn tree(skeleton: &Skeleton, voxels: &[usize]) -> String {
     out
 }
 
-/// Indentation and position of each bone, depth first.
+/// Indentation and position of each bone, depth first. Bones branch off to the right; the spine and only children stay in
+/// their parent's column, after its branches.
 fn rows(skeleton: &Skeleton) -> Vec<(String, usize)> {
-    let children = |p: Option<usize>| (0..skeleton.bones.len()).filter(move |&n| skeleton.bones[n].parent == p);
+    let bones = &skeleton.bones;
+    let is_axis = |n: usize| matches!(Kind::of(&bones[n].name), Some(Kind::Spine(_)));
     let mut out = Vec::new();
-    let mut stack: Vec<(String, String, usize)> = children(None).map(|n| (String::new(), String::new(), n)).collect();
+    let root = (0..bones.len()).filter(|&n| bones[n].parent.is_none());
+    let mut stack: Vec<(String, String, usize)> = root.map(|n| (String::new(), String::new(), n)).collect();
     while let Some((own, below, n)) = stack.pop() {
-        let mut inner: Vec<_> = children(Some(n)).collect();
-        // The only child continues its parent's column, so that the spine does not drift to the right.
-        let alone = inner.len() == 1;
-        inner.reverse();
-        for (place, child) in inner.into_iter().enumerate() {
-            let (branch, rest) = match (alone, place) {
-                (true, _) => ("", ""),
-                (false, 0) => ("`-- ", "    "),
-                (false, _) => ("|-- ", "|   "),
-            };
-            stack.push((format!("{below}{branch}"), format!("{below}{rest}"), child));
-        }
+        let children: Vec<usize> = (0..bones.len()).filter(|&c| bones[c].parent == Some(n)).collect();
+        let main = children.iter().copied().find(|&c| is_axis(c) || children.len() == 1);
+        stack.extend(main.map(|c| (below.clone(), below.clone(), c)));
+        let branches = children.iter().rev().filter(|c| Some(**c) != main);
+        stack.extend(branches.map(|&c| (format!("{below}|-- "), format!("{below}|   "), c)));
         out.push((own, n));
     }
     out

@@ -130,16 +130,13 @@ fn plates(body: &[&Vector3<f64>], grid: &Grid) -> (f64, f64) {
     (median(columns.values().map(|c| c.0).collect()), median(columns.values().map(|c| c.1).collect()))
 }
 
-/// The tip of C2 that stands within the atlas: mean of C2's voxels above the atlas's lower quarter, near the midline.
+/// Middle of the part of the dens that stands within the ring of the atlas, at the height of the atlas's centroid.
 pub(super) fn dens(c1: &Shape, c2: &Shape, frame: &Matrix3<f64>) -> Option<Point3<f64>> {
     let to_local = frame.transpose();
-    let mut heights: Vec<f64> = c1.points.iter().map(|p| (to_local * (p - c1.centroid)).z).collect();
-    heights.sort_by(f64::total_cmp);
-    let floor = crate::stats::percentile(&heights, 25.0);
-    let tip = |p: &&Point3<f64>| {
+    let within = |p: &&Point3<f64>| {
         let v = to_local * (*p - c1.centroid);
-        v.z >= floor && v.x.abs() <= 10.0
+        v.z.abs() <= 5.0 && v.x.abs() <= 10.0
     };
-    let tip: Vec<Point3<f64>> = c2.points.iter().filter(tip).copied().collect();
-    (!tip.is_empty()).then(|| mean(&tip))
+    let dens: Vec<Point3<f64>> = c2.points.iter().filter(within).copied().collect();
+    (!dens.is_empty()).then(|| mean(&dens))
 }

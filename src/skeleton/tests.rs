@@ -292,6 +292,45 @@ fn the_head_of_a_thigh_is_the_centre_of_its_hip() {
     assert!((femur.joint.centre - centre).norm() < 2.0, "{}", femur.joint.centre);
 }
 
+#[test]
+fn a_rib_turns_at_its_head_though_it_touches_the_arch_too() {
+    let names = ["vertebrae_T2", "vertebrae_T1"];
+    let mut labels = BlockSpine::new(&names, Point3::origin(), Vector3::zeros()).labels(&neck_grid());
+    let grid = labels.volume.grid().clone();
+    let (head, angle) = (Point3::new(13.0, 4.0, 22.0), Point3::new(15.0, 26.0, 22.0));
+    for (l, v) in labels.volume.data_mut().iter_mut().enumerate() {
+        let p = grid.centre(grid.voxel(l));
+        let t = ((p - head).dot(&(angle - head)) / (angle - head).norm_squared()).clamp(0.0, 1.0);
+        if *v == 0 && (p - (head + (angle - head) * t)).norm() < 4.0 {
+            *v = 3;
+        }
+    }
+    labels.names.insert(3, "rib_left_1".into());
+    let built = build(&labels).unwrap();
+    let rib = built.skeleton.bones.iter().find(|b| b.name == "rib_left_1").unwrap();
+    assert!((rib.joint.centre - head).norm() < 5.0, "{}", rib.joint.centre);
+}
+
+#[test]
+fn an_elbow_outside_the_image_lies_where_the_arms_axes_meet() {
+    let grid = Grid::axis_aligned([60, 60, 60], [3.0; 3], [0.0; 3]).unwrap();
+    let elbow = Point3::new(90.0, 80.0, -90.0);
+    let arm = Vector3::new(-0.3, 0.1, 1.0).normalize();
+    let forearm = Vector3::new(0.3, -0.2, 1.0).normalize();
+    let volume = Volume::from_fn(grid.clone(), |l| {
+        let v = grid.centre(grid.voxel(l)) - elbow;
+        let near = |axis: &Vector3<f64>| v.cross(axis).norm() < 9.0;
+        if near(&arm) { 1 } else { u16::from(near(&forearm)) * 2 }
+    });
+    let names = [(1, "humerus_left".to_owned()), (2, "ulna_left".to_owned())].into();
+    let built = build(&LabelMap { volume, names }).unwrap();
+    let ulna = &built.skeleton.bones[1];
+    assert_eq!(ulna.joint.name, "humeroulnar_left");
+    assert!((ulna.joint.centre - elbow).norm() < 12.0, "{}", ulna.joint.centre);
+    let axial = ulna.joint.axes.column(2).into_owned();
+    assert!(axial.dot(&forearm).abs() > 0.99, "the forearm turns about its own length");
+}
+
 /// Any skeleton of `n` bones with any pose.
 fn any_skeleton(n: usize) -> impl Strategy<Value = (Skeleton, Pose)> {
     let bone = (any::<prop::sample::Index>(), prop::array::uniform9(-1.0f64..1.0), prop::array::uniform6(-0.8f64..0.8));
