@@ -181,14 +181,31 @@ mod tests {
         let nostril = x.hypot(z - 20.0) < 3.0 && y < -15.0;
         if neck(0.0) || shoulder {
             let bone = x.hypot(y - 15.0) < 7.0;
-            return (if trachea || nostril { -1000.0 } else if bone { 700.0 } else { 20.0 }, true);
+            return (
+                if trachea || nostril {
+                    -1000.0
+                } else if bone {
+                    700.0
+                } else {
+                    20.0
+                },
+                true,
+            );
         }
         let shell = (36.0..39.0).contains(&y) || (57.0..60.0).contains(&y);
         let rail = (39.0..57.0).contains(&y) && (x.abs() - 30.0).abs() < 11.0;
         // The mask stands off by 3 mm, but for a strip along the front.
         let mask = z > -18.0 && y < 0.0 && if x.abs() < 8.0 { neck(3.0) } else { neck(6.0) && !neck(3.0) };
         let foam = (39.0..57.0).contains(&y);
-        let hu = if rail { 80.0 } else if shell || mask { -150.0 } else if foam { -900.0 } else { -1000.0 };
+        let hu = if rail {
+            80.0
+        } else if shell || mask {
+            -150.0
+        } else if foam {
+            -900.0
+        } else {
+            -1000.0
+        };
         (hu, false)
     }
 
@@ -210,7 +227,11 @@ mod tests {
         assert!(dice >= 0.98, "Dice {dice}");
         let near = dilate(&truth, 4.0);
         let far: Vec<_> = (0..grid.len()).filter(|&l| body.data()[l] && !near.data()[l]).collect();
-        assert!(far.is_empty(), "device farther than 4 mm from the skin, for example {:?}", grid.centre(grid.voxel(far[0])));
+        assert!(
+            far.is_empty(),
+            "device farther than 4 mm from the skin, for example {:?}",
+            grid.centre(grid.voxel(far[0]))
+        );
         let at = |p: [f64; 3]| *body.at(grid.index(&p.into()).map(|c| c.round() as usize).into());
         assert!(at([0.0, -15.0, -49.0]) && at([0.0, -15.0, 20.0]), "airway, also where the edge cuts it");
         assert!(at([-69.0, 29.0, -49.0]) && at([69.0, -29.0, -49.0]), "shoulders at the edge of the image");
@@ -242,7 +263,13 @@ mod tests {
         let run = |bone: f32, labels: Option<&LabelMap>| {
             let ct = Volume::from_fn(grid.clone(), |l| {
                 let p = grid.centre(grid.voxel(l));
-                if limb(&p) && shaft(&p) { bone } else if trunk(&p) || limb(&p) || block(&p) { 30.0 } else { -1000.0 }
+                if limb(&p) && shaft(&p) {
+                    bone
+                } else if trunk(&p) || limb(&p) || block(&p) {
+                    30.0
+                } else {
+                    -1000.0
+                }
             });
             let body = find(&ct, labels, &BodyOptions::default()).unwrap();
             [[10, 20, 20], [43, 20, 20], [70, 10, 20]].map(|v| *body.at(v))

@@ -1,7 +1,8 @@
 //! Superposition of the bones' motions with weights t^-n (thesis 5.4.2, eq. 5.7).
 
 use super::carry::{BoneMotion, Carry, decayed};
-use super::front::{FrontRules, NEVER, TimeMap, time_map};
+use super::front::{FrontRules, Source, TimeMap, time_map};
+use super::propagate::ChainmailOptions;
 use super::lattice::{Lattice, Node};
 use crate::geometry::Rigid;
 use nalgebra::Point3;
@@ -15,8 +16,8 @@ struct Wave {
 }
 
 impl Wave {
-    fn new(lattice: &Lattice, bone: u16, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, carry: Carry) -> Self {
-        let map = time_map(lattice, bone, rules);
+    fn new(lattice: &Lattice, bone: u16, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, bound: Option<(&[u32], f64)>, carry: Carry) -> Self {
+        let map = time_map(lattice, Source::Bone(bone), rules, bound);
         let transform = transforms[usize::from(bone)];
         let displacement = (carry == Carry::LinearDecay).then(|| {
             let motion = BoneMotion::new(&transform, centroids[usize::from(bone)], lattice.grid.direction());
@@ -26,25 +27,21 @@ impl Wave {
     }
 
     fn weight(time: u32, exponent: f64) -> f64 {
-        f64::from(time.max(1)).powf(-exponent)
+        let t = f64::from(time.max(1));
+        // The usual exponent, without the cost of a general power.
+        if (exponent - 4.0).abs() < f64::EPSILON { (t * t * t * t).recip() } else { t.powf(-exponent) }
     }
 
-    /// Adds the weighted rigid motion, in parallel over planes.
-    fn add_rigid(&self, lattice: &Lattice, exponent: f64, sums: &mut [[f64; 4]], plane: usize) {
-        sums.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
-            for (at, s) in out.iter_mut().enumerate() {
-                let node = k * plane + at;
-                let time = self.map.time[node];
-                if time == NEVER || lattice.node[node] != Node::Soft {
-                    continue;
-                }
-                let x = lattice.rest(node);
-                let u = self.transform * x - x;
-                let w = Self::weight(time, exponent);
-                s[0] += w;
-                (0..3).for_each(|a| s[1 + a] += w * u[a]);
-            }
-        });
+    /// Adds the weighted rigid motion.
+    fn add_rigid(&self, lattice: &Lattice, exponent: f64, sums: &mut [[f64; 4]]) {
+        for &n in &self.map.order {
+            let x = lattice.rest(n as usize);
+            let u = self.transform * x - x;
+            let w = Self::weight(self.map.time[n as usize], exponent);
+            let s = &mut sums[n as usize];
+            s[0] += w;
+            (0..3).for_each(|a| s[1 + a] += w * u[a]);
+        }
     }
 
     /// Adds the weighted displacements that the front brings.
@@ -61,17 +58,19 @@ impl Wave {
 /// Displacement of every node that a front reaches, mm; `None` elsewhere. Bones move exactly with their transform.
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
-pub fn superpose(lattice: &Lattice, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, exponent: f64, carry: Carry) -> Vec<Option<[f32; 3]>> {
+pub fn superpose(lattice: &Lattice, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
     let n = lattice.node.len();
+    let first = (options.prune_ratio > 1.0).then(|| time_map(lattice, Source::AnyBone, rules, None).time);
+    let bound = first.as_deref().map(|times| (times, options.prune_ratio));
     let mut sums = vec![[0f64; 4]; n];
     let present: Vec<u16> = (0..transforms.len() as u16).collect();
     let plane = lattice.grid.size()[0] * lattice.grid.size()[1];
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<Wave> = group.par_iter().map(|&b| Wave::new(lattice, b, transforms, centroids, rules, carry)).collect();
+        let waves: Vec<Wave> = group.par_iter().map(|&b| Wave::new(lattice, b, transforms, centroids, rules, bound, options.carry)).collect();
         for wave in &waves {
             match &wave.displacement {
-                None => wave.add_rigid(lattice, exponent, &mut sums, plane),
-                Some(u) => wave.add(u, exponent, &mut sums),
+                None => wave.add_rigid(lattice, options.exponent, &mut sums),
+                Some(u) => wave.add(u, options.exponent, &mut sums),
             }
         }
     }

@@ -3,21 +3,34 @@
 
 use super::lattice::Lattice;
 use crate::geometry::stencil::NEIGHBOURS_26;
+use rayon::prelude::*;
 
 /// Distance over which the field is continued unchanged, mm.
 const KEEP_MM: f64 = 20.0;
 /// Distance over which it then fades to zero, mm, for displacements up to half of it.
 const FADE_MM: f64 = 40.0;
 
-/// Fills every node without a displacement, layer by layer, with the mean of its filled neighbours (weighted by inverse
-/// length), and fades it with the distance from the nodes that had one.
+/// Continues the known displacements over the whole lattice and fades them with the distance from where they are known.
 pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
+    let (mut out, far) = fill(lattice, known, usize::MAX);
+    let largest = known.iter().flatten().map(|u| u.iter().map(|v| v * v).sum::<f32>().sqrt()).fold(0f32, f32::max);
+    let fade_mm = FADE_MM.max(2.0 * f64::from(largest));
+    for (u, &d) in out.iter_mut().zip(&far) {
+        let t = ((f64::from(d) - KEEP_MM) / fade_mm).clamp(0.0, 1.0);
+        let keep = if d.is_finite() { 1.0 - t * t * (3.0 - 2.0 * t) } else { 0.0 };
+        *u = u.map(|v| v * keep as f32);
+    }
+    out
+}
+
+/// Fills every node without a displacement, layer by layer and at most `layers` of them, with the mean of its filled
+/// neighbours, weighted by inverse length. Returns displacements and the distance (mm, along links) from a known node;
+/// infinite where nothing was filled, and the displacement 0.
+pub fn fill(lattice: &Lattice, known: &[Option<[f32; 3]>], layers: usize) -> (Vec<[f32; 3]>, Vec<f32>) {
     let size = lattice.grid.size();
     let links = lattice.links();
     let mut out: Vec<[f32; 3]> = known.iter().map(|u| u.unwrap_or_default()).collect();
     let mut far: Vec<f32> = known.iter().map(|u| if u.is_some() { 0.0 } else { f32::INFINITY }).collect();
-    let largest = known.iter().flatten().map(|u| u.iter().map(|v| v * v).sum::<f32>().sqrt()).fold(0f32, f32::max);
-    let fade_mm = FADE_MM.max(2.0 * f64::from(largest));
     let inside = |at: [usize; 3], o: [i32; 3]| -> Option<usize> {
         let mut n = [0; 3];
         for a in 0..3 {
@@ -42,9 +55,12 @@ pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
         next
     };
     layer.extend(next_layer(&mut (0..known.len()).filter(|&n| known[n].is_some()), &far));
-    while !layer.is_empty() {
+    for _ in 0..layers {
+        if layer.is_empty() {
+            break;
+        }
         let filled: Vec<([f32; 3], f32)> = layer
-            .iter()
+            .par_iter()
             .map(|&n| {
                 let at = lattice.grid.voxel(n);
                 let (mut sum, mut weights, mut nearest) = ([0f32; 3], 0f32, f32::INFINITY);
@@ -70,10 +86,5 @@ pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
         let from = std::mem::take(&mut layer);
         layer = next_layer(&mut from.into_iter(), &far);
     }
-    for (u, &d) in out.iter_mut().zip(&far) {
-        let t = ((f64::from(d) - KEEP_MM) / fade_mm).clamp(0.0, 1.0);
-        let keep = if d.is_finite() { 1.0 - t * t * (3.0 - 2.0 * t) } else { 0.0 };
-        *u = u.map(|v| v * keep as f32);
-    }
-    out
+    (out, far)
 }

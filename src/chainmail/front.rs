@@ -93,10 +93,33 @@ pub struct TimeMap {
     pub order: Vec<u32>,
 }
 
-/// Time map of one bone.
+/// Where a front starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// One bone of the skeleton.
+    Bone(u16),
+    /// All bones at once: the map of first arrival.
+    AnyBone,
+}
+
+impl Source {
+    fn holds(self, node: Node) -> bool {
+        match (self, node) {
+            (Self::Bone(b), Node::Bone(n)) => b == n,
+            (Self::AnyBone, Node::Bone(_)) => true,
+            _ => false,
+        }
+    }
+}
+
+/// Time map of one source.
+///
+/// `bound`: first-arrival times and a ratio; the front does not enter nodes that it would reach later than the ratio
+/// times the first arrival.
+///
 ///
 /// Other bones are not entered (thesis 5.4.2). Times are the unique least path sums, whatever the order of processing.
-pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> TimeMap {
+pub fn time_map(lattice: &Lattice, source: Source, rules: &FrontRules, bound: Option<(&[u32], f64)>) -> TimeMap {
     let links = rules.links(lattice);
     let longest = links.iter().map(|l| l.1).fold(0.0, f64::max);
     let shortest = links.iter().map(|l| l.1).fold(f64::MAX, f64::min);
@@ -107,10 +130,10 @@ pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> TimeMap {
     let mut settled = vec![false; lattice.node.len()];
     let mut waiting = 0usize;
     for &n in &lattice.active {
-        if lattice.node[n as usize] == Node::Bone(bone) {
+        if source.holds(lattice.node[n as usize]) {
             time[n as usize] = 0;
             // Only the surface sends out fronts.
-            if links.iter().any(|&(o, _)| lattice.node[(n as isize + o) as usize] != Node::Bone(bone)) {
+            if links.iter().any(|&(o, _)| !source.holds(lattice.node[(n as isize + o) as usize])) {
                 buckets[0].push(n);
                 waiting += 1;
             }
@@ -138,7 +161,8 @@ pub fn time_map(lattice: &Lattice, bone: u16, rules: &FrontRules) -> TimeMap {
                     continue;
                 }
                 let t = now + rules.between(lattice, n, m, mm);
-                if t < time[m] && t <= limit {
+                let late = bound.is_some_and(|(first, ratio)| f64::from(t) > ratio * f64::from(first[m]));
+                if t < time[m] && t <= limit && !late {
                     time[m] = t;
                     let slot = t as usize % buckets.len();
                     buckets[slot].push(m as u32);

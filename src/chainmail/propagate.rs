@@ -2,7 +2,7 @@
 
 use super::blend::superpose;
 use super::carry::Carry;
-use super::extend::extend;
+use super::extend::{extend, fill};
 use super::front::{Front, FrontRules, LinkTime};
 use super::lattice::{Lattice, Node, Tissue};
 use super::material::Material;
@@ -32,6 +32,9 @@ pub struct ChainmailOptions {
     pub exponent: f64,
     /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
     pub cutoff: f64,
+    /// A bone's front stops where it arrives this many times later than the first one: its weight there is below this
+    /// ratio to the power -n. 0 for none (exact).
+    pub prune_ratio: f64,
     /// Spacing of the elements, mm; 0 for the planning grid itself.
     pub spacing_mm: f64,
     /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
@@ -49,6 +52,7 @@ impl Default for ChainmailOptions {
             carry: Carry::Rigid,
             exponent: 4.0,
             cutoff: 800.0 * 0.98,
+            prune_ratio: 4.0,
             spacing_mm: 3.0,
             relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
             least_hu: -500.0,
@@ -64,6 +68,7 @@ impl ChainmailOptions {
             front: Front::Rhombus,
             carry: Carry::LinearDecay,
             cutoff: 800.0,
+            prune_ratio: 0.0,
             spacing_mm: 0.0,
             relaxation: Vec::new(),
             ..Self::default()
@@ -109,7 +114,7 @@ pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &Chainmai
         let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
             .map(|n| (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a])))
             .collect();
-        change = Some(Volume::new(lattice.grid.clone(), extend(&lattice, &difference))?);
+        change = Some(Volume::new(lattice.grid.clone(), fill(&lattice, &difference, 2).0)?);
     }
     progress.step(steps - 2, steps, "propagate");
     let lattice = Lattice::new(tissue, &options.material, options.spacing_mm);
@@ -118,9 +123,9 @@ pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &Chainmai
         let mut relaxation = Relaxation::new(&lattice, &displacement, &turns);
         relaxation.run(rounds);
         displacement = relaxation.displacements();
-        let known: Vec<Option<[f32; 3]>> = (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
-        displacement = extend(&lattice, &known);
     }
+    let known: Vec<Option<[f32; 3]>> = (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
+    displacement = extend(&lattice, &known);
     progress.step(steps - 1, steps, "all voxels");
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
     let push = to_voxels(tissue, bones.transforms, &coarse)?;
@@ -129,7 +134,7 @@ pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &Chainmai
 
 /// Superposition plus the coarser correction on the whole lattice, and the superposition alone.
 fn start(lattice: &Lattice, bones: &Initiators<'_>, rules: &FrontRules, options: &ChainmailOptions, change: Option<&Volume<[f32; 3]>>) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let plain = extend(lattice, &superpose(lattice, bones.transforms, bones.centroids, rules, options.exponent, options.carry));
+    let plain = reached_or_filled(lattice, &superpose(lattice, bones.transforms, bones.centroids, rules, options));
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];
@@ -148,6 +153,15 @@ fn start(lattice: &Lattice, bones: &Initiators<'_>, rules: &FrontRules, options:
         });
     }
     (corrected, plain)
+}
+
+/// Islands that no front reaches take the motion around them; outside the elements the field is zero for now.
+fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
+    let island = |n: usize| lattice.node[n] == Node::Soft && reached[n].is_none();
+    if lattice.active.iter().any(|&n| island(n as usize)) {
+        return fill(lattice, reached, usize::MAX).0;
+    }
+    reached.iter().map(|u| u.unwrap_or_default()).collect()
 }
 
 /// The lattice's displacements on the planning grid; bone voxels move exactly with their bone.

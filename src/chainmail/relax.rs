@@ -144,28 +144,21 @@ impl<'a> Relaxation<'a> {
                             continue;
                         }
                         // The plane above or below lies in the other half: k - 1 and k + 1 of 2h + parity.
-                        let (q, own_plane);
-                        if l.dk == 0 {
-                            own_plane = (p.u[m], p.turn[m]);
-                            q = &own_plane;
-                        } else {
-                            let o = &other[(k as isize + l.dk) as usize / 2];
-                            own_plane = (o.u[m], o.turn[m]);
-                            q = &own_plane;
-                        }
+                        let q = if l.dk == 0 { &*p } else { &other[(k as isize + l.dk) as usize / 2] };
+                        let (u, turn) = (q.u[m], q.turn[m]);
                         let w = l.weight / (0.5 * (s + sm)).max(LEAST_PLAY);
                         weights += w;
                         // Rest vector from neighbour to here is -rest; turned by the mean of both rotations.
                         for (a, sum) in sum.iter_mut().enumerate() {
-                            let t = (r[3 * a] + q.1[3 * a]) * l.rest[0] + (r[3 * a + 1] + q.1[3 * a + 1]) * l.rest[1] + (r[3 * a + 2] + q.1[3 * a + 2]) * l.rest[2];
-                            *sum += w * (q.0[a] - 0.5 * t);
+                            let t = (r[3 * a] + turn[3 * a]) * l.rest[0] + (r[3 * a + 1] + turn[3 * a + 1]) * l.rest[1] + (r[3 * a + 2] + turn[3 * a + 2]) * l.rest[2];
+                            *sum += w * (u[a] - 0.5 * t);
                         }
                     }
                     if weights > 0.0 {
-                        for a in 0..3 {
-                            let new = sum[a] / weights;
-                            greatest = greatest.max((new - p.u[n][a]).abs());
-                            p.u[n][a] = new;
+                        for (u, sum) in p.u[n].iter_mut().zip(sum) {
+                            let new = sum / weights;
+                            greatest = greatest.max((new - *u).abs());
+                            *u = new;
                         }
                     }
                 }

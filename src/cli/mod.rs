@@ -1,8 +1,11 @@
 //! Rank 9: arguments and terminal. One file per verb.
 
 pub mod args;
+mod demo;
 mod inspect;
+mod phantom;
 mod register;
+mod skeleton;
 pub mod terminal;
 
 use crate::error::Result;
@@ -16,7 +19,9 @@ use clap::CommandFactory;
 pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
-        Verb::Demo(_) | Verb::Phantom(_) | Verb::Skeleton(_) => Err(crate::Error::usage("this verb is not wired yet", "wait for the next commit")),
+        Verb::Demo(args) => demo::run(args),
+        Verb::Phantom(args) => phantom::run(args),
+        Verb::Skeleton(args) => skeleton::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

@@ -137,14 +137,15 @@ impl Config {
     /// What is impossible in these settings, if anything.
     pub fn problem(&self) -> Option<String> {
         let c = &self.chainmail;
+        let positive = |v: f64| v.is_finite() && v > 0.0;
         let checks = [
             (self.fit.levels.is_empty(), format!("fit.levels is {:?}: at least one (blur mm, samples) pair is needed", self.fit.levels)),
-            (!(self.fit.tolerance_mm > 0.0), format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm)),
-            (!(c.exponent > 0.0 && c.exponent <= 64.0), format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent)),
-            (!(c.cutoff > 0.0), format!("chainmail.cutoff is {}: it must be above 0", c.cutoff)),
+            (!positive(self.fit.tolerance_mm), format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm)),
+            (!positive(c.exponent) || c.exponent > 64.0, format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent)),
+            (!positive(c.cutoff), format!("chainmail.cutoff is {}: it must be above 0", c.cutoff)),
             (!(0.0..=50.0).contains(&c.spacing_mm), format!("chainmail.spacing_mm is {}: it must lie in [0, 50]", c.spacing_mm)),
             (c.relaxation.iter().any(|r| !(0.0..=100.0).contains(&r.0)), format!("chainmail.relaxation is {:?}: spacings must lie in [0, 100] mm", c.relaxation)),
-            (!(self.invert.tolerance_mm > 0.0), format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm)),
+            (!positive(self.invert.tolerance_mm), format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm)),
             (self.output.gzip_level > 9, format!("output.gzip_level is {}: it must lie in 0 to 9", self.output.gzip_level)),
         ];
         let own = checks.into_iter().find(|(bad, _)| *bad).map(|(_, text)| text);

@@ -3,6 +3,7 @@
 use super::tissue::Tissue;
 use crate::skeleton::Skeleton;
 use crate::volume::LabelMap;
+use crate::geometry::Grid;
 use nalgebra::Point3;
 
 /// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information.
@@ -77,18 +78,17 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     out
 }
 
-/// At most `most` of the candidates that lie in tissue, chosen by a hash of their position so that no lattice pattern remains.
-pub fn draw(candidates: &[u32], image: &Tissue, most: usize) -> Samples {
-    let grid = image.value.grid();
-    let tissue: Vec<u32> = candidates.iter().copied().filter(|&l| image.valid.data()[l as usize] > 0.5).collect();
-    let n = tissue.len();
+/// At most about `most` of the candidates (storage positions on `grid`), those in tissue; chosen by a hash of their
+/// position so that no lattice pattern remains.
+pub fn draw(candidates: &[u32], grid: &Grid, image: &Tissue, most: usize) -> Samples {
+    let n = candidates.len();
     let keep = |l: u32| n <= most || hash(l) % n as u64 <= most as u64;
-    let chosen: Vec<u32> = tissue.into_iter().filter(|&l| keep(l)).collect();
-    Samples {
-        points: chosen.iter().map(|&l| grid.centre(grid.voxel(l as usize))).collect(),
-        values: chosen.iter().map(|&l| f64::from(image.value.data()[l as usize])).collect(),
-        volume_mm3: n as f64 * grid.voxel_volume(),
-    }
+    let chosen = candidates.iter().copied().filter(|&l| keep(l)).filter_map(|l| {
+        let p = grid.centre(grid.voxel(l as usize));
+        image.at(&p).map(|v| (p, v))
+    });
+    let (points, values) = chosen.unzip();
+    Samples { points, values, volume_mm3: n as f64 * grid.voxel_volume() }
 }
 
 /// SplitMix64's finaliser: a fixed, well-mixed hash.

@@ -22,10 +22,39 @@ const LEAST_VISIBLE: f64 = 0.05;
 /// it follows its joints.
 const LEAST_EXPLAINED: f64 = 0.5;
 
+/// Explained share of the couch shift below which the user should look twice.
+const WEAK_START: f64 = 0.4;
+
 /// Both images at one resolution, with each bone's samples.
 struct Level {
+    /// Blur (sigma, mm) and samples per bone.
+    resolution: (f64, usize),
     fraction: Tissue,
     bones: Vec<Samples>,
+    /// A small sample of all bones as one.
+    all: Samples,
+    /// Bones whose image takes no part: they follow their joints.
+    dropped: Vec<bool>,
+}
+
+/// Samples of all bones together that the search of the couch shift looks at.
+const START_SAMPLES: usize = 1500;
+
+impl Level {
+    fn new(planning: &Volume<f32>, fraction: &Volume<f32>, lists: &[Vec<u32>], resolution: (f64, usize)) -> Self {
+        let (sigma, most) = resolution;
+        let blurred = Tissue::blurred(planning, sigma);
+        let draw = |l: &[u32], most| draw(l, planning.grid(), &blurred, most);
+        let mut all: Vec<u32> = lists.iter().flatten().copied().collect();
+        all.sort_unstable();
+        Self {
+            resolution,
+            fraction: Tissue::blurred(fraction, sigma),
+            bones: lists.iter().map(|l| draw(l, most)).collect(),
+            all: draw(&all, START_SAMPLES),
+            dropped: vec![false; lists.len()],
+        }
+    }
 }
 
 /// What stays the same over all levels.
@@ -34,6 +63,7 @@ struct Fitter<'a> {
     options: &'a FitOptions,
     centres: Vec<Point3<f64>>,
     radii: Vec<f64>,
+    nothing: Samples,
 }
 
 /// Fits the pose of the skeleton to the fraction CT.
@@ -45,51 +75,42 @@ struct Fitter<'a> {
 /// [`Error::Registration`] when the images show no common anatomy.
 pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, fraction: &Volume<f32>, options: &FitOptions, progress: &dyn Progress) -> Result<FitResult> {
     let lists = candidates(skeleton, labels);
-    let make_level = |(sigma, most): (f64, usize)| {
-        let blurred = Tissue::blurred(planning, sigma);
-        Level { fraction: Tissue::blurred(fraction, sigma), bones: lists.iter().map(|l| draw(l, &blurred, most)).collect() }
-    };
-    let steps = 3 + options.levels.len();
+    let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
-    let coarse = make_level((options.start_blur_mm, 4000));
-    let fitter = Fitter::new(skeleton, options, &coarse);
-    let (common, share) = common_motion(&merged(&lists, &Tissue::blurred(planning, options.start_blur_mm)), &coarse.fraction, options.measure)?;
-    let mut warnings = Vec::new();
-    if share < 0.4 {
-        warnings.push(Warning::new("weak-start", format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share)));
-    }
+    let mut level = Level::new(planning, fraction, &lists, (options.start_blur_mm, START_SAMPLES));
+    let fitter = Fitter::new(skeleton, options, &level);
+    let (common, share) = common_motion(&level.all, &level.fraction, options.measure)?;
     let mut transforms = vec![common; skeleton.bones.len()];
     let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
     for (n, &resolution) in options.outward.iter().enumerate() {
         progress.step(1 + n, steps, "bone by bone");
-        let level = make_level(resolution);
+        level = Level::new(planning, fraction, &lists, resolution);
         fitter.outwards(&level, &mut transforms, &mut stops, n == 0)?;
     }
     let mut last = None;
     for (n, &resolution) in options.levels.iter().enumerate() {
-        progress.step(3 + n, steps, "all bones");
-        let mut level = make_level(resolution);
+        progress.step(1 + options.outward.len() + n, steps, "all bones");
+        if level.resolution != resolution {
+            level = Level::new(planning, fraction, &lists, resolution);
+        }
         let mut solution = fitter.together(&level, &mut transforms)?;
-        stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
         if fitter.drop_unexplained(&mut level, &mut transforms) {
             solution = fitter.together(&level, &mut transforms)?;
         }
-        last = Some((level, solution));
+        last = Some(solution);
     }
-    let (level, solution) = last.ok_or_else(|| Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"))?;
-    let used: Vec<bool> = level.bones.iter().map(|s| !s.points.is_empty()).collect();
-    let full = make_level(options.levels[options.levels.len() - 1]);
-    let before = fitter.evaluate(&full, &vec![common; transforms.len()]);
-    let after = fitter.evaluate(&full, &transforms);
-    let bones = fitter.describe(&transforms, &stops, &before, &after, &used, &solution.curvature);
+    let solution = last.ok_or_else(|| Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"))?;
+    stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
+    let before = fitter.evaluate(&level, &vec![common; transforms.len()]);
+    let after = fitter.evaluate(&level, &transforms);
+    let bones = fitter.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
+    let warnings = if share < WEAK_START {
+        let problem = format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share);
+        vec![Warning::new("weak-start", problem)]
+    } else {
+        Vec::new()
+    };
     Ok(FitResult { pose: skeleton.pose_of(&transforms), transforms, bones, common, common_share: share, warnings })
-}
-
-/// A sample of all bones as one.
-fn merged(lists: &[Vec<u32>], image: &Tissue) -> Samples {
-    let mut all: Vec<u32> = lists.iter().flatten().copied().collect();
-    all.sort_unstable();
-    draw(&all, image, 1500)
 }
 
 impl<'a> Fitter<'a> {
@@ -102,15 +123,18 @@ impl<'a> Fitter<'a> {
             radii.push((s.points.iter().map(|p| (p - c).norm_squared()).sum::<f64>() / n).sqrt().max(1.0));
             centres.push(c);
         }
-        Self { skeleton, options, centres, radii }
+        let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
+        Self { skeleton, options, centres, radii, nothing }
     }
 
-    fn body<'b>(&self, level: &'b Level, bone: usize, base: Rigid) -> Body<'b> {
-        Body { samples: &level.bones[bone], base, centre: self.centres[bone], radius: self.radii[bone] }
+    fn body<'b>(&'b self, level: &'b Level, bone: usize, base: Rigid) -> Body<'b> {
+        let samples = if level.dropped[bone] { &self.nothing } else { &level.bones[bone] };
+        Body { samples, base, centre: self.centres[bone], radius: self.radii[bone] }
     }
 
     fn evaluate(&self, level: &Level, transforms: &[Rigid]) -> Vec<Evaluation> {
-        let bodies = (0..transforms.len()).map(|b| self.body(level, b, transforms[b])).collect();
+        let own = |b: usize| Body { samples: &level.bones[b], base: transforms[b], centre: self.centres[b], radius: self.radii[b] };
+        let bodies = (0..transforms.len()).map(own).collect();
         PoseProblem { bodies, links: Vec::new(), fraction: &level.fraction, measure: self.options.measure }.similarities(transforms, false)
     }
 
@@ -162,8 +186,7 @@ impl<'a> Fitter<'a> {
         for (b, e) in self.evaluate(level, transforms).iter().enumerate() {
             if e.visible > 0.0 && (e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED) {
                 any = true;
-                level.bones[b].points.clear();
-                level.bones[b].values.clear();
+                level.dropped[b] = true;
                 if let Some(parent) = self.skeleton.bones[b].parent {
                     transforms[b] = transforms[parent];
                 }
@@ -198,10 +221,10 @@ impl<'a> Fitter<'a> {
         Ok(solution)
     }
 
-    fn describe(&self, transforms: &[Rigid], stops: &[String], before: &[Evaluation], after: &[Evaluation], used: &[bool], curvature: &DMatrix<f64>) -> Vec<BoneFit> {
+    fn describe(&self, transforms: &[Rigid], stops: &[String], before: &[Evaluation], after: &[Evaluation], dropped: &[bool], curvature: &DMatrix<f64>) -> Vec<BoneFit> {
         let covariance = curvature.clone().cholesky().map(|c| c.inverse());
         let sd = |at: usize| {
-            let Some(c) = &covariance else { return f64::INFINITY };
+            let Some(c) = &covariance else { return f64::MAX };
             let block: Matrix3<f64> = c.fixed_view::<3, 3>(at, at).into_owned();
             block.symmetric_eigenvalues().max().max(0.0).sqrt()
         };
@@ -220,7 +243,7 @@ impl<'a> Fitter<'a> {
                 rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
                 limit_excess: excess,
                 motion_mm: (transforms[b] * self.centres[b] - self.centres[b]).norm(),
-                determined_by: if used[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
+                determined_by: if !dropped[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
             }
         }).collect()
     }

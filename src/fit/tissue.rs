@@ -4,8 +4,10 @@
 //! reconstruction, a cut field of view, a fill value. Blurring is normalised over tissue, so that neither padding
 //! nor the image's edge bleeds into bone.
 
-use crate::volume::{Volume, gaussian};
-use nalgebra::Vector3;
+use crate::geometry::Grid;
+use crate::volume::{Volume, cubic, gaussian, trilinear};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// Below this HU a voxel is air or padding.
 const AIR_HU: f32 = -600.0;
@@ -21,21 +23,32 @@ pub struct Tissue {
     pub valid: Volume<f32>,
 }
 
+/// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them.
+const BLOCK: f64 = 0.5;
+
 impl Tissue {
-    /// The tissue of a CT, blurred by `sigma` mm.
+    /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
-        let valid = ct.map(|&v| if v > AIR_HU { 1.0 } else { 0.0 });
-        let mut value = Volume::new(
-            ct.grid().clone(),
-            ct.data().iter().zip(valid.data()).map(|(v, m)| m * v.min(METAL_HU)).collect(),
-        )
-        .expect("same grid, same length");
-        value = gaussian(&value, sigma);
-        let weight = gaussian(&valid, sigma);
+        let block = ct.grid().spacing().map(|s| ((BLOCK * sigma / s).floor() as usize).max(1));
+        let (sum, share) = averaged(ct, block);
+        // What the blocks have blurred already (variance of a box) is not blurred again.
+        let widest = (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
+        let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
+        let mut value = gaussian(&sum, rest);
+        let weight = gaussian(&share, rest);
         for (v, &w) in value.data_mut().iter_mut().zip(weight.data()) {
             *v = if w > 1e-3 { *v / w } else { AIR_HU };
         }
-        Self { value, valid }
+        Self { value, valid: share }
+    }
+
+    /// Blurred HU at a world position, where that is tissue.
+    pub fn at(&self, world: &Point3<f64>) -> Option<f64> {
+        let grid = self.value.grid();
+        let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
+        // Voxel centres of the fine grid reach up to half a block beyond those of the blocks.
+        let index = grid.index(world).zip_map(&last, |i, l| i.clamp(0.0, l));
+        (trilinear(&self.valid, &index)? > 0.5).then(|| cubic(&self.value, &index).map(|v| v.0)).flatten()
     }
 
     /// Visibility of a continuous index and its derivative per index step: 1 in tissue, 0 in air and outside, with a
@@ -50,6 +63,40 @@ impl Tissue {
         let (w, dw) = if tissue > 0.5 { (2.0 * tissue - 1.0, slope * 2.0) } else { (0.0, Vector3::zeros()) };
         (edge * w, edge_slope * w + dw * edge)
     }
+}
+
+/// Block means of tissue HU (0 in air) and of the share of tissue, on the grid of the blocks' centres.
+fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
+    let fine = ct.grid();
+    let size: [usize; 3] = std::array::from_fn(|a| fine.size()[a].div_ceil(block[a]));
+    let shift = Vector3::from(block.map(|b| 0.5 * (b as f64 - 1.0)));
+    let spacing = std::array::from_fn(|a| fine.spacing()[a] * block[a] as f64);
+    let grid = Grid::new(size, spacing, fine.world(&shift), *fine.direction()).expect("blocks of a legal grid make a legal grid");
+    let plane = size[0] * size[1];
+    let (mut sum, mut share) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
+    sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate().for_each(|(k, (sum, share))| {
+        let mut count = vec![0f32; plane];
+        for fk in k * block[2]..((k + 1) * block[2]).min(fine.size()[2]) {
+            for fj in 0..fine.size()[1] {
+                let start = fine.linear([0, fj, fk]);
+                let row = size[0] * (fj / block[1]);
+                for (fi, &v) in ct.data()[start..start + fine.size()[0]].iter().enumerate() {
+                    let n = row + fi / block[0];
+                    count[n] += 1.0;
+                    if v > AIR_HU {
+                        sum[n] += v.min(METAL_HU);
+                        share[n] += 1.0;
+                    }
+                }
+            }
+        }
+        for ((s, m), c) in sum.iter_mut().zip(share).zip(&count) {
+            *s /= c;
+            *m /= c;
+        }
+    });
+    let volume = |data| Volume::new(grid.clone(), data).expect("one value per block");
+    (volume(sum), volume(share))
 }
 
 /// A ramp from 0 at the outermost voxel centres to 1 a voxel further in.

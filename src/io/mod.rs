@@ -1,4 +1,5 @@
-//! Rank 6: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, checksums.
+//! Rank 6: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, skeletons, poses,
+//! checksums.
 //!
 //! Inside the library every position is LPS mm; this room converts at the file boundary. Formats are told apart by
 //! the first bytes of a file when reading and by its extension when writing. Every write goes to a temporary file in
@@ -10,12 +11,15 @@ mod field;
 mod gzip;
 mod image;
 pub mod inspect;
+mod keyed;
 mod labels;
 mod landmarks;
 mod metaimage;
 mod nifti;
 mod nrrd;
+pub mod pose;
 mod raster;
+pub mod skeleton;
 mod values;
 mod voxels;
 

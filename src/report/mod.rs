@@ -43,7 +43,8 @@ pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run) -> Result
     if let Some(landmarks) = &report.landmarks {
         write_landmarks(&folder.join("landmarks.csv"), landmarks)?;
     }
-    write_bone_transforms(&folder.join("bone_transforms.json"), &report.bones)?;
+    let transforms = report.bones.iter().map(|b| (b.name.as_str(), &b.transform));
+    write_bone_transforms(&folder.join("bone_transforms.json"), transforms)?;
     let page = page(&report, &pictures);
     write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
     Ok(report)

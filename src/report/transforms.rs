@@ -1,7 +1,7 @@
 //! `bone_transforms.json`: each bone's rigid transform.
 
 use crate::error::Result;
-use crate::fit::BoneFit;
+use crate::geometry::Rigid;
 use crate::io::write_file;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -10,13 +10,13 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`crate::Error::Write`] when the file cannot be written.
-pub fn write_bone_transforms(path: &Path, bones: &[BoneFit]) -> Result<()> {
-    let all: Map<String, Value> = bones.iter().map(|bone| (bone.name.clone(), matrix(bone))).collect();
+pub fn write_bone_transforms<'a>(path: &Path, bones: impl IntoIterator<Item = (&'a str, &'a Rigid)>) -> Result<()> {
+    let all: Map<String, Value> = bones.into_iter().map(|(name, t)| (name.to_owned(), matrix(t))).collect();
     write_file(path, |out| Ok(serde_json::to_writer_pretty(out, &all)?))
 }
 
-fn matrix(bone: &BoneFit) -> Value {
-    let m = bone.transform.to_homogeneous();
+fn matrix(transform: &Rigid) -> Value {
+    let m = transform.to_homogeneous();
     let rows: [[f64; 4]; 4] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
     json!(rows)
 }
@@ -33,7 +33,7 @@ mod tests {
         let (_, outcome, _) = example::small();
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("bone_transforms.json");
-        write_bone_transforms(&path, &outcome.bone_fits).unwrap();
+        write_bone_transforms(&path, outcome.bone_fits.iter().map(|b| (b.name.as_str(), &b.transform))).unwrap();
         let back: std::collections::BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
         for bone in &outcome.bone_fits {
             let rows = back[&bone.name];

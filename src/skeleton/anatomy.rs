@@ -267,11 +267,9 @@ pub fn ranges(kind: Kind) -> Ranges {
         ),
         Kind::Ulna(_) => (both([145.0, 5.0, 5.0]), [2.0; 3], AAOS),
         Kind::Radius(_) => (both([145.0, 5.0, 85.0]), [3.0; 3], AAOS),
-        Kind::Hip(_) => (
-            both([2.5, 1.5, 1.5]),
-            [0.7; 3],
-            "Sturesson B, Selvik G, Uden A. Spine 14 (1989) 162: 2.5 degrees, 0.7 mm",
-        ),
+        Kind::Hip(_) => {
+            (both([2.5, 1.5, 1.5]), [0.7; 3], "Sturesson B, Selvik G, Uden A. Spine 14 (1989) 162: 2.5 degrees, 0.7 mm")
+        }
         Kind::Femur(_) => ([[-120.0, 30.0], [-45.0, 45.0], [-45.0, 45.0]], [2.0; 3], AAOS),
     };
     Ranges { rotation_deg, translation_mm, source: source.into() }

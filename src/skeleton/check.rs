@@ -23,7 +23,10 @@ pub(super) fn warnings(labels: &LabelMap, shapes: &[Shape]) -> Vec<Warning> {
         let volume = s.voxels as f64 * voxel;
         Warning::new(
             "small-bone",
-            format!("{} has only {} voxels ({volume:.0} mm^3): its pose will mostly follow its joint.", s.name, s.voxels),
+            format!(
+                "{} has only {} voxels ({volume:.0} mm^3): its pose will mostly follow its joint.",
+                s.name, s.voxels
+            ),
         )
     }));
     out

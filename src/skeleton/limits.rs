@@ -24,9 +24,7 @@ impl Joint {
     pub fn excess(&self, pose: &JointPose) -> Excess {
         let beyond = |v: f64, [low, high]: [f64; 2]| if v < low { v - low } else { (v - high).max(0.0) };
         Excess {
-            rotation_deg: std::array::from_fn(|a| {
-                beyond(pose.rotation[a].to_degrees(), self.rotation_range_deg[a])
-            }),
+            rotation_deg: std::array::from_fn(|a| beyond(pose.rotation[a].to_degrees(), self.rotation_range_deg[a])),
             translation_mm: std::array::from_fn(|a| {
                 let range = self.translation_range_mm[a];
                 beyond(pose.translation[a], [-range, range])

@@ -46,11 +46,10 @@ fn reversed(joint: &Joint) -> Joint {
 
 /// Puts bones in parent-first order, otherwise as they were. Bones that no way leads to from the root are dropped.
 pub(crate) fn in_order(bones: Vec<Bone>) -> Skeleton {
-    let mut order: Vec<usize> = (0..bones.len()).filter(|&n| bones[n].parent.is_none()).collect();
-    let mut next = 0;
-    while let Some(&parent) = order.get(next) {
-        order.extend((0..bones.len()).filter(|&n| bones[n].parent == Some(parent)));
-        next += 1;
+    let mut order: Vec<usize> = Vec::with_capacity(bones.len());
+    let ready = |n: usize, order: &[usize]| !order.contains(&n) && bones[n].parent.is_none_or(|p| order.contains(&p));
+    while let Some(next) = (0..bones.len()).find(|&n| ready(n, &order)) {
+        order.push(next);
     }
     let mut place = vec![0; bones.len()];
     for (new, &old) in order.iter().enumerate() {

@@ -8,7 +8,8 @@ use std::fmt::Write;
 /// `voxels` is the number of voxels of each bone, in the order of the bones.
 pub fn tree(skeleton: &Skeleton, voxels: &[usize]) -> String {
     let rows = rows(skeleton);
-    let width = rows.iter().map(|(indent, n)| indent.chars().count() + skeleton.bones[*n].name.len()).max().unwrap_or(0);
+    let width =
+        rows.iter().map(|(indent, n)| indent.chars().count() + skeleton.bones[*n].name.len()).max().unwrap_or(0);
     let joint = skeleton.bones.iter().map(|b| b.joint.name.len()).max().unwrap_or(0).max("joint".len());
     let mut out = format!(
         "{:width$}  {:>8}  {:joint$}  {:>22}  {:>28}  {:>14}\n",
@@ -35,8 +36,7 @@ pub fn tree(skeleton: &Skeleton, voxels: &[usize]) -> String {
 fn rows(skeleton: &Skeleton) -> Vec<(String, usize)> {
     let children = |p: Option<usize>| (0..skeleton.bones.len()).filter(move |&n| skeleton.bones[n].parent == p);
     let mut out = Vec::new();
-    let mut stack: Vec<(String, String, usize)> =
-        children(None).map(|n| (String::new(), String::new(), n)).collect();
+    let mut stack: Vec<(String, String, usize)> = children(None).map(|n| (String::new(), String::new(), n)).collect();
     while let Some((own, below, n)) = stack.pop() {
         let mut inner: Vec<_> = children(Some(n)).collect();
         // The only child continues its parent's column, so that the spine does not drift to the right.

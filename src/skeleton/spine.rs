@@ -38,7 +38,8 @@ pub(super) fn vertebrae(shapes: &BTreeMap<u8, &Shape>, grid: &Grid) -> BTreeMap<
     // The second pass has the bodies' own middles, which lie on the spine's axis better than the centroids; a
     // vertebra whose body the image's edge cuts off takes its direction from the others.
     for _ in 0..2 {
-        out = shapes.iter().map(|(&level, shape)| (level, vertebra(shape, level, &up(&middles, level), grid))).collect();
+        out =
+            shapes.iter().map(|(&level, shape)| (level, vertebra(shape, level, &up(&middles, level), grid))).collect();
         let sound = out.iter().filter(|(l, v)| v.has_body || **l == C1);
         let sound: BTreeMap<u8, Point3<f64>> = sound.map(|(l, v)| (*l, v.middle)).collect();
         if sound.len() >= 2 {

@@ -277,7 +277,13 @@ fn the_head_of_a_thigh_is_the_centre_of_its_hip() {
         let neck = (0.0..50.0).contains(&along) && (v - axis * along).norm() < 14.0;
         let shaft = (v.x - 40.0).hypot(v.y) < 15.0 && v.z < -25.0;
         let socket = (27.0..36.0).contains(&v.norm()) && v.dot(&Vector3::new(-1.0, 0.0, 1.0)) > 5.0;
-        if v.norm() <= 24.0 || neck || shaft { 1 } else if socket { 2 } else { 0 }
+        if v.norm() <= 24.0 || neck || shaft {
+            1
+        } else if socket {
+            2
+        } else {
+            0
+        }
     });
     let names = [(1, "femur_left".to_owned()), (2, "hip_left".to_owned())].into();
     let built = build(&LabelMap { volume, names }).unwrap();

@@ -180,10 +180,10 @@ mod tests {
     /// Squared distance to the target by looking at every pair.
     fn brute(mask: &Mask, target: bool) -> Vec<f64> {
         let g = mask.grid();
-        let targets: Vec<_> = (0..g.len()).filter(|&l| mask.data()[l] == target).map(|l| g.centre(g.voxel(l))).collect();
-        let nearest = |l: usize| {
-            targets.iter().map(|t| (t - g.centre(g.voxel(l))).norm_squared()).fold(f64::INFINITY, f64::min)
-        };
+        let targets: Vec<_> =
+            (0..g.len()).filter(|&l| mask.data()[l] == target).map(|l| g.centre(g.voxel(l))).collect();
+        let nearest =
+            |l: usize| targets.iter().map(|t| (t - g.centre(g.voxel(l))).norm_squared()).fold(f64::INFINITY, f64::min);
         (0..g.len()).map(nearest).collect()
     }
 

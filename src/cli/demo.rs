@@ -1,0 +1,30 @@
+//! `aventail demo`: the main job on the phantom, with no data at hand.
+
+use super::args::DemoArgs;
+use super::register::{finish, open_folder, progress, settings};
+use crate::config::ConfigFile;
+use crate::error::Result;
+use crate::phantom::{Phantom, PhantomOptions};
+use crate::pipeline::Case;
+use crate::runtime::Runtime;
+
+/// Makes the phantom, registers it and writes the report; returns the table for the terminal.
+///
+/// # Errors
+/// When the folder cannot be written.
+pub fn run(args: &DemoArgs) -> Result<String> {
+    let config = settings(&ConfigFile::default(), &args.run)?;
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
+    let case = Case {
+        planning: phantom.planning,
+        bones: phantom.bones,
+        fraction: phantom.fraction,
+        landmarks: phantom.landmarks,
+        skeleton: None,
+        warnings: Vec::new(),
+        inputs: Vec::new(),
+    };
+    finish(&case, &config, &runtime, &args.out, args.run.json)
+}

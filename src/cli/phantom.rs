@@ -1,0 +1,66 @@
+//! `aventail phantom`: the phantom as files, with everything that is true about it.
+
+use super::args::PhantomArgs;
+use super::register::open_folder;
+use crate::error::{Error, Result};
+use crate::evaluate::landmark::Landmark;
+use crate::io::{self, Stored, WriteOptions};
+use crate::phantom::{Phantom, PhantomOptions, Posture};
+use crate::report::write_bone_transforms;
+use crate::runtime::Runtime;
+use std::path::Path;
+
+/// Writes the phantom into the folder; returns what was written and how to register it.
+///
+/// # Errors
+/// When an option makes no image, the pose file cannot be read, or the folder cannot be written.
+pub fn run(args: &PhantomArgs) -> Result<String> {
+    let options = options(args)?;
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.threads, super::register::progress(false))?;
+    let phantom = runtime.stage("make the phantom", || Phantom::new(&options))?;
+    runtime.stage("write", || write(&phantom, &args.out))?;
+    let out = args.out.display();
+    Ok(format!(
+        "{} bones, {} landmarks, planning {:?} voxels, fraction {:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
+        phantom.skeleton.bones.len(), phantom.landmarks.len(), phantom.planning.grid().size(), phantom.fraction.grid().size(),
+    ))
+}
+
+/// Spacing keeps the default's field of view; the posture comes from a file when one is given.
+fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
+    let mut options = PhantomOptions::default();
+    if let Some(spacing) = args.spacing {
+        options.size = std::array::from_fn(|a| (options.size[a] as f64 * options.spacing_mm[a] / spacing[a]).round().max(4.0) as usize);
+        options.edge_mm *= (spacing[0] / options.spacing_mm[0]).max(0.5);
+        options.spacing_mm = spacing;
+    }
+    if let Some(path) = &args.pose {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
+        options.posture = toml::from_str::<Posture>(&text)
+            .map_err(|e| Error::read(path, format!("it is no posture: {e}"), "write lines such as `skull = { rotation_deg = [1, 0, 0] }`; data/demo_posture.toml is an example"))?;
+    }
+    Ok(options)
+}
+
+/// Writes images, labels, landmarks and truth.
+fn write(phantom: &Phantom, out: &Path) -> Result<()> {
+    let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
+    io::write_image(out.join("planning_ct.nii.gz"), &phantom.planning, Stored::Int16, &options("aventail phantom, planning CT"))?;
+    io::write_labels(out.join("bones.nii.gz"), &phantom.bones, &options("aventail phantom, bones"))?;
+    io::write_mask(out.join("body.nii.gz"), &phantom.body, &options("aventail phantom, patient"))?;
+    io::write_image(out.join("fraction_ct.nii.gz"), &phantom.fraction, Stored::Int16, &options("aventail phantom, fraction CT"))?;
+    io::write_push(out.join("true_planning_to_fraction.nii.gz"), &phantom.truth()?, WriteOptions::default().gzip_level)?;
+    let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
+    write_bone_transforms(&out.join("true_bone_transforms.json"), transforms)?;
+    io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &phantom.landmarks))
+}
+
+fn write_landmarks(w: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
+    writeln!(w, "name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z")?;
+    for l in landmarks {
+        let (p, f) = (l.planning, l.fraction);
+        writeln!(w, "{},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4}", l.name, p.x, p.y, p.z, f.x, f.y, f.z)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,103 @@
+//! `aventail skeleton`: build, check and show the joint tree of a label map.
+
+use super::args::SkeletonArgs;
+use crate::error::{Error, Result};
+use crate::io::read_labels;
+use crate::io::skeleton::{load_override, write_skeleton};
+use crate::skeleton::{Skeleton, build, tree};
+use crate::volume::LabelMap;
+use crate::warning::Warning;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// What the verb shows, besides what it writes.
+#[derive(Debug, Clone, Serialize)]
+struct Shown {
+    /// The skeleton, with overrides laid over.
+    #[serde(flatten)]
+    skeleton: Skeleton,
+    /// Voxels of each bone, in the order of the skeleton's bones.
+    voxels: Vec<usize>,
+    /// Labels that are not bones.
+    ignored: Vec<String>,
+    /// Findings that the user should know of.
+    warnings: Vec<Warning>,
+}
+
+/// Builds the skeleton of a label map, checks it, writes it where asked, and describes it.
+///
+/// # Errors
+/// When the labels cannot be read, when none is a bone, when the override does not fit, or when the result cannot be
+/// written.
+pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
+    let labels = read_labels(&args.bones, args.labels.as_deref())?;
+    let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
+    shown.warnings.splice(0..0, labels.warnings);
+    if args.json { shown.json() } else { Ok(shown.text()) }
+}
+
+/// Builds the skeleton of a label map, lays a `skeleton.toml` over it where given, and writes the result to `out`
+/// where given.
+fn show(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Result<Shown> {
+    let built = build(labels)?;
+    let counted: Vec<(String, usize)> =
+        built.skeleton.bones.iter().map(|b| b.name.clone()).zip(built.voxels.iter().copied()).collect();
+    let skeleton = match overrides {
+        Some(path) => load_override(path, built.skeleton)?,
+        None => built.skeleton,
+    };
+    if let Some(path) = out {
+        write_skeleton(path, &skeleton)?;
+    }
+    let count = |name: &str| counted.iter().find(|(n, _)| n == name).map_or(0, |(_, c)| *c);
+    let voxels = skeleton.bones.iter().map(|b| count(&b.name)).collect();
+    Ok(Shown { skeleton, voxels, ignored: built.ignored, warnings: built.warnings })
+}
+
+impl Shown {
+    /// The tree, the ignored labels and the warnings as text.
+    fn text(&self) -> String {
+        let mut out = tree(&self.skeleton, &self.voxels);
+        if !self.ignored.is_empty() {
+            writeln!(out, "\nnot bones of the skeleton, ignored ({}): {}", self.ignored.len(), self.ignored.join(", "))
+                .expect("writing to a String cannot fail");
+        }
+        for w in &self.warnings {
+            writeln!(out, "\nwarning ({}): {}", w.code, w.message).expect("writing to a String cannot fail");
+        }
+        out
+    }
+
+    /// The same as a JSON document.
+    fn json(&self) -> Result<String> {
+        serde_json::to_string_pretty(self).map_err(|e| Error::Internal(format!("skeleton as JSON: {e}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use crate::volume::Volume;
+
+    #[test]
+    fn shows_writes_and_reads_back() {
+        let grid = Grid::axis_aligned([12, 12, 40], [1.0; 3], [0.0; 3]).unwrap();
+        let volume = Volume::from_fn(grid.clone(), |l| (grid.voxel(l)[2] / 10) as u16);
+        let names = ["vertebrae_C2", "skull", "brain"].iter().zip(1u16..).map(|(n, l)| (l, (*n).to_owned()));
+        let labels = LabelMap { volume, names: names.collect() };
+        let dir = tempfile::tempdir().unwrap();
+        let (first, second) = (dir.path().join("a.toml"), dir.path().join("b.toml"));
+        let shown = show(&labels, None, Some(&first)).unwrap();
+        assert_eq!((shown.ignored.as_slice(), shown.voxels.as_slice()), (&["brain".to_owned()][..], &[1440, 1440][..]));
+        assert!(shown.text().contains("skull-C2") && shown.text().contains("ignored (1): brain"), "{}", shown.text());
+        // The root turned round: the counts follow their bones.
+        std::fs::write(&first, "bones.skull.parent = \"none\"\nbones.vertebrae_C2.parent = \"skull\"\n").unwrap();
+        let turned = show(&labels, Some(&first), Some(&second)).unwrap();
+        assert_eq!(turned.skeleton.bones[0].name, "skull");
+        let json: serde_json::Value = serde_json::from_str(&turned.json().unwrap()).unwrap();
+        assert_eq!(json["bones"][1]["name"], "vertebrae_C2");
+        assert_eq!(show(&labels, Some(&second), None).unwrap().skeleton.bones[1].parent, Some(0));
+    }
+}

@@ -1,0 +1,411 @@
+//! The program as its users meet it: help, exit codes, messages, output streams, and a run that can be repeated.
+
+#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
+mod support;
+
+use aventail::geometry::Grid;
+use aventail::volume::{LabelMap, Volume};
+use printed::{stderr, stdout};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use support::files::{self, nifti, put_f32, put_i16};
+use support::{Register, aventail, files_below, folder, phantom};
+
+/// Reading what a run printed.
+mod printed {
+    use assert_cmd::assert::Assert;
+
+    pub fn stdout(run: &Assert) -> String {
+        String::from_utf8(run.get_output().stdout.clone()).expect("output is UTF-8")
+    }
+
+    pub fn stderr(run: &Assert) -> String {
+        String::from_utf8(run.get_output().stderr.clone()).expect("output is UTF-8")
+    }
+}
+
+/// What a successful run of `register` writes, landmarks given.
+const RESULTS: [&str; 13] = [
+    "body.nii.gz",
+    "bone_transforms.json",
+    "bones_on_fraction.nii.gz",
+    "computed.nii.gz",
+    "fraction_to_planning.nii.gz",
+    "inside_planning.nii.gz",
+    "jacobian.nii.gz",
+    "landmarks.csv",
+    "planning_on_fraction.nii.gz",
+    "planning_to_fraction.nii.gz",
+    "report.html",
+    "report.json",
+    "settings.toml",
+];
+
+/// One successful run on the phantom, for all tests that look at it: its folder and what it printed.
+fn done() -> &'static (PathBuf, String, String) {
+    static RUN: OnceLock<(PathBuf, String, String)> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let register = Register::phantom("done").with("--landmarks", &phantom().landmarks);
+        let run = register.command().assert().success();
+        (register.out, stdout(&run), stderr(&run))
+    })
+}
+
+/// Runs a command line that must be refused: exit code, nothing on standard output, what the message names, a remedy,
+/// and no result left behind.
+fn refused(register: &Register, code: i32, names: &[&str]) {
+    let run = register.command().assert().code(code);
+    let message = stderr(&run);
+    assert_eq!(stdout(&run), "", "{message}");
+    for name in names {
+        assert!(message.contains(name), "`{name}` is not in\n{message}");
+    }
+    assert!(message.contains("\n  remedy: "), "{message}");
+    assert!(!message.contains("panicked"), "{message}");
+    assert_eq!(files_below(&register.out), [""; 0], "left behind after\n{message}");
+}
+
+/// A path in this program's folder.
+fn at(name: &str) -> PathBuf {
+    folder().join(name)
+}
+
+#[test]
+fn help_names_every_option_of_every_verb() {
+    let verbs: [(&str, &[&str]); 5] = [
+        (
+            "register",
+            &[
+                "--planning", "--bones", "--fraction", "--out", "--labels", "--skeleton", "--landmarks", "--config",
+                "--preset", "--field-format", "--threads", "--json", "--quiet", "planning_to_fraction", "Examples:",
+            ],
+        ),
+        ("demo", &["--out", "--threads", "--json"]),
+        ("phantom", &["--out", "--spacing", "--threads"]),
+        ("skeleton", &["--bones", "--labels", "--out", "--json"]),
+        ("inspect", &["<FILE>", "--json"]),
+    ];
+    for (verb, names) in verbs {
+        let help = stdout(&aventail().args([verb, "--help"]).assert().success());
+        for name in names {
+            assert!(help.contains(name), "`{name}` is not in the help of {verb}:\n{help}");
+        }
+    }
+    let help = stdout(&aventail().arg("--help").assert().success());
+    for name in ["register", "demo", "phantom", "skeleton", "inspect", "completions", "Exit codes", "not a medical device"] {
+        assert!(help.contains(name), "`{name}` is not in\n{help}");
+    }
+    let version = stdout(&aventail().arg("--version").assert().success());
+    assert_eq!(version.trim(), format!("aventail {}", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn completions_know_the_verbs() {
+    for shell in ["bash", "zsh", "fish"] {
+        let script = stdout(&aventail().args(["completions", shell]).assert().success());
+        assert!(script.contains("register") && script.contains("field-format"), "{shell}: {script}");
+    }
+}
+
+#[test]
+fn wrong_command_lines_exit_with_2() {
+    let lines: [(&[&str], &str); 6] = [
+        (&["regster"], "regster"),
+        (&["register", "--out", "x"], "--planning"),
+        (&["register", "--planning", "a", "--bones", "b", "--fraction", "c"], "--out"),
+        (&["phantom", "--out", "x", "--spacing", "2x2"], "1.5x1.5x3"),
+        (&["register", "--config", "c.toml", "--out", "x", "--preset", "best"], "thesis"),
+        (&["completions", "tcsh"], "fish"),
+    ];
+    for (line, name) in lines {
+        let run = aventail().args(line).assert().code(2);
+        assert!(stdout(&run).is_empty() && stderr(&run).contains(name), "{line:?}: {}", stderr(&run));
+    }
+}
+
+#[test]
+fn illegal_settings_are_refused_by_name() {
+    let settings = [
+        ("[chainmail]\nexponant = 2.0", "exponant"),
+        ("[chainmail]\nexponent = -1.0", "exponent"),
+        ("[chainmail]\nexponent = \"four\"", "four"),
+        ("[fit]\nmeasure = \"beauty\"", "beauty"),
+        ("[fit]\nlevels = []", "levels"),
+        ("[fit]\nlevels = [[-1.0, 4000]]", "levels"),
+        ("[fit]\noutward = [[2.0, 0]]", "outward"),
+        ("[fit]\nstart_blur_mm = nan", "start_blur_mm"),
+        ("[body]\nseparation_mm = -8.0", "separation_mm"),
+        ("[body]\nclosing_mm = inf", "closing_mm"),
+        ("[invert]\ntolerance_mm = 0.0", "tolerance_mm"),
+        ("[output]\ngzip_level = 12", "gzip_level"),
+        ("preset = \"best\"", "best"),
+    ];
+    for (n, (text, name)) in settings.iter().enumerate() {
+        let file = files::bytes(&at(&format!("illegal{n}.toml")), text.as_bytes());
+        refused(&Register::phantom(&format!("illegal{n}")).with("--config", file), 2, &[name]);
+    }
+    let file = files::bytes(&at("inputs_missing.toml"), b"preset = \"thesis\"");
+    let run = aventail().args(["register", "--config"]).arg(file).arg("--out").arg(at("inputs_missing")).assert().code(2);
+    assert!(stderr(&run).contains("--planning"), "{}", stderr(&run));
+}
+
+#[test]
+fn unreadable_settings_exit_with_3() {
+    let register = |out: &str| Register::phantom(out);
+    refused(&register("s1").with("--config", at("nowhere.toml")), 3, &["nowhere.toml"]);
+    let file = files::bytes(&at("broken.toml"), b"[chainmail\nexponent = 4");
+    refused(&register("s2").with("--config", file), 3, &["broken.toml", "TOML"]);
+    let file = files::bytes(&at("broken.json"), b"{\"settings\": ");
+    refused(&register("s3").with("--config", file), 3, &["broken.json", "JSON"]);
+    let file = files::bytes(&at("other.json"), b"{\"labels\": {\"1\": \"skull\"}}");
+    refused(&register("s4").with("--config", file), 3, &["other.json", "settings"]);
+}
+
+#[test]
+fn files_that_cannot_be_read_exit_with_3() {
+    let whole = fs::read(&phantom().planning).unwrap();
+    let unreadable: [(&str, PathBuf, &str); 7] = [
+        ("u1", at("nowhere.nii.gz"), "no such file"),
+        ("u2", folder().to_path_buf(), "folder"),
+        ("u3", files::bytes(&at("cut.nii.gz"), &whole[..whole.len() / 2]), "cut.nii.gz"),
+        ("u4", files::bytes(&at("empty.nii.gz"), b""), "empty"),
+        ("u5", files::bytes(&at("text.nii"), &b"this is no image ".repeat(40)), "text.nii"),
+        ("u6", nifti(&at("short.nii"), |b| b.truncate(b.len() - 10)), "short.nii"),
+        ("u7", nifti(&at("complex.nii"), |b| put_i16(b, 70, 32)), "complex.nii"),
+    ];
+    for (out, file, name) in unreadable {
+        refused(&Register::phantom(out).planning(&file), 3, &[name]);
+        refused(&Register::phantom(out).fraction(&file), 3, &[name]);
+        refused(&Register::phantom(out).bones(&file), 3, &[name]);
+    }
+    let bad = files::bytes(&at("labels.json"), b"[1, 2]");
+    refused(&Register::phantom("u8").with("--labels", bad), 3, &["labels.json"]);
+    refused(&Register::phantom("u9").with("--landmarks", at("nowhere.csv")), 3, &["nowhere.csv", "no such file"]);
+}
+
+#[test]
+fn images_that_cannot_be_registered_exit_with_4() {
+    let four_d = |b: &mut Vec<u8>| {
+        put_i16(b, 40, 4);
+        put_i16(b, 48, 2);
+        let voxels = b[352..].to_vec();
+        b.extend(voxels);
+    };
+    let nan = |b: &mut Vec<u8>| put_f32(b, 352 + 4 * 17, f32::NAN);
+    let infinite = |b: &mut Vec<u8>| put_f32(b, 352 + 4 * 3, f32::INFINITY);
+    // The sform's first row gains a component along j; the qform is switched off, as it would contradict.
+    let sheared = |b: &mut Vec<u8>| {
+        put_i16(b, 252, 0);
+        put_f32(b, 284, 1.0);
+    };
+    let unsuitable: [(&str, PathBuf, &str); 4] = [
+        ("i1", nifti(&at("four_d.nii"), four_d), "6 x 5 x 4 x 2"),
+        ("i2", nifti(&at("nan.nii"), nan), "NaN"),
+        ("i3", nifti(&at("infinite.nii"), infinite), "inf"),
+        ("i4", nifti(&at("sheared.nii"), sheared), "shear"),
+    ];
+    for (out, file, name) in unsuitable {
+        let own = file.file_name().unwrap().to_str().unwrap();
+        refused(&Register::phantom(out).planning(&file), 4, &[own, name]);
+        refused(&Register::phantom(out).fraction(&file), 4, &[own, name]);
+    }
+    let grid = aventail::io::read_image(&phantom().planning).unwrap().value.grid().clone();
+    let air = files::image(&at("constant.nii.gz"), &Volume::filled(grid.clone(), -1000.0));
+    refused(&Register::phantom("i5").planning(&air), 4, &["planning CT", "-1000"]);
+    refused(&Register::phantom("i6").fraction(&air), 4, &["fraction CT", "-1000"]);
+    let thin = Grid::axis_aligned([40, 40, 2], [2.0; 3], [0.0; 3]).unwrap();
+    let thin = files::image(&at("thin.nii.gz"), &Volume::from_fn(thin, |l| l as f32));
+    refused(&Register::phantom("i7").fraction(thin), 4, &["fraction CT", "[40, 40, 2]"]);
+}
+
+#[test]
+fn labels_that_do_not_fit_exit_with_4() {
+    let bones = aventail::io::read_labels(&phantom().bones, None).unwrap().value;
+    let grid = bones.volume.grid().clone();
+    let write = |name: &str, map: &LabelMap| files::labels(&at(name), map);
+
+    let moved = grid.origin() + nalgebra::Vector3::new(0.0, 25.0, 0.0);
+    let moved = Grid::new(grid.size(), grid.spacing(), moved, *grid.direction()).unwrap();
+    let moved = LabelMap { volume: Volume::new(moved, bones.volume.data().to_vec()).unwrap(), names: bones.names.clone() };
+    refused(&Register::phantom("l1").bones(write("moved.nii.gz", &moved)), 4, &["grid", "spacing", "origin"]);
+
+    let empty = LabelMap { volume: Volume::filled(grid.clone(), 0), names: bones.names.clone() };
+    refused(&Register::phantom("l2").bones(write("unlabelled.nii.gz", &empty)), 4, &["unlabelled.nii.gz"]);
+
+    let mut nameless = bones.clone();
+    nameless.names.retain(|label, _| *label != 3);
+    refused(&Register::phantom("l3").bones(write("nameless.nii.gz", &nameless)), 4, &["nameless.nii.gz", "3"]);
+
+    let organs = bones.names.keys().map(|l| (*l, format!("organ_{l}"))).collect();
+    let organs = LabelMap { volume: bones.volume.clone(), names: organs };
+    refused(&Register::phantom("l4").bones(write("organs.nii.gz", &organs)), 4, &["organ_1", "no label is a bone"]);
+
+    let mut twins = bones.clone();
+    let name = twins.names[&1].clone();
+    twins.names.insert(2, name.clone());
+    refused(&Register::phantom("l5").bones(write("twins.nii.gz", &twins)), 4, &["twins.nii.gz", &name]);
+
+    let image = bones.volume.map(|&l| f32::from(l) + 0.5);
+    refused(&Register::phantom("l6").bones(files::image(&at("halves.nii.gz"), &image)), 4, &["halves.nii.gz", "0.5"]);
+
+    let plain = files::image(&at("no_names.nii.gz"), &bones.volume.map(|&l| f32::from(l)));
+    refused(&Register::phantom("l7").bones(plain), 4, &["no_names.nii.gz", "--labels"]);
+}
+
+#[test]
+fn landmarks_that_are_none_exit_with_4() {
+    let head = "name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z\n";
+    let tables = [
+        ("m1", "name,x,y\na,1,2\n".to_owned(), "planning_x"),
+        ("m2", format!("{head}chin,1,2,3,4,five,6\n"), "five"),
+        ("m3", head.to_owned(), "no landmark"),
+    ];
+    for (out, text, name) in tables {
+        let file = files::bytes(&at(&format!("{out}.csv")), text.as_bytes());
+        refused(&Register::phantom(out).with("--landmarks", file), 4, &[&format!("{out}.csv"), name]);
+    }
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_exits_with_5() {
+    // Below a regular file no folder can be made, not even by an administrator.
+    let file = files::bytes(&at("a_file"), b"here");
+    let register = Register { out: file.join("results"), ..Register::phantom("unused") };
+    refused(&register, 5, &["a_file"]);
+    for verb in ["phantom", "demo"] {
+        let run = aventail().arg(verb).arg("--out").arg(file.join(verb)).assert().code(5);
+        assert!(stderr(&run).contains("a_file") && stderr(&run).contains("remedy: "), "{}", stderr(&run));
+    }
+}
+
+#[test]
+fn images_without_common_anatomy_exit_with_6() {
+    let grid = Grid::axis_aligned([60, 50, 40], [5.0; 3], [-150.0, -120.0, -100.0]).unwrap();
+    // Soft blobs of tissue in air: nothing that bones of a head and neck would explain.
+    let blobs = Volume::from_fn(grid.clone(), |l| {
+        let p = grid.centre(grid.voxel(l));
+        let wave = (p.x / 23.0).sin() * (p.y / 31.0).cos() * (p.z / 19.0).sin();
+        if p.coords.norm() < 90.0 { (60.0 * wave) as f32 } else { -1000.0 }
+    });
+    let file = files::image(&at("blobs.nii.gz"), &blobs);
+    refused(&Register::phantom("f1").fraction(file), 6, &["registration failed", "%", "same patient"]);
+}
+
+#[test]
+fn results_go_to_the_folder_and_to_standard_output_diagnostics_to_standard_error() {
+    let (out, printed, progress) = done();
+    let files = files_below(out);
+    let own: Vec<&str> = files.iter().map(String::as_str).filter(|f| !f.starts_with("report/")).collect();
+    assert_eq!(own, RESULTS);
+    assert!(files.iter().filter(|f| f.starts_with("report/") && f.ends_with(".png")).count() >= 5, "{files:?}");
+    assert!(printed.contains("report.html") && printed.contains("mm"), "{printed}");
+    assert!(printed.lines().count() < 60, "a short table:\n{printed}");
+    assert!(progress.contains("fit skeleton") && progress.contains("propagate"), "{progress}");
+    assert!(!printed.contains('\u{1b}') && !progress.contains('\u{1b}'), "no terminal, no colours");
+    assert!(!printed.contains("fit skeleton ..."), "progress belongs to standard error");
+}
+
+#[test]
+fn a_report_runs_again_to_the_same_bytes_and_prints_json() {
+    let (out, ..) = done();
+    let again = at("again");
+    let run = aventail()
+        .args(["register", "--json", "--quiet", "--config"])
+        .arg(out.join("report.json"))
+        .arg("--out")
+        .arg(&again)
+        .assert()
+        .success();
+    assert_eq!(stderr(&run), "", "--quiet is quiet");
+    let printed: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
+    let (first, second) = (report(out), report(&again));
+    assert_eq!(printed["bones"], second["bones"]);
+    for part in ["version", "settings", "inputs", "bones", "pose", "jacobian", "links", "inverse", "landmarks", "warnings"] {
+        assert!(!first[part].is_null(), "report.json has no {part}");
+        assert_eq!(first[part], second[part], "{part}");
+    }
+    for name in RESULTS.iter().filter(|n| !n.starts_with("report.")) {
+        assert_eq!(fs::read(out.join(name)).unwrap(), fs::read(again.join(name)).unwrap(), "{name} differs");
+    }
+    // The settings alone are enough when the inputs are named.
+    let settings = Register::phantom("settings").with("--config", out.join("settings.toml")).flag("--quiet");
+    settings.command().assert().success();
+    let field = "planning_to_fraction.nii.gz";
+    assert_eq!(fs::read(out.join(field)).unwrap(), fs::read(settings.out.join(field)).unwrap());
+}
+
+#[test]
+fn a_changed_input_is_noticed_when_a_report_runs_again() {
+    let (out, ..) = done();
+    let mut report = report(out);
+    for input in report["inputs"].as_array_mut().unwrap() {
+        if input["role"] == "landmarks" {
+            input["sha256"] = "0".repeat(64).into();
+        }
+    }
+    let file = files::bytes(&at("changed.json"), report.to_string().as_bytes());
+    let run = aventail().args(["register", "--json", "-q", "--config"]).arg(file).arg("--out").arg(at("changed")).assert();
+    let printed: serde_json::Value = serde_json::from_str(&stdout(&run.success())).unwrap();
+    let warnings = printed["warnings"].as_array().unwrap();
+    assert!(warnings.iter().any(|w| w["code"] == "input-changed"), "{warnings:?}");
+}
+
+#[test]
+fn fields_are_written_in_the_format_asked_for() {
+    let reference = aventail::io::read_field(done().0.join("planning_to_fraction.nii.gz")).unwrap().value;
+    for (format, extension) in [("mha", "mha"), ("nrrd", "nrrd")] {
+        let register = Register::phantom(format).with("--field-format", format).flag("-q");
+        register.command().assert().success();
+        let field = aventail::io::read_field(register.out.join(format!("planning_to_fraction.{extension}"))).unwrap().value;
+        assert_eq!(field.data(), reference.data(), "{format}");
+        assert!(field.grid().matches(reference.grid(), 1e-3));
+    }
+}
+
+#[test]
+fn the_thesis_preset_runs() {
+    let register = Register::phantom("thesis").with("--preset", "thesis").flag("--json").flag("-q");
+    let printed: serde_json::Value = serde_json::from_str(&stdout(&register.command().assert().success())).unwrap();
+    assert_eq!(printed["settings"]["preset"], "thesis");
+}
+
+#[test]
+fn inspect_shows_files_and_whether_they_share_a_grid() {
+    let f = phantom();
+    let text = stdout(&aventail().arg("inspect").args([&f.planning, &f.bones, &f.fraction]).assert().success());
+    assert!(text.contains("vertebrae_C1") && text.contains("5"), "{text}");
+    let run = aventail().args(["inspect", "--json"]).args([&f.planning, &f.bones]).assert().success();
+    let json: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
+    assert_eq!(json["files"].as_array().unwrap().len(), 2);
+    let run = aventail().arg("inspect").arg(at("nowhere.nii")).assert().code(3);
+    assert!(stdout(&run).is_empty() && stderr(&run).contains("nowhere.nii"));
+}
+
+#[test]
+fn skeleton_shows_the_tree_and_writes_it() {
+    let bones = &phantom().bones;
+    let file = at("skeleton.toml");
+    let run = aventail().arg("skeleton").arg("--bones").arg(bones).arg("--out").arg(&file).assert().success();
+    let text = stdout(&run);
+    for name in ["vertebrae_C7", "atlanto-occipital", "humerus_left", "mandible"] {
+        assert!(text.contains(name), "`{name}` is not in\n{text}");
+    }
+    let json = stdout(&aventail().args(["skeleton", "--json", "--bones"]).arg(bones).assert().success());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json.to_string().contains("vertebrae_C7"));
+    // What it writes is what `register --skeleton` takes, and unchanged it changes nothing.
+    let register = Register::phantom("own_skeleton").with("--skeleton", &file).flag("-q");
+    register.command().assert().success();
+    let field = "planning_to_fraction.nii.gz";
+    let (own, built) = (register.out.join(field), done().0.join(field));
+    let (own, built) = [own, built].map(|f| aventail::io::read_field(f).unwrap().value).into();
+    let most = own.data().iter().zip(built.data()).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs())).fold(0.0, f32::max);
+    assert!(most < 0.05, "{most} mm");
+    let broken = files::bytes(&at("broken_skeleton.toml"), b"[[bones]\n");
+    refused(&Register::phantom("k1").with("--skeleton", broken), 3, &["broken_skeleton.toml"]);
+}
+
+fn report(out: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap()
+}

@@ -1,0 +1,340 @@
+//! The layout is what `src/lib.rs` says: rooms import only from lower ranks, one room knows NIfTI, files stay short.
+//!
+//! Sources are read as tokens, so comments, strings and line breaks inside `use` cannot mislead; tests are left out.
+
+use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Rooms by rank, as the table in `src/lib.rs`.
+const RANKS: [&[&str]; 10] = [
+    &["error", "warning", "progress", "runtime", "stats"],
+    &["geometry"],
+    &["volume"],
+    &["field", "body"],
+    &["skeleton", "chainmail", "evaluate"],
+    &["fit", "phantom"],
+    &["config", "io"],
+    &["pipeline"],
+    &["report"],
+    &["cli"],
+];
+
+/// Imports inside rank 0 that are meant: a runtime shows progress and reports errors.
+const EXCEPTIONS: [(&str, &str); 2] = [("runtime", "progress"), ("runtime", "error")];
+
+/// Greatest length of a source file in lines, tests left out.
+const LONGEST: usize = 450;
+
+/// Median length of a source file in lines, tests left out.
+const MEDIAN: usize = 150;
+
+/// A source file: its path inside `src`, and its code without tests.
+struct Source {
+    path: PathBuf,
+    code: Code,
+    lines: usize,
+}
+
+/// What the rules look at.
+#[derive(Debug, Default, PartialEq)]
+struct Code {
+    /// Rooms that the code names through `crate::` or `super::`.
+    rooms: BTreeSet<String>,
+    /// Crates and local names that begin a path or a `use`.
+    heads: BTreeSet<String>,
+    /// Lines that call `.unwrap()`.
+    unwraps: Vec<usize>,
+    /// Modules that exist in tests only and lie in files of their own.
+    test_modules: Vec<String>,
+    /// Lines of test modules in this file.
+    test_lines: usize,
+}
+
+impl Code {
+    /// `depth`: how many `super` lead from this file's module to the crate root.
+    fn of(text: &str, depth: usize) -> Self {
+        let mut code = Self::default();
+        code.walk(TokenStream::from_str(text).expect("the file compiles, so it has tokens"), depth);
+        code
+    }
+
+    fn walk(&mut self, stream: TokenStream, depth: usize) {
+        let tokens: Vec<TokenTree> = stream.into_iter().collect();
+        let mut n = 0;
+        while n < tokens.len() {
+            if is_test_attribute(&tokens[n..]) {
+                n = self.skip_test(&tokens, n + 2);
+                continue;
+            }
+            match &tokens[n] {
+                TokenTree::Group(group) => {
+                    let module = n >= 2 && word(&tokens[n - 2]).is_some_and(|w| w == "mod");
+                    self.walk(group.stream(), depth + usize::from(module && group.delimiter() == Delimiter::Brace));
+                }
+                TokenTree::Ident(name) => self.path(&name.to_string(), &tokens, n, depth),
+                _ => {}
+            }
+            n += 1;
+        }
+    }
+
+    /// Notes where a path that begins at token `n` leads.
+    fn path(&mut self, name: &str, tokens: &[TokenTree], n: usize, depth: usize) {
+        if name == "unwrap" && n > 0 && punct(&tokens[n - 1], '.') {
+            self.unwraps.push(tokens[n].span().start().line);
+        }
+        if n >= 2 && punct(&tokens[n - 1], ':') && punct(&tokens[n - 2], ':') {
+            // `use ::name` begins a path, `room::name` goes on with one.
+            if n == 2 || word(&tokens[n - 3]).is_some_and(|w| w == "use") {
+                self.heads.insert(format!("::{name}"));
+            }
+            return;
+        }
+        if n > 0 && word(&tokens[n - 1]).is_some_and(|w| w == "use") || after_colons(tokens, n).is_some() {
+            self.heads.insert(name.to_owned());
+        }
+        let (mut at, mut up) = (n, 0);
+        while word(&tokens[at]).is_some_and(|w| w == "super") && up < depth {
+            up += 1;
+            match after_colons(tokens, at) {
+                Some(next) => at = next,
+                None => return,
+            }
+        }
+        let first = match name {
+            "crate" => after_colons(tokens, n),
+            "super" if up == depth => Some(at),
+            _ => None,
+        };
+        match first.map(|at| &tokens[at]) {
+            Some(TokenTree::Ident(room)) => self.room(&room.to_string()),
+            Some(TokenTree::Group(rooms)) => {
+                let list: Vec<TokenTree> = rooms.stream().into_iter().collect();
+                for part in list.split(|t| punct(t, ',')) {
+                    if let Some(room) = part.first().and_then(word) {
+                        self.room(&room);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn room(&mut self, name: &str) {
+        // The crate root re-exports these two.
+        self.rooms.insert(if matches!(name, "Error" | "Result") { "error".into() } else { name.to_owned() });
+    }
+
+    /// Leaves out the item that follows `#[cfg(test)]`; returns the position after it.
+    fn skip_test(&mut self, tokens: &[TokenTree], mut n: usize) -> usize {
+        let start = tokens[n - 2].span().start().line;
+        let mut module = None;
+        while n < tokens.len() {
+            if word(&tokens[n]).is_some_and(|w| w == "mod") {
+                module = tokens.get(n + 1).and_then(word);
+            }
+            let braces = matches!(&tokens[n], TokenTree::Group(g) if g.delimiter() == Delimiter::Brace);
+            let end = punct(&tokens[n], ';');
+            if end && let Some(name) = module.take() {
+                self.test_modules.push(name);
+            }
+            n += 1;
+            if braces || end {
+                self.test_lines += tokens[n - 1].span().end().line + 1 - start;
+                break;
+            }
+        }
+        n
+    }
+}
+
+fn word(token: &TokenTree) -> Option<String> {
+    if let TokenTree::Ident(name) = token { Some(name.to_string()) } else { None }
+}
+
+fn punct(token: &TokenTree, mark: char) -> bool {
+    matches!(token, TokenTree::Punct(p) if p.as_char() == mark)
+}
+
+/// Position of the token after `::` that follows token `n`.
+fn after_colons(tokens: &[TokenTree], n: usize) -> Option<usize> {
+    let colons = n + 3 < tokens.len() && punct(&tokens[n + 1], ':') && punct(&tokens[n + 2], ':');
+    colons.then_some(n + 3)
+}
+
+fn is_test_attribute(tokens: &[TokenTree]) -> bool {
+    let [hash, TokenTree::Group(group), ..] = tokens else { return false };
+    punct(hash, '#') && group.stream().to_string().replace(' ', "") == "cfg(test)"
+}
+
+/// Every source file of the library outside tests.
+fn sources() -> Vec<Source> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    collect(&root, &mut files);
+    let mut sources: Vec<Source> = files
+        .iter()
+        .map(|file| {
+            let path = file.strip_prefix(&root).expect("it was found below src").to_path_buf();
+            let text = fs::read_to_string(file).expect("sources are text");
+            let code = Code::of(&text, depth(&path));
+            let lines = text.lines().count() - code.test_lines;
+            Source { path, code, lines }
+        })
+        .collect();
+    let tests: Vec<PathBuf> = sources
+        .iter()
+        .flat_map(|s| {
+            let folder = s.path.parent().expect("a file lies in a folder").to_path_buf();
+            s.code.test_modules.iter().map(move |m| folder.join(m)).collect::<Vec<_>>()
+        })
+        .collect();
+    sources.retain(|s| !tests.iter().any(|t| s.path.starts_with(t) || s.path == t.with_extension("rs")));
+    assert!(sources.len() > 50, "only {} sources were found", sources.len());
+    sources
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+/// How many `super` lead from a file to the crate root.
+fn depth(path: &Path) -> usize {
+    let parts = path.components().count();
+    if path.ends_with("mod.rs") { parts - 1 } else { parts }
+}
+
+/// The room that a file belongs to: its first folder, or the file itself.
+fn room(path: &Path) -> String {
+    let first = path.components().next().expect("a path has parts");
+    Path::new(&first).with_extension("").display().to_string()
+}
+
+fn rank(room: &str) -> Option<usize> {
+    RANKS.iter().position(|rooms| rooms.contains(&room))
+}
+
+/// What is wrong with `room` importing these rooms.
+fn violations(room: &str, imports: &BTreeSet<String>) -> Vec<String> {
+    let Some(own) = rank(room) else { return vec![format!("room {room} has no rank")] };
+    let wrong = imports.iter().filter(|other| *other != room && !EXCEPTIONS.contains(&(room, other.as_str()))).filter_map(|other| {
+        match rank(other) {
+            None => Some(format!("{room} imports {other}, which is no room")),
+            Some(rank) if rank >= own => Some(format!("{room} (rank {own}) imports {other} (rank {rank})")),
+            Some(_) => None,
+        }
+    });
+    wrong.collect()
+}
+
+#[test]
+fn rooms_import_only_from_lower_ranks() {
+    let mut wrong = Vec::new();
+    for s in sources().iter().filter(|s| !["lib.rs", "main.rs"].iter().any(|f| s.path == Path::new(f))) {
+        wrong.extend(violations(&room(&s.path), &s.code.rooms).iter().map(|v| format!("{}: {v}", s.path.display())));
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_room_of_the_crate_has_the_rank_that_it_says() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let lib = fs::read_to_string(root.join("lib.rs")).unwrap();
+    let rooms: Vec<&str> = lib.lines().filter_map(|l| l.strip_prefix("pub mod ")?.strip_suffix(';')).collect();
+    assert_eq!(rooms.len(), RANKS.concat().len(), "{rooms:?}");
+    for room in rooms {
+        let rank = rank(room).unwrap_or_else(|| panic!("{room} has no rank in this test"));
+        if rank > 0 {
+            let text = fs::read_to_string(root.join(room).join("mod.rs")).unwrap();
+            assert!(text.starts_with(&format!("//! Rank {rank}: ")), "{room}/mod.rs does not begin with `//! Rank {rank}: `");
+        }
+    }
+}
+
+#[test]
+fn one_room_names_the_nifti_crate() {
+    for s in sources().iter().filter(|s| !s.path.starts_with("io/nifti")) {
+        // In `io`, `nifti` without leading colons is the module of that name.
+        let names = s.code.heads.contains("::nifti") || s.code.heads.contains("nifti") && !s.path.starts_with("io");
+        assert!(!names, "{} names the nifti crate", s.path.display());
+    }
+    let users: Vec<String> = sources()
+        .iter()
+        .filter(|s| s.path.starts_with("io/nifti") && s.code.heads.contains("::nifti"))
+        .map(|s| s.path.display().to_string())
+        .collect();
+    assert_eq!(users.len(), 1, "files that name the nifti crate: {users:?}");
+}
+
+#[test]
+fn files_are_short() {
+    let sources = sources();
+    let long: Vec<String> =
+        sources.iter().filter(|s| s.lines > LONGEST).map(|s| format!("{}: {} lines", s.path.display(), s.lines)).collect();
+    assert!(long.is_empty(), "longer than {LONGEST} lines: {long:?}");
+    let mut lines: Vec<usize> = sources.iter().map(|s| s.lines).collect();
+    lines.sort_unstable();
+    let median = lines[lines.len() / 2];
+    assert!(median <= MEDIAN, "the median file has {median} lines");
+}
+
+#[test]
+fn nothing_unwraps_outside_tests() {
+    for s in sources() {
+        assert!(s.code.unwraps.is_empty(), "{}: unwrap in lines {:?}", s.path.display(), s.code.unwraps);
+    }
+}
+
+#[test]
+fn every_file_says_what_it_is_for() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    for s in sources() {
+        let text = fs::read_to_string(root.join(&s.path)).unwrap();
+        assert!(text.starts_with("//! "), "{} does not open with its purpose", s.path.display());
+    }
+}
+
+#[test]
+fn the_checker_sees_what_it_should() {
+    let text = r#"
+        //! crate::comment
+        use crate::{error::Result, pipeline::{Case, Outcome}, Error};
+        use super::super::report::page;
+        use ::nifti::{NiftiObject, NiftiHeader};
+        use csv::Reader;
+        /// crate::documentation
+        fn f() -> crate::cli::Args { let s = "crate::text"; g(vec![crate::fit::x()]).unwrap() }
+        mod inner { use super::super::super::io; use super::sibling; }
+        #[cfg(test)]
+        mod tests {
+            use crate::hidden::X;
+            fn h() { x.unwrap() }
+        }
+        #[cfg(test)]
+        mod outside;
+        use crate::volume::Mask;
+    "#;
+    let code = Code::of(text, 2);
+    let rooms: Vec<&str> = code.rooms.iter().map(String::as_str).collect();
+    assert_eq!(rooms, ["cli", "error", "fit", "io", "pipeline", "report", "volume"]);
+    assert!(code.heads.contains("::nifti") && code.heads.contains("csv") && !code.heads.contains("Reader"));
+    assert_eq!((code.unwraps, code.test_modules, code.test_lines), (vec![8], vec!["outside".to_owned()], 7));
+    let found = violations("field", &code.rooms);
+    assert_eq!(found.len(), 5, "{found:?}");
+    assert!(found.contains(&"field (rank 3) imports cli (rank 9)".to_owned()));
+    assert!(violations("runtime", &["progress".to_owned()].into()).is_empty());
+    assert_eq!(violations("progress", &["runtime".to_owned()].into()).len(), 1);
+    assert_eq!(violations("skeleton", &["chainmail".to_owned()].into()).len(), 1, "equal ranks");
+    assert_eq!(violations("io", &["elsewhere".to_owned()].into()), ["io imports elsewhere, which is no room"]);
+}
