@@ -7,6 +7,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Standard deviation inside the soft range as a share of half the range.
 const INSIDE: f64 = 0.5;
+/// Greatest standard deviations inside the soft range: a patient is set up in the posture of planning, so that a joint
+/// uses a small part of what anatomy allows. Degrees and mm.
+const MOST_DEG: f64 = 8.0;
+const MOST_MM: f64 = 5.0;
 /// Standard deviation of the excess beyond a rotation limit, degrees.
 const BEYOND_DEG: f64 = 1.5;
 /// Standard deviation of the excess beyond a translation limit, mm.
@@ -73,14 +77,14 @@ pub fn penalty(joint: &Joint, parent: &Rigid, child: &Rigid, parent_centre: &Vec
     for a in 0..3 {
         let [low, high] = joint.rotation_range_deg[a].map(f64::to_radians);
         let angle = pose.rotation[a];
-        add(a, angle, (INSIDE * 0.5 * (high - low)).max(LEAST_DEG.to_radians()));
+        add(a, angle, (INSIDE * 0.5 * (high - low)).clamp(LEAST_DEG.to_radians(), MOST_DEG.to_radians()));
         let excess = angle - angle.clamp(low.min(high), high.max(low));
         if excess != 0.0 {
             add(a, excess, BEYOND_DEG.to_radians());
         }
         let range = joint.translation_range_mm[a];
         let shift = pose.translation[a];
-        add(3 + a, shift, (INSIDE * range).max(LEAST_MM));
+        add(3 + a, shift, (INSIDE * range).clamp(LEAST_MM, MOST_MM));
         let excess = shift - shift.clamp(-range, range);
         if excess != 0.0 {
             add(3 + a, excess, BEYOND_MM);

@@ -9,7 +9,7 @@ use super::start::common_motion;
 use super::tissue::Tissue;
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
-use crate::geometry::Rigid;
+use crate::geometry::{Rigid, about};
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
@@ -21,6 +21,15 @@ const LEAST_VISIBLE: f64 = 0.05;
 /// A bone whose visible part explains less than this of its contrast after the fit is not where the image says:
 /// it follows its joints.
 const LEAST_EXPLAINED: f64 = 0.5;
+
+/// A bone that explains less than this at the coarsest level is searched for around; a cut one (less in view than
+/// [`WHOLE`]) below the second share, since an edge hides what would tell a wrong place.
+const DOUBTFUL: f64 = 0.6;
+const DOUBTFUL_CUT: f64 = 0.85;
+const WHOLE: f64 = 0.9;
+/// How far around a doubtful bone is searched for.
+const AROUND_MM: f64 = 12.0;
+const AROUND_DEG: f64 = 12.0;
 
 /// Explained share of the couch shift below which the user should look twice.
 const WEAK_START: f64 = 0.4;
@@ -161,15 +170,10 @@ impl<'a> Fitter<'a> {
             if fresh {
                 transforms[bone] = transforms[from];
             }
-            let body = self.body(level, bone, transforms[bone]);
-            let links = neighbours(bone).filter(|&o| placed[o]).map(|o| self.link(bone, o, transforms[o])).collect();
-            let problem = PoseProblem { bodies: vec![body], links, fraction: &level.fraction, measure: self.options.measure };
-            let seen = problem.similarities(&[transforms[bone]], false)[0].visible;
-            if seen >= LEAST_VISIBLE {
-                let body = self.body(level, bone, transforms[bone]);
-                let solution = solve(problem, self.options.tolerance_mm, self.options.max_iterations)?;
-                transforms[bone] = body.transform(solution.x.as_slice());
-                stops[bone] = solution.stop;
+            let links = || neighbours(bone).filter(|&o| placed[o]).map(|o| self.link(bone, o, transforms[o])).collect();
+            if let Some((found, stop)) = self.place(level, bone, transforms[bone], links, fresh)? {
+                transforms[bone] = found;
+                stops[bone] = stop;
             }
             placed[bone] = true;
             // Next: the unplaced neighbour of a placed bone that the image shows best, seen from that neighbour's motion.
@@ -200,6 +204,37 @@ impl<'a> Fitter<'a> {
             }
         }
         any
+    }
+
+    /// Fits one bone from `start`, held by its links; `None` when too little of it is in view.
+    ///
+    /// With `search`, a bone that ends up doubtful is started again from places around, and the least cost wins.
+    fn place<'b>(&'b self, level: &'b Level, bone: usize, start: Rigid, links: impl Fn() -> Vec<Link<'b>>, search: bool) -> Result<Option<(Rigid, String)>> {
+        let problem = |base| PoseProblem { bodies: vec![self.body(level, bone, base)], links: links(), fraction: &level.fraction, measure: self.options.measure };
+        if problem(start).similarities(&[start], false)[0].visible < LEAST_VISIBLE {
+            return Ok(None);
+        }
+        let fit = |base| {
+            let solution = solve(problem(base), self.options.tolerance_mm, self.options.max_iterations)?;
+            Ok::<_, Error>((solution.cost, self.body(level, bone, base).transform(solution.x.as_slice()), solution.stop))
+        };
+        let mut best = fit(start)?;
+        let found = &problem(best.1).similarities(&[best.1], false)[0];
+        if search && (found.explained < DOUBTFUL || (found.visible < WHOLE && found.explained < DOUBTFUL_CUT)) {
+            let centre = start * self.centres[bone];
+            for axis in 0..3 {
+                for sign in [-1.0, 1.0] {
+                    let along = nalgebra::Vector3::ith(axis, sign);
+                    for base in [Rigid::translation(along.x * AROUND_MM, along.y * AROUND_MM, along.z * AROUND_MM) * start, about(&centre, along * AROUND_DEG.to_radians(), nalgebra::Vector3::zeros()) * start] {
+                        let other = fit(base)?;
+                        if other.0 < best.0 {
+                            best = other;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(Some((best.1, best.2)))
     }
 
     /// The joint between a moving bone (body 0) and a held neighbour.
