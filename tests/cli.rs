@@ -1,5 +1,7 @@
 //! The program as its users meet it: help, exit codes, messages, output streams, and a run that can be repeated.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
 #[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
 mod support;
 
@@ -77,8 +79,21 @@ fn help_names_every_option_of_every_verb() {
         (
             "register",
             &[
-                "--planning", "--bones", "--fraction", "--out", "--labels", "--skeleton", "--landmarks", "--config",
-                "--preset", "--field-format", "--threads", "--json", "--quiet", "planning_to_fraction", "Examples:",
+                "--planning",
+                "--bones",
+                "--fraction",
+                "--out",
+                "--labels",
+                "--skeleton",
+                "--landmarks",
+                "--config",
+                "--preset",
+                "--field-format",
+                "--threads",
+                "--json",
+                "--quiet",
+                "planning_to_fraction",
+                "Examples:",
             ],
         ),
         ("demo", &["--out", "--threads", "--json"]),
@@ -93,7 +108,9 @@ fn help_names_every_option_of_every_verb() {
         }
     }
     let help = stdout(&aventail().arg("--help").assert().success());
-    for name in ["register", "demo", "phantom", "skeleton", "inspect", "completions", "Exit codes", "not a medical device"] {
+    for name in
+        ["register", "demo", "phantom", "skeleton", "inspect", "completions", "Exit codes", "not a medical device"]
+    {
         assert!(help.contains(name), "`{name}` is not in\n{help}");
     }
     let version = stdout(&aventail().arg("--version").assert().success());
@@ -146,7 +163,8 @@ fn illegal_settings_are_refused_by_name() {
         refused(&Register::phantom(&format!("illegal{n}")).with("--config", file), 2, &[name]);
     }
     let file = files::bytes(&at("inputs_missing.toml"), b"preset = \"thesis\"");
-    let run = aventail().args(["register", "--config"]).arg(file).arg("--out").arg(at("inputs_missing")).assert().code(2);
+    let run =
+        aventail().args(["register", "--config"]).arg(file).arg("--out").arg(at("inputs_missing")).assert().code(2);
     assert!(stderr(&run).contains("--planning"), "{}", stderr(&run));
 }
 
@@ -227,7 +245,8 @@ fn labels_that_do_not_fit_exit_with_4() {
 
     let moved = grid.origin() + nalgebra::Vector3::new(0.0, 25.0, 0.0);
     let moved = Grid::new(grid.size(), grid.spacing(), moved, *grid.direction()).unwrap();
-    let moved = LabelMap { volume: Volume::new(moved, bones.volume.data().to_vec()).unwrap(), names: bones.names.clone() };
+    let moved =
+        LabelMap { volume: Volume::new(moved, bones.volume.data().to_vec()).unwrap(), names: bones.names.clone() };
     refused(&Register::phantom("l1").bones(write("moved.nii.gz", &moved)), 4, &["grid", "spacing", "origin"]);
 
     let empty = LabelMap { volume: Volume::filled(grid.clone(), 0), names: bones.names.clone() };
@@ -321,7 +340,9 @@ fn a_report_runs_again_to_the_same_bytes_and_prints_json() {
     let printed: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
     let (first, second) = (report(out), report(&again));
     assert_eq!(printed["bones"], second["bones"]);
-    for part in ["version", "settings", "inputs", "bones", "pose", "jacobian", "links", "inverse", "landmarks", "warnings"] {
+    for part in
+        ["version", "settings", "inputs", "bones", "pose", "jacobian", "links", "inverse", "landmarks", "warnings"]
+    {
         assert!(!first[part].is_null(), "report.json has no {part}");
         assert_eq!(first[part], second[part], "{part}");
     }
@@ -345,7 +366,8 @@ fn a_changed_input_is_noticed_when_a_report_runs_again() {
         }
     }
     let file = files::bytes(&at("changed.json"), report.to_string().as_bytes());
-    let run = aventail().args(["register", "--json", "-q", "--config"]).arg(file).arg("--out").arg(at("changed")).assert();
+    let run =
+        aventail().args(["register", "--json", "-q", "--config"]).arg(file).arg("--out").arg(at("changed")).assert();
     let printed: serde_json::Value = serde_json::from_str(&stdout(&run.success())).unwrap();
     let warnings = printed["warnings"].as_array().unwrap();
     assert!(warnings.iter().any(|w| w["code"] == "input-changed"), "{warnings:?}");
@@ -357,7 +379,8 @@ fn fields_are_written_in_the_format_asked_for() {
     for (format, extension) in [("mha", "mha"), ("nrrd", "nrrd")] {
         let register = Register::phantom(format).with("--field-format", format).flag("-q");
         register.command().assert().success();
-        let field = aventail::io::read_field(register.out.join(format!("planning_to_fraction.{extension}"))).unwrap().value;
+        let field =
+            aventail::io::read_field(register.out.join(format!("planning_to_fraction.{extension}"))).unwrap().value;
         assert_eq!(field.data(), reference.data(), "{format}");
         assert!(field.grid().matches(reference.grid(), 1e-3));
     }
@@ -400,7 +423,8 @@ fn skeleton_shows_the_tree_and_writes_it() {
     let field = "planning_to_fraction.nii.gz";
     let (own, built) = (register.out.join(field), done().0.join(field));
     let (own, built) = [own, built].map(|f| aventail::io::read_field(f).unwrap().value).into();
-    let most = own.data().iter().zip(built.data()).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs())).fold(0.0, f32::max);
+    let most =
+        own.data().iter().zip(built.data()).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs())).fold(0.0, f32::max);
     assert!(most < 0.05, "{most} mm");
     let broken = files::bytes(&at("broken_skeleton.toml"), b"[[bones]\n");
     refused(&Register::phantom("k1").with("--skeleton", broken), 3, &["broken_skeleton.toml"]);

@@ -97,7 +97,8 @@ fn threads_and_repetition_change_no_bit() {
             assert_eq!(fs::read(runs[0].out.join(name)).unwrap(), fs::read(other.out.join(name)).unwrap(), "{name}");
         }
         let [first, second] = [&runs[0], other].map(|r| {
-            let mut report: serde_json::Value = serde_json::from_slice(&fs::read(r.out.join("report.json")).unwrap()).unwrap();
+            let mut report: serde_json::Value =
+                serde_json::from_slice(&fs::read(r.out.join("report.json")).unwrap()).unwrap();
             for key in ["created", "command", "stages", "threads", "peak_memory"] {
                 assert!(report.as_object_mut().unwrap().remove(key).is_some(), "{key}");
             }

@@ -198,7 +198,8 @@ fn sources() -> Vec<Source> {
 }
 
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path()).collect();
+    let mut entries: Vec<PathBuf> =
+        fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path()).collect();
     entries.sort();
     for path in entries {
         if path.is_dir() {
@@ -228,13 +229,14 @@ fn rank(room: &str) -> Option<usize> {
 /// What is wrong with `room` importing these rooms.
 fn violations(room: &str, imports: &BTreeSet<String>) -> Vec<String> {
     let Some(own) = rank(room) else { return vec![format!("room {room} has no rank")] };
-    let wrong = imports.iter().filter(|other| *other != room && !EXCEPTIONS.contains(&(room, other.as_str()))).filter_map(|other| {
-        match rank(other) {
+    let wrong = imports
+        .iter()
+        .filter(|other| *other != room && !EXCEPTIONS.contains(&(room, other.as_str())))
+        .filter_map(|other| match rank(other) {
             None => Some(format!("{room} imports {other}, which is no room")),
             Some(rank) if rank >= own => Some(format!("{room} (rank {own}) imports {other} (rank {rank})")),
             Some(_) => None,
-        }
-    });
+        });
     wrong.collect()
 }
 
@@ -257,7 +259,10 @@ fn every_room_of_the_crate_has_the_rank_that_it_says() {
         let rank = rank(room).unwrap_or_else(|| panic!("{room} has no rank in this test"));
         if rank > 0 {
             let text = fs::read_to_string(root.join(room).join("mod.rs")).unwrap();
-            assert!(text.starts_with(&format!("//! Rank {rank}: ")), "{room}/mod.rs does not begin with `//! Rank {rank}: `");
+            assert!(
+                text.starts_with(&format!("//! Rank {rank}: ")),
+                "{room}/mod.rs does not begin with `//! Rank {rank}: `"
+            );
         }
     }
 }
@@ -280,8 +285,11 @@ fn one_room_names_the_nifti_crate() {
 #[test]
 fn files_are_short() {
     let sources = sources();
-    let long: Vec<String> =
-        sources.iter().filter(|s| s.lines > LONGEST).map(|s| format!("{}: {} lines", s.path.display(), s.lines)).collect();
+    let long: Vec<String> = sources
+        .iter()
+        .filter(|s| s.lines > LONGEST)
+        .map(|s| format!("{}: {} lines", s.path.display(), s.lines))
+        .collect();
     assert!(long.is_empty(), "longer than {LONGEST} lines: {long:?}");
     let mut lines: Vec<usize> = sources.iter().map(|s| s.lines).collect();
     lines.sort_unstable();

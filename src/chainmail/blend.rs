@@ -2,8 +2,8 @@
 
 use super::carry::{BoneMotion, Carry, decayed};
 use super::front::{FrontRules, Source, TimeMap, time_map};
-use super::propagate::ChainmailOptions;
 use super::lattice::{Lattice, Node};
+use super::propagate::ChainmailOptions;
 use crate::geometry::Rigid;
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -16,7 +16,15 @@ struct Wave {
 }
 
 impl Wave {
-    fn new(lattice: &Lattice, bone: u16, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, bound: Option<(&[u32], f64)>, carry: Carry) -> Self {
+    fn new(
+        lattice: &Lattice,
+        bone: u16,
+        transforms: &[Rigid],
+        centroids: &[Point3<f64>],
+        rules: &FrontRules,
+        bound: Option<(&[u32], f64)>,
+        carry: Carry,
+    ) -> Self {
         let map = time_map(lattice, Source::Bone(bone), rules, bound);
         let transform = transforms[usize::from(bone)];
         let displacement = (carry == Carry::LinearDecay).then(|| {
@@ -58,7 +66,13 @@ impl Wave {
 /// Displacement of every node that a front reaches, mm; `None` elsewhere. Bones move exactly with their transform.
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
-pub fn superpose(lattice: &Lattice, transforms: &[Rigid], centroids: &[Point3<f64>], rules: &FrontRules, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+pub fn superpose(
+    lattice: &Lattice,
+    transforms: &[Rigid],
+    centroids: &[Point3<f64>],
+    rules: &FrontRules,
+    options: &ChainmailOptions,
+) -> Vec<Option<[f32; 3]>> {
     let n = lattice.node.len();
     let first = (options.prune_ratio > 1.0).then(|| time_map(lattice, Source::AnyBone, rules, None).time);
     let bound = first.as_deref().map(|times| (times, options.prune_ratio));
@@ -66,7 +80,10 @@ pub fn superpose(lattice: &Lattice, transforms: &[Rigid], centroids: &[Point3<f6
     let present: Vec<u16> = (0..transforms.len() as u16).collect();
     let plane = lattice.grid.size()[0] * lattice.grid.size()[1];
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<Wave> = group.par_iter().map(|&b| Wave::new(lattice, b, transforms, centroids, rules, bound, options.carry)).collect();
+        let waves: Vec<Wave> = group
+            .par_iter()
+            .map(|&b| Wave::new(lattice, b, transforms, centroids, rules, bound, options.carry))
+            .collect();
         for wave in &waves {
             match &wave.displacement {
                 None => wave.add_rigid(lattice, options.exponent, &mut sums),

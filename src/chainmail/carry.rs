@@ -81,7 +81,8 @@ pub fn decayed(lattice: &Lattice, bone: u16, motion: &BoneMotion, map: &TimeMap,
     let spacing = lattice.grid.spacing();
     let directions = lattice.grid.direction();
     let mut parcel = vec![Parcel::default(); lattice.node.len()];
-    let start = Parcel { translation: [0, 1, 2].map(|a| motion.translation[a] as f32), angle: motion.angle as f32, reach: 0.0 };
+    let start =
+        Parcel { translation: [0, 1, 2].map(|a| motion.translation[a] as f32), angle: motion.angle as f32, reach: 0.0 };
     for &n in &lattice.active {
         if lattice.node[n as usize] == Node::Bone(bone) {
             let reach = motion.reach(&lattice.rest(n as usize), directions) as f32;
@@ -95,7 +96,10 @@ pub fn decayed(lattice: &Lattice, bone: u16, motion: &BoneMotion, map: &TimeMap,
         let parent = links.iter().zip(axes).filter_map(|(&(o, mm), step)| {
             let m = (n as isize + o) as usize;
             let carries = lattice.node[m] == Node::Soft || lattice.node[m] == Node::Bone(bone);
-            (carries && map.time[m] != super::front::NEVER && map.time[m] + rules.between(lattice, m, n, mm) == map.time[n]).then_some((m, step))
+            (carries
+                && map.time[m] != super::front::NEVER
+                && map.time[m] + rules.between(lattice, m, n, mm) == map.time[n])
+                .then_some((m, step))
         });
         if let Some((m, step)) = parent.min_by_key(|p| p.0) {
             parcel[n] = hand_on(&parcel[m], lattice.link(m, n), step, &spacing);
@@ -119,7 +123,13 @@ fn hand_on(from: &Parcel, link: super::Constraint, step: &[i32; 3], spacing: &[f
         from.translation[a].signum() * (from.translation[a].abs() - play).max(0.0)
     });
     let play = (1.0 - link.min).min(link.shear) * total;
-    let angle = if from.reach > 0.0 { (from.angle - play / from.reach).max(0.0) } else if play > 0.0 { 0.0 } else { from.angle };
+    let angle = if from.reach > 0.0 {
+        (from.angle - play / from.reach).max(0.0)
+    } else if play > 0.0 {
+        0.0
+    } else {
+        from.angle
+    };
     Parcel { translation, angle, reach: from.reach }
 }
 

@@ -45,7 +45,10 @@ pub fn fill(lattice: &Lattice, known: &[Option<[f32; 3]>], layers: usize) -> (Ve
         for n in from {
             let at = lattice.grid.voxel(n);
             for o in NEIGHBOURS_26 {
-                if let Some(m) = inside(at, o) && far[m].is_infinite() && !queued[m] {
+                if let Some(m) = inside(at, o)
+                    && far[m].is_infinite()
+                    && !queued[m]
+                {
                     queued[m] = true;
                     next.push(m);
                 }

@@ -123,7 +123,11 @@ pub fn time_map(lattice: &Lattice, source: Source, rules: &FrontRules, bound: Op
     let links = rules.links(lattice);
     let longest = links.iter().map(|l| l.1).fold(0.0, f64::max);
     let shortest = links.iter().map(|l| l.1).fold(f64::MAX, f64::min);
-    let slowest = [longest, shortest].iter().flat_map(|&l| [rules.ticks(l, LEAST_SHEAR), rules.ticks(l, 10.0)]).max().unwrap_or(1);
+    let slowest = [longest, shortest]
+        .iter()
+        .flat_map(|&l| [rules.ticks(l, LEAST_SHEAR), rules.ticks(l, 10.0)])
+        .max()
+        .unwrap_or(1);
     let limit = (rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32;
     let mut time = vec![NEVER; lattice.node.len()];
     let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); slowest as usize + 1];

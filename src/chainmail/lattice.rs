@@ -75,7 +75,8 @@ impl Lattice {
         let inner = fine.coarsened(spacing);
         let size = inner.size().map(|n| n + 2);
         let origin: Point3<f64> = inner.world(&Vector3::new(-1.0, -1.0, -1.0));
-        let grid = Grid::new(size, inner.spacing(), origin, *inner.direction()).expect("a padded grid of a legal grid is legal");
+        let grid = Grid::new(size, inner.spacing(), origin, *inner.direction())
+            .expect("a padded grid of a legal grid is legal");
         let axis = |a: usize| ranges(fine.size()[a], inner.size()[a], inner.spacing()[a] / fine.spacing()[a]);
         let (xs, ys, zs) = (axis(0), axis(1), axis(2));
         let plane = size[0] * size[1];
@@ -123,7 +124,11 @@ impl Lattice {
 }
 
 /// Kind and constraint of one node from its voxels.
-fn classify(tissue: &Tissue<'_>, material: &Material, [xs, ys, zs]: [&std::ops::Range<usize>; 3]) -> (Node, Constraint) {
+fn classify(
+    tissue: &Tissue<'_>,
+    material: &Material,
+    [xs, ys, zs]: [&std::ops::Range<usize>; 3],
+) -> (Node, Constraint) {
     let grid = tissue.ct.grid();
     let (mut all, mut active, mut hu) = (0usize, 0usize, 0f64);
     let mut votes: Vec<(u16, usize)> = Vec::new();

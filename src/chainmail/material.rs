@@ -19,7 +19,11 @@ pub struct Constraint {
 impl Constraint {
     /// A link's constraint: the mean of its two elements' (thesis 2.4).
     pub fn mean(self, other: Self) -> Self {
-        Self { min: 0.5 * (self.min + other.min), max: 0.5 * (self.max + other.max), shear: 0.5 * (self.shear + other.shear) }
+        Self {
+            min: 0.5 * (self.min + other.min),
+            max: 0.5 * (self.max + other.max),
+            shear: 0.5 * (self.shear + other.shear),
+        }
     }
 }
 
@@ -61,11 +65,21 @@ const fn knot(hu: f32, min: f32, max: f32, shear: f32) -> Knot {
 }
 
 /// Air below -500 HU, rigid from 250 HU; soft tissue from 40 % to 10 % of a link between fat and dense muscle.
-const STIFF: [Knot; 5] =
-    [knot(-500.0, 0.0, 2.0, 1.0), knot(-200.0, 0.6, 1.4, 0.4), knot(0.0, 0.75, 1.25, 0.25), knot(150.0, 0.9, 1.1, 0.1), knot(250.0, 1.0, 1.0, 0.0)];
+const STIFF: [Knot; 5] = [
+    knot(-500.0, 0.0, 2.0, 1.0),
+    knot(-200.0, 0.6, 1.4, 0.4),
+    knot(0.0, 0.75, 1.25, 0.25),
+    knot(150.0, 0.9, 1.1, 0.1),
+    knot(250.0, 1.0, 1.0, 0.0),
+];
 /// As stiff, with twice the play in soft tissue.
-const ELASTIC: [Knot; 5] =
-    [knot(-500.0, 0.0, 2.0, 1.0), knot(-200.0, 0.2, 1.8, 0.8), knot(0.0, 0.5, 1.5, 0.5), knot(150.0, 0.8, 1.2, 0.2), knot(250.0, 1.0, 1.0, 0.0)];
+const ELASTIC: [Knot; 5] = [
+    knot(-500.0, 0.0, 2.0, 1.0),
+    knot(-200.0, 0.2, 1.8, 0.8),
+    knot(0.0, 0.5, 1.5, 0.5),
+    knot(150.0, 0.8, 1.2, 0.2),
+    knot(250.0, 1.0, 1.0, 0.0),
+];
 
 impl Default for Material {
     fn default() -> Self {
@@ -92,9 +106,14 @@ impl Material {
         if let Some(w) = knots.windows(2).find(|w| w[0].hu.partial_cmp(&w[1].hu) != Some(std::cmp::Ordering::Less)) {
             return Some(format!("material rows must ascend in HU: {} is followed by {}", w[0].hu, w[1].hu));
         }
-        let legal = |c: &Constraint| (0.0..=1.0).contains(&c.min) && (1.0..=10.0).contains(&c.max) && (0.0..=10.0).contains(&c.shear);
+        let legal = |c: &Constraint| {
+            (0.0..=1.0).contains(&c.min) && (1.0..=10.0).contains(&c.max) && (0.0..=10.0).contains(&c.shear)
+        };
         let bad = knots.iter().find(|k| !k.hu.is_finite() || !legal(&k.constraint))?;
-        Some(format!("material row at {} HU: 0 <= min <= 1 <= max <= 10 and 0 <= shear <= 10 must hold, found {:?}", bad.hu, bad.constraint))
+        Some(format!(
+            "material row at {} HU: 0 <= min <= 1 <= max <= 10 and 0 <= shear <= 10 must hold, found {:?}",
+            bad.hu, bad.constraint
+        ))
     }
 
     /// Constraint at a grey value.

@@ -98,9 +98,15 @@ pub struct Propagation {
 ///
 /// # Errors
 /// None at present; the result type leaves room for limits on memory.
-pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &ChainmailOptions, progress: &dyn Progress) -> Result<Propagation> {
+pub fn propagate(
+    tissue: &Tissue<'_>,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+    progress: &dyn Progress,
+) -> Result<Propagation> {
     let rules = FrontRules { time: options.link_time, front: options.front, cutoff: options.cutoff };
-    let turns: Vec<Matrix3<f64>> = bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let turns: Vec<Matrix3<f64>> =
+        bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let steps = options.relaxation.len() + 2;
     // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
     let mut change: Option<Volume<[f32; 3]>> = None;
@@ -124,7 +130,8 @@ pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &Chainmai
         relaxation.run(rounds);
         displacement = relaxation.displacements();
     }
-    let known: Vec<Option<[f32; 3]>> = (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
+    let known: Vec<Option<[f32; 3]>> =
+        (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
     displacement = extend(&lattice, &known);
     progress.step(steps - 1, steps, "all voxels");
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
@@ -133,7 +140,13 @@ pub fn propagate(tissue: &Tissue<'_>, bones: &Initiators<'_>, options: &Chainmai
 }
 
 /// Superposition plus the coarser correction on the whole lattice, and the superposition alone.
-fn start(lattice: &Lattice, bones: &Initiators<'_>, rules: &FrontRules, options: &ChainmailOptions, change: Option<&Volume<[f32; 3]>>) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+fn start(
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    rules: &FrontRules,
+    options: &ChainmailOptions,
+    change: Option<&Volume<[f32; 3]>>,
+) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
     let plain = reached_or_filled(lattice, &superpose(lattice, bones.transforms, bones.centroids, rules, options));
     let mut corrected = plain.clone();
     if let Some(change) = change {
@@ -180,7 +193,8 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
                     let x = grid.centre([i, j, k]);
                     transforms[usize::from(b)] * x - x
                 }
-                None => trilinear_vector(coarse, &(base + step * Vector3::new(i as f64, j as f64, k as f64))).unwrap_or_default(),
+                None => trilinear_vector(coarse, &(base + step * Vector3::new(i as f64, j as f64, k as f64)))
+                    .unwrap_or_default(),
             };
             *o = [d.x as f32, d.y as f32, d.z as f32];
         }

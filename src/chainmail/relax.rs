@@ -85,7 +85,11 @@ impl<'a> Relaxation<'a> {
                 .map(|n| if let Node::Bone(b) = n { bone_turn[usize::from(*b)] } else { [0.0; 9] })
                 .collect();
             let p = Plane { u: u[range.clone()].to_vec(), turn };
-            if k % 2 == 0 { even.push(p) } else { odd.push(p) }
+            if k % 2 == 0 {
+                even.push(p)
+            } else {
+                odd.push(p)
+            }
             let soft = (0..plane as u32).filter(|&n| lattice.node[range.start + n as usize] == Node::Soft).collect();
             work.push(Work { soft });
         }
@@ -150,7 +154,9 @@ impl<'a> Relaxation<'a> {
                         weights += w;
                         // Rest vector from neighbour to here is -rest; turned by the mean of both rotations.
                         for (a, sum) in sum.iter_mut().enumerate() {
-                            let t = (r[3 * a] + turn[3 * a]) * l.rest[0] + (r[3 * a + 1] + turn[3 * a + 1]) * l.rest[1] + (r[3 * a + 2] + turn[3 * a + 2]) * l.rest[2];
+                            let t = (r[3 * a] + turn[3 * a]) * l.rest[0]
+                                + (r[3 * a + 1] + turn[3 * a + 1]) * l.rest[1]
+                                + (r[3 * a + 2] + turn[3 * a + 2]) * l.rest[2];
                             *sum += w * (u[a] - 0.5 * t);
                         }
                     }
@@ -235,7 +241,9 @@ fn nearest_rotation(m: &[f32; 9], last: &[f32; 9]) -> [f32; 9] {
         if angle < 1e-7 {
             break;
         }
-        r = nalgebra::Rotation3::from_axis_angle(&nalgebra::Unit::new_unchecked(omega / angle), angle.min(1.0)).matrix() * r;
+        r = nalgebra::Rotation3::from_axis_angle(&nalgebra::Unit::new_unchecked(omega / angle), angle.min(1.0))
+            .matrix()
+            * r;
     }
     flat(&(r - Matrix3::identity()))
 }

@@ -23,7 +23,10 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     let out = args.out.display();
     Ok(format!(
         "{} bones, {} landmarks, planning {:?} voxels, fraction {:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
-        phantom.skeleton.bones.len(), phantom.landmarks.len(), phantom.planning.grid().size(), phantom.fraction.grid().size(),
+        phantom.skeleton.bones.len(),
+        phantom.landmarks.len(),
+        phantom.planning.grid().size(),
+        phantom.fraction.grid().size(),
     ))
 }
 
@@ -31,14 +34,22 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
 fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
     let mut options = PhantomOptions::default();
     if let Some(spacing) = args.spacing {
-        options.size = std::array::from_fn(|a| (options.size[a] as f64 * options.spacing_mm[a] / spacing[a]).round().max(4.0) as usize);
+        options.size = std::array::from_fn(|a| {
+            (options.size[a] as f64 * options.spacing_mm[a] / spacing[a]).round().max(4.0) as usize
+        });
         options.edge_mm *= (spacing[0] / options.spacing_mm[0]).max(0.5);
         options.spacing_mm = spacing;
     }
     if let Some(path) = &args.pose {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
-        options.posture = toml::from_str::<Posture>(&text)
-            .map_err(|e| Error::read(path, format!("it is no posture: {e}"), "write lines such as `skull = { rotation_deg = [1, 0, 0] }`; data/demo_posture.toml is an example"))?;
+        let text =
+            std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
+        options.posture = toml::from_str::<Posture>(&text).map_err(|e| {
+            Error::read(
+                path,
+                format!("it is no posture: {e}"),
+                "write lines such as `skull = { rotation_deg = [1, 0, 0] }`; data/demo_posture.toml is an example",
+            )
+        })?;
     }
     Ok(options)
 }
@@ -46,11 +57,25 @@ fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
 /// Writes images, labels, landmarks and truth.
 fn write(phantom: &Phantom, out: &Path) -> Result<()> {
     let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
-    io::write_image(out.join("planning_ct.nii.gz"), &phantom.planning, Stored::Int16, &options("aventail phantom, planning CT"))?;
+    io::write_image(
+        out.join("planning_ct.nii.gz"),
+        &phantom.planning,
+        Stored::Int16,
+        &options("aventail phantom, planning CT"),
+    )?;
     io::write_labels(out.join("bones.nii.gz"), &phantom.bones, &options("aventail phantom, bones"))?;
     io::write_mask(out.join("body.nii.gz"), &phantom.body, &options("aventail phantom, patient"))?;
-    io::write_image(out.join("fraction_ct.nii.gz"), &phantom.fraction, Stored::Int16, &options("aventail phantom, fraction CT"))?;
-    io::write_push(out.join("true_planning_to_fraction.nii.gz"), &phantom.truth()?, WriteOptions::default().gzip_level)?;
+    io::write_image(
+        out.join("fraction_ct.nii.gz"),
+        &phantom.fraction,
+        Stored::Int16,
+        &options("aventail phantom, fraction CT"),
+    )?;
+    io::write_push(
+        out.join("true_planning_to_fraction.nii.gz"),
+        &phantom.truth()?,
+        WriteOptions::default().gzip_level,
+    )?;
     let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
     write_bone_transforms(&out.join("true_bone_transforms.json"), transforms)?;
     io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &phantom.landmarks))

@@ -2,12 +2,12 @@
 
 use super::args::{FormatName, PresetName, RegisterArgs, RunArgs};
 use super::terminal::Terminal;
-use crate::progress::{Progress, Silent};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::io::{self, Stored, WriteOptions, checksum::sha256_file};
 use crate::pipeline::{Case, InputFile, Outcome, register};
+use crate::progress::{Progress, Silent};
 use crate::report::{self, OutputFile, Run};
 use crate::runtime::Runtime;
 use crate::warning::Warning;
@@ -88,9 +88,16 @@ struct Paths {
 
 impl Paths {
     fn new(args: &RegisterArgs, recorded: &[RecordedInput]) -> Result<Self> {
-        let optional = |own: &Option<PathBuf>, role: &str| own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()));
+        let optional = |own: &Option<PathBuf>, role: &str| {
+            own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
+        };
         let needed = |own: &Option<PathBuf>, role: &str| {
-            optional(own, role).ok_or_else(|| Error::usage(format!("no {role} file is given"), format!("add --{role} FILE; a TOML of settings names no inputs")))
+            optional(own, role).ok_or_else(|| {
+                Error::usage(
+                    format!("no {role} file is given"),
+                    format!("add --{role} FILE; a TOML of settings names no inputs"),
+                )
+            })
         };
         Ok(Self {
             planning: needed(&args.planning, "planning")?,
@@ -119,7 +126,8 @@ fn load(paths: &Paths, recorded: &[RecordedInput], runtime: &Runtime) -> Result<
             InputFile { role: "bones".into(), path: paths.bones.clone(), sha256: bones.sha256 },
             InputFile { role: "fraction".into(), path: paths.fraction.clone(), sha256: fraction.sha256 },
         ];
-        for (role, path) in [("labels", &paths.labels), ("skeleton", &paths.skeleton), ("landmarks", &paths.landmarks)] {
+        for (role, path) in [("labels", &paths.labels), ("skeleton", &paths.skeleton), ("landmarks", &paths.landmarks)]
+        {
             if let Some(path) = path {
                 inputs.push(InputFile { role: role.into(), path: path.clone(), sha256: sha256_file(path)? });
             }
@@ -127,10 +135,26 @@ fn load(paths: &Paths, recorded: &[RecordedInput], runtime: &Runtime) -> Result<
         let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings, fraction.warnings].concat();
         for input in &inputs {
             if let Some(r) = recorded.iter().find(|r| r.role == input.role && r.sha256 != input.sha256) {
-                warnings.push(Warning::new("input-changed", format!("{} is not the file of the recorded run (SHA-256 {}..., then {}...)", input.path.display(), &input.sha256[..12], r.sha256.get(..12).unwrap_or(&r.sha256))));
+                warnings.push(Warning::new(
+                    "input-changed",
+                    format!(
+                        "{} is not the file of the recorded run (SHA-256 {}..., then {}...)",
+                        input.path.display(),
+                        &input.sha256[..12],
+                        r.sha256.get(..12).unwrap_or(&r.sha256)
+                    ),
+                ));
             }
         }
-        Ok(Case { planning: planning.value, bones: bones.value, fraction: fraction.value, landmarks, skeleton, warnings, inputs })
+        Ok(Case {
+            planning: planning.value,
+            bones: bones.value,
+            fraction: fraction.value,
+            landmarks,
+            skeleton,
+            warnings,
+            inputs,
+        })
     })
 }
 
@@ -144,18 +168,39 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
         files.push(OutputFile { name: name.clone(), what: what.into() });
         out.join(name)
     };
-    io::write_push(add(field("planning_to_fraction"), "push field on the planning grid, LPS mm: planning x goes to x + u(x)"), &outcome.push, level)?;
-    io::write_pull(add(field("fraction_to_planning"), "pull field on the fraction grid, LPS mm: fraction y shows planning at y + v(y)"), &outcome.pull, level)?;
+    io::write_push(
+        add(field("planning_to_fraction"), "push field on the planning grid, LPS mm: planning x goes to x + u(x)"),
+        &outcome.push,
+        level,
+    )?;
+    io::write_pull(
+        add(
+            field("fraction_to_planning"),
+            "pull field on the fraction grid, LPS mm: fraction y shows planning at y + v(y)",
+        ),
+        &outcome.pull,
+        level,
+    )?;
     let path = add("planning_on_fraction.nii.gz".into(), "planning CT on the fraction grid, int16 HU");
     io::write_image(path, &outcome.planning_on_fraction, Stored::Int16, &options("planning CT on the fraction grid"))?;
-    let path = add("bones_on_fraction.nii.gz".into(), "bone labels on the fraction grid, names in the header extension");
+    let path =
+        add("bones_on_fraction.nii.gz".into(), "bone labels on the fraction grid, names in the header extension");
     io::write_labels(path, &outcome.bones_on_fraction, &options("bone labels on the fraction grid"))?;
-    let path = add("jacobian.nii.gz".into(), "V_deformed / V_initial on the planning grid; -1 folded, 1 outside tissue");
+    let path =
+        add("jacobian.nii.gz".into(), "V_deformed / V_initial on the planning grid; -1 folded, 1 outside tissue");
     io::write_image(path, &outcome.jacobian, Stored::Float32, &options("Jacobian of planning to fraction"))?;
     for (name, mask, what) in [
         ("body.nii.gz", &outcome.body, "patient in the planning CT, cavities filled"),
-        ("computed.nii.gz", &outcome.push.computed, "planning voxels whose motion was computed; elsewhere the field is a smooth extension"),
-        ("inside_planning.nii.gz", &outcome.pull.inside, "fraction voxels whose pre-image lies inside the planning scan"),
+        (
+            "computed.nii.gz",
+            &outcome.push.computed,
+            "planning voxels whose motion was computed; elsewhere the field is a smooth extension",
+        ),
+        (
+            "inside_planning.nii.gz",
+            &outcome.pull.inside,
+            "fraction voxels whose pre-image lies inside the planning scan",
+        ),
     ] {
         io::write_mask(add(name.into(), what), mask, &options(what))?;
     }

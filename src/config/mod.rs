@@ -92,18 +92,28 @@ impl ConfigFile {
     /// # Errors
     /// [`Error::Read`] when the file cannot be read or parsed, [`Error::Usage`] when it holds `nan` or `inf`.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
-        let bad = |problem: String| Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run");
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
+        let bad = |problem: String| {
+            Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run")
+        };
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
             let report: Value = serde_json::from_str(&text).map_err(|e| bad(format!("it is no JSON ({e})")))?;
-            let settings = report.get("settings").and_then(Value::as_object).ok_or_else(|| bad("it has no `settings`".into()))?.clone();
+            let settings = report
+                .get("settings")
+                .and_then(Value::as_object)
+                .ok_or_else(|| bad("it has no `settings`".into()))?
+                .clone();
             let inputs = serde_json::from_value(report.get("inputs").cloned().unwrap_or(Value::Array(Vec::new())))
                 .map_err(|e| bad(format!("its `inputs` are damaged ({e})")))?;
             return Ok(Self { settings, inputs });
         }
         let value: Value = toml::from_str(&text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
         if let Some(key) = not_finite(&value) {
-            return Err(Error::usage(format!("{}: {key} is not a finite number", path.display()), "give a finite number, or leave the line out"));
+            return Err(Error::usage(
+                format!("{}: {key} is not a finite number", path.display()),
+                "give a finite number, or leave the line out",
+            ));
         }
         Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), inputs: Vec::new() })
     }
@@ -113,8 +123,18 @@ impl ConfigFile {
     /// # Errors
     /// [`Error::Usage`] when the file has an unknown key or a value that is not legal.
     pub fn resolve(&self, preset: Option<Preset>) -> Result<Config> {
-        let bad = |e: String| Error::usage(format!("the settings are not legal: {e}"), "compare with docs/settings.md; `settings` of any report.json is a complete example");
-        let named = self.settings.get("preset").map(|p| serde_json::from_value::<Preset>(p.clone())).transpose().map_err(|e| bad(e.to_string()))?;
+        let bad = |e: String| {
+            Error::usage(
+                format!("the settings are not legal: {e}"),
+                "compare with docs/settings.md; `settings` of any report.json is a complete example",
+            )
+        };
+        let named = self
+            .settings
+            .get("preset")
+            .map(|p| serde_json::from_value::<Preset>(p.clone()))
+            .transpose()
+            .map_err(|e| bad(e.to_string()))?;
         let preset = preset.or(named).unwrap_or_default();
         let mut value = serde_json::to_value(preset.config()).map_err(|e| Error::Internal(e.to_string()))?;
         overlay(&mut value, &Value::Object(self.settings.clone()));
@@ -153,14 +173,35 @@ impl Config {
         let c = &self.chainmail;
         let positive = |v: f64| v.is_finite() && v > 0.0;
         let checks = [
-            (self.fit.levels.is_empty(), format!("fit.levels is {:?}: at least one (blur mm, samples) pair is needed", self.fit.levels)),
-            (!positive(self.fit.tolerance_mm), format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm)),
-            (!positive(c.exponent) || c.exponent > 64.0, format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent)),
+            (
+                self.fit.levels.is_empty(),
+                format!("fit.levels is {:?}: at least one (blur mm, samples) pair is needed", self.fit.levels),
+            ),
+            (
+                !positive(self.fit.tolerance_mm),
+                format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm),
+            ),
+            (
+                !positive(c.exponent) || c.exponent > 64.0,
+                format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent),
+            ),
             (!positive(c.cutoff), format!("chainmail.cutoff is {}: it must be above 0", c.cutoff)),
-            (!(0.0..=50.0).contains(&c.spacing_mm), format!("chainmail.spacing_mm is {}: it must lie in [0, 50]", c.spacing_mm)),
-            (c.relaxation.iter().any(|r| !(0.0..=100.0).contains(&r.0)), format!("chainmail.relaxation is {:?}: spacings must lie in [0, 100] mm", c.relaxation)),
-            (!positive(self.invert.tolerance_mm), format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm)),
-            (self.output.gzip_level > 9, format!("output.gzip_level is {}: it must lie in 0 to 9", self.output.gzip_level)),
+            (
+                !(0.0..=50.0).contains(&c.spacing_mm),
+                format!("chainmail.spacing_mm is {}: it must lie in [0, 50]", c.spacing_mm),
+            ),
+            (
+                c.relaxation.iter().any(|r| !(0.0..=100.0).contains(&r.0)),
+                format!("chainmail.relaxation is {:?}: spacings must lie in [0, 100] mm", c.relaxation),
+            ),
+            (
+                !positive(self.invert.tolerance_mm),
+                format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm),
+            ),
+            (
+                self.output.gzip_level > 9,
+                format!("output.gzip_level is {}: it must lie in 0 to 9", self.output.gzip_level),
+            ),
         ];
         let own = checks.into_iter().find(|(bad, _)| *bad).map(|(_, text)| text);
         own.or_else(|| c.material.problem())
@@ -168,6 +209,7 @@ impl Config {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
     use super::*;
 
@@ -197,7 +239,12 @@ mod tests {
 
     #[test]
     fn refuses_unknown_keys_and_illegal_values_by_name() {
-        for (toml, name) in [("[chainmail]\nexponant = 2.0", "exponant"), ("[chainmail]\nexponent = -1.0", "exponent"), ("[output]\ngzip_level = 12", "gzip_level"), ("colour = 1", "colour")] {
+        for (toml, name) in [
+            ("[chainmail]\nexponant = 2.0", "exponant"),
+            ("[chainmail]\nexponent = -1.0", "exponent"),
+            ("[output]\ngzip_level = 12", "gzip_level"),
+            ("colour = 1", "colour"),
+        ] {
             let error = resolve(toml).unwrap_err();
             assert!(error.to_string().contains(name), "{error}");
             assert_eq!(error.exit_code(), 2);

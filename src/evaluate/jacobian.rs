@@ -65,7 +65,13 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
 /// `map` is its Jacobian map ([`crate::field::jacobian`]); `tissue` says which voxels of the planning grid are body
 /// above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other labels count as soft tissue. Labels
 /// of the same name are one bone. All on the planning grid.
-pub fn evaluate(push: &PushField, map: &Volume<f32>, tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)]) -> JacobianReport {
+pub fn evaluate(
+    push: &PushField,
+    map: &Volume<f32>,
+    tissue: &Mask,
+    bones: &LabelMap,
+    rigid: &[(u16, String)],
+) -> JacobianReport {
     let (names, bone_of) = index_bones(rigid);
     let kinds = cell_kinds(tissue, bones, &bone_of);
     let values = |keep: &(dyn Fn(Cell) -> bool + Sync)| -> Vec<f32> {
@@ -188,7 +194,9 @@ fn jumps(map: &Volume<f32>, kinds: &Volume<Cell>) -> usize {
     let body = |l: usize| !matches!(kinds[l], Cell::Outside | Cell::Contact);
     let pairs = |l: usize| {
         let v = grid.voxel(l);
-        (0..3).filter(|&a| v[a] + 1 < size[a] && body(l + strides[a]) && (j[l] - j[l + strides[a]]).abs() > JUMP).count()
+        (0..3)
+            .filter(|&a| v[a] + 1 < size[a] && body(l + strides[a]) && (j[l] - j[l + strides[a]]).abs() > JUMP)
+            .count()
     };
     (0..grid.len()).into_par_iter().filter(|&l| body(l)).map(pairs).sum()
 }
@@ -219,12 +227,21 @@ mod tests {
     fn cells_go_to_the_right_tissue() {
         // A row of 12 voxels, 2 thick: label 1 at 1..=3, label 2 at 4..=5 (touching), label 9 (no bone) at 7, skin at 10.
         let grid = Grid::axis_aligned([12, 2, 2], [1.0; 3], [0.0; 3]).unwrap();
-        let labels = Volume::from_fn(grid.clone(), |l| match l % 12 { 1..=3 => 1, 4..=5 => 2, 7 => 9, _ => 0u16 });
+        let labels = Volume::from_fn(grid.clone(), |l| match l % 12 {
+            1..=3 => 1,
+            4..=5 => 2,
+            7 => 9,
+            _ => 0u16,
+        });
         let tissue = Volume::from_fn(grid.clone(), |l| l % 12 <= 10);
         let bones = LabelMap { volume: labels, names: BTreeMap::new() };
         let rigid = [(1, "a".to_owned()), (2, "b".to_owned())];
         // Stretch by 2 from x = 6 on, so that cells 6.. have Jacobian 2; cell 8 jumps to 26.
-        let x = |i: usize| match i { 0..=6 => i as f32, 7 | 8 => (i * 2 - 6) as f32, _ => (i * 2 - 6 + 24) as f32 };
+        let x = |i: usize| match i {
+            0..=6 => i as f32,
+            7 | 8 => (i * 2 - 6) as f32,
+            _ => (i * 2 - 6 + 24) as f32,
+        };
         let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
         let map = crate::field::jacobian(&push);

@@ -95,13 +95,20 @@ mod tests {
         let grid = Grid::axis_aligned([11, 3, 3], [2.0, 2.0, 2.0], [0.0; 3]).unwrap();
         let displacement = Volume::from_fn(grid.clone(), |l| [grid.centre(grid.voxel(l)).x as f32 / 10.0, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let landmark = |name: &str, p: [f64; 3], f: [f64; 3]| Landmark { name: name.into(), planning: p.into(), fraction: f.into() };
-        let r = evaluate(&push, &[
-            landmark("exact", [5.0, 1.0, 1.0], [5.5, 1.0, 1.0]), // before 0.5, after 0
-            landmark("half", [10.0, 1.0, 1.0], [12.0, 1.0, 1.0]), // before 2, after 1
-            landmark("still", [10.0, 2.0, 2.0], [10.0, 2.0, 2.0]), // before 0, after 1: no ratio
-            landmark("outside", [30.0, 1.0, 1.0], [33.0, 5.0, 1.0]), // before 5
-        ]);
+        let landmark = |name: &str, p: [f64; 3], f: [f64; 3]| Landmark {
+            name: name.into(),
+            planning: p.into(),
+            fraction: f.into(),
+        };
+        let r = evaluate(
+            &push,
+            &[
+                landmark("exact", [5.0, 1.0, 1.0], [5.5, 1.0, 1.0]), // before 0.5, after 0
+                landmark("half", [10.0, 1.0, 1.0], [12.0, 1.0, 1.0]), // before 2, after 1
+                landmark("still", [10.0, 2.0, 2.0], [10.0, 2.0, 2.0]), // before 0, after 1: no ratio
+                landmark("outside", [30.0, 1.0, 1.0], [33.0, 5.0, 1.0]), // before 5
+            ],
+        );
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-6, "{a} {b}");
         assert_eq!((r.before.n, r.after.n), (4, 3));
         close(r.before.mean, 7.5 / 4.0);

@@ -99,7 +99,8 @@ fn guess(push: &PushField, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
             }
         }
     }
-    let mut known: Vec<Option<[f32; 3]>> = sums.iter().map(|s| (s[0] > 0.0).then(|| [1, 2, 3].map(|a| (s[a] / s[0]) as f32))).collect();
+    let mut known: Vec<Option<[f32; 3]>> =
+        sums.iter().map(|s| (s[0] > 0.0).then(|| [1, 2, 3].map(|a| (s[a] / s[0]) as f32))).collect();
     let mut layer: Vec<usize> = (0..known.len()).filter(|&n| known[n].is_some()).collect();
     while !layer.is_empty() {
         let mut found: std::collections::BTreeMap<usize, ([f32; 3], f32)> = std::collections::BTreeMap::new();
@@ -129,7 +130,12 @@ fn guess(push: &PushField, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
 }
 
 /// Iterates one voxel; returns v, its residual (mm) and whether it converged.
-fn solve(y: &Vector3<f64>, start: Vector3<f64>, field: &Continued<'_>, options: &InvertOptions) -> (Vector3<f64>, f64, bool) {
+fn solve(
+    y: &Vector3<f64>,
+    start: Vector3<f64>,
+    field: &Continued<'_>,
+    options: &InvertOptions,
+) -> (Vector3<f64>, f64, bool) {
     let grid = field.u.grid();
     let index = |v: &Vector3<f64>| grid.inverse_step() * (y + v - grid.origin().coords);
     let mut v = start;
@@ -199,7 +205,9 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
                 let (d, residual, converged) = solve(&y.coords, start, &field, options);
                 let at = planning.index(&(y + d));
                 let within = planning.contains(&at);
-                let tissue = within && push.computed.data()[planning.linear([at.x.round() as usize, at.y.round() as usize, at.z.round() as usize])];
+                let tissue = within
+                    && push.computed.data()
+                        [planning.linear([at.x.round() as usize, at.y.round() as usize, at.z.round() as usize])];
                 v[n] = [d.x as f32, d.y as f32, d.z as f32];
                 inside[n] = within;
                 t.outside += usize::from(!within);
@@ -227,7 +235,8 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
         outside: tallies.iter().map(|t| t.outside).sum(),
         voxels: fraction.len(),
     };
-    let pull = PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
+    let pull =
+        PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
     Ok((pull, report))
 }
 

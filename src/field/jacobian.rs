@@ -55,10 +55,20 @@ fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f6
     // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1; the
     // central tetrahedron, spanned by diagonals of the faces, has +2.
     let (corners, centre) = if even {
-        let corners = [det(&ex[0], &ey[0], &ez[0]), det(&ex[1], &ey[1], &ez[3]), det(&ex[2], &ey[3], &ez[1]), det(&ex[3], &ey[2], &ez[2])];
+        let corners = [
+            det(&ex[0], &ey[0], &ez[0]),
+            det(&ex[1], &ey[1], &ez[3]),
+            det(&ex[2], &ey[3], &ez[1]),
+            det(&ex[3], &ey[2], &ez[2]),
+        ];
         (corners, det(&(ey[0] - ex[0]), &(ez[0] - ex[0]), &(ey[1] + ez[3])))
     } else {
-        let corners = [det(&ex[0], &ey[1], &ez[1]), det(&ex[1], &ey[0], &ez[2]), det(&ex[2], &ey[2], &ez[0]), det(&ex[3], &ey[3], &ez[3])];
+        let corners = [
+            det(&ex[0], &ey[1], &ez[1]),
+            det(&ex[1], &ey[0], &ez[2]),
+            det(&ex[2], &ey[2], &ez[0]),
+            det(&ex[3], &ey[3], &ez[3]),
+        ];
         (corners, det(&(ex[0] + ey[1]), &(ey[0] + ez[2]), &(ex[0] + ez[1])))
     };
     let [a, b, c, d] = corners;
@@ -66,7 +76,11 @@ fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f6
 }
 
 /// `value(edges, even, 1 / undeformed volume)` of every cell with a computed corner, `unmeasured` elsewhere.
-fn each_cell<T: Copy + Send>(push: &PushField, unmeasured: T, value: impl Fn(&Edges, bool, f64) -> T + Sync) -> Volume<T> {
+fn each_cell<T: Copy + Send>(
+    push: &PushField,
+    unmeasured: T,
+    value: impl Fn(&Edges, bool, f64) -> T + Sync,
+) -> Volume<T> {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
     let inverse_volume = grid.step().determinant().recip();
@@ -141,15 +155,14 @@ mod tests {
 
     /// Grids as scanners write them: any spacing, oblique, either handedness.
     fn grids() -> impl Strategy<Value = Grid> {
-        (prop::array::uniform3(0.5f64..4.0), prop::array::uniform3(-2.0f64..2.0), prop::array::uniform3(any::<bool>())).prop_map(
-            |(spacing, rotation, flips)| {
+        (prop::array::uniform3(0.5f64..4.0), prop::array::uniform3(-2.0f64..2.0), prop::array::uniform3(any::<bool>()))
+            .prop_map(|(spacing, rotation, flips)| {
                 let mut direction = Rotation3::from_scaled_axis(rotation.into()).into_inner();
                 for a in (0..3).filter(|&a| flips[a]) {
                     direction.column_mut(a).neg_mut();
                 }
                 Grid::new([6, 5, 4], spacing, Point3::new(3.0, -20.0, 7.0), direction).unwrap()
-            },
-        )
+            })
     }
 
     /// Values of the voxels that have a cell.

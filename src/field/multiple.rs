@@ -11,7 +11,13 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Corners of the 5 tetrahedra of an even cell; bit 0, 1, 2 of a corner say whether it lies high along i, j, k. An odd
 /// cell is its mirror image: bit 0 flipped.
-const EVEN: [[usize; 4]; 5] = [[0b000, 0b001, 0b010, 0b100], [0b011, 0b010, 0b001, 0b111], [0b101, 0b100, 0b111, 0b001], [0b110, 0b111, 0b100, 0b010], [0b001, 0b010, 0b100, 0b111]];
+const EVEN: [[usize; 4]; 5] = [
+    [0b000, 0b001, 0b010, 0b100],
+    [0b011, 0b010, 0b001, 0b111],
+    [0b101, 0b100, 0b111, 0b001],
+    [0b110, 0b111, 0b100, 0b010],
+    [0b001, 0b010, 0b100, 0b111],
+];
 
 /// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`.
 pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) -> Mask {
@@ -69,7 +75,8 @@ mod tests {
     fn a_fold_covers_its_middle_three_times() {
         let grid = Grid::axis_aligned([41, 5, 5], [1.0; 3], [-20.0, 0.0, 0.0]).unwrap();
         // x + u(x) = x - 12 tanh(x / 6): folds between the turning points at +-6 acosh(sqrt 2), images -+3.1.
-        let displacement = Volume::from_fn(grid.clone(), |l| [-12.0 * ((grid.voxel(l)[0] as f32 - 20.0) / 6.0).tanh(), 0.0, 0.0]);
+        let displacement =
+            Volume::from_fn(grid.clone(), |l| [-12.0 * ((grid.voxel(l)[0] as f32 - 20.0) / 6.0).tanh(), 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid.clone(), true) };
         let mask = multiple_preimages(&push, &jacobian(&push), &grid);
         for i in 0..41 {

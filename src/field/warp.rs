@@ -46,7 +46,11 @@ pub fn push_point(push: &PushField, point: &Point3<f64>) -> Option<Point3<f64>> 
 }
 
 /// `value(continuous index in the source)` at every fraction voxel, in parallel over planes.
-fn pulled<S, T: Send + Default + Clone>(pull: &PullField, source: &Volume<S>, value: impl Fn(&Vector3<f64>) -> T + Sync) -> Vec<T>
+fn pulled<S, T: Send + Default + Clone>(
+    pull: &PullField,
+    source: &Volume<S>,
+    value: impl Fn(&Vector3<f64>) -> T + Sync,
+) -> Vec<T>
 where
     S: Sync,
 {
@@ -107,13 +111,15 @@ fn vote(map: &Volume<u16>, index: &Vector3<f64>) -> u16 {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
     use super::*;
     use crate::geometry::Grid;
 
     fn shifted(shift: [f32; 3]) -> (PullField, Grid) {
         let grid = Grid::axis_aligned([12, 10, 8], [1.0, 2.0, 3.0], [5.0, -7.0, 11.0]).unwrap();
-        let pull = PullField { displacement: Volume::filled(grid.clone(), shift), inside: Volume::filled(grid.clone(), true) };
+        let pull =
+            PullField { displacement: Volume::filled(grid.clone(), shift), inside: Volume::filled(grid.clone(), true) };
         (pull, grid)
     }
 

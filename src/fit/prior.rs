@@ -35,7 +35,10 @@ pub struct Penalty {
 pub fn relative(joint: &Joint, parent: &Rigid, child: &Rigid) -> JointPose {
     let m = parent.inverse() * child;
     let back = joint.axes.transpose();
-    JointPose { rotation: (back * m.rotation.scaled_axis()).into(), translation: (back * (m * joint.centre - joint.centre)).into() }
+    JointPose {
+        rotation: (back * m.rotation.scaled_axis()).into(),
+        translation: (back * (m * joint.centre - joint.centre)).into(),
+    }
 }
 
 /// Largest excess over the soft range: degrees beyond a rotation limit or mm beyond a translation limit.
@@ -50,20 +53,28 @@ pub fn limit_excess(joint: &Joint, pose: &JointPose) -> f64 {
 }
 
 /// Penalty of a joint; centres are where the small rotations of parent and child turn about (world, fraction side).
-pub fn penalty(joint: &Joint, parent: &Rigid, child: &Rigid, parent_centre: &Vector3<f64>, child_centre: &Vector3<f64>) -> Penalty {
+pub fn penalty(
+    joint: &Joint,
+    parent: &Rigid,
+    child: &Rigid,
+    parent_centre: &Vector3<f64>,
+    child_centre: &Vector3<f64>,
+) -> Penalty {
     let at_parent = (parent * joint.centre).coords;
     let at_child = (child * joint.centre).coords;
     let to_axes: Matrix3<f64> = joint.axes.transpose() * parent.rotation.inverse().to_rotation_matrix().matrix();
     let pose = relative(joint, parent, child);
     let phi = joint.axes * Vector3::from(pose.rotation);
     // Rotation: d phi = J^-1 R_p^T (w_c - w_p).
-    let turn = joint.axes.transpose() * left_jacobian_inverse(&phi) * parent.rotation.inverse().to_rotation_matrix().matrix();
+    let turn =
+        joint.axes.transpose() * left_jacobian_inverse(&phi) * parent.rotation.inverse().to_rotation_matrix().matrix();
     let mut rows = SMatrix::<f64, 6, 12>::zeros();
     rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&-turn);
     rows.fixed_view_mut::<3, 3>(0, 6).copy_from(&turn);
     // Translation: t = A^T R_p^T (q_c - q_p); the parent's rotation also turns the frame it is seen in.
     let gap = at_child - at_parent;
-    rows.fixed_view_mut::<3, 3>(3, 0).copy_from(&(to_axes * ((at_parent - parent_centre).cross_matrix() + gap.cross_matrix())));
+    rows.fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(&(to_axes * ((at_parent - parent_centre).cross_matrix() + gap.cross_matrix())));
     rows.fixed_view_mut::<3, 3>(3, 3).copy_from(&-to_axes);
     rows.fixed_view_mut::<3, 3>(3, 6).copy_from(&(-to_axes * (at_child - child_centre).cross_matrix()));
     rows.fixed_view_mut::<3, 3>(3, 9).copy_from(&to_axes);

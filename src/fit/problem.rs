@@ -3,8 +3,8 @@
 use super::lie::left_jacobian;
 use super::prior::{Penalty, penalty};
 use super::samples::Samples;
-use super::tissue::Tissue;
 use super::similarity::{Evaluation, Measure, evaluate};
+use super::tissue::Tissue;
 use crate::geometry::Rigid;
 use crate::skeleton::Joint;
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, SVector, Translation3, UnitQuaternion, Vector3};
@@ -122,8 +122,13 @@ impl PoseProblem<'_> {
     pub fn local(&self, x: &DVector<f64>) -> Local {
         let n = 6 * self.bodies.len();
         let t = self.transforms(x);
-        let chains: Vec<Matrix6<f64>> = self.bodies.iter().enumerate().map(|(b, body)| body.chain(&x.as_slice()[6 * b..])).collect();
-        let mut out = Local { cost: 0.5 * RIDGE * x.norm_squared(), gradient: x * RIDGE, curvature: DMatrix::identity(n, n) * RIDGE };
+        let chains: Vec<Matrix6<f64>> =
+            self.bodies.iter().enumerate().map(|(b, body)| body.chain(&x.as_slice()[6 * b..])).collect();
+        let mut out = Local {
+            cost: 0.5 * RIDGE * x.norm_squared(),
+            gradient: x * RIDGE,
+            curvature: DMatrix::identity(n, n) * RIDGE,
+        };
         for (b, e) in self.similarities(&t, true).iter().enumerate() {
             out.cost += e.cost;
             let mut g = out.gradient.fixed_rows_mut::<6>(6 * b);

@@ -1,9 +1,9 @@
 //! Planning bone points with their HU: what the fit compares with the fraction CT.
 
 use super::tissue::Tissue;
+use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::LabelMap;
-use crate::geometry::Grid;
 use nalgebra::Point3;
 
 /// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information. In

@@ -83,7 +83,14 @@ struct Fitter<'a> {
 /// # Errors
 /// [`Error::Registration`] when the images show no common anatomy: no couch shift explains the bones, or no bone is found
 /// in the end.
-pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, fraction: &Volume<f32>, options: &FitOptions, progress: &dyn Progress) -> Result<FitResult> {
+pub fn fit_pose(
+    skeleton: &Skeleton,
+    planning: &Volume<f32>,
+    labels: &LabelMap,
+    fraction: &Volume<f32>,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<FitResult> {
     let lists = candidates(skeleton, labels);
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
@@ -109,7 +116,8 @@ pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, 
         }
         last = Some(solution);
     }
-    let solution = last.ok_or_else(|| Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"))?;
+    let solution =
+        last.ok_or_else(|| Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"))?;
     stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
     let before = fitter.evaluate(&level, &vec![common; transforms.len()]);
     let after = fitter.evaluate(&level, &transforms);
@@ -121,7 +129,10 @@ pub fn fit_pose(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap, 
         ));
     }
     let warnings = if share < WEAK_START {
-        let problem = format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share);
+        let problem = format!(
+            "the couch shift explains only {:.0} % of the bone contrast; look at the fusion images",
+            100.0 * share
+        );
         vec![Warning::new("weak-start", problem)]
     } else {
         Vec::new()
@@ -149,9 +160,15 @@ impl<'a> Fitter<'a> {
     }
 
     fn evaluate(&self, level: &Level, transforms: &[Rigid]) -> Vec<Evaluation> {
-        let own = |b: usize| Body { samples: &level.bones[b], base: transforms[b], centre: self.centres[b], radius: self.radii[b] };
+        let own = |b: usize| Body {
+            samples: &level.bones[b],
+            base: transforms[b],
+            centre: self.centres[b],
+            radius: self.radii[b],
+        };
         let bodies = (0..transforms.len()).map(own).collect();
-        PoseProblem { bodies, links: Vec::new(), fraction: &level.fraction, measure: self.options.measure }.similarities(transforms, false)
+        PoseProblem { bodies, links: Vec::new(), fraction: &level.fraction, measure: self.options.measure }
+            .similarities(transforms, false)
     }
 
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
@@ -162,7 +179,8 @@ impl<'a> Fitter<'a> {
         let bones = &self.skeleton.bones;
         let now = self.evaluate(level, transforms);
         let weight = |b: usize, e: &Evaluation| level.bones[b].volume_mm3 * e.visible * e.explained.max(0.0);
-        let root = (0..n).max_by(|&a, &b| weight(a, &now[a]).total_cmp(&weight(b, &now[b])).then(b.cmp(&a))).unwrap_or(0);
+        let root =
+            (0..n).max_by(|&a, &b| weight(a, &now[a]).total_cmp(&weight(b, &now[b])).then(b.cmp(&a))).unwrap_or(0);
         let mut placed = vec![false; n];
         let neighbours = |b: usize| (0..n).filter(move |&o| bones[b].parent == Some(o) || bones[o].parent == Some(b));
         let mut next = Some((root, root));
@@ -182,7 +200,12 @@ impl<'a> Fitter<'a> {
                 .filter_map(|b| neighbours(b).find(|&o| placed[o]).map(|o| (b, o)))
                 .map(|(b, o)| {
                     let t = if fresh { transforms[o] } else { transforms[b] };
-                    let p = PoseProblem { bodies: vec![self.body(level, b, t)], links: Vec::new(), fraction: &level.fraction, measure: self.options.measure };
+                    let p = PoseProblem {
+                        bodies: vec![self.body(level, b, t)],
+                        links: Vec::new(),
+                        fraction: &level.fraction,
+                        measure: self.options.measure,
+                    };
                     (level.bones[b].volume_mm3 * p.similarities(&[t], false)[0].visible, b, o)
                 })
                 .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
@@ -209,14 +232,30 @@ impl<'a> Fitter<'a> {
     /// Fits one bone from `start`, held by its links; `None` when too little of it is in view.
     ///
     /// With `search`, a bone that ends up doubtful is started again from places around, and the least cost wins.
-    fn place<'b>(&'b self, level: &'b Level, bone: usize, start: Rigid, links: impl Fn() -> Vec<Link<'b>>, search: bool) -> Result<Option<(Rigid, String)>> {
-        let problem = |base| PoseProblem { bodies: vec![self.body(level, bone, base)], links: links(), fraction: &level.fraction, measure: self.options.measure };
+    fn place<'b>(
+        &'b self,
+        level: &'b Level,
+        bone: usize,
+        start: Rigid,
+        links: impl Fn() -> Vec<Link<'b>>,
+        search: bool,
+    ) -> Result<Option<(Rigid, String)>> {
+        let problem = |base| PoseProblem {
+            bodies: vec![self.body(level, bone, base)],
+            links: links(),
+            fraction: &level.fraction,
+            measure: self.options.measure,
+        };
         if problem(start).similarities(&[start], false)[0].visible < LEAST_VISIBLE {
             return Ok(None);
         }
         let fit = |base| {
             let solution = solve(problem(base), self.options.tolerance_mm, self.options.max_iterations)?;
-            Ok::<_, Error>((solution.cost, self.body(level, bone, base).transform(solution.x.as_slice()), solution.stop))
+            Ok::<_, Error>((
+                solution.cost,
+                self.body(level, bone, base).transform(solution.x.as_slice()),
+                solution.stop,
+            ))
         };
         let mut best = fit(start)?;
         let found = &problem(best.1).similarities(&[best.1], false)[0];
@@ -225,7 +264,10 @@ impl<'a> Fitter<'a> {
             for axis in 0..3 {
                 for sign in [-1.0, 1.0] {
                     let along = nalgebra::Vector3::ith(axis, sign);
-                    for base in [Rigid::translation(along.x * AROUND_MM, along.y * AROUND_MM, along.z * AROUND_MM) * start, about(&centre, along * AROUND_DEG.to_radians(), nalgebra::Vector3::zeros()) * start] {
+                    for base in [
+                        Rigid::translation(along.x * AROUND_MM, along.y * AROUND_MM, along.z * AROUND_MM) * start,
+                        about(&centre, along * AROUND_DEG.to_radians(), nalgebra::Vector3::zeros()) * start,
+                    ] {
                         let other = fit(base)?;
                         if other.0 < best.0 {
                             best = other;
@@ -251,9 +293,15 @@ impl<'a> Fitter<'a> {
     fn together(&self, level: &Level, transforms: &mut Vec<Rigid>) -> Result<Solution> {
         let make = || PoseProblem {
             bodies: (0..transforms.len()).map(|b| self.body(level, b, transforms[b])).collect(),
-            links: self.skeleton.bones.iter().enumerate().filter_map(|(b, bone)| {
-                Some(Link { joint: &bone.joint, parent: End::Moving(bone.parent?), child: End::Moving(b) })
-            }).collect(),
+            links: self
+                .skeleton
+                .bones
+                .iter()
+                .enumerate()
+                .filter_map(|(b, bone)| {
+                    Some(Link { joint: &bone.joint, parent: End::Moving(bone.parent?), child: End::Moving(b) })
+                })
+                .collect(),
             fraction: &level.fraction,
             measure: self.options.measure,
         };
@@ -263,30 +311,45 @@ impl<'a> Fitter<'a> {
         Ok(solution)
     }
 
-    fn describe(&self, transforms: &[Rigid], stops: &[String], before: &[Evaluation], after: &[Evaluation], dropped: &[bool], curvature: &DMatrix<f64>) -> Vec<BoneFit> {
+    fn describe(
+        &self,
+        transforms: &[Rigid],
+        stops: &[String],
+        before: &[Evaluation],
+        after: &[Evaluation],
+        dropped: &[bool],
+        curvature: &DMatrix<f64>,
+    ) -> Vec<BoneFit> {
         let covariance = curvature.clone().cholesky().map(|c| c.inverse());
         let sd = |at: usize| {
             let Some(c) = &covariance else { return f64::MAX };
             let block: Matrix3<f64> = c.fixed_view::<3, 3>(at, at).into_owned();
             block.symmetric_eigenvalues().max().max(0.0).sqrt()
         };
-        self.skeleton.bones.iter().enumerate().map(|(b, bone)| {
-            let visible = after[b].visible;
-            let seen = visible > 0.0;
-            let excess = bone.parent.map_or(0.0, |p| limit_excess(&bone.joint, &relative(&bone.joint, &transforms[p], &transforms[b])));
-            BoneFit {
-                name: bone.name.clone(),
-                transform: transforms[b],
-                visible,
-                similarity_before: (before[b].visible > 0.0).then(|| before[b].explained.max(0.0)),
-                similarity_after: seen.then(|| after[b].explained.max(0.0)),
-                stop: stops[b].clone(),
-                position_sd_mm: sd(6 * b + 3),
-                rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
-                limit_excess: excess,
-                motion_mm: (transforms[b] * self.centres[b] - self.centres[b]).norm(),
-                determined_by: if !dropped[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
-            }
-        }).collect()
+        self.skeleton
+            .bones
+            .iter()
+            .enumerate()
+            .map(|(b, bone)| {
+                let visible = after[b].visible;
+                let seen = visible > 0.0;
+                let excess = bone
+                    .parent
+                    .map_or(0.0, |p| limit_excess(&bone.joint, &relative(&bone.joint, &transforms[p], &transforms[b])));
+                BoneFit {
+                    name: bone.name.clone(),
+                    transform: transforms[b],
+                    visible,
+                    similarity_before: (before[b].visible > 0.0).then(|| before[b].explained.max(0.0)),
+                    similarity_after: seen.then(|| after[b].explained.max(0.0)),
+                    stop: stops[b].clone(),
+                    position_sd_mm: sd(6 * b + 3),
+                    rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
+                    limit_excess: excess,
+                    motion_mm: (transforms[b] * self.centres[b] - self.centres[b]).norm(),
+                    determined_by: if !dropped[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
+                }
+            })
+            .collect()
     }
 }

@@ -94,7 +94,14 @@ impl Sums {
     }
 }
 
-fn accumulate(points: &[Point3<f64>], values: &[f64], fraction: &Tissue, t: &Rigid, centre: &Point3<f64>, derivatives: bool) -> Sums {
+fn accumulate(
+    points: &[Point3<f64>],
+    values: &[f64],
+    fraction: &Tissue,
+    t: &Rigid,
+    centre: &Point3<f64>,
+    derivatives: bool,
+) -> Sums {
     let grid = fraction.value.grid();
     let to_index = grid.inverse_step();
     let back: Matrix3<f64> = to_index.transpose();
@@ -140,7 +147,14 @@ fn accumulate(points: &[Point3<f64>], values: &[f64], fraction: &Tissue, t: &Rig
 const CHUNK: usize = 2048;
 
 /// Similarity of a bone moved by `t`; derivatives (when asked for) are for a further small motion about `centre`.
-pub fn evaluate(samples: &Samples, fraction: &Tissue, t: &Rigid, centre: &Point3<f64>, measure: Measure, derivatives: bool) -> Evaluation {
+pub fn evaluate(
+    samples: &Samples,
+    fraction: &Tissue,
+    t: &Rigid,
+    centre: &Point3<f64>,
+    measure: Measure,
+    derivatives: bool,
+) -> Evaluation {
     let n = samples.points.len();
     let mean = samples.values.iter().sum::<f64>() / n.max(1) as f64;
     let total: f64 = samples.values.iter().map(|a| (a - mean).powi(2)).sum::<f64>().max(1e-9);
@@ -173,7 +187,13 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) ->
     let count = n.max(1) as f64;
     let weight = independent / count;
     if s.w <= 0.0 {
-        return Evaluation { cost: 0.0, gradient: Vector6::zeros(), curvature: Matrix6::zeros(), explained: 0.0, visible: 0.0 };
+        return Evaluation {
+            cost: 0.0,
+            gradient: Vector6::zeros(),
+            curvature: Matrix6::zeros(),
+            explained: 0.0,
+            visible: 0.0,
+        };
     }
     let least = LEAST_SHARE * total / count;
     let rss = square(s.ff, s.fa, s.aa, s.f, s.a, s.w).max(0.0) + least * s.w;

@@ -35,13 +35,21 @@ impl Solver<PoseProblem<'_>, PoseState> for DampedNewton {
         "damped Gauss-Newton"
     }
 
-    fn init(&mut self, problem: &mut Problem<PoseProblem<'_>>, mut state: PoseState) -> Result<(PoseState, Option<KV>), argmin::core::Error> {
+    fn init(
+        &mut self,
+        problem: &mut Problem<PoseProblem<'_>>,
+        mut state: PoseState,
+    ) -> Result<(PoseState, Option<KV>), argmin::core::Error> {
         let x = state.take_param().ok_or_else(|| argmin::core::Error::msg("no start was given"))?;
         let local = problem.problem("gradient_count", |p| Ok(p.local(&x)))?;
         Ok((state.param(x).cost(local.cost).gradient(local.gradient).hessian(local.curvature), None))
     }
 
-    fn next_iter(&mut self, problem: &mut Problem<PoseProblem<'_>>, mut state: PoseState) -> Result<(PoseState, Option<KV>), argmin::core::Error> {
+    fn next_iter(
+        &mut self,
+        problem: &mut Problem<PoseProblem<'_>>,
+        mut state: PoseState,
+    ) -> Result<(PoseState, Option<KV>), argmin::core::Error> {
         let missing = || argmin::core::Error::msg("the solver's state is incomplete");
         let x = state.take_param().ok_or_else(missing)?;
         let g = state.take_gradient().ok_or_else(missing)?;
@@ -111,7 +119,9 @@ pub fn solve(problem: PoseProblem<'_>, tolerance: f64, max_iterations: u64) -> R
         curvature: state.hessian.clone().ok_or_else(missing)?,
         stop: match state.get_termination_status() {
             TerminationStatus::Terminated(TerminationReason::SolverConverged) => "converged".into(),
-            TerminationStatus::Terminated(TerminationReason::MaxItersReached) => format!("iteration limit {max_iterations}"),
+            TerminationStatus::Terminated(TerminationReason::MaxItersReached) => {
+                format!("iteration limit {max_iterations}")
+            }
             TerminationStatus::Terminated(other) => other.text().into(),
             TerminationStatus::NotTerminated => "not terminated".into(),
         },

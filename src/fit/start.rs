@@ -97,7 +97,8 @@ fn search(samples: &Samples, fraction: &Volume<f32>) -> Vec<(f64, Vector3<f64>)>
 }
 
 /// Rotations (degrees about x, y, z) that each candidate is refined from.
-const TURNS: [[f64; 3]; 5] = [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0], [-15.0, 0.0, 0.0], [0.0, 0.0, 20.0], [0.0, 0.0, -20.0]];
+const TURNS: [[f64; 3]; 5] =
+    [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0], [-15.0, 0.0, 0.0], [0.0, 0.0, 20.0], [0.0, 0.0, -20.0]];
 
 /// Rigid motion of all bones together that best explains the fraction image.
 ///

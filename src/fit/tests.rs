@@ -13,7 +13,10 @@ use proptest::prelude::*;
 
 /// A smooth texture without symmetry, HU 0 to 800.
 fn texture(p: &Point3<f64>) -> f64 {
-    400.0 + 150.0 * (p.x / 6.0).sin() + 120.0 * ((p.y + 0.3 * p.z) / 7.0).cos() + 100.0 * ((p.z - 0.2 * p.x) / 5.0).sin()
+    400.0
+        + 150.0 * (p.x / 6.0).sin()
+        + 120.0 * ((p.y + 0.3 * p.z) / 7.0).cos()
+        + 100.0 * ((p.z - 0.2 * p.x) / 5.0).sin()
 }
 
 fn fraction(size: [usize; 3], gain: f64, offset: f64) -> Tissue {
@@ -122,7 +125,12 @@ fn a_known_motion_is_recovered_under_gain_and_offset() {
     let truth = about(&Point3::new(0.0, 3.0, 0.0), Vector3::new(0.04, -0.06, 0.05), Vector3::new(1.2, -0.8, 0.9));
     let image = fraction([45, 45, 40], 0.8, 60.0);
     let samples = ball(Point3::origin(), &truth);
-    let problem = || PoseProblem { bodies: vec![body(&samples, Rigid::identity())], links: Vec::new(), fraction: &image, measure: Measure::Correlation };
+    let problem = || PoseProblem {
+        bodies: vec![body(&samples, Rigid::identity())],
+        links: Vec::new(),
+        fraction: &image,
+        measure: Measure::Correlation,
+    };
     let solution = solve(problem(), 1e-4, 100).unwrap();
     let found = problem().transforms(&solution.x)[0];
     let worst = samples.points.iter().map(|p| (found * p - truth * p).norm()).fold(0.0, f64::max);
@@ -140,7 +148,12 @@ fn leaving_the_field_of_view_never_pays() {
     let samples = ball(Point3::origin(), &Rigid::identity());
     let cost = |shift: f64| {
         let t = Rigid::translation(shift, 0.0, 0.0);
-        let p = PoseProblem { bodies: vec![body(&samples, t)], links: Vec::new(), fraction: &image, measure: Measure::Correlation };
+        let p = PoseProblem {
+            bodies: vec![body(&samples, t)],
+            links: Vec::new(),
+            fraction: &image,
+            measure: Measure::Correlation,
+        };
         let e = &p.similarities(&[t], false)[0];
         (e.cost, e.visible)
     };

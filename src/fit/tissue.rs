@@ -32,7 +32,8 @@ impl Tissue {
         let block = ct.grid().spacing().map(|s| ((BLOCK * sigma / s).floor() as usize).max(1));
         let (sum, share) = averaged(ct, block);
         // What the blocks have blurred already (variance of a box) is not blurred again.
-        let widest = (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
+        let widest =
+            (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
         let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
         let mut value = gaussian(&sum, rest);
         let weight = gaussian(&share, rest);
@@ -71,7 +72,8 @@ fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
     let size: [usize; 3] = std::array::from_fn(|a| fine.size()[a].div_ceil(block[a]));
     let shift = Vector3::from(block.map(|b| 0.5 * (b as f64 - 1.0)));
     let spacing = std::array::from_fn(|a| fine.spacing()[a] * block[a] as f64);
-    let grid = Grid::new(size, spacing, fine.world(&shift), *fine.direction()).expect("blocks of a legal grid make a legal grid");
+    let grid = Grid::new(size, spacing, fine.world(&shift), *fine.direction())
+        .expect("blocks of a legal grid make a legal grid");
     let plane = size[0] * size[1];
     let (mut sum, mut share) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
     sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate().for_each(|(k, (sum, share))| {

@@ -56,7 +56,10 @@ impl Grid {
             return bad(format!("size {size:?} is empty or too large"));
         }
         if spacing.iter().any(|s| !(s.is_finite() && *s > 0.0)) || origin.iter().any(|o| !o.is_finite()) {
-            return bad(format!("spacing {spacing:?} mm, origin {:?} mm: not positive and finite", origin.coords.as_slice()));
+            return bad(format!(
+                "spacing {spacing:?} mm, origin {:?} mm: not positive and finite",
+                origin.coords.as_slice()
+            ));
         }
         let off = (direction.transpose() * direction - Matrix3::identity()).abs().max();
         if !off.is_finite() || off > ORTHONORMAL_TOLERANCE {
@@ -170,8 +173,7 @@ impl Grid {
     }
     /// Whether both grids have the same size and their corners agree within `tolerance` mm.
     pub fn matches(&self, other: &Self, tolerance: f64) -> bool {
-        self.size == other.size
-            && self.corners().iter().zip(other.corners()).all(|(a, b)| (a - b).norm() <= tolerance)
+        self.size == other.size && self.corners().iter().zip(other.corners()).all(|(a, b)| (a - b).norm() <= tolerance)
     }
     /// A grid over the same box with about `spacing` mm (never finer than this grid along any axis).
     ///

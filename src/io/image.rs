@@ -1,12 +1,12 @@
 //! Scalar images: reading CT and dose, writing them and masks, in any of the formats.
 
-use crate::field::FieldFormat;
 use super::gzip::Payload;
 use super::raster::{load, require_finite};
 use super::values::{Contents, Values};
 use super::voxels::Layout;
 use super::{Loaded, atomic, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
+use crate::field::FieldFormat;
 use crate::volume::{Mask, Volume};
 use std::path::Path;
 

@@ -27,10 +27,13 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case))?;
     warnings.extend(built);
     let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
-    let fit = runtime.stage("fit skeleton", || fit_pose(&skeleton, &case.planning, &case.bones, &case.fraction, &config.fit, runtime.progress()))?;
+    let fit = runtime.stage("fit skeleton", || {
+        fit_pose(&skeleton, &case.planning, &case.bones, &case.fraction, &config.fit, runtime.progress())
+    })?;
     warnings.extend(fit.warnings.iter().cloned());
     warnings.extend(fit_warnings(&fit));
-    let propagation = runtime.stage("propagate to soft tissue", || carry(case, &skeleton, &body, &fit, config, runtime))?;
+    let propagation =
+        runtime.stage("propagate to soft tissue", || carry(case, &skeleton, &body, &fit, config, runtime))?;
     let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;
@@ -81,7 +84,12 @@ fn check(case: &Case) -> Result<()> {
             "bone labels",
             format!(
                 "their grid (size {:?}, spacing {:?} mm, origin {:.2?} mm) is not that of the planning CT (size {:?}, spacing {:?} mm, origin {:.2?} mm)",
-                bones.size(), bones.spacing(), bones.origin().coords.as_slice(), ct.size(), ct.spacing(), ct.origin().coords.as_slice()
+                bones.size(),
+                bones.spacing(),
+                bones.origin().coords.as_slice(),
+                ct.size(),
+                ct.spacing(),
+                ct.origin().coords.as_slice()
             ),
             "give the labels of this planning CT, or resample them onto its grid with nearest-neighbour interpolation",
         ));
@@ -89,11 +97,19 @@ fn check(case: &Case) -> Result<()> {
     for (what, image) in [("planning CT", &case.planning), ("fraction CT", &case.fraction)] {
         let thin = image.grid().size().iter().any(|&n| n < 4);
         if thin {
-            return Err(Error::input(what, format!("its size is {:?} voxels", image.grid().size()), "a volume of at least 4 voxels along every axis is needed"));
+            return Err(Error::input(
+                what,
+                format!("its size is {:?} voxels", image.grid().size()),
+                "a volume of at least 4 voxels along every axis is needed",
+            ));
         }
         let first = image.data()[0];
         if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
-            return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
+            return Err(Error::input(
+                what,
+                format!("every voxel is {first}"),
+                "give a CT that shows the patient, in HU",
+            ));
         }
     }
     Ok(())
@@ -105,20 +121,41 @@ fn skeleton_of(case: &Case) -> Result<(Skeleton, Vec<Warning>)> {
     let mut warnings = built.warnings;
     if !built.ignored.is_empty() {
         let list = built.ignored.join(", ");
-        warnings.push(Warning::new("labels-ignored", format!("{} labels are no bones of the skeleton and were ignored: {list}", built.ignored.len())));
+        warnings.push(Warning::new(
+            "labels-ignored",
+            format!("{} labels are no bones of the skeleton and were ignored: {list}", built.ignored.len()),
+        ));
     }
     Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }
 
 /// Carries the fitted motion to every voxel.
-fn carry(case: &Case, skeleton: &Skeleton, body: &Mask, fit: &FitResult, config: &Config, runtime: &Runtime) -> Result<Propagation> {
+fn carry(
+    case: &Case,
+    skeleton: &Skeleton,
+    body: &Mask,
+    fit: &FitResult,
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<Propagation> {
     let mut bone_of_label = vec![None; usize::from(u16::MAX) + 1];
     for (b, bone) in skeleton.bones.iter().enumerate() {
         bone_of_label[usize::from(bone.label)] = Some(b as u16);
     }
-    let tissue = Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label: &bone_of_label, least_hu: config.chainmail.least_hu };
+    let tissue = Tissue {
+        ct: &case.planning,
+        body,
+        labels: &case.bones,
+        bone_of_label: &bone_of_label,
+        least_hu: config.chainmail.least_hu,
+    };
     let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
-    propagate(&tissue, &Initiators { transforms: &fit.transforms, centroids: &centroids }, &config.chainmail, runtime.progress())
+    propagate(
+        &tissue,
+        &Initiators { transforms: &fit.transforms, centroids: &centroids },
+        &config.chainmail,
+        runtime.progress(),
+    )
 }
 
 /// Bones that the user should look at.
@@ -139,22 +176,47 @@ fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let same: Vec<_> = out.iter().filter(|w| w.code == "fit-iterations").cloned().collect();
     if same.len() > 1 {
         out.retain(|w| w.code != "fit-iterations");
-        out.push(Warning::new("fit-iterations", format!("the fit of {} bones stopped at its iteration limit", same.len())));
+        out.push(Warning::new(
+            "fit-iterations",
+            format!("the fit of {} bones stopped at its iteration limit", same.len()),
+        ));
     }
     out
 }
 
 /// Findings about the field.
-fn field_warnings(push: &PushField, jacobian: &evaluate::jacobian::JacobianReport, inverse: &field::InverseReport) -> Vec<Warning> {
+fn field_warnings(
+    push: &PushField,
+    jacobian: &evaluate::jacobian::JacobianReport,
+    inverse: &field::InverseReport,
+) -> Vec<Warning> {
     let mut out = Vec::new();
     if jacobian.body.folded > 0 {
-        out.push(Warning::new("folded", format!("{} of {} tissue cells outside bone contact are folded; see the Jacobian map", jacobian.body.folded, jacobian.body.cells)));
+        out.push(Warning::new(
+            "folded",
+            format!(
+                "{} of {} tissue cells outside bone contact are folded; see the Jacobian map",
+                jacobian.body.folded, jacobian.body.cells
+            ),
+        ));
     }
     if jacobian.contact.folded > 0 {
-        out.push(Warning::new("bones-meet", format!("{} of {} cells between touching bones are folded: rigid bones slide or collide there", jacobian.contact.folded, jacobian.contact.cells)));
+        out.push(Warning::new(
+            "bones-meet",
+            format!(
+                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
+                jacobian.contact.folded, jacobian.contact.cells
+            ),
+        ));
     }
     if inverse.unconverged_tissue > 0 {
-        out.push(Warning::new("inverse", format!("{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm)", inverse.unconverged_tissue, inverse.unconverged_max_mm)));
+        out.push(Warning::new(
+            "inverse",
+            format!(
+                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm)",
+                inverse.unconverged_tissue, inverse.unconverged_max_mm
+            ),
+        ));
     }
     if push.computed.count() == 0 {
         out.push(Warning::new("no-tissue", "the planning CT shows no tissue above the least HU inside the patient"));

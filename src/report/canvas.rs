@@ -1,12 +1,12 @@
 //! A picture in memory: pixels, smooth lines and discs, text, PNG.
 
+use embedded_graphics::Drawable;
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
 use embedded_graphics::geometry::{OriginDimensions, Point, Size};
 use embedded_graphics::mono_font::{MonoTextStyle, iso_8859_1::FONT_10X20};
 use embedded_graphics::pixelcolor::BinaryColor;
 use embedded_graphics::text::{Baseline, Text, renderer::CharacterStyle};
-use embedded_graphics::Drawable;
 use rayon::prelude::*;
 use std::convert::Infallible;
 use std::io::{self, Write};
@@ -64,7 +64,13 @@ impl Canvas {
     #[cfg(test)]
     pub(super) fn difference(&self, other: &Self) -> u8 {
         assert_eq!((self.width, self.height), (other.width, other.height));
-        self.pixels.as_flattened().iter().zip(other.pixels.as_flattened()).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
+        self.pixels
+            .as_flattened()
+            .iter()
+            .zip(other.pixels.as_flattened())
+            .map(|(a, b)| a.abs_diff(*b))
+            .max()
+            .unwrap_or(0)
     }
     #[cfg(test)]
     pub(super) fn pixel(&self, x: usize, y: usize) -> Rgb {
@@ -288,7 +294,9 @@ mod tests {
         let ink = |align| {
             let mut c = Canvas::new(100, 30, [255; 3]);
             c.text("HI \u{b0}", [50.0, 15.0], Pen { size: 20.0, colour: [0; 3], halo: None, align });
-            let dark = |range: std::ops::Range<usize>| range.flat_map(|x| (0..30).map(move |y| (x, y))).filter(|&(x, y)| c.pixel(x, y)[0] < 100).count();
+            let dark = |range: std::ops::Range<usize>| {
+                range.flat_map(|x| (0..30).map(move |y| (x, y))).filter(|&(x, y)| c.pixel(x, y)[0] < 100).count()
+            };
             [dark(0..50), dark(50..100)]
         };
         let (left, right) = (ink(Align::Left), ink(Align::Right));

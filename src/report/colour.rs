@@ -21,7 +21,9 @@ pub(super) fn tone(hu: f64) -> f64 {
 
 /// Colour of planning and fraction of brightness 0 to 1 laid over each other.
 pub(super) fn fuse(planning: f64, fraction: f64) -> Rgb {
-    std::array::from_fn(|c| (planning * f64::from(BLUE[c]) + fraction * f64::from(ORANGE[c])).round().clamp(0.0, 255.0) as u8)
+    std::array::from_fn(|c| {
+        (planning * f64::from(BLUE[c]) + fraction * f64::from(ORANGE[c])).round().clamp(0.0, 255.0) as u8
+    })
 }
 
 /// Grey of a brightness 0 to 1.

@@ -33,7 +33,11 @@ fn line(r: &LandmarkResidual) -> String {
 
 /// A field as RFC 4180 wants it.
 fn quoted(field: &str) -> Cow<'_, str> {
-    if field.contains([',', '"', '\n', '\r']) { format!("\"{}\"", field.replace('"', "\"\"")).into() } else { field.into() }
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\"")).into()
+    } else {
+        field.into()
+    }
 }
 
 #[cfg(test)]
@@ -43,8 +47,13 @@ mod tests {
 
     #[test]
     fn lines_by_hand() {
-        let landmark = Landmark { name: "node, \"left\"".into(), planning: Point3::new(1.0, 2.0, 3.0), fraction: Point3::new(1.0, 2.0, 7.0) };
-        let inside = LandmarkResidual { landmark, mapped: Some(Point3::new(1.0, 2.0, 6.0)), before: 4.0, after: Some(1.0) };
+        let landmark = Landmark {
+            name: "node, \"left\"".into(),
+            planning: Point3::new(1.0, 2.0, 3.0),
+            fraction: Point3::new(1.0, 2.0, 7.0),
+        };
+        let inside =
+            LandmarkResidual { landmark, mapped: Some(Point3::new(1.0, 2.0, 6.0)), before: 4.0, after: Some(1.0) };
         assert_eq!(
             line(&inside),
             "\"node, \"\"left\"\"\",1.0000,2.0000,3.0000,1.0000,2.0000,7.0000,1.0000,2.0000,6.0000,4.0000,1.0000,0.2500"

@@ -82,11 +82,14 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         displacement: Volume::from_fn(fraction_grid.clone(), |l| (backward(to(l)) - to(l)).map(|c| c as f32).into()),
         inside: Volume::filled(fraction_grid.clone(), true),
     };
-    let planning_on_fraction =
-        Volume::from_fn(fraction_grid.clone(), |l| trilinear(&planning, &grid.index(&backward(to(l)))).unwrap_or(-1000.0) as f32);
+    let planning_on_fraction = Volume::from_fn(fraction_grid.clone(), |l| {
+        trilinear(&planning, &grid.index(&backward(to(l)))).unwrap_or(-1000.0) as f32
+    });
     let fraction = Volume::from_fn(fraction_grid.clone(), |l| head(&backward(to(l))).0);
-    let bones_on_fraction =
-        LabelMap { volume: Volume::from_fn(fraction_grid.clone(), |l| head(&backward(to(l))).1), names: bones.names.clone() };
+    let bones_on_fraction = LabelMap {
+        volume: Volume::from_fn(fraction_grid.clone(), |l| head(&backward(to(l))).1),
+        names: bones.names.clone(),
+    };
     let landmarks = landmarks(forward);
     let map = jacobian(&push);
     let rigid = [(1, "skull".to_owned()), (2, "vertebrae_C4".to_owned())];
@@ -105,8 +108,19 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         jacobian: map,
         jacobian_report,
         rigidity: rigidity::evaluate(&push, &bones, &rigid),
-        links: LinkReport { links: 400_000, violated: 1200, violated_percent: 0.3, mean_excess_mm: 0.05, p95_excess_mm: 0.2, max_excess_mm: 0.7 },
-        inverse: InverseReport { residual_mm: Summary::of(&[0.001, 0.004, 0.01]), voxels: fraction_grid.len(), ..Default::default() },
+        links: LinkReport {
+            links: 400_000,
+            violated: 1200,
+            violated_percent: 0.3,
+            mean_excess_mm: 0.05,
+            p95_excess_mm: 0.2,
+            max_excess_mm: 0.7,
+        },
+        inverse: InverseReport {
+            residual_mm: Summary::of(&[0.001, 0.004, 0.01]),
+            voxels: fraction_grid.len(),
+            ..Default::default()
+        },
         landmarks: Some(landmark::evaluate(&push, &landmarks)),
         push,
         warnings: vec![Warning::new("bone-in-pieces", "skull: 2 pieces, <largest> 98 %; check the label map")],
@@ -119,9 +133,18 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         path: format!("case/{role}.nii.gz").into(),
         sha256: "0123456789abcdef".repeat(4),
     });
-    let case = Case { planning, bones, fraction, landmarks, skeleton: None, warnings: Vec::new(), inputs: inputs.into() };
-    let outputs = vec![OutputFile { name: "planning_to_fraction.nii.gz".into(), what: "push field on the planning grid, LPS mm".into() }];
-    let run = Run { command: "aventail register --planning case/planning.nii.gz".into(), settings: json!({"fit": {"levels": 3}}), threads: 2, outputs };
+    let case =
+        Case { planning, bones, fraction, landmarks, skeleton: None, warnings: Vec::new(), inputs: inputs.into() };
+    let outputs = vec![OutputFile {
+        name: "planning_to_fraction.nii.gz".into(),
+        what: "push field on the planning grid, LPS mm".into(),
+    }];
+    let run = Run {
+        command: "aventail register --planning case/planning.nii.gz".into(),
+        settings: json!({"fit": {"levels": 3}}),
+        threads: 2,
+        outputs,
+    };
     (case, outcome, run)
 }
 
@@ -176,5 +199,8 @@ fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
             determined_by: by.into(),
         }
     };
-    vec![fit("vertebrae_C4", Point3::new(0.0, 25.0, -53.0), 1.0, "image"), fit("skull", Point3::new(0.0, 25.0, 40.0), 0.85, "image")]
+    vec![
+        fit("vertebrae_C4", Point3::new(0.0, 25.0, -53.0), 1.0, "image"),
+        fit("skull", Point3::new(0.0, 25.0, 40.0), 0.85, "image"),
+    ]
 }

@@ -173,7 +173,9 @@ impl Plane {
         let (west, east) = (left as f64 + aside, (left + self.width) as f64 - aside);
         let centre = WIDTH as f64 / 2.0;
         let [right, down] = self.kind.axes();
-        for (direction, x, y) in [(-right, west, middle), (right, east, middle), (-down, centre, edge), (down, centre, low)] {
+        for (direction, x, y) in
+            [(-right, west, middle), (right, east, middle), (-down, centre, edge), (down, centre, low)]
+        {
             row.text(letter(&direction), [x, y], pen(32.0, Align::Centre));
         }
         let axis = ["x", "y", "z"][self.kind.across()];
@@ -236,7 +238,8 @@ mod tests {
     fn flipped_and_permuted_grids_give_the_same_picture() {
         let plain = scene(Matrix3::identity(), [0.0; 3], [20, 16, 12]);
         let flipped = scene(Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, -1.0)), [19.0, 0.0, 11.0], [20, 16, 12]);
-        let permuted = scene(Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0), [0.0, 0.0, 11.0], [16, 12, 20]);
+        let permuted =
+            scene(Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0), [0.0, 0.0, 11.0], [16, 12, 20]);
         let region = Region::of(plain.grid());
         for other in [&flipped, &permuted] {
             assert_eq!(Region::of(other.grid()), region);
@@ -266,10 +269,18 @@ mod tests {
             assert!(x.abs() < 1e-9 && y.abs() < 1e-9);
         }
         // Forwards is left, headwards is up, patient left is right.
-        assert!(sagittal.vector(&-Vector3::y())[0] < 0.0 && coronal.vector(&Vector3::z())[1] < 0.0 && axial.vector(&Vector3::x())[0] > 0.0);
+        assert!(
+            sagittal.vector(&-Vector3::y())[0] < 0.0
+                && coronal.vector(&Vector3::z())[1] < 0.0
+                && axial.vector(&Vector3::x())[0] > 0.0
+        );
         let p = axial.world(270.0, 135.0);
         assert!((p - Point3::new(-50.0, -25.0, 30.0)).norm() < 1e-9);
-        for (kind, marks) in [(Kind::Axial, ["R", "L", "A", "P"]), (Kind::Coronal, ["R", "L", "S", "I"]), (Kind::Sagittal, ["A", "P", "S", "I"])] {
+        for (kind, marks) in [
+            (Kind::Axial, ["R", "L", "A", "P"]),
+            (Kind::Coronal, ["R", "L", "S", "I"]),
+            (Kind::Sagittal, ["A", "P", "S", "I"]),
+        ] {
             let [right, down] = kind.axes();
             assert_eq!([-right, right, -down, down].map(|d| letter(&d)), marks);
         }

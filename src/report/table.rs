@@ -9,21 +9,45 @@ pub fn terminal_table(report: &Report) -> String {
     if let Some(l) = &report.landmarks {
         let outside = l.before.n - l.after.n;
         let lost = if outside > 0 { format!(", {outside} outside the planning scan") } else { String::new() };
-        rows.push(("landmarks", format!("{:.2} -> {:.2} mm mean, {:.2} mm worst, {} points{lost}", l.before.mean, l.after.mean, l.after.max, l.after.n)));
+        rows.push((
+            "landmarks",
+            format!(
+                "{:.2} -> {:.2} mm mean, {:.2} mm worst, {} points{lost}",
+                l.before.mean, l.after.mean, l.after.max, l.after.n
+            ),
+        ));
     }
     rows.push(("bones", bones(report)));
     if let Some(worst) = report.least_rigid() {
         rows.push(("rigidity", format!("{:.1e} mm rms at worst ({})", worst.rms_mm, worst.name)));
     }
     let j = &report.jacobian;
-    rows.push(("jacobian", format!("body mean {:.3}, {:.2} to {:.2}; folded {} of {} cells ({:.4} %)", j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent)));
+    rows.push((
+        "jacobian",
+        format!(
+            "body mean {:.3}, {:.2} to {:.2}; folded {} of {} cells ({:.4} %)",
+            j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
+        ),
+    ));
     if j.contact.cells > 0 {
         rows.push(("", format!("bone contact: folded {} of {} cells", j.contact.folded, j.contact.cells)));
     }
     let links = &report.links;
-    rows.push(("chain mail", format!("{:.2} % of {} links violated, mean {:.2} mm, worst {:.2} mm", links.violated_percent, links.links, links.mean_excess_mm, links.max_excess_mm)));
+    rows.push((
+        "chain mail",
+        format!(
+            "{:.2} % of {} links violated, mean {:.2} mm, worst {:.2} mm",
+            links.violated_percent, links.links, links.mean_excess_mm, links.max_excess_mm
+        ),
+    ));
     let inverse = &report.inverse;
-    rows.push(("inverse", format!("{:.3} mm mean, {:.3} mm worst; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.mean, inverse.residual_mm.max, inverse.unconverged_tissue, inverse.multiple)));
+    rows.push((
+        "inverse",
+        format!(
+            "{:.3} mm mean, {:.3} mm worst; {} tissue voxels unconverged, {} folded over",
+            inverse.residual_mm.mean, inverse.residual_mm.max, inverse.unconverged_tissue, inverse.multiple
+        ),
+    ));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
     rows.push(("run", format!("{:.1} s on {} threads{memory}", report.seconds(), report.threads)));
     if !report.warnings.is_empty() {
@@ -56,7 +80,10 @@ mod tests {
         let text = terminal_table(&report);
         assert!(text.lines().count() <= 12 && text.lines().all(|l| l.chars().count() <= 110), "{text}");
         let landmarks = report.landmarks.as_ref().unwrap();
-        assert!(text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean)), "{text}");
+        assert!(
+            text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean)),
+            "{text}"
+        );
         assert!(text.contains("bone contact"), "{text}");
     }
 }

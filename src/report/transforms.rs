@@ -34,7 +34,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("bone_transforms.json");
         write_bone_transforms(&path, outcome.bone_fits.iter().map(|b| (b.name.as_str(), &b.transform))).unwrap();
-        let back: std::collections::BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        let back: std::collections::BTreeMap<String, [[f64; 4]; 4]> =
+            serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
         for bone in &outcome.bone_fits {
             let rows = back[&bone.name];
             let m = Matrix4::from_fn(|r, c| rows[r][c]);

@@ -12,7 +12,9 @@ fn input<'a>(report: &'a Report, role: &str) -> Option<&'a Path> {
 
 /// The case in words.
 pub(super) fn title(report: &Report) -> String {
-    let name = |role: &str| input(report, role).and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned());
+    let name = |role: &str| {
+        input(report, role).and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())
+    };
     format!("{} \u{2192} {}", name("planning"), name("fraction"))
 }
 

@@ -23,7 +23,8 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
     let arrows = scene.planning.each_ref().map(|plane| arrows(scene, plane));
     let scale = scene.planning[0].scale;
     let top = ceil_nice(high_percentile(arrows.iter().flatten().map(|(_, u)| u.norm()), 99.0));
-    let in_plane = arrows.iter().zip(&scene.planning).flat_map(|(list, plane)| list.iter().map(move |(_, u)| in_plane(plane, u)));
+    let in_plane =
+        arrows.iter().zip(&scene.planning).flat_map(|(list, plane)| list.iter().map(move |(_, u)| in_plane(plane, u)));
     let zoom = zoom(high_percentile(in_plane, 95.0) * scale);
     let rows: Vec<Canvas> = scene
         .planning
@@ -101,7 +102,11 @@ fn high_percentile(values: impl Iterator<Item = f64>, p: f64) -> f64 {
 /// The least number that reaches `value` and has short quarters.
 fn ceil_nice(value: f64) -> f64 {
     let power = 10f64.powf(value.max(0.1).log10().floor());
-    [1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 6.0, 8.0, 10.0].into_iter().map(|m| m * power).find(|v| *v >= value).unwrap_or(10.0 * power)
+    [1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 6.0, 8.0, 10.0]
+        .into_iter()
+        .map(|m| m * power)
+        .find(|v| *v >= value)
+        .unwrap_or(10.0 * power)
 }
 
 /// A number without trailing zeros.

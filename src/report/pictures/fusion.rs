@@ -33,15 +33,17 @@ pub(super) fn after(scene: &Scene<'_>) -> Plate {
     Plate {
         file: "fusion_after.png",
         title: "After registration",
-        caption: "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
+        caption:
+            "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
                   they differ or where the other scan has no data."
-            .to_owned(),
+                .to_owned(),
         canvas: panels(scene, planning),
     }
 }
 
 fn panels(scene: &Scene<'_>, planning: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -> Canvas {
-    let rows = scene.fraction.each_ref().map(|plane| plane.row(&fused(scene, plane, &planning), [0; 3], [255; 3], [0; 3]));
+    let rows =
+        scene.fraction.each_ref().map(|plane| plane.row(&fused(scene, plane, &planning), [0; 3], [255; 3], [0; 3]));
     sheet(&rows, 1, colours)
 }
 
@@ -92,8 +94,9 @@ mod tests {
         let (mut case, outcome, _) = example::small();
         // The fraction lies 8 mm to the patient's left: 2 voxels.
         let [ni, ..] = case.planning.grid().size();
-        let shifted: Vec<f32> =
-            (0..case.planning.data().len()).map(|l| if l % ni >= 2 { case.planning.data()[l - 2] } else { -1000.0 }).collect();
+        let shifted: Vec<f32> = (0..case.planning.data().len())
+            .map(|l| if l % ni >= 2 { case.planning.data()[l - 2] } else { -1000.0 })
+            .collect();
         case.fraction = crate::volume::Volume::new(case.planning.grid().clone(), shifted).unwrap();
         let scene = Scene::new(&case, &outcome);
         let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
@@ -130,7 +133,10 @@ mod tests {
         let colour = |planning: &crate::volume::Volume<f32>| {
             let plane = &scene.fraction[2];
             let panel = fused(&scene, plane, |p| hu_at(planning, p));
-            (0..plane.height).flat_map(|y| (0..plane.width).map(move |x| [x as f64, y as f64])).map(|at| tint(&panel, at).unsigned_abs() as usize).sum::<usize>()
+            (0..plane.height)
+                .flat_map(|y| (0..plane.width).map(move |x| [x as f64, y as f64]))
+                .map(|at| tint(&panel, at).unsigned_abs() as usize)
+                .sum::<usize>()
         };
         let (before, after) = (colour(&case.planning), colour(&outcome.planning_on_fraction));
         // What is left is linear interpolation at the edges of 4 mm voxels.

@@ -28,7 +28,8 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
         }
     };
     let rows = scene.planning.each_ref().map(|plane| plane.row(&plane.paint(colour), BACKDROP, INK, BACKDROP));
-    let ticks: Vec<_> = ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
+    let ticks: Vec<_> =
+        ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
     let canvas = sheet(&rows, 1, |legend| {
         legend.bar("shrinks", 420.0, |share| jacobian((2.0 * share - 1.0).exp2()), &ticks);
         legend.text("grows");
@@ -37,9 +38,10 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
     Plate {
         file: "jacobian.png",
         title: "Jacobian map",
-        caption: "Volume of each cell after over before deformation, on the planning CT: red grows, blue shrinks, white \
+        caption:
+            "Volume of each cell after over before deformation, on the planning CT: red grows, blue shrinks, white \
                   keeps its volume, black is folded. Logarithmic scale; tissue above -500 HU inside the body."
-            .to_owned(),
+                .to_owned(),
         canvas,
     }
 }
@@ -56,7 +58,13 @@ mod tests {
         // Left half grows, right half shrinks, one slab is folded.
         for l in 0..grid.len() {
             let p = grid.centre(grid.voxel(l));
-            outcome.jacobian.data_mut()[l] = if p.z > 30.0 { -1.0 } else if p.x > 0.0 { 1.8 } else { 0.6 };
+            outcome.jacobian.data_mut()[l] = if p.z > 30.0 {
+                -1.0
+            } else if p.x > 0.0 {
+                1.8
+            } else {
+                0.6
+            };
         }
         let scene = Scene::new(&case, &outcome);
         let picture = draw(&scene).canvas;

@@ -15,7 +15,8 @@ const MAPPED: Rgb = [255, 60, 200];
 
 /// Planes that pass the most landmarks, with true and mapped positions.
 pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
-    let known: Vec<(usize, &LandmarkResidual)> = report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
+    let known: Vec<(usize, &LandmarkResidual)> =
+        report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
     let through = densest(&known);
     let rows = scene.fraction_through(&through).map(|plane| {
         let mut panel = fused(scene, &plane, |p| hu_at(&scene.outcome.planning_on_fraction, p));
@@ -60,7 +61,11 @@ fn densest(known: &[(usize, &LandmarkResidual)]) -> Point3<f64> {
         let at = |r: &LandmarkResidual| r.landmark.fraction[a];
         let near = |c: f64| known.iter().filter(|(_, r)| (at(r) - c).abs() <= SLAB_MM).count();
         // Of equal counts the first: a fixed choice.
-        through[a] = known.iter().map(|(_, r)| at(r)).fold((0.0, 0), |best, c| if near(c) > best.1 { (c, near(c)) } else { best }).0;
+        through[a] = known
+            .iter()
+            .map(|(_, r)| at(r))
+            .fold((0.0, 0), |best, c| if near(c) > best.1 { (c, near(c)) } else { best })
+            .0;
     }
     through
 }
@@ -85,7 +90,8 @@ fn label(panel: &mut Canvas, number: &str, mark: [f64; 2], taken: &mut Vec<[f64;
     const SIZE: f64 = 26.0;
     let aside = 17.0 + text_width(number, SIZE) / 2.0;
     let sides = [[aside, -16.0], [aside, 16.0], [-aside, -16.0], [-aside, 16.0], [0.0, -26.0], [0.0, 26.0]];
-    let room = |at: [f64; 2]| taken.iter().map(|t| (t[0] - at[0]).hypot(t[1] - at[1])).fold(f64::INFINITY, f64::min).min(40.0);
+    let room =
+        |at: [f64; 2]| taken.iter().map(|t| (t[0] - at[0]).hypot(t[1] - at[1])).fold(f64::INFINITY, f64::min).min(40.0);
     let mut best = (f64::NEG_INFINITY, mark);
     for [dx, dy] in sides {
         let at = [mark[0] + dx, mark[1] + dy];

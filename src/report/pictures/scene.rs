@@ -57,7 +57,8 @@ fn regions(points: &[Point3<f64>], p: &Point3<f64>, grid: &Grid) -> [Region; 3] 
     let scan = Region::of(grid);
     KINDS.map(|kind| {
         let a = kind.across();
-        let near = Region::around(points.iter().filter(|q| (q[a] - p[a]).abs() <= SLAB_MM && scan.contains(q)).copied());
+        let near =
+            Region::around(points.iter().filter(|q| (q[a] - p[a]).abs() <= SLAB_MM && scan.contains(q)).copied());
         near.map_or(scan, |r| r.grown(RIM_MM).within(scan))
     })
 }
@@ -86,14 +87,16 @@ fn focus(outcome: &Outcome, region: &Region) -> Option<(Point3<f64>, Point3<f64>
         (bone, to, (to - bone.centroid - outcome.couch_shift).norm())
     });
     let (bone, to, mm) = moves.filter(|(_, to, _)| region.contains(to)).max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let focus = format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
+    let focus =
+        format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
     Some((bone.centroid, to, focus))
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.
 fn overlap(planning: &Grid, fraction: &Grid) -> f64 {
     let coarse = fraction.coarsened(10.0);
-    let inside = (0..coarse.len()).filter(|&l| planning.contains(&planning.index(&coarse.centre(coarse.voxel(l))))).count();
+    let inside =
+        (0..coarse.len()).filter(|&l| planning.contains(&planning.index(&coarse.centre(coarse.voxel(l))))).count();
     inside as f64 / coarse.len() as f64
 }
 
