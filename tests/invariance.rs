@@ -1,5 +1,7 @@
 //! What may not matter does not: threads, repetition, how voxels are stored, where the scanner has its origin.
 
+#![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
+
 #[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
 mod support;
 

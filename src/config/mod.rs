@@ -170,41 +170,39 @@ fn overlay(base: &mut Value, over: &Value) {
 impl Config {
     /// What is impossible in these settings, if anything.
     pub fn problem(&self) -> Option<String> {
-        let c = &self.chainmail;
-        let positive = |v: f64| v.is_finite() && v > 0.0;
+        let (f, c, b) = (&self.fit, &self.chainmail, &self.body);
+        let within = |name: &str, value: f64, low: f64, high: f64| {
+            let bad = !(low..=high).contains(&value);
+            bad.then(|| format!("{name} is {value}: it must lie in [{low}, {high}]"))
+        };
+        let levels = |name: &str, list: &[(f64, usize)]| {
+            let bad = list.iter().any(|l| !(0.0..=50.0).contains(&l.0) || l.1 == 0);
+            bad.then(|| format!("{name} is {list:?}: pairs of a blur in [0, 50] mm and samples above 0 are needed"))
+        };
+        let count = |name: &str, n: usize| (n == 0).then(|| format!("{name} is 0: it must be above 0"));
         let checks = [
-            (
-                self.fit.levels.is_empty(),
-                format!("fit.levels is {:?}: at least one (blur mm, samples) pair is needed", self.fit.levels),
-            ),
-            (
-                !positive(self.fit.tolerance_mm),
-                format!("fit.tolerance_mm is {}: it must be above 0", self.fit.tolerance_mm),
-            ),
-            (
-                !positive(c.exponent) || c.exponent > 64.0,
-                format!("chainmail.exponent is {}: it must lie in (0, 64]", c.exponent),
-            ),
-            (!positive(c.cutoff), format!("chainmail.cutoff is {}: it must be above 0", c.cutoff)),
-            (
-                !(0.0..=50.0).contains(&c.spacing_mm),
-                format!("chainmail.spacing_mm is {}: it must lie in [0, 50]", c.spacing_mm),
-            ),
-            (
-                c.relaxation.iter().any(|r| !(0.0..=100.0).contains(&r.0)),
-                format!("chainmail.relaxation is {:?}: spacings must lie in [0, 100] mm", c.relaxation),
-            ),
-            (
-                !positive(self.invert.tolerance_mm),
-                format!("invert.tolerance_mm is {}: it must be above 0", self.invert.tolerance_mm),
-            ),
-            (
-                self.output.gzip_level > 9,
-                format!("output.gzip_level is {}: it must lie in 0 to 9", self.output.gzip_level),
-            ),
+            f.levels.is_empty().then(|| "fit.levels is []: at least one (blur mm, samples) pair is needed".to_owned()),
+            levels("fit.levels", &f.levels),
+            levels("fit.outward", &f.outward),
+            within("fit.start_blur_mm", f.start_blur_mm, 0.0, 50.0),
+            within("fit.tolerance_mm", f.tolerance_mm, 1e-9, 10.0),
+            count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
+            within("chainmail.exponent", c.exponent, 0.1, 64.0),
+            within("chainmail.cutoff", c.cutoff, 1e-3, 1e6),
+            within("chainmail.prune_ratio", c.prune_ratio, 0.0, 1e6),
+            within("chainmail.spacing_mm", c.spacing_mm, 0.0, 50.0),
+            c.relaxation.iter().find_map(|r| within("a spacing of chainmail.relaxation", r.0, 0.0, 100.0)),
+            within("chainmail.least_hu", f64::from(c.least_hu), -2000.0, 3000.0),
+            within("invert.tolerance_mm", self.invert.tolerance_mm, 1e-9, 10.0),
+            count("invert.max_iterations", self.invert.max_iterations),
+            within("output.gzip_level", f64::from(self.output.gzip_level), 0.0, 9.0),
+            within("body.threshold_hu", b.threshold_hu, -2000.0, 3000.0),
+            within("body.opening_mm", b.opening_mm, 0.0, 100.0),
+            within("body.separation_mm", b.separation_mm, 0.0, 100.0),
+            within("body.closing_mm", b.closing_mm, 0.0, 100.0),
+            c.material.problem(),
         ];
-        let own = checks.into_iter().find(|(bad, _)| *bad).map(|(_, text)| text);
-        own.or_else(|| c.material.problem())
+        checks.into_iter().flatten().next()
     }
 }
 

@@ -15,8 +15,8 @@ use std::path::Path;
 /// their `NREG_TRANS`. MetaImage and NRRD vectors are LPS. The file does not tell which way a field points.
 ///
 /// # Errors
-/// [`Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
-/// and when a component is NaN or infinite. [`Error::Read`] when the file cannot be read.
+/// [`crate::Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
+/// and when a component is NaN or infinite. [`crate::Error::Read`] when the file cannot be read.
 pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
     let path = path.as_ref();
     load(path, |raster| {
@@ -29,7 +29,7 @@ pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
 /// the direction, as [`write_push`] and [`write_pull`] do.
 ///
 /// # Errors
-/// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown.
+/// [`crate::Error::Write`] when the file cannot be written, [`crate::Error::Usage`] when its extension is unknown.
 pub fn write_field(path: impl AsRef<Path>, field: &Volume<[f32; 3]>, options: &WriteOptions) -> Result<()> {
     let description = &options.description;
     let contents = Contents {

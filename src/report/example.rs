@@ -61,6 +61,7 @@ fn head(p: &Point3<f64>) -> (f32, u16, bool) {
 }
 
 /// The scene with a perfect registration, but for landmarks that are off by up to 1 mm.
+#[expect(clippy::too_many_lines, reason = "one scene, spelled out")]
 pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let grid = |offset: [f64; 3]| {
         let origin = std::array::from_fn(|a| offset[a] - (layout.size[a] - 1) as f64 * layout.spacing[a] / 2.0);
