@@ -38,7 +38,13 @@ fn run(case: &Case) -> Outcome {
 fn reference() -> &'static (Phantom, Outcome) {
     static ONE: OnceLock<(Phantom, Outcome)> = OnceLock::new();
     ONE.get_or_init(|| {
-        let phantom = Phantom::new(&PhantomOptions::coarse()).expect("the options are sensible");
+        let phantom = Phantom::new(&PhantomOptions {
+            size: [172, 120, 140],
+            spacing_mm: [3.0; 3],
+            edge_mm: 2.5,
+            ..PhantomOptions::default()
+        })
+        .expect("the options are sensible");
         let outcome = run(&case_of(&phantom));
         (phantom, outcome)
     })
@@ -111,29 +117,29 @@ fn threads_and_repetition_change_no_bit() {
 }
 
 /// Storage order decides which voxels are drawn as samples of a bone and where the chain mail's coarse lattice begins, so
-/// the fields are not the same bits. The fit is determined to some hundredths of a millimetre by its samples (bound
-/// 0.1 mm for bones at 5 x 5 x 6 mm voxels), and soft tissue between lattice nodes by the lattice's spacing times the
+/// the fields are not the same bits. The fit is determined to some hundredths of a millimetre by its samples (bound 0.2 mm
+/// for the least determined bone at 3 mm voxels), and soft tissue between lattice nodes by the lattice's spacing times the
 /// strain there: shifting the nodes by up to half a spacing of 3 mm at a typical strain of 5 % makes 0.08 mm.
 #[test]
 fn storage_order_does_not_matter() {
     let (phantom, outcome) = reference();
     let case = case_of(phantom);
-    // RAS storage, and a left-handed permutation.
-    for (order, flip) in [([0, 1, 2], [true, true, false]), ([2, 0, 1], [false, false, true])] {
-        let planning = restored(&case.planning, order, flip);
-        let bones = LabelMap { volume: restored(&case.bones.volume, order, flip), names: case.bones.names.clone() };
-        let other = run(&Case { planning, bones, ..case.clone() });
-        assert_close(outcome, &other, "planning", (order, flip));
-        let other = run(&Case { fraction: restored(&case.fraction, order, flip), ..case.clone() });
-        assert_close(outcome, &other, "fraction", (order, flip));
-    }
+    // Planning in RAS storage, the fraction in a left-handed permutation.
+    let (order, flip) = ([0, 1, 2], [true, true, false]);
+    let planning = restored(&case.planning, order, flip);
+    let bones = LabelMap { volume: restored(&case.bones.volume, order, flip), names: case.bones.names.clone() };
+    let other = run(&Case { planning, bones, ..case.clone() });
+    assert_close(outcome, &other, "planning", (order, flip));
+    let (order, flip) = ([2, 0, 1], [false, false, true]);
+    let other = run(&Case { fraction: restored(&case.fraction, order, flip), ..case });
+    assert_close(outcome, &other, "fraction", (order, flip));
 }
 
 fn assert_close(one: &Outcome, other: &Outcome, what: &str, how: impl std::fmt::Debug) {
     let bones = bones_apart(one, other, Vector3::zeros());
     let (mean, p99) = difference(&one.push, &other.push, &one.body);
     println!("{what} stored as {how:?}: bones {bones:.4} mm, body mean {mean:.4} mm, 99th percentile {p99:.3} mm");
-    assert!(bones <= 0.1, "bones {bones} mm, {what} {how:?}");
+    assert!(bones <= 0.2, "bones {bones} mm, {what} {how:?}");
     assert!(mean <= 0.1 && p99 <= 0.6, "mean {mean} mm, p99 {p99} mm, {what} {how:?}");
 }
 
