@@ -34,6 +34,10 @@ const AROUND_DEG: f64 = 12.0;
 /// Explained share of the couch shift below which the user should look twice.
 const WEAK_START: f64 = 0.4;
 
+/// A bone whose position the image and its joints leave open by more than this (standard deviation, mm) follows its joints:
+/// a sliver in view fits many places.
+const MOST_SD_MM: f64 = 1.5;
+
 /// Both images at one resolution, with each bone's samples.
 struct Level {
     /// Blur (sigma, mm) and samples per bone.
@@ -111,7 +115,7 @@ pub fn fit_pose(
             level = Level::new(planning, fraction, &lists, resolution);
         }
         let mut solution = fitter.together(&level, &mut transforms)?;
-        if fitter.drop_unexplained(&mut level, &mut transforms) {
+        if fitter.drop_unexplained(&mut level, &mut transforms, &solution.curvature) {
             solution = fitter.together(&level, &mut transforms)?;
         }
         last = Some(solution);
@@ -215,10 +219,12 @@ impl<'a> Fitter<'a> {
     }
 
     /// Takes the samples from bones that the image does not explain and puts them back to their parent's motion.
-    fn drop_unexplained(&self, level: &mut Level, transforms: &mut [Rigid]) -> bool {
+    fn drop_unexplained(&self, level: &mut Level, transforms: &mut [Rigid], curvature: &DMatrix<f64>) -> bool {
+        let sd = deviations(curvature);
         let mut any = false;
         for (b, e) in self.evaluate(level, transforms).iter().enumerate() {
-            if e.visible > 0.0 && (e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED) {
+            let unexplained = e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED;
+            if e.visible > 0.0 && (unexplained || sd(6 * b + 3) > MOST_SD_MM) {
                 any = true;
                 level.dropped[b] = true;
                 if let Some(parent) = self.skeleton.bones[b].parent {
@@ -320,12 +326,7 @@ impl<'a> Fitter<'a> {
         dropped: &[bool],
         curvature: &DMatrix<f64>,
     ) -> Vec<BoneFit> {
-        let covariance = curvature.clone().cholesky().map(|c| c.inverse());
-        let sd = |at: usize| {
-            let Some(c) = &covariance else { return f64::MAX };
-            let block: Matrix3<f64> = c.fixed_view::<3, 3>(at, at).into_owned();
-            block.symmetric_eigenvalues().max().max(0.0).sqrt()
-        };
+        let sd = deviations(curvature);
         self.skeleton
             .bones
             .iter()
@@ -351,5 +352,16 @@ impl<'a> Fitter<'a> {
                 }
             })
             .collect()
+    }
+}
+
+/// Standard deviation in the worst direction of the three parameters that begin at a position, from the curvature at
+/// the optimum; the largest number where the curvature is singular.
+fn deviations(curvature: &DMatrix<f64>) -> impl Fn(usize) -> f64 {
+    let covariance = curvature.clone().cholesky().map(|c| c.inverse());
+    move |at| {
+        let Some(c) = &covariance else { return f64::MAX };
+        let block: Matrix3<f64> = c.fixed_view::<3, 3>(at, at).into_owned();
+        block.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 }
