@@ -218,7 +218,7 @@ fn spine_shift(level: u8) -> [f64; 3] {
 
 /// Ranges of the joint between a bone and the bone that carries it in a complete body.
 pub fn ranges(kind: Kind) -> Ranges {
-    let both = |r: [f64; 3]| r.map(|v| [-v, v]);
+    let both = |r: [f64; 3]| r.map(|v| [0.0 - v, v]);
     let (rotation_deg, translation_mm, source) = match kind {
         Kind::Spine(SACRUM) => return unlimited(),
         Kind::Spine(level) => {
