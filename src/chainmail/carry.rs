@@ -14,7 +14,7 @@ pub enum Carry {
     #[default]
     Rigid,
     /// Its translation, reduced by the play of each link, and its rotation about the bone's centroid with linear decay
-    /// (thesis 5.3.2, eq. 5.3-5.6 as DESIGN section 2 corrects them).
+    /// (thesis 5.3.2, eq. 5.3-5.6, on displacements so that the bone itself moves exactly).
     LinearDecay,
 }
 

@@ -1,5 +1,5 @@
 //! Continuation of the field beyond the elements: every reader interpolates at the skin, so the field must be smooth
-//! some way out and fade to the identity (DESIGN section 1).
+//! some way out and fade to the identity.
 
 use super::lattice::Lattice;
 use crate::geometry::stencil::NEIGHBOURS_26;

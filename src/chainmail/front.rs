@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LinkTime {
-    /// Length / shear: stiff tissue is slow (thesis eq. in 5.2.2, in units of length: DESIGN 2.2).
+    /// Length / shear: stiff tissue is slow (thesis eq. in 5.2.2, in units of length so that spacing does not matter).
     #[default]
     SlowInStiff,
     /// Length * shear: stiff tissue is fast (the text of thesis 2.4 and Fig. 14).

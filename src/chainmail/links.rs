@@ -38,7 +38,7 @@ fn excess(moved: &Vector3<f64>, axis: usize, directions: &Matrix3<f64>, length: 
     worst
 }
 
-/// Checks every link of the lattice between active elements; two bones have no link (DESIGN section 2.1).
+/// Checks every link of the lattice between active elements; two bones have no link.
 pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[Matrix3<f64>]) -> LinkReport {
     let turns = Relaxation::new(lattice, displacement, bone_turns).rotations(4);
     let size = lattice.grid.size();
