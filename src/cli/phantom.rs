@@ -18,7 +18,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     let options = options(args)?;
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.threads, super::register::progress(false))?;
-    let phantom = runtime.stage("make the phantom", || Phantom::new(&options))?;
+    let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
     runtime.stage("write", || write(&phantom, &args.out))?;
     let out = args.out.display();
     Ok(format!(
@@ -28,6 +28,16 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
         phantom.planning.grid().size(),
         phantom.fraction.grid().size(),
     ))
+}
+
+/// A posture that the phantom refuses is a fault of the file it came from.
+fn named(error: Error, args: &PhantomArgs) -> Error {
+    match (error, &args.pose) {
+        (Error::Input { what, problem, remedy }, Some(path)) if what == "posture" => {
+            Error::Input { what: path.display().to_string(), problem, remedy }
+        }
+        (error, _) => error,
+    }
 }
 
 /// Spacing keeps the default's field of view; the posture comes from a file when one is given.

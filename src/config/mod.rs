@@ -139,7 +139,8 @@ impl ConfigFile {
         let mut value = serde_json::to_value(preset.config()).map_err(|e| Error::Internal(e.to_string()))?;
         overlay(&mut value, &Value::Object(self.settings.clone()));
         value["preset"] = serde_json::to_value(preset).map_err(|e| Error::Internal(e.to_string()))?;
-        let config: Config = serde_json::from_value(value).map_err(|e| bad(e.to_string()))?;
+        let config: Config = serde_path_to_error::deserialize(value)
+            .map_err(|e| bad(format!("{}: {}", e.path(), e.inner())))?;
         config.problem().map_or(Ok(config), |p| Err(bad(p)))
     }
 }
@@ -242,6 +243,8 @@ mod tests {
             ("[chainmail]\nexponent = -1.0", "exponent"),
             ("[output]\ngzip_level = 12", "gzip_level"),
             ("colour = 1", "colour"),
+            ("[fit]\nlevels = \"many\"", "fit.levels"),
+            ("[chainmail]\nexponent = true", "chainmail.exponent"),
         ] {
             let error = resolve(toml).unwrap_err();
             assert!(error.to_string().contains(name), "{error}");

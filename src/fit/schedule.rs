@@ -38,6 +38,10 @@ const WEAK_START: f64 = 0.4;
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
 
+/// A fit that finds less than this share of the bone volume in view is no registration: a bone or two can always be
+/// matched to something.
+const LEAST_FOUND: f64 = 0.3;
+
 /// Both images at one resolution, with each bone's samples.
 struct Level {
     /// Blur (sigma, mm) and samples per bone.
@@ -126,9 +130,15 @@ pub fn fit_pose(
     let before = fitter.evaluate(&level, &vec![common; transforms.len()]);
     let after = fitter.evaluate(&level, &transforms);
     let bones = fitter.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
-    if bones.iter().all(|b| b.determined_by != "image") {
+    let found = found_share(skeleton, &bones);
+    if found < LEAST_FOUND {
         return Err(Error::registration(
-            format!("none of the planning CT's {} bones is found in the fraction CT", bones.len()),
+            format!(
+                "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
+                100.0 * found,
+                bones.iter().filter(|b| b.determined_by == "image").count(),
+                bones.len()
+            ),
             "check that both CTs show the same patient and a common body region, in HU",
         ));
     }
@@ -353,6 +363,16 @@ impl<'a> Fitter<'a> {
             })
             .collect()
     }
+}
+
+/// Share of the bone volume in view that the image determines; 0 when none is in view.
+fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
+    let volume = |only_found: bool| -> f64 {
+        let bones = skeleton.bones.iter().zip(fits).filter(|(_, f)| !only_found || f.determined_by == "image");
+        bones.map(|(b, f)| b.volume_mm3 * f.visible).sum()
+    };
+    let in_view = volume(false);
+    if in_view > 0.0 { volume(true) / in_view } else { 0.0 }
 }
 
 /// Standard deviation in the worst direction of the three parameters that begin at a position, from the curvature at
