@@ -15,7 +15,7 @@ const RANKS: [&[&str]; 10] = [
     &["volume"],
     &["field", "body"],
     &["skeleton", "chainmail", "evaluate"],
-    &["fit", "phantom"],
+    &["fit", "phantom", "comparator"],
     &["config", "io"],
     &["pipeline"],
     &["report"],

@@ -139,8 +139,8 @@ impl ConfigFile {
         let mut value = serde_json::to_value(preset.config()).map_err(|e| Error::Internal(e.to_string()))?;
         overlay(&mut value, &Value::Object(self.settings.clone()));
         value["preset"] = serde_json::to_value(preset).map_err(|e| Error::Internal(e.to_string()))?;
-        let config: Config = serde_path_to_error::deserialize(value)
-            .map_err(|e| bad(format!("{}: {}", e.path(), e.inner())))?;
+        let config: Config =
+            serde_path_to_error::deserialize(value).map_err(|e| bad(format!("{}: {}", e.path(), e.inner())))?;
         config.problem().map_or(Ok(config), |p| Err(bad(p)))
     }
 }

@@ -4,12 +4,14 @@ mod format;
 mod invert;
 mod jacobian;
 mod multiple;
+mod scatter;
 mod warp;
 
 pub use format::FieldFormat;
 pub use invert::{InverseReport, InvertOptions, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};
 pub use multiple::multiple_preimages;
+pub use scatter::{Resampling, ScatterReport, scatter_image};
 pub use warp::{push_point, warp_image, warp_labels, warp_mask};
 
 use crate::volume::{Mask, Volume};

@@ -36,6 +36,45 @@ pub fn squared_distance_within(mask: &Mask, target: bool, limit: f64) -> Volume<
     out
 }
 
+/// The label (not 0) of the nearest labelled voxel centre; 0 everywhere when there is none. Exact up to rounding; of
+/// equally near labels the one that comes first along the last axis, then the second, then the first.
+pub fn nearest_label(labels: &Volume<u16>) -> Volume<u16> {
+    let grid = labels.grid();
+    let mut square = along_i(&labels.map(|&l| l != 0), true);
+    let mut out = labels.clone();
+    let ni = grid.size()[0];
+    out.data_mut().par_chunks_mut(ni).zip(labels.data().par_chunks(ni)).for_each(|(line, set)| nearest_in(line, set));
+    for axis in [1, 2] {
+        let mut planes = planes_of(&mut out, axis);
+        for_each_plane_with(&mut square, axis, &mut planes, |rows, labels| {
+            label_rows(rows, labels, grid.spacing()[axis]);
+        });
+    }
+    out
+}
+
+/// Each voxel takes the nearest label of its own line, of two the one before it.
+fn nearest_in(line: &mut [u16], set: &[u16]) {
+    let mut last: Option<usize> = None;
+    for n in 0..set.len() {
+        if set[n] == 0 {
+            continue;
+        }
+        match last {
+            None => line[..n].fill(set[n]),
+            Some(l) => {
+                let middle = usize::midpoint(l, n) + 1;
+                line[l..middle].fill(set[l]);
+                line[middle..n].fill(set[n]);
+            }
+        }
+        last = Some(n);
+    }
+    if let Some(l) = last {
+        line[l..].fill(set[l]);
+    }
+}
+
 /// All voxels within `radius` mm of the mask.
 pub fn dilate(mask: &Mask, radius: f64) -> Mask {
     let limit = tolerant_square(radius);
@@ -85,13 +124,28 @@ fn along_i(mask: &Mask, target: bool) -> Volume<f32> {
 
 /// Calls `work` with the rows (along the first axis) of every plane that contains the first axis and `axis`.
 fn for_each_plane(volume: &mut Volume<f32>, axis: usize, work: impl Fn(&mut [&mut [f32]]) + Sync) {
+    planes_of(volume, axis).par_iter_mut().for_each(|rows| work(rows));
+}
+
+/// As [`for_each_plane`], with the same planes of a second volume.
+fn for_each_plane_with<T: Send>(
+    volume: &mut Volume<f32>,
+    axis: usize,
+    other: &mut [Vec<&mut [T]>],
+    work: impl Fn(&mut [&mut [f32]], &mut [&mut [T]]) + Sync,
+) {
+    planes_of(volume, axis).par_iter_mut().zip(other).for_each(|(rows, others)| work(rows, others));
+}
+
+/// The rows (along the first axis) of every plane that contains the first axis and `axis`.
+fn planes_of<T>(volume: &mut Volume<T>, axis: usize) -> Vec<Vec<&mut [T]>> {
     let [ni, nj, nk] = volume.grid().size();
-    let mut planes: Vec<Vec<&mut [f32]>> = Vec::new();
+    let mut planes: Vec<Vec<&mut [T]>> = Vec::new();
     planes.resize_with(if axis == 1 { nk } else { nj }, Vec::new);
     for (n, row) in volume.data_mut().chunks_mut(ni).enumerate() {
         planes[if axis == 1 { n / nj } else { n % nj }].push(row);
     }
-    planes.par_iter_mut().for_each(|rows| work(rows));
+    planes
 }
 
 /// Least of own and shifted rows within `reach` rows.
@@ -125,8 +179,22 @@ fn envelope_rows(rows: &mut [&mut [f32]], step: f64) {
             }
         }
         for (b, line) in lines.chunks(n).take(width).enumerate() {
-            hull.minimum(line, step, |q, v| rows[q][first + b] = v);
+            hull.minimum(line, step, |q, v, _| rows[q][first + b] = v);
         }
+    }
+}
+
+/// As [`envelope_rows`]; each voxel also takes the label that its nearest row has there.
+fn label_rows(rows: &mut [&mut [f32]], labels: &mut [&mut [u16]], step: f64) {
+    let n = rows.len();
+    let Some(ni) = rows.first().map(|r| r.len()) else { return };
+    let mut hull = Hull { at: vec![0; n], from: vec![0.0; n] };
+    let (mut line, mut label) = (vec![0.0f32; n], vec![0u16; n]);
+    for i in 0..ni {
+        for q in 0..n {
+            (line[q], label[q]) = (rows[q][i], labels[q][i]);
+        }
+        hull.minimum(&line, step, |q, v, p| (rows[q][i], labels[q][i]) = (v, label[p]));
     }
 }
 
@@ -137,8 +205,8 @@ struct Hull {
 }
 
 impl Hull {
-    /// Calls `set(q, min over p of line[p] + (step (q - p))^2)` for every position `q` of the line.
-    fn minimum(&mut self, line: &[f32], step: f64, mut set: impl FnMut(usize, f32)) {
+    /// Calls `set(q, min over p of line[p] + (step (q - p))^2, p)` for every position `q` of the line.
+    fn minimum(&mut self, line: &[f32], step: f64, mut set: impl FnMut(usize, f32, usize)) {
         let square = step * step;
         let height = |p: usize| f64::from(line[p]) / square + (p * p) as f64;
         let mut count = 0;
@@ -166,7 +234,7 @@ impl Hull {
                 n += 1;
             }
             let p = self.at[n];
-            set(q, (f64::from(line[p]) + (p.abs_diff(q) as f64).powi(2) * square) as f32);
+            set(q, (f64::from(line[p]) + (p.abs_diff(q) as f64).powi(2) * square) as f32, p);
         }
     }
 }
@@ -197,6 +265,24 @@ mod tests {
                 (state >> 33).is_multiple_of(every)
             })
         })
+    }
+
+    #[test]
+    fn the_nearest_label_is_the_nearest_by_brute_force() {
+        let grid = Grid::axis_aligned([9, 8, 7], [1.0, 1.7, 2.9], [0.0; 3]).unwrap();
+        let seeds = [([1, 2, 1], 3u16), ([7, 6, 5], 9), ([8, 0, 3], 4), ([0, 7, 6], 7)];
+        let mut labels = Volume::filled(grid.clone(), 0u16);
+        for (at, l) in seeds {
+            labels.data_mut()[grid.linear(at)] = l;
+        }
+        let out = nearest_label(&labels);
+        for n in 0..grid.len() {
+            let far = |at: [usize; 3]| (grid.centre(at) - grid.centre(grid.voxel(n))).norm();
+            let least = seeds.iter().map(|s| far(s.0)).fold(f64::MAX, f64::min);
+            let own = seeds.iter().find(|s| s.1 == out.data()[n]).unwrap();
+            assert!(far(own.0) < least + 1e-5, "voxel {n}");
+        }
+        assert!(nearest_label(&Volume::filled(grid, 0u16)).data().iter().all(|&l| l == 0));
     }
 
     proptest! {
