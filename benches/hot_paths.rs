@@ -81,7 +81,9 @@ fn fit(c: &mut Criterion) {
     for samples in [1000, 4000, 12_000] {
         let options = FitOptions { levels: vec![(0.8, samples)], ..FitOptions::default() };
         group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
-            b.iter(|| fit_pose(&phantom.skeleton, &phantom.planning, &phantom.bones, &phantom.fraction, o, &Silent));
+            b.iter(|| {
+                fit_pose(&phantom.skeleton, &phantom.planning, &phantom.bones, &phantom.fraction, None, o, &Silent)
+            });
         });
     }
     group.finish();

@@ -40,6 +40,7 @@ fn done() -> &'static (Phantom, Outcome) {
             bones: phantom.bones.clone(),
             fraction: phantom.fraction.clone(),
             landmarks: phantom.landmarks.clone(),
+            bone_landmarks: Vec::new(),
             skeleton: None,
             warnings: Vec::new(),
             inputs: Vec::new(),

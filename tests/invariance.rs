@@ -24,6 +24,7 @@ fn case_of(phantom: &Phantom) -> Case {
         bones: phantom.bones.clone(),
         fraction: phantom.fraction.clone(),
         landmarks: Vec::new(),
+        bone_landmarks: Vec::new(),
         skeleton: None,
         warnings: Vec::new(),
         inputs: Vec::new(),

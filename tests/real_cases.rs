@@ -84,6 +84,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         bones: planning.bones.clone(),
         fraction: read_image(folder.join("fraction_ct.nii.gz")).expect("it was found").value,
         landmarks: read_landmarks(folder.join("landmarks.csv")).unwrap_or_default(),
+        bone_landmarks: Vec::new(),
         skeleton: None,
         warnings: Vec::new(),
         inputs: Vec::new(),

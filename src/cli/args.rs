@@ -27,6 +27,9 @@ pub enum Verb {
     /// Register a planning CT to a fraction CT
     #[command(after_help = REGISTER)]
     Register(Box<RegisterArgs>),
+    /// Move the skeleton by hand: an artificial CT in another posture, with its labels and fields
+    #[command(after_help = POSE)]
+    Pose(Box<PoseArgs>),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(DemoArgs),
     /// Write the phantom as files: planning and fraction CT, bone labels, landmarks, true field
@@ -82,12 +85,91 @@ pub struct RegisterArgs {
     /// Landmarks known in both images (CSV); they only evaluate and never enter the fit
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
+    /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
+    #[arg(long, value_name = "FILE")]
+    pub bone_landmarks: Option<PathBuf>,
+    /// Whether bone landmarks start the fit to the image or replace it
+    #[arg(long, value_enum)]
+    pub bone_landmarks_use: Option<LandmarkUseName>,
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// What bone landmarks do.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum LandmarkUseName {
+    /// They place the skeleton; the image refines it
+    Start,
+    /// They place the skeleton; the image takes no part
+    Replace,
+}
+
+const POSE: &str = "\
+A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and ranges:
+
+  [bones.clavicula_right]
+  shift_mm = [0.0, 0.0, 5.0]        # left, back, up
+
+  [bones.skull]
+  axial_deg = 10.0                  # also flexion_deg, lateral_deg
+
+Writes to OUT what `register` writes, with the artificial CT as planning_on_fraction.nii.gz.
+
+Example:
+  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose pose.toml --out raised";
+
+/// Options of `pose`.
+#[derive(Debug, Args)]
+pub struct PoseArgs {
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on the planning grid
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub bones: Option<PathBuf>,
+    /// How the bones move.
+    #[command(flatten)]
+    pub motion: MotionArgs,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Grow the artificial CT beyond the planning grid by this much on all sides, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = parse_margin)]
+    pub margin: f64,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Landmarks known in both postures (CSV), to evaluate the result
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Settings (TOML), or the report.json of an earlier run to repeat it
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Options of every run.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// How the bones of `pose` move.
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+pub struct MotionArgs {
+    /// Motion of each joint, by bone name (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub pose: Option<PathBuf>,
+    /// Transform of some or all bones: the bone_transforms.json of a run
+    #[arg(long, value_name = "FILE")]
+    pub transforms: Option<PathBuf>,
+    /// Landmarks on bones in both postures, three or more each (CSV with a column `bone`)
+    #[arg(long, value_name = "FILE")]
+    pub bone_landmarks: Option<PathBuf>,
 }
 
 /// Options of every run.
@@ -200,6 +282,12 @@ fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
     } else {
         Err("each spacing must lie between 0.2 and 20 mm".into())
     }
+}
+
+/// A length from 0 to 500 mm.
+fn parse_margin(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if (0.0..=500.0).contains(&value) { Ok(value) } else { Err("give 0 to 500 mm".into()) }
 }
 
 #[cfg(test)]

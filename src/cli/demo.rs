@@ -22,6 +22,7 @@ pub fn run(args: &DemoArgs) -> Result<String> {
         bones: phantom.bones,
         fraction: phantom.fraction,
         landmarks: phantom.landmarks,
+        bone_landmarks: Vec::new(),
         skeleton: None,
         warnings: Vec::new(),
         inputs: Vec::new(),

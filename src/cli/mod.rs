@@ -2,8 +2,10 @@
 
 pub mod args;
 mod demo;
+mod inputs;
 mod inspect;
 mod phantom;
+mod pose;
 mod register;
 mod skeleton;
 pub mod terminal;
@@ -19,6 +21,7 @@ use clap::CommandFactory;
 pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
+        Verb::Pose(args) => pose::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),

@@ -1,17 +1,18 @@
 //! `aventail register`: load, run, write.
 
-use super::args::{FormatName, PresetName, RegisterArgs, RunArgs};
+use super::args::{FormatName, LandmarkUseName, PresetName, RegisterArgs, RunArgs};
+use super::inputs::{Flags, Inputs};
 use super::terminal::Terminal;
-use crate::config::{Config, ConfigFile, Preset, RecordedInput};
+use crate::config::{Config, ConfigFile, Preset};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
-use crate::io::{self, Stored, WriteOptions, checksum::sha256_file};
-use crate::pipeline::{Case, InputFile, Outcome, register};
+use crate::fit::LandmarkUse;
+use crate::io::{self, Stored, WriteOptions};
+use crate::pipeline::{Case, Outcome, register};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, OutputFile, Run};
 use crate::runtime::Runtime;
-use crate::warning::Warning;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Registers the case that the arguments name and writes the results; returns the table (or JSON) for the terminal.
 ///
@@ -19,17 +20,44 @@ use std::path::{Path, PathBuf};
 /// Of every kind; see [`Error`].
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
-    let config = settings(&file, &args.run)?;
-    let paths = Paths::new(args, &file.inputs)?;
+    let mut config = settings(&file, &args.run)?;
+    if let Some(r#use) = args.bone_landmarks_use {
+        config.fit.bone_landmarks = match r#use {
+            LandmarkUseName::Start => LandmarkUse::Start,
+            LandmarkUseName::Replace => LandmarkUse::Replace,
+        };
+    }
+    let flags = Flags {
+        planning: &args.planning,
+        bones: &args.bones,
+        fraction: Some(&args.fraction),
+        labels: &args.labels,
+        skeleton: &args.skeleton,
+        landmarks: &args.landmarks,
+        bone_landmarks: &args.bone_landmarks,
+    };
+    let inputs = Inputs::new(&flags, &file.inputs)?;
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
-    let case = load(&paths, &file.inputs, &runtime)?;
+    let case = inputs.load(&file.inputs, &runtime)?;
     finish(&case, &config, &runtime, &args.out, args.run.json)
 }
 
-/// Runs the pipeline on a case and writes everything into `out`; shared with `demo`.
+/// Registers a case and writes everything into `out`; shared with `demo`.
 pub(super) fn finish(case: &Case, config: &Config, runtime: &Runtime, out: &Path, json: bool) -> Result<String> {
     let outcome = register(case, config, runtime)?;
+    write_run(case, outcome, config, runtime, out, json)
+}
+
+/// Writes an outcome with its report into `out`; shared with `pose`.
+pub(super) fn write_run(
+    case: &Case,
+    outcome: Outcome,
+    config: &Config,
+    runtime: &Runtime,
+    out: &Path,
+    json: bool,
+) -> Result<String> {
     let outputs = runtime.stage("write", || write_outputs(out, &outcome, config))?;
     let run = Run {
         command: std::env::args().collect::<Vec<_>>().join(" "),
@@ -74,88 +102,6 @@ pub(super) fn open_folder(folder: &Path) -> Result<()> {
     let probe = folder.join(".aventail-probe");
     std::fs::write(&probe, []).map_err(refuse)?;
     std::fs::remove_file(&probe).map_err(refuse)
-}
-
-/// Where the inputs lie: from the flags, else from the report that is run again.
-struct Paths {
-    planning: PathBuf,
-    bones: PathBuf,
-    fraction: PathBuf,
-    labels: Option<PathBuf>,
-    skeleton: Option<PathBuf>,
-    landmarks: Option<PathBuf>,
-}
-
-impl Paths {
-    fn new(args: &RegisterArgs, recorded: &[RecordedInput]) -> Result<Self> {
-        let optional = |own: &Option<PathBuf>, role: &str| {
-            own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
-        };
-        let needed = |own: &Option<PathBuf>, role: &str| {
-            optional(own, role).ok_or_else(|| {
-                Error::usage(
-                    format!("no {role} file is given"),
-                    format!("add --{role} FILE; a TOML of settings names no inputs"),
-                )
-            })
-        };
-        Ok(Self {
-            planning: needed(&args.planning, "planning")?,
-            bones: needed(&args.bones, "bones")?,
-            fraction: needed(&args.fraction, "fraction")?,
-            labels: optional(&args.labels, "labels"),
-            skeleton: optional(&args.skeleton, "skeleton"),
-            landmarks: optional(&args.landmarks, "landmarks"),
-        })
-    }
-}
-
-/// Reads the inputs; those that a report recorded are checked against its checksums.
-fn load(paths: &Paths, recorded: &[RecordedInput], runtime: &Runtime) -> Result<Case> {
-    runtime.stage("read", || {
-        let planning = io::read_image(&paths.planning)?;
-        let bones = io::read_labels(&paths.bones, paths.labels.as_deref())?;
-        let fraction = io::read_image(&paths.fraction)?;
-        let landmarks = paths.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
-        let skeleton = match &paths.skeleton {
-            Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
-            None => None,
-        };
-        let mut inputs = vec![
-            InputFile { role: "planning".into(), path: paths.planning.clone(), sha256: planning.sha256 },
-            InputFile { role: "bones".into(), path: paths.bones.clone(), sha256: bones.sha256 },
-            InputFile { role: "fraction".into(), path: paths.fraction.clone(), sha256: fraction.sha256 },
-        ];
-        for (role, path) in [("labels", &paths.labels), ("skeleton", &paths.skeleton), ("landmarks", &paths.landmarks)]
-        {
-            if let Some(path) = path {
-                inputs.push(InputFile { role: role.into(), path: path.clone(), sha256: sha256_file(path)? });
-            }
-        }
-        let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings, fraction.warnings].concat();
-        for input in &inputs {
-            if let Some(r) = recorded.iter().find(|r| r.role == input.role && r.sha256 != input.sha256) {
-                warnings.push(Warning::new(
-                    "input-changed",
-                    format!(
-                        "{} is not the file of the recorded run (SHA-256 {}..., then {}...)",
-                        input.path.display(),
-                        &input.sha256[..12],
-                        r.sha256.get(..12).unwrap_or(&r.sha256)
-                    ),
-                ));
-            }
-        }
-        Ok(Case {
-            planning: planning.value,
-            bones: bones.value,
-            fraction: fraction.value,
-            landmarks,
-            skeleton,
-            warnings,
-            inputs,
-        })
-    })
 }
 
 /// Writes fields, images and masks; returns what was written.

@@ -4,7 +4,7 @@
 use crate::body::BodyOptions;
 use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
-use crate::field::{FieldFormat, InvertOptions};
+use crate::field::{FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -20,12 +20,29 @@ pub struct Config {
     pub body: BodyOptions,
     /// Fitting the skeleton.
     pub fit: FitOptions,
-    /// Carrying bone motion to soft tissue.
+    /// The model of soft tissue.
+    pub soft_tissue: SoftTissue,
+    /// Carrying bone motion to soft tissue by the chain mail.
     pub chainmail: ChainmailOptions,
     /// Inverting the field.
     pub invert: InvertOptions,
+    /// Bringing the planning CT onto the fraction grid.
+    pub resampling: Resampling,
     /// What is written, and how.
     pub output: OutputOptions,
+}
+
+/// What carries bone motion to soft tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SoftTissue {
+    /// The chain mail.
+    #[default]
+    ChainMail,
+    /// For comparison: thin-plate splines through 6 control points per bone (thesis 4.2.3).
+    ThinPlateSplines,
+    /// For comparison: each voxel moves rigidly with its nearest bone.
+    NearestBone,
 }
 
 /// Named starting points.

@@ -1,5 +1,6 @@
 //! Rank 5: the pose of the skeleton that best explains the fraction CT.
 
+pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
 pub use schedule::fit_pose;
 pub use similarity::Measure;
 
@@ -31,9 +32,11 @@ pub struct BoneFit {
     pub limit_excess: f64,
     /// Mean displacement of the bone's points, mm.
     pub motion_mm: f64,
-    /// `image` when the image determined the bone, `joint` when it follows its parent.
+    /// `image` when the image determined the bone, `given` when its motion came with the inputs, `joint` when it follows
+    /// its joints.
     pub determined_by: String,
 }
+mod given;
 mod lie;
 mod prior;
 mod problem;
@@ -54,6 +57,8 @@ pub struct FitOptions {
     pub measure: Measure,
     /// Blur (sigma, mm) of both images for the search of the couch shift.
     pub start_blur_mm: f64,
+    /// What landmarks on bones do, when there are any.
+    pub bone_landmarks: LandmarkUse,
     /// Bone by bone: blur (sigma, mm) and samples per bone of each pass.
     pub outward: Vec<(f64, usize)>,
     /// All bones together: blur (sigma, mm) and samples per bone of each pass.
@@ -69,6 +74,7 @@ impl Default for FitOptions {
         Self {
             measure: Measure::Correlation,
             start_blur_mm: 6.0,
+            bone_landmarks: LandmarkUse::Start,
             outward: vec![(4.0, 3000), (2.0, 4000)],
             levels: vec![(2.0, 4000), (0.8, 12000)],
             tolerance_mm: 1e-3,

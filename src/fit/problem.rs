@@ -49,8 +49,8 @@ pub struct PoseProblem<'a> {
     pub bodies: Vec<Body<'a>>,
     /// What couples it.
     pub links: Vec<Link<'a>>,
-    /// Fraction image at this resolution.
-    pub fraction: &'a Tissue,
+    /// Fraction image at this resolution; none where only the joints speak.
+    pub fraction: Option<&'a Tissue>,
     /// How values are compared.
     pub measure: Measure,
 }
@@ -97,7 +97,10 @@ impl PoseProblem<'_> {
         self.bodies
             .par_iter()
             .zip(transforms)
-            .map(|(b, t)| evaluate(b.samples, self.fraction, t, &(t * b.centre), self.measure, derivatives))
+            .map(|(b, t)| match self.fraction {
+                Some(f) => evaluate(b.samples, f, t, &(t * b.centre), self.measure, derivatives),
+                None => Evaluation::nothing(),
+            })
             .collect()
     }
 

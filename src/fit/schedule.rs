@@ -1,5 +1,6 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
+use super::given::{GivenMotion, given};
 use super::prior::{limit_excess, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::{Samples, candidates, draw};
@@ -86,7 +87,8 @@ struct Fitter<'a> {
 /// Fits the pose of the skeleton to the fraction CT.
 ///
 /// `planning` and `labels` share a grid; HU; the two images may have any offset. Bones outside the fraction's
-/// field of view follow their joints.
+/// field of view follow their joints. `start` (one per bone) takes the place of the search for the couch shift and of the
+/// first guess of each bone: the image then refines it.
 ///
 /// # Errors
 /// [`Error::Registration`] when the images show no common anatomy: no couch shift explains the bones, or no bone is found
@@ -96,6 +98,7 @@ pub fn fit_pose(
     planning: &Volume<f32>,
     labels: &LabelMap,
     fraction: &Volume<f32>,
+    start: Option<&[Option<GivenMotion>]>,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FitResult> {
@@ -104,13 +107,21 @@ pub fn fit_pose(
     progress.step(0, steps, "couch shift");
     let mut level = Level::new(planning, fraction, &lists, (options.start_blur_mm, START_SAMPLES));
     let fitter = Fitter::new(skeleton, options, &level);
-    let (common, share) = common_motion(&level.all, &level.fraction, options.measure)?;
-    let mut transforms = vec![common; skeleton.bones.len()];
+    let (common, share, mut transforms) = match start {
+        Some(known) => {
+            let placed = given(skeleton, known)?;
+            (placed.common, 1.0, placed.transforms)
+        }
+        None => {
+            let (common, share) = common_motion(&level.all, &level.fraction, options.measure)?;
+            (common, share, vec![common; skeleton.bones.len()])
+        }
+    };
     let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
     for (n, &resolution) in options.outward.iter().enumerate() {
         progress.step(1 + n, steps, "bone by bone");
         level = Level::new(planning, fraction, &lists, resolution);
-        fitter.outwards(&level, &mut transforms, &mut stops, n == 0)?;
+        fitter.outwards(&level, &mut transforms, &mut stops, n == 0 && start.is_none())?;
     }
     let mut last = None;
     for (n, &resolution) in options.levels.iter().enumerate() {
@@ -181,7 +192,7 @@ impl<'a> Fitter<'a> {
             radius: self.radii[b],
         };
         let bodies = (0..transforms.len()).map(own).collect();
-        PoseProblem { bodies, links: Vec::new(), fraction: &level.fraction, measure: self.options.measure }
+        PoseProblem { bodies, links: Vec::new(), fraction: Some(&level.fraction), measure: self.options.measure }
             .similarities(transforms, false)
     }
 
@@ -217,7 +228,7 @@ impl<'a> Fitter<'a> {
                     let p = PoseProblem {
                         bodies: vec![self.body(level, b, t)],
                         links: Vec::new(),
-                        fraction: &level.fraction,
+                        fraction: Some(&level.fraction),
                         measure: self.options.measure,
                     };
                     (level.bones[b].volume_mm3 * p.similarities(&[t], false)[0].visible, b, o)
@@ -259,7 +270,7 @@ impl<'a> Fitter<'a> {
         let problem = |base| PoseProblem {
             bodies: vec![self.body(level, bone, base)],
             links: links(),
-            fraction: &level.fraction,
+            fraction: Some(&level.fraction),
             measure: self.options.measure,
         };
         if problem(start).similarities(&[start], false)[0].visible < LEAST_VISIBLE {
@@ -318,7 +329,7 @@ impl<'a> Fitter<'a> {
                     Some(Link { joint: &bone.joint, parent: End::Moving(bone.parent?), child: End::Moving(b) })
                 })
                 .collect(),
-            fraction: &level.fraction,
+            fraction: Some(&level.fraction),
             measure: self.options.measure,
         };
         let solution = solve(make(), self.options.tolerance_mm, self.options.max_iterations)?;

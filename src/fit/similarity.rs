@@ -54,6 +54,13 @@ pub struct Evaluation {
     pub visible: f64,
 }
 
+impl Evaluation {
+    /// Of a bone of which nothing is seen.
+    pub fn nothing() -> Self {
+        Self { cost: 0.0, gradient: Vector6::zeros(), curvature: Matrix6::zeros(), explained: 0.0, visible: 0.0 }
+    }
+}
+
 /// Sums over a chunk of samples. `J` is the derivative of `f`, `K` of `w`.
 #[derive(Clone)]
 struct Sums {
@@ -187,13 +194,7 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) ->
     let count = n.max(1) as f64;
     let weight = independent / count;
     if s.w <= 0.0 {
-        return Evaluation {
-            cost: 0.0,
-            gradient: Vector6::zeros(),
-            curvature: Matrix6::zeros(),
-            explained: 0.0,
-            visible: 0.0,
-        };
+        return Evaluation::nothing();
     }
     let least = LEAST_SHARE * total / count;
     let rss = square(s.ff, s.fa, s.aa, s.f, s.a, s.w).max(0.0) + least * s.w;

@@ -120,7 +120,7 @@ pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> 
             let problem = || PoseProblem {
                 bodies: vec![Body { samples, base, centre, radius }],
                 links: Vec::new(),
-                fraction,
+                fraction: Some(fraction),
                 measure,
             };
             let solution = solve(problem(), 0.05, 40)?;

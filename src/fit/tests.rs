@@ -95,7 +95,7 @@ proptest! {
                 Link { joint: &j, parent: End::Held(start), child: End::Moving(1) },
                 Link { joint: &j, parent: End::Moving(1), child: End::Held(start) },
             ],
-            fraction: &image,
+            fraction: Some(&image),
             measure,
         };
         let x = DVector::from_vec(values) * scale;
@@ -112,7 +112,7 @@ proptest! {
         let problem = PoseProblem {
             bodies: vec![make(Rigid::identity()), make(about(&Point3::origin(), Vector3::new(0.1, 0.2, -0.1), Vector3::zeros()))],
             links: vec![Link { joint: &j, parent: End::Moving(0), child: End::Moving(1) }],
-            fraction: &image,
+            fraction: Some(&image),
             measure: Measure::Correlation,
         };
         let (error, size) = gradient_error(&problem, &DVector::from_vec(values));
@@ -128,7 +128,7 @@ fn a_known_motion_is_recovered_under_gain_and_offset() {
     let problem = || PoseProblem {
         bodies: vec![body(&samples, Rigid::identity())],
         links: Vec::new(),
-        fraction: &image,
+        fraction: Some(&image),
         measure: Measure::Correlation,
     };
     let solution = solve(problem(), 1e-4, 100).unwrap();
@@ -151,7 +151,7 @@ fn leaving_the_field_of_view_never_pays() {
         let p = PoseProblem {
             bodies: vec![body(&samples, t)],
             links: Vec::new(),
-            fraction: &image,
+            fraction: Some(&image),
             measure: Measure::Correlation,
         };
         let e = &p.similarities(&[t], false)[0];
@@ -176,7 +176,7 @@ fn a_bone_without_image_follows_its_joint() {
     let problem = || PoseProblem {
         bodies: vec![body(&seen, Rigid::identity()), body(&hidden, Rigid::identity())],
         links: vec![Link { joint: &j, parent: End::Moving(0), child: End::Moving(1) }],
-        fraction: &image,
+        fraction: Some(&image),
         measure: Measure::Correlation,
     };
     let t = problem().transforms(&solve(problem(), 1e-4, 100).unwrap().x);

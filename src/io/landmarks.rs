@@ -1,8 +1,9 @@
-//! Landmarks known in both images, from CSV.
+//! Landmarks known in both images, from CSV; those on bones name their bone too.
 
 use super::checksum::read_bytes;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::fit::BoneLandmark;
 use csv::{ReaderBuilder, StringRecord, Trim};
 use nalgebra::Point3;
 use std::path::Path;
@@ -18,19 +19,46 @@ const COLUMNS: [&str; 7] = ["name", "planning_x", "planning_y", "planning_z", "f
 /// [`Error::Read`] when the file cannot be read or is not CSV text; [`Error::Input`], naming the line, when a column is
 /// missing or a value is no finite number, or when there is no landmark.
 pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Vec<Landmark>> {
-    let path = path.as_ref();
+    Ok(read(path.as_ref(), false)?.into_iter().map(|(_, landmark)| landmark).collect())
+}
+
+/// Reads landmarks on bones: as [`read_landmarks`], with a further column `bone`.
+///
+/// # Errors
+/// As [`read_landmarks`]; a landmark without a bone is refused too.
+pub fn read_bone_landmarks(path: impl AsRef<Path>) -> Result<Vec<BoneLandmark>> {
+    let on_bone =
+        |(bone, l): (String, Landmark)| BoneLandmark { bone, name: l.name, planning: l.planning, fraction: l.fraction };
+    Ok(read(path.as_ref(), true)?.into_iter().map(on_bone).collect())
+}
+
+/// Each landmark with what its column `bone` says (empty unless `on_bones`).
+fn read(path: &Path, on_bones: bool) -> Result<Vec<(String, Landmark)>> {
     let bytes = read_bytes(path)?;
     let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(&bytes[..]);
     let unreadable = |e: csv::Error| {
         Error::read(path, format!("it is no CSV text ({e})"), "export it as comma-separated UTF-8 text")
     };
-    let columns = columns(path, reader.headers().map_err(unreadable)?)?;
+    let header = reader.headers().map_err(unreadable)?;
+    let columns = COLUMNS.map(|name| column(path, header, name));
+    let bone = on_bones.then(|| column(path, header, "bone")).transpose()?;
+    let columns: Vec<usize> = columns.into_iter().collect::<Result<_>>()?;
     let mut landmarks = Vec::new();
     for record in reader.records() {
         let record = record.map_err(unreadable)?;
-        if !record.iter().all(str::is_empty) {
-            landmarks.push(landmark(path, &columns, &record, line(&bytes, &record))?);
+        if record.iter().all(str::is_empty) {
+            continue;
         }
+        let line = line(&bytes, &record);
+        let bone = bone.map_or("", |b| record.get(b).unwrap_or_default());
+        if on_bones && bone.is_empty() {
+            return Err(Error::input(
+                path.display().to_string(),
+                format!("line {line}: the landmark names no bone"),
+                "write the bone's name into the column bone, for example vertebrae_C5",
+            ));
+        }
+        landmarks.push((bone.to_owned(), landmark(path, &columns, &record, line)?));
     }
     if landmarks.is_empty() {
         return Err(Error::input(
@@ -42,20 +70,16 @@ pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Vec<Landmark>> {
     Ok(landmarks)
 }
 
-/// Position of each of [`COLUMNS`].
-fn columns(path: &Path, header: &StringRecord) -> Result<[usize; 7]> {
-    let mut found = [0; 7];
-    for (to, name) in found.iter_mut().zip(COLUMNS) {
-        *to = header.iter().position(|h| h.eq_ignore_ascii_case(name)).ok_or_else(|| {
-            let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
-            Error::input(
-                path.display().to_string(),
-                problem,
-                format!("start the file with the line {}", COLUMNS.join(",")),
-            )
-        })?;
-    }
-    Ok(found)
+/// Position of a column.
+fn column(path: &Path, header: &StringRecord, name: &str) -> Result<usize> {
+    header.iter().position(|h| h.trim_start_matches('\u{feff}').eq_ignore_ascii_case(name)).ok_or_else(|| {
+        let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
+        Error::input(
+            path.display().to_string(),
+            problem,
+            format!("start the file with the line {}{}", if name == "bone" { "bone," } else { "" }, COLUMNS.join(",")),
+        )
+    })
 }
 
 /// Line of a record. Its position is that of the blank lines before it.
@@ -66,7 +90,7 @@ fn line(bytes: &[u8], record: &StringRecord) -> u64 {
     })
 }
 
-fn landmark(path: &Path, columns: &[usize; 7], record: &StringRecord, line: u64) -> Result<Landmark> {
+fn landmark(path: &Path, columns: &[usize], record: &StringRecord, line: u64) -> Result<Landmark> {
     let refuse = |problem: String| {
         Error::input(
             path.display().to_string(),
@@ -111,6 +135,22 @@ mod tests {
         assert_eq!(marks[0].planning, Point3::new(1.0, 2.0, -3.5));
         assert_eq!(marks[0].fraction, Point3::new(4.0, 5.0, 6.0));
         assert_eq!(marks[1].fraction, Point3::new(7.0, 8.0, 9.0));
+    }
+
+    #[test]
+    fn landmarks_on_bones_name_their_bone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("marks.csv");
+        let head = "bone,name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z\n";
+        let read = |rows: &str| {
+            std::fs::write(&path, format!("{head}{rows}")).unwrap();
+            read_bone_landmarks(&path)
+        };
+        let marks = read("skull,nasion,1,2,3,4,5,6\n").unwrap();
+        assert_eq!((marks[0].bone.as_str(), marks[0].fraction), ("skull", Point3::new(4.0, 5.0, 6.0)));
+        assert!(read(",nasion,1,2,3,4,5,6\n").unwrap_err().to_string().contains("line 2: the landmark names no bone"));
+        std::fs::write(&path, "name,planning_x\n").unwrap();
+        assert!(read_bone_landmarks(&path).unwrap_err().to_string().contains("no column"));
     }
 
     #[test]

@@ -20,6 +20,7 @@ mod nrrd;
 pub mod pose;
 mod raster;
 pub mod skeleton;
+mod transforms;
 mod values;
 mod voxels;
 
@@ -30,8 +31,9 @@ pub use atomic::write_file;
 pub use field::{read_field, write_field, write_pull, write_push};
 pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
 pub use labels::{read_labels, write_labels};
-pub use landmarks::read_landmarks;
+pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
+pub use transforms::read_bone_transforms;
 
 use crate::warning::Warning;
 use std::path::PathBuf;

@@ -1,6 +1,7 @@
 //! The loaded inputs of a registration.
 
 use crate::evaluate::landmark::Landmark;
+use crate::fit::BoneLandmark;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -29,6 +30,8 @@ pub struct Case {
     pub fraction: Volume<f32>,
     /// Evaluation landmarks; they never enter the fit.
     pub landmarks: Vec<Landmark>,
+    /// Landmarks on bones, which place the skeleton; see [`crate::fit::LandmarkUse`].
+    pub bone_landmarks: Vec<BoneLandmark>,
     /// Skeleton given by the user instead of the built one.
     pub skeleton: Option<Skeleton>,
     /// What reading the files found.

@@ -1,9 +1,12 @@
 //! Rank 7: from a case and a configuration to an outcome.
 
+mod carry;
 mod case;
 mod outcome;
+mod pose;
 mod register;
 
 pub use case::{Case, InputFile};
 pub use outcome::Outcome;
+pub use pose::{BoneMotion, pose};
 pub use register::register;

@@ -1,82 +1,57 @@
 //! The registration: one call per stage.
 
+use super::carry::carry_out;
 use super::{Case, Outcome};
 use crate::body;
-use crate::chainmail::{Initiators, Propagation, Tissue, check_links, propagate};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::evaluate;
-use crate::field::{self, PushField};
-use crate::fit::{FitResult, fit_pose};
+use crate::fit::{FitResult, LandmarkUse, fit_pose, from_landmarks, given};
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
-use crate::volume::Mask;
+use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
-use nalgebra::Point3;
-
-/// HU of what lies outside the planning scan when it is shown on the fraction grid.
-const OUTSIDE_HU: f32 = -1000.0;
 
 /// Registers a case.
 ///
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    check(case)?;
+    check_labels(case)?;
+    check_image("planning CT", &case.planning)?;
+    check_image("fraction CT", &case.fraction)?;
+    let (mut warnings, skeleton, body) = prepare(case, config, runtime)?;
+    let placed = match case.bone_landmarks.as_slice() {
+        [] => None,
+        landmarks => Some(from_landmarks(&skeleton, landmarks)?),
+    };
+    let fit = runtime.stage("fit skeleton", || match &placed {
+        Some(known) if config.fit.bone_landmarks == LandmarkUse::Replace => given(&skeleton, known),
+        start => fit_pose(
+            &skeleton,
+            &case.planning,
+            &case.bones,
+            &case.fraction,
+            start.as_deref(),
+            &config.fit,
+            runtime.progress(),
+        ),
+    })?;
+    warnings.extend(fit.warnings.iter().cloned());
+    warnings.extend(fit_warnings(&fit));
+    carry_out(case, case.fraction.grid(), (skeleton, body, fit), warnings, config, runtime)
+}
+
+/// What every way to move the bones begins with: the skeleton and the patient.
+pub(super) fn prepare(case: &Case, config: &Config, runtime: &Runtime) -> Result<(Vec<Warning>, Skeleton, Mask)> {
     let mut warnings = case.warnings.clone();
     let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case))?;
     warnings.extend(built);
     let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
-    let fit = runtime.stage("fit skeleton", || {
-        fit_pose(&skeleton, &case.planning, &case.bones, &case.fraction, &config.fit, runtime.progress())
-    })?;
-    warnings.extend(fit.warnings.iter().cloned());
-    warnings.extend(fit_warnings(&fit));
-    let propagation =
-        runtime.stage("propagate to soft tissue", || carry(case, &skeleton, &body, &fit, config, runtime))?;
-    let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
-    let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
-    let push = propagation.push;
-    let (pull, mut inverse) = runtime.stage("invert", || field::invert(&push, case.fraction.grid(), &config.invert))?;
-    let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
-        Ok::<_, Error>((field::warp_image(&pull, &case.planning, OUTSIDE_HU)?, field::warp_labels(&pull, &case.bones)?))
-    })?;
-    let middle = case.planning.grid().middle();
-    let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
-    let (jacobian, jacobian_report, rigidity, landmarks, multiple) = runtime.stage("evaluate", || {
-        let map = field::jacobian(&push);
-        let tissue = evaluate::jacobian::tissue(&body, &case.planning);
-        let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid);
-        let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
-        let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
-        let multiple = field::multiple_preimages(&push, &map, case.fraction.grid());
-        (map, report, rigidity, landmarks, multiple)
-    });
-    inverse.multiple = multiple.count();
-    warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
-    Ok(Outcome {
-        skeleton,
-        pose: fit.pose,
-        couch_shift: fit.common * middle - middle,
-        bone_fits: fit.bones,
-        body,
-        push,
-        pull,
-        planning_on_fraction,
-        bones_on_fraction,
-        jacobian,
-        jacobian_report,
-        rigidity,
-        links,
-        inverse,
-        landmarks,
-        warnings,
-        stages: runtime.times(),
-    })
+    Ok((warnings, skeleton, body))
 }
 
-/// What must hold between the inputs.
-fn check(case: &Case) -> Result<()> {
+/// The labels lie on the planning grid.
+pub(super) fn check_labels(case: &Case) -> Result<()> {
     let (ct, bones) = (case.planning.grid(), case.bones.volume.grid());
     let tolerance = 0.1 * ct.spacing().into_iter().fold(f64::MAX, f64::min);
     if !ct.matches(bones, tolerance) {
@@ -94,23 +69,21 @@ fn check(case: &Case) -> Result<()> {
             "give the labels of this planning CT, or resample them onto its grid with nearest-neighbour interpolation",
         ));
     }
-    for (what, image) in [("planning CT", &case.planning), ("fraction CT", &case.fraction)] {
-        let thin = image.grid().size().iter().any(|&n| n < 4);
-        if thin {
-            return Err(Error::input(
-                what,
-                format!("its size is {:?} voxels", image.grid().size()),
-                "a volume of at least 4 voxels along every axis is needed",
-            ));
-        }
-        let first = image.data()[0];
-        if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
-            return Err(Error::input(
-                what,
-                format!("every voxel is {first}"),
-                "give a CT that shows the patient, in HU",
-            ));
-        }
+    Ok(())
+}
+
+/// An image that can show a patient.
+pub(super) fn check_image(what: &str, image: &Volume<f32>) -> Result<()> {
+    if image.grid().size().iter().any(|&n| n < 4) {
+        return Err(Error::input(
+            what,
+            format!("its size is {:?} voxels", image.grid().size()),
+            "a volume of at least 4 voxels along every axis is needed",
+        ));
+    }
+    let first = image.data()[0];
+    if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
+        return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
     }
     Ok(())
 }
@@ -129,37 +102,8 @@ fn skeleton_of(case: &Case) -> Result<(Skeleton, Vec<Warning>)> {
     Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }
 
-/// Carries the fitted motion to every voxel.
-fn carry(
-    case: &Case,
-    skeleton: &Skeleton,
-    body: &Mask,
-    fit: &FitResult,
-    config: &Config,
-    runtime: &Runtime,
-) -> Result<Propagation> {
-    let mut bone_of_label = vec![None; usize::from(u16::MAX) + 1];
-    for (b, bone) in skeleton.bones.iter().enumerate() {
-        bone_of_label[usize::from(bone.label)] = Some(b as u16);
-    }
-    let tissue = Tissue {
-        ct: &case.planning,
-        body,
-        labels: &case.bones,
-        bone_of_label: &bone_of_label,
-        least_hu: config.chainmail.least_hu,
-    };
-    let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
-    propagate(
-        &tissue,
-        &Initiators { transforms: &fit.transforms, centroids: &centroids },
-        &config.chainmail,
-        runtime.progress(),
-    )
-}
-
 /// Bones that the user should look at.
-fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
+pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
         if bone.determined_by == "joint" && bone.visible > 0.3 {
@@ -180,46 +124,6 @@ fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
             "fit-iterations",
             format!("the fit of {} bones stopped at its iteration limit", same.len()),
         ));
-    }
-    out
-}
-
-/// Findings about the field.
-fn field_warnings(
-    push: &PushField,
-    jacobian: &evaluate::jacobian::JacobianReport,
-    inverse: &field::InverseReport,
-) -> Vec<Warning> {
-    let mut out = Vec::new();
-    if jacobian.body.folded > 0 {
-        out.push(Warning::new(
-            "folded",
-            format!(
-                "{} of {} tissue cells outside bone contact are folded; see the Jacobian map",
-                jacobian.body.folded, jacobian.body.cells
-            ),
-        ));
-    }
-    if jacobian.contact.folded > 0 {
-        out.push(Warning::new(
-            "bones-meet",
-            format!(
-                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
-                jacobian.contact.folded, jacobian.contact.cells
-            ),
-        ));
-    }
-    if inverse.unconverged_tissue > 0 {
-        out.push(Warning::new(
-            "inverse",
-            format!(
-                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm)",
-                inverse.unconverged_tissue, inverse.unconverged_max_mm
-            ),
-        ));
-    }
-    if push.computed.count() == 0 {
-        out.push(Warning::new("no-tissue", "the planning CT shows no tissue above the least HU inside the patient"));
     }
     out
 }

@@ -134,8 +134,16 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         path: format!("case/{role}.nii.gz").into(),
         sha256: "0123456789abcdef".repeat(4),
     });
-    let case =
-        Case { planning, bones, fraction, landmarks, skeleton: None, warnings: Vec::new(), inputs: inputs.into() };
+    let case = Case {
+        planning,
+        bones,
+        fraction,
+        landmarks,
+        bone_landmarks: Vec::new(),
+        skeleton: None,
+        warnings: Vec::new(),
+        inputs: inputs.into(),
+    };
     let outputs = vec![OutputFile {
         name: "planning_to_fraction.nii.gz".into(),
         what: "push field on the planning grid, LPS mm".into(),

@@ -1,0 +1,128 @@
+//! Input files of a run: from the flags, else from the report that is run again.
+
+use crate::config::RecordedInput;
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::io::{self, Loaded, checksum::sha256_file};
+use crate::pipeline::{Case, InputFile};
+use crate::runtime::Runtime;
+use crate::volume::Volume;
+use crate::warning::Warning;
+use std::path::{Path, PathBuf};
+
+/// Where the inputs lie.
+pub(super) struct Inputs {
+    planning: PathBuf,
+    bones: PathBuf,
+    fraction: Option<PathBuf>,
+    labels: Option<PathBuf>,
+    skeleton: Option<PathBuf>,
+    landmarks: Option<PathBuf>,
+    bone_landmarks: Option<PathBuf>,
+}
+
+/// The flags that name inputs; a role without a flag is `None`.
+pub(super) struct Flags<'a> {
+    pub planning: &'a Option<PathBuf>,
+    pub bones: &'a Option<PathBuf>,
+    /// `None` for verbs that have no fraction CT.
+    pub fraction: Option<&'a Option<PathBuf>>,
+    pub labels: &'a Option<PathBuf>,
+    pub skeleton: &'a Option<PathBuf>,
+    pub landmarks: &'a Option<PathBuf>,
+    pub bone_landmarks: &'a Option<PathBuf>,
+}
+
+/// The flag's file, else the recorded one of the same role.
+pub(super) fn either(own: &Option<PathBuf>, role: &str, recorded: &[RecordedInput]) -> Option<PathBuf> {
+    own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
+}
+
+impl Inputs {
+    pub(super) fn new(flags: &Flags<'_>, recorded: &[RecordedInput]) -> Result<Self> {
+        let needed = |own: &Option<PathBuf>, role: &str| {
+            either(own, role, recorded).ok_or_else(|| {
+                Error::usage(
+                    format!("no {role} file is given"),
+                    format!("add --{role} FILE; a TOML of settings names no inputs"),
+                )
+            })
+        };
+        Ok(Self {
+            planning: needed(flags.planning, "planning")?,
+            bones: needed(flags.bones, "bones")?,
+            fraction: flags.fraction.map(|f| needed(f, "fraction")).transpose()?,
+            labels: either(flags.labels, "labels", recorded),
+            skeleton: either(flags.skeleton, "skeleton", recorded),
+            landmarks: either(flags.landmarks, "landmarks", recorded),
+            bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
+        })
+    }
+
+    /// Reads the files; those that a report recorded are checked against its checksums. Without a fraction CT the case
+    /// has an empty image in its place.
+    pub(super) fn load(&self, recorded: &[RecordedInput], runtime: &Runtime) -> Result<Case> {
+        runtime.stage("read", || {
+            let planning = io::read_image(&self.planning)?;
+            let bones = io::read_labels(&self.bones, self.labels.as_deref())?;
+            let fraction = self.fraction.as_deref().map(io::read_image).transpose()?;
+            let landmarks = self.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
+            let bone_landmarks =
+                self.bone_landmarks.as_deref().map(io::read_bone_landmarks).transpose()?.unwrap_or_default();
+            let skeleton = match &self.skeleton {
+                Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
+                None => None,
+            };
+            let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
+            inputs.extend(fraction.as_ref().map(|f| read("fraction", f)));
+            for (role, path) in [
+                ("labels", &self.labels),
+                ("skeleton", &self.skeleton),
+                ("landmarks", &self.landmarks),
+                ("bone-landmarks", &self.bone_landmarks),
+            ] {
+                inputs.extend(path.as_deref().map(|p| named(role, p)).transpose()?);
+            }
+            let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings].concat();
+            warnings.extend(fraction.iter().flat_map(|f| f.warnings.iter().cloned()));
+            warnings.extend(changed(&inputs, recorded));
+            let nothing = Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0);
+            Ok(Case {
+                planning: planning.value,
+                bones: bones.value,
+                fraction: fraction.map_or(nothing, |f| f.value),
+                landmarks,
+                bone_landmarks,
+                skeleton,
+                warnings,
+                inputs,
+            })
+        })
+    }
+}
+
+fn read<T>(role: &str, file: &Loaded<T>) -> InputFile {
+    InputFile { role: role.into(), path: file.path.clone(), sha256: file.sha256.clone() }
+}
+
+/// A further input with its checksum.
+pub(super) fn named(role: &str, path: &Path) -> Result<InputFile> {
+    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)? })
+}
+
+/// A warning for each file that is no longer what it was when the report was made.
+pub(super) fn changed(inputs: &[InputFile], recorded: &[RecordedInput]) -> Vec<Warning> {
+    let was = |i: &InputFile| recorded.iter().find(|r| r.role == i.role && r.sha256 != i.sha256);
+    let warn = |(input, then): (&InputFile, &RecordedInput)| {
+        Warning::new(
+            "input-changed",
+            format!(
+                "{} is not the file of the recorded run (SHA-256 {}..., then {}...)",
+                input.path.display(),
+                &input.sha256[..12],
+                then.sha256.get(..12).unwrap_or(&then.sha256)
+            ),
+        )
+    };
+    inputs.iter().filter_map(|i| Some((i, was(i)?))).map(warn).collect()
+}

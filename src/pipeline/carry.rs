@@ -1,0 +1,158 @@
+//! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
+
+use super::{Case, Outcome};
+use crate::chainmail::{Initiators, Lattice, Propagation, Tissue, check_links, propagate};
+use crate::comparator::{nearest_bone, thin_plate};
+use crate::config::{Config, SoftTissue};
+use crate::error::{Error, Result};
+use crate::evaluate;
+use crate::field::{self, PushField, Resampling};
+use crate::fit::FitResult;
+use crate::geometry::{Grid, Rigid};
+use crate::runtime::Runtime;
+use crate::skeleton::Skeleton;
+use crate::volume::{Mask, trilinear_vector};
+use crate::warning::Warning;
+use nalgebra::Point3;
+
+/// HU of what lies outside the planning scan when it is shown on the fraction grid.
+pub(super) const OUTSIDE_HU: f32 = -1000.0;
+
+/// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`.
+pub(super) fn carry_out(
+    case: &Case,
+    target: &Grid,
+    (skeleton, body, fit): (Skeleton, Mask, FitResult),
+    mut warnings: Vec<Warning>,
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<Outcome> {
+    let propagation = runtime
+        .stage("propagate to soft tissue", || soft_tissue(case, &skeleton, &body, &fit.transforms, config, runtime))?;
+    let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
+    let push = propagation.push;
+    let (pull, mut inverse) = runtime.stage("invert", || field::invert(&push, target, &config.invert))?;
+    let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
+        let image = match config.resampling {
+            Resampling::PullBack => field::warp_image(&pull, &case.planning, OUTSIDE_HU)?,
+            Resampling::FiveTetrahedra => field::scatter_image(&push, &case.planning, target, OUTSIDE_HU)?.0,
+        };
+        Ok::<_, Error>((image, field::warp_labels(&pull, &case.bones)?))
+    })?;
+    let middle = case.planning.grid().middle();
+    let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+    let (jacobian, jacobian_report, rigidity, landmarks, multiple) = runtime.stage("evaluate", || {
+        let map = field::jacobian(&push);
+        let tissue = evaluate::jacobian::tissue(&body, &case.planning);
+        let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid);
+        let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
+        let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
+        let multiple = field::multiple_preimages(&push, &map, target);
+        (map, report, rigidity, landmarks, multiple)
+    });
+    inverse.multiple = multiple.count();
+    warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
+    Ok(Outcome {
+        skeleton,
+        pose: fit.pose,
+        couch_shift: fit.common * middle - middle,
+        bone_fits: fit.bones,
+        body,
+        push,
+        pull,
+        planning_on_fraction,
+        bones_on_fraction,
+        jacobian,
+        jacobian_report,
+        rigidity,
+        links,
+        inverse,
+        landmarks,
+        warnings,
+        stages: runtime.times(),
+    })
+}
+
+/// Position in the skeleton of each possible label.
+pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
+    let mut out = vec![None; usize::from(u16::MAX) + 1];
+    for (b, bone) in skeleton.bones.iter().enumerate() {
+        out[usize::from(bone.label)] = Some(b as u16);
+    }
+    out
+}
+
+/// Carries the bones' motion to every voxel by the model that the settings name.
+pub(super) fn soft_tissue(
+    case: &Case,
+    skeleton: &Skeleton,
+    body: &Mask,
+    transforms: &[Rigid],
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<Propagation> {
+    let bone_of_label = bone_of_label(skeleton);
+    let tissue = Tissue {
+        ct: &case.planning,
+        body,
+        labels: &case.bones,
+        bone_of_label: &bone_of_label,
+        least_hu: config.chainmail.least_hu,
+    };
+    let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
+    let bones = Initiators { transforms, centroids: &centroids };
+    let push = match config.soft_tissue {
+        SoftTissue::ChainMail => return propagate(&tissue, &bones, &config.chainmail, runtime.progress()),
+        SoftTissue::ThinPlateSplines => thin_plate(&tissue, &bones)?,
+        SoftTissue::NearestBone => nearest_bone(&tissue, &bones)?,
+    };
+    // The chain mail that such a field would stretch, so that its links can be judged alike.
+    let lattice = Lattice::new(&tissue, &config.chainmail.material, config.chainmail.spacing_mm);
+    let at = |n: usize| {
+        let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&lattice.rest(n)));
+        u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
+    };
+    let displacement = (0..lattice.node.len()).map(at).collect();
+    Ok(Propagation { push, lattice, displacement })
+}
+
+/// Findings about the field.
+fn field_warnings(
+    push: &PushField,
+    jacobian: &evaluate::jacobian::JacobianReport,
+    inverse: &field::InverseReport,
+) -> Vec<Warning> {
+    let mut out = Vec::new();
+    if jacobian.body.folded > 0 {
+        out.push(Warning::new(
+            "folded",
+            format!(
+                "{} of {} tissue cells outside bone contact are folded; see the Jacobian map",
+                jacobian.body.folded, jacobian.body.cells
+            ),
+        ));
+    }
+    if jacobian.contact.folded > 0 {
+        out.push(Warning::new(
+            "bones-meet",
+            format!(
+                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
+                jacobian.contact.folded, jacobian.contact.cells
+            ),
+        ));
+    }
+    if inverse.unconverged_tissue > 0 {
+        out.push(Warning::new(
+            "inverse",
+            format!(
+                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm)",
+                inverse.unconverged_tissue, inverse.unconverged_max_mm
+            ),
+        ));
+    }
+    if push.computed.count() == 0 {
+        out.push(Warning::new("no-tissue", "the planning CT shows no tissue above the least HU inside the patient"));
+    }
+    out
+}
