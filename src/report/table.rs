@@ -60,12 +60,15 @@ pub fn terminal_table(report: &Report) -> String {
 }
 
 fn bones(report: &Report) -> String {
-    let by_image = report.bones_by_image();
-    let follow = report.bones.len() - by_image;
-    let fitted = report.bones.iter().filter(|b| b.determined_by == "image");
-    let most = fitted.max_by(|a, b| a.motion_mm.total_cmp(&b.motion_mm));
+    let by = |way: &str| report.bones.iter().filter(|b| b.determined_by == way).count();
+    let most = report.bones.iter().filter(|b| b.determined_by != "joint");
+    let most = most.max_by(|a, b| a.motion_mm.total_cmp(&b.motion_mm));
     let most = most.map_or(String::new(), |b| format!("; {} moves most, {:.1} mm", b.name, b.motion_mm));
-    format!("{by_image} found in the image, {follow} follow their joints{most}")
+    let given = match by("given") {
+        0 => format!("{} found in the image", by("image")),
+        n => format!("{n} given"),
+    };
+    format!("{given}, {} follow their joints{most}", by("joint"))
 }
 
 #[cfg(test)]

@@ -5,6 +5,14 @@ use crate::geometry::Grid;
 use maud::{Markup, html};
 use std::path::Path;
 
+/// Whether the posture was made and no fraction CT was registered.
+fn posed(report: &Report) -> bool {
+    input(report, "fraction").is_none() && report.bones.iter().any(|b| b.determined_by == "given")
+}
+
+/// What stands in the fraction's place where the posture was made.
+const ARTIFICIAL: &str = "artificial posture";
+
 /// File name of an input by its role.
 fn input<'a>(report: &'a Report, role: &str) -> Option<&'a Path> {
     report.inputs.iter().find(|i| i.role == role).map(|i| i.path.as_path())
@@ -15,11 +23,13 @@ pub(super) fn title(report: &Report) -> String {
     let name = |role: &str| {
         input(report, role).and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())
     };
-    format!("{} \u{2192} {}", name("planning"), name("fraction"))
+    let fraction = if posed(report) { ARTIFICIAL.to_owned() } else { name("fraction") };
+    format!("{} \u{2192} {fraction}", name("planning"))
 }
 
 pub(super) fn header(report: &Report, title: &str) -> Markup {
     let path = |role: &str| input(report, role).map_or(String::new(), |p| p.display().to_string());
+    let fraction = if posed(report) { ARTIFICIAL.to_owned() } else { path("fraction") };
     // Adding 0 turns the minus of a zero away.
     let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
     html! {
@@ -28,7 +38,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             h1 { (title) }
             dl.case {
                 div { dt.planning { "Planning" } dd { (path("planning")) br; span.note { (grid(&report.planning_grid)) } } }
-                div { dt.fraction { "Fraction" } dd { (path("fraction")) br; span.note { (grid(&report.fraction_grid)) } } }
+                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) } } }
                 div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }
@@ -53,6 +63,7 @@ pub(super) fn cards(report: &Report) -> Markup {
     let j = &report.jacobian;
     let folded = format!("of {} cells; another {} in bone contact", count(j.body.cells), count(j.contact.folded));
     let inverse = &report.inverse;
+    let given = report.bones.iter().filter(|b| b.determined_by == "given").count();
     let visible = report.bones.iter().filter(|b| b.visible > 0.0).count();
     html! {
         div.cards {
@@ -61,7 +72,11 @@ pub(super) fn cards(report: &Report) -> Markup {
             } @else {
                 (card("Landmarks", html! { "none" }, "no landmarks were given"))
             }
-            (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; the others follow their joints")))
+            @if given > 0 {
+                (card("Bones given their motion", html! { (given) small { " of " (report.bones.len()) } }, "no image took part; the others follow their joints"))
+            } @else {
+                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; the others follow their joints")))
+            }
             (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
             (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.max, count(inverse.unconverged_tissue), count(inverse.multiple))))
             (card("Links violated", html! { (format!("{:.2}", report.links.violated_percent)) small { " %" } }, &format!("mean excess {:.2} mm, worst {:.2} mm", report.links.mean_excess_mm, report.links.max_excess_mm)))
