@@ -30,6 +30,9 @@ pub enum Verb {
     /// Move the skeleton by hand: an artificial CT in another posture, with its labels and fields
     #[command(after_help = POSE)]
     Pose(Box<PoseArgs>),
+    /// Run the model's stages side by side on one case and write the thesis's tables for it
+    #[command(after_help = STUDY)]
+    Study(StudyArgs),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(DemoArgs),
     /// Write the phantom as files: planning and fraction CT, bone labels, landmarks, true field
@@ -210,6 +213,34 @@ pub enum FormatName {
     Mha,
     /// NRRD
     Nrrd,
+}
+
+const STUDY: &str = "\
+A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
+result is kept, so that a study that was stopped goes on where it was.
+
+Example:
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
+  aventail study --case run --out study     # study/study.html, study.md, study.csv";
+
+/// Options of `study`.
+#[derive(Debug, Args)]
+pub struct StudyArgs {
+    /// Folder of a finished run
+    #[arg(long, value_name = "DIR")]
+    pub case: PathBuf,
+    /// Folder for the tables and pictures; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
 }
 
 /// Options of `demo`.

@@ -8,6 +8,7 @@ mod phantom;
 mod pose;
 mod register;
 mod skeleton;
+mod study;
 pub mod terminal;
 
 use crate::error::Result;
@@ -22,6 +23,7 @@ pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
         Verb::Pose(args) => pose::run(args),
+        Verb::Study(args) => study::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),

@@ -1,6 +1,10 @@
 //! Rank 6: the settings of a run. A preset, overlaid with the user's file; complete, serialisable, recorded with every
 //! result.
 
+mod study;
+
+pub use study::{Published, StudyPlan, StudyStage, StudyTable};
+
 use crate::body::BodyOptions;
 use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};

@@ -1,5 +1,6 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
+use super::study::CARRYING;
 use super::{Case, Outcome};
 use crate::chainmail::{Initiators, Lattice, Propagation, Tissue, check_links, propagate};
 use crate::comparator::{nearest_bone, thin_plate};
@@ -27,8 +28,8 @@ pub(super) fn carry_out(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let propagation = runtime
-        .stage("propagate to soft tissue", || soft_tissue(case, &skeleton, &body, &fit.transforms, config, runtime))?;
+    let propagation =
+        runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, config, runtime))?;
     let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;

@@ -5,8 +5,10 @@ mod case;
 mod outcome;
 mod pose;
 mod register;
+mod study;
 
 pub use case::{Case, InputFile};
 pub use outcome::Outcome;
 pub use pose::{BoneMotion, pose};
 pub use register::register;
+pub use study::{CARRYING, carry_again};

@@ -13,6 +13,7 @@ mod html;
 mod numbers;
 mod pictures;
 mod plane;
+mod study;
 mod table;
 mod transforms;
 
@@ -20,6 +21,7 @@ pub use csv::write_landmarks;
 pub use html::page;
 pub use numbers::{OutputFile, Report, Run};
 pub use pictures::{Picture, draw};
+pub use study::{StageRecord, finished_stage, write_stage, write_study};
 pub use table::terminal_table;
 pub use transforms::write_bone_transforms;
 

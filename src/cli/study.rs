@@ -1,0 +1,151 @@
+//! `aventail study`: the model's stages side by side on one case, with the same bone motion.
+
+use super::args::StudyArgs;
+use super::register::{open_folder, progress};
+use crate::config::{Config, ConfigFile, StudyPlan};
+use crate::error::{Error, Result};
+use crate::fit::FitResult;
+use crate::geometry::Rigid;
+use crate::io::{self, checksum::sha256};
+use crate::pipeline::{Case, carry_again};
+use crate::progress::Progress;
+use crate::report::{Report, StageRecord, finished_stage, write_stage, write_study};
+use crate::runtime::Runtime;
+use nalgebra::{Translation3, UnitQuaternion};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Runs every stage of the plan that is not finished yet and writes the tables; returns them as Markdown.
+///
+/// # Errors
+/// When the case is no finished run, a file cannot be read or written, or the plan's settings are not legal.
+pub fn run(args: &StudyArgs) -> Result<String> {
+    let plan = args.plan.as_deref().map_or_else(StudyPlan::thesis, StudyPlan::read)?;
+    let stages = plan.stages()?;
+    open_folder(&args.out)?;
+    let moved = Moved::load(&args.case)?;
+    let mut records = BTreeMap::new();
+    for (n, (stage, config)) in stages.iter().enumerate() {
+        let settings = serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?;
+        let key = moved.key(&settings);
+        if let Some(record) = finished_stage(&args.out, &stage.id, &key) {
+            records.insert(stage.id.clone(), record);
+            continue;
+        }
+        let label = format!("[{}/{}] {}", n + 1, stages.len(), stage.name);
+        let runtime = Runtime::new(args.threads, Box::new(Labelled { inner: progress(args.quiet), label }))?;
+        let record = run_stage(&moved, config, &args.out, &stage.id, (settings, key), &runtime)?;
+        records.insert(stage.id.clone(), record);
+        // After every stage, so that a study that is stopped has its tables so far.
+        write_study(&args.out, &moved.title, &plan, &records)?;
+    }
+    let text = write_study(&args.out, &moved.title, &plan, &records)?;
+    Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
+}
+
+fn run_stage(
+    moved: &Moved,
+    config: &Config,
+    out: &Path,
+    id: &str,
+    (settings, key): (serde_json::Value, String),
+    runtime: &Runtime,
+) -> Result<StageRecord> {
+    let outcome = carry_again(&moved.case, &moved.fit, config, runtime)?;
+    let record = StageRecord::new(&outcome, settings, key, runtime.threads());
+    runtime.stage("draw", || write_stage(out, id, &moved.case, &outcome, &record))?;
+    Ok(record)
+}
+
+/// A case whose bones' motion is known from a finished run.
+struct Moved {
+    title: String,
+    case: Case,
+    fit: FitResult,
+    /// Checksum of what the motion is.
+    motion: String,
+}
+
+impl Moved {
+    /// Reads a folder that `register` or `pose` has written, and the files that it was made from.
+    fn load(folder: &Path) -> Result<Self> {
+        let path = folder.join("report.json");
+        let remedy = "give the --out folder of a finished `aventail register` or `aventail pose`";
+        let text = std::fs::read(&path).map_err(|e| Error::read(&path, e.to_string(), remedy))?;
+        let report: Report = serde_json::from_slice(&text)
+            .map_err(|e| Error::read(&path, format!("it is no report of a run ({e})"), remedy))?;
+        let inputs = ConfigFile::read(&path)?.inputs;
+        let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| found(&i.path, folder));
+        let needed = |role: &str| {
+            file(role).ok_or_else(|| {
+                Error::input(
+                    path.display().to_string(),
+                    format!("it names no {role} file: the images were made by the run itself"),
+                    "write the phantom with `aventail phantom`, register its files, and study that run",
+                )
+            })
+        };
+        let bones = io::read_labels(needed("bones")?, file("labels").as_deref())?.value;
+        let skeleton = match file("skeleton") {
+            Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones)?.skeleton)?),
+            None => None,
+        };
+        // A made posture has no fraction CT: its own artificial one takes that place.
+        let fraction = file("fraction").unwrap_or_else(|| folder.join("planning_on_fraction.nii.gz"));
+        let transforms: Vec<Rigid> = report.bones.iter().map(|b| b.transform).collect();
+        let motion = serde_json::to_vec(&report.bones).map_err(|e| Error::Internal(e.to_string()))?;
+        Ok(Self {
+            title: format!("Study of {}", folder.display()),
+            case: Case {
+                planning: io::read_image(needed("planning")?)?.value,
+                bones,
+                fraction: io::read_image(fraction)?.value,
+                landmarks: file("landmarks").map(io::read_landmarks).transpose()?.unwrap_or_default(),
+                bone_landmarks: Vec::new(),
+                skeleton,
+                warnings: Vec::new(),
+                inputs: report.inputs,
+            },
+            fit: FitResult {
+                transforms,
+                pose: report.pose,
+                bones: report.bones,
+                common: Rigid::from_parts(Translation3::from(report.couch_shift), UnitQuaternion::identity()),
+                common_share: 1.0,
+                warnings: Vec::new(),
+            },
+            motion: sha256(&motion),
+        })
+    }
+
+    /// What a stage with these settings depends on, as a checksum.
+    fn key(&self, settings: &serde_json::Value) -> String {
+        let inputs: Vec<&str> = self.case.inputs.iter().map(|i| i.sha256.as_str()).collect();
+        let all = serde_json::json!([env!("CARGO_PKG_VERSION"), settings, inputs, self.motion]);
+        sha256(all.to_string().as_bytes())
+    }
+}
+
+/// A path of a report: as it was given, else beside the report.
+fn found(path: &Path, folder: &Path) -> PathBuf {
+    let beside = folder.join(path);
+    if !path.exists() && beside.exists() { beside } else { path.to_owned() }
+}
+
+/// Progress that says which stage of the study is at work.
+struct Labelled {
+    inner: Box<dyn Progress>,
+    label: String,
+}
+
+impl Progress for Labelled {
+    fn stage(&self, name: &str) {
+        self.inner.stage(&format!("{}: {name}", self.label));
+    }
+    fn step(&self, done: usize, total: usize, label: &str) {
+        self.inner.step(done, total, label);
+    }
+    fn finish(&self, seconds: f64) {
+        self.inner.finish(seconds);
+    }
+}
