@@ -1,8 +1,10 @@
 //! Push to pull: for every fraction voxel y the v with v + u(y + v) = 0.
 //!
-//! A scattered, coarse guess brings the iteration near; the fixed point v <- -u(y + v) (Chen et al. 2008) then
-//! converges fast where the field changes slowly; where it does not, Newton steps with the local gradient take over.
+//! Where tissue comes to lie, the deformed mesh of the planning voxels gives the pre-image of its piecewise linear map,
+//! however large the motion; elsewhere a scattered, coarse guess does. The fixed point v <- -u(y + v) (Chen et al. 2008)
+//! then converges fast where the field changes slowly; where it does not, Newton steps with the local gradient take over.
 
+use super::tetrahedra::Mesh;
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
@@ -49,6 +51,9 @@ pub struct InverseReport {
 
 /// Spacing of the scattered guess, mm.
 const GUESS_MM: f64 = 6.0;
+
+/// Iteration limit where no tissue comes to lie: the continued field outside tissue may have no inverse at all.
+const AIR_ITERATIONS: usize = 10;
 
 /// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
 struct Continued<'a> {
@@ -134,7 +139,7 @@ fn solve(
     y: &Vector3<f64>,
     start: Vector3<f64>,
     field: &Continued<'_>,
-    options: &InvertOptions,
+    (tolerance_mm, max_iterations): (f64, usize),
 ) -> (Vector3<f64>, f64, bool) {
     let grid = field.u.grid();
     let index = |v: &Vector3<f64>| grid.inverse_step() * (y + v - grid.origin().coords);
@@ -142,12 +147,12 @@ fn solve(
     let mut at = index(&v);
     let mut r = v + field.at(&at);
     let mut best = (v, r.norm());
-    for _ in 0..options.max_iterations {
+    for _ in 0..max_iterations {
         let size = r.norm();
         if size < best.1 {
             best = (v, size);
         }
-        if size < options.tolerance_mm {
+        if size < tolerance_mm {
             return (v, size, true);
         }
         let fixed = v - r;
@@ -161,7 +166,7 @@ fn solve(
         let here = index(&v);
         let jacobian = Matrix3::identity() + field.slope(&here) * grid.inverse_step();
         let step = jacobian.try_inverse().map_or(r, |inverse| inverse * r);
-        let limit = (2.0 * size).max(options.tolerance_mm);
+        let limit = (2.0 * size).max(tolerance_mm);
         let step = if step.norm() > limit { step * (limit / step.norm()) } else { step };
         v -= step;
         at = index(&v);
@@ -171,7 +176,7 @@ fn solve(
     if size < best.1 {
         best = (v, size);
     }
-    (best.0, best.1, best.1 < options.tolerance_mm)
+    (best.0, best.1, best.1 < tolerance_mm)
 }
 
 /// Inverts a push field on the fraction grid. The report's `multiple` is left at 0: it needs the folded cells.
@@ -181,6 +186,7 @@ fn solve(
 pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Result<(PullField, InverseReport)> {
     let field = Continued::new(&push.displacement);
     let guess = guess(push, fraction)?;
+    let tissue = Mesh::new(push, |v| push.displacement.data()[v], true, fraction).draw();
     let planning = push.displacement.grid();
     let [nx, ny, nz] = fraction.size();
     let plane = nx * ny;
@@ -201,8 +207,14 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
             let mut t = Tally { residuals: Vec::new(), unconverged: 0, tissue: 0, worst: 0.0, outside: 0 };
             for n in 0..plane {
                 let y = fraction.centre([n % nx, n / nx, k]);
-                let start = trilinear_vector(&guess, &guess.grid().index(&y)).unwrap_or_default();
-                let (d, residual, converged) = solve(&y.coords, start, &field, options);
+                let drawn = &tissue[k * plane + n];
+                let (start, most) = if drawn.rank > 0 {
+                    (-Vector3::from(drawn.value.map(f64::from)), options.max_iterations)
+                } else {
+                    let coarse = trilinear_vector(&guess, &guess.grid().index(&y)).unwrap_or_default();
+                    (coarse, options.max_iterations.min(AIR_ITERATIONS))
+                };
+                let (d, residual, converged) = solve(&y.coords, start, &field, (options.tolerance_mm, most));
                 let at = planning.index(&(y + d));
                 let within = planning.contains(&at);
                 let tissue = within
@@ -269,6 +281,30 @@ mod tests {
                 assert!((Vector3::from(v.map(f64::from)) - truth).norm() < 2e-3);
             }
         }
+    }
+
+    #[test]
+    fn tissue_that_turns_by_half_a_circle_is_found() {
+        // A rod turns by 170 degrees; around it the field fades to nothing and folds.
+        let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 170f64.to_radians());
+        let rod = |x: &Vector3<f64>| x.y.abs() < 5.0 && x.x.abs() < 24.0;
+        let mut push = push(|x| {
+            let away = (x.y.abs() - 5.0).max(x.x.abs() - 24.0).max(0.0);
+            (turn * x - x) * (1.0 - away / 8.0).max(0.0)
+        });
+        let grid = push.displacement.grid().clone();
+        push.computed = Volume::from_fn(grid.clone(), |l| rod(&grid.centre(grid.voxel(l)).coords));
+        let (pull, _) = invert(&push, &grid, &InvertOptions::default()).unwrap();
+        let mut inside = 0;
+        for (n, v) in pull.displacement.data().iter().enumerate() {
+            let y = grid.centre(grid.voxel(n)).coords;
+            let truth = turn.inverse() * y;
+            if truth.y.abs() < 4.0 && truth.x.abs() < 22.0 && truth.z.abs() < 27.0 {
+                inside += 1;
+                assert!((y + Vector3::from(v.map(f64::from)) - truth).norm() < 2e-3, "{y:?}");
+            }
+        }
+        assert!(inside > 500);
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod invert;
 mod jacobian;
 mod multiple;
 mod scatter;
+mod tetrahedra;
 mod warp;
 
 pub use format::FieldFormat;

@@ -5,19 +5,10 @@
 
 use super::PushField;
 use super::jacobian::FOLDED;
+use super::tetrahedra::cut;
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
-
-/// Corners of the 5 tetrahedra of an even cell; bit 0, 1, 2 of a corner say whether it lies high along i, j, k. An odd
-/// cell is its mirror image: bit 0 flipped.
-const EVEN: [[usize; 4]; 5] = [
-    [0b000, 0b001, 0b010, 0b100],
-    [0b011, 0b010, 0b001, 0b111],
-    [0b101, 0b100, 0b111, 0b001],
-    [0b110, 0b111, 0b100, 0b010],
-    [0b001, 0b010, 0b100, 0b111],
-];
 
 /// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`.
 pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) -> Mask {
@@ -30,9 +21,8 @@ pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) 
             let u = Vector3::from(push.displacement.at(voxel).map(f64::from));
             (grid.centre(voxel), fraction.index(&(grid.centre(voxel) + u)))
         };
-        let mirror = at.iter().sum::<usize>() % 2;
-        for t in EVEN {
-            let p = t.map(|c| corner(c ^ mirror));
+        for t in cut(at) {
+            let p = t.map(corner);
             let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
             let moved = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
             let handed = fraction.inverse_step().determinant().signum();

@@ -1,0 +1,194 @@
+//! The mesh that a push field deforms: voxels of the planning grid as vertices, five tetrahedra per cell (thesis 4.2.5,
+//! after Rodriguez), and what of it lies at each voxel of another grid.
+//!
+//! The cut is mirrored in alternate cells, so that neighbours share the diagonal of their common face and the
+//! tetrahedra fill space without gap or overlap.
+
+use super::PushField;
+use crate::geometry::Grid;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+/// Corner `c` of a cell lies high along i, j, k where bits 0, 1, 2 of `c` are set. Each tetrahedron is positive in an
+/// undeformed, right-handed cell.
+const EVEN: [[usize; 4]; 5] = [[0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2], [1, 2, 4, 7]];
+const ODD: [[usize; 4]; 5] = [[1, 3, 0, 5], [2, 0, 3, 6], [4, 0, 6, 5], [7, 3, 5, 6], [0, 5, 3, 6]];
+
+/// The cut of the cell whose lowest corner is at `[i, j, k]`.
+pub(super) fn cut([i, j, k]: [usize; 3]) -> &'static [[usize; 4]; 5] {
+    if (i + j + k).is_multiple_of(2) { &EVEN } else { &ODD }
+}
+
+/// A voxel counts as inside a tetrahedron when no barycentric coordinate is below this.
+const INSIDE: f64 = -1e-9;
+/// Barycentric coordinates above this are inside for certain, not on a common face.
+const WELL_INSIDE: f64 = 1e-6;
+/// Tetrahedra smaller than this, in cubic voxels, hold no point.
+const LEAST_VOLUME: f64 = 1e-12;
+
+/// What a voxel of the target grid has received.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drop<const N: usize> {
+    /// Barycentric mean of the vertices' values.
+    pub(super) value: [f32; N],
+    /// 0 nothing, 1 from an inverted tetrahedron, 2 from an upright one.
+    pub(super) rank: u8,
+    /// How many tetrahedra hold the voxel well inside.
+    pub(super) count: u8,
+}
+
+/// The mesh in indices of a target grid.
+pub(super) struct Mesh<'a, V> {
+    push: &'a PushField,
+    /// Value of a planning voxel by its storage position.
+    value: V,
+    /// Whether cells without a computed corner are left out.
+    only_computed: bool,
+    target: &'a Grid,
+    base: Vector3<f64>,
+    step: Matrix3<f64>,
+    turn: Matrix3<f64>,
+    /// Least and greatest target index along k over each row (j, k) of planning voxels, and whether any is computed.
+    rows: Vec<(f64, f64, bool)>,
+    /// -1 where the two grids have different handedness.
+    sense: f64,
+}
+
+impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
+    pub(super) fn new(push: &'a PushField, value: V, only_computed: bool, target: &'a Grid) -> Self {
+        let own = push.displacement.grid();
+        let [_, nj, nk] = own.size();
+        let step = target.inverse_step() * own.step();
+        let mut mesh = Self {
+            push,
+            value,
+            only_computed,
+            target,
+            base: target.index(&own.origin()),
+            step,
+            turn: *target.inverse_step(),
+            rows: Vec::new(),
+            sense: step.determinant().signum(),
+        };
+        mesh.rows = (0..nj * nk)
+            .into_par_iter()
+            .map_init(Vec::new, |places, row| {
+                let (j, k) = (row % nj, row / nj);
+                mesh.places(j, k, places);
+                let start = own.linear([0, j, k]);
+                let any = push.computed.data()[start..start + own.size()[0]].iter().any(|c| *c);
+                let (low, high) = places.iter().fold((f64::MAX, f64::MIN), |r, p| (r.0.min(p.z), r.1.max(p.z)));
+                (low, high, any)
+            })
+            .collect();
+        mesh
+    }
+
+    /// The whole target grid. Of several tetrahedra at one voxel upright ones win, of equals the last in storage.
+    pub(super) fn draw(&self) -> Vec<Drop<N>> {
+        let plane = self.target.size()[0] * self.target.size()[1];
+        // Slabs do not change the result: every voxel sees the cells in the same order.
+        let slab = self.target.size()[2].div_ceil(4 * rayon::current_num_threads()).max(1);
+        let mut out = vec![Drop { value: [0.0; N], rank: 0, count: 0 }; self.target.len()];
+        out.par_chunks_mut(slab * plane).enumerate().for_each(|(n, part)| self.draw_slab(n * slab, part));
+        out
+    }
+
+    /// Target indices of the row of planning voxels (j, k).
+    fn places(&self, j: usize, k: usize, out: &mut Vec<Vector3<f64>>) {
+        let own = self.push.displacement.grid();
+        let start = own.linear([0, j, k]);
+        let origin = self.base + self.step * Vector3::new(0.0, j as f64, k as f64);
+        let along: Vector3<f64> = self.step.column(0).into_owned();
+        out.clear();
+        out.extend(
+            self.push.displacement.data()[start..start + own.size()[0]]
+                .iter()
+                .enumerate()
+                .map(|(i, u)| origin + along * i as f64 + self.turn * Vector3::from(u.map(f64::from))),
+        );
+    }
+
+    /// Draws all cells into the planes of `part`, the first of which is plane `first` of the target.
+    fn draw_slab(&self, first: usize, part: &mut [Drop<N>]) {
+        let own = self.push.displacement.grid();
+        let [ni, nj, nk] = own.size();
+        let planes = part.len() / (self.target.size()[0] * self.target.size()[1]);
+        let (low, high) = (first as f64, (first + planes - 1) as f64);
+        let mut places: [Vec<Vector3<f64>>; 4] = Default::default();
+        for k in 0..nk.saturating_sub(1) {
+            for j in 0..nj.saturating_sub(1) {
+                let four = [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)];
+                let rows = four.map(|(j, k)| self.rows[j + nj * k]);
+                let missed = rows.iter().all(|r| r.0 > high) || rows.iter().all(|r| r.1 < low);
+                if missed || (self.only_computed && !rows.iter().any(|r| r.2)) {
+                    continue;
+                }
+                for (row, (j, k)) in places.iter_mut().zip(four) {
+                    self.places(j, k, row);
+                }
+                let start = four.map(|(j, k)| own.linear([0, j, k]));
+                for i in 0..ni - 1 {
+                    let corner = |c: usize| start[c >> 1] + i + (c & 1);
+                    if self.only_computed && !(0..8).any(|c| self.push.computed.data()[corner(c)]) {
+                        continue;
+                    }
+                    let at: [Vector3<f64>; 8] = std::array::from_fn(|c| places[c >> 1][i + (c & 1)]);
+                    for t in cut([i, j, k]) {
+                        self.tetrahedron(t.map(|c| at[c]), t.map(corner), first, part);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Draws one tetrahedron.
+    fn tetrahedron(&self, p: [Vector3<f64>; 4], vertex: [usize; 4], first: usize, part: &mut [Drop<N>]) {
+        let [nx, ny, _] = self.target.size();
+        let planes = part.len() / (nx * ny);
+        let size = [(0, nx), (0, ny), (first, first + planes)];
+        let mut range = [(0usize, 0usize); 3];
+        for a in 0..3 {
+            let least = p.iter().map(|v| v[a]).fold(f64::MAX, f64::min);
+            let greatest = p.iter().map(|v| v[a]).fold(f64::MIN, f64::max);
+            let from = (least - 1e-9).ceil().max(size[a].0 as f64);
+            let to = (greatest + 1e-9).floor().min(size[a].1 as f64 - 1.0);
+            // Also false where a coordinate is no number.
+            if from <= to {
+                range[a] = (from as usize, to as usize + 1);
+            } else {
+                return;
+            }
+        }
+        let (e1, e2, e3) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+        let volume = e1.dot(&e2.cross(&e3));
+        if volume.abs() < LEAST_VOLUME {
+            return;
+        }
+        let rank = if volume * self.sense > 0.0 { 2 } else { 1 };
+        let dual = [e2.cross(&e3) / volume, e3.cross(&e1) / volume, e1.cross(&e2) / volume];
+        for z in range[2].0..range[2].1 {
+            for y in range[1].0..range[1].1 {
+                for x in range[0].0..range[0].1 {
+                    let d = Vector3::new(x as f64, y as f64, z as f64) - p[0];
+                    let b = dual.map(|v| v.dot(&d));
+                    let b = [1.0 - b[0] - b[1] - b[2], b[0], b[1], b[2]];
+                    let least = b.iter().copied().fold(f64::MAX, f64::min);
+                    if least < INSIDE {
+                        continue;
+                    }
+                    let drop = &mut part[x + nx * (y + ny * (z - first))];
+                    if least > WELL_INSIDE {
+                        drop.count = drop.count.saturating_add(1);
+                    }
+                    if rank >= drop.rank {
+                        let values = vertex.map(|v| (self.value)(v));
+                        drop.value =
+                            std::array::from_fn(|a| (0..4).map(|c| b[c] * f64::from(values[c][a])).sum::<f64>() as f32);
+                        drop.rank = rank;
+                    }
+                }
+            }
+        }
+    }
+}
