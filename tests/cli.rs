@@ -108,9 +108,18 @@ fn help_names_every_option_of_every_verb() {
         }
     }
     let help = stdout(&aventail().arg("--help").assert().success());
-    for name in
-        ["register", "demo", "phantom", "skeleton", "inspect", "completions", "Exit codes", "not a medical device"]
-    {
+    for name in [
+        "register",
+        "pose",
+        "study",
+        "demo",
+        "phantom",
+        "skeleton",
+        "inspect",
+        "completions",
+        "Exit codes",
+        "not a medical device",
+    ] {
         assert!(help.contains(name), "`{name}` is not in\n{help}");
     }
     let version = stdout(&aventail().arg("--version").assert().success());
@@ -232,6 +241,11 @@ fn images_that_cannot_be_registered_exit_with_4() {
     let air = files::image(&at("constant.nii.gz"), &Volume::filled(grid.clone(), -1000.0));
     refused(&Register::phantom("i5").planning(&air), 4, &["planning CT", "-1000"]);
     refused(&Register::phantom("i6").fraction(&air), 4, &["fraction CT", "-1000"]);
+    let posture = files::bytes(&at("posture.toml"), b"wing = { rotation_deg = [1, 0, 0] }\n");
+    let run =
+        aventail().args(["phantom", "--spacing", "9x9x9", "--pose"]).arg(&posture).arg("--out").arg(at("i8")).assert();
+    let message = stderr(&run.code(4));
+    assert!(message.contains("posture.toml") && message.contains("wing"), "{message}");
     let thin = Grid::axis_aligned([40, 40, 2], [2.0; 3], [0.0; 3]).unwrap();
     let thin = files::image(&at("thin.nii.gz"), &Volume::from_fn(thin, |l| l as f32));
     refused(&Register::phantom("i7").fraction(thin), 4, &["fraction CT", "[40, 40, 2]"]);
