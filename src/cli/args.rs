@@ -52,6 +52,7 @@ Writes to OUT:
   jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 
 Examples:

@@ -2,7 +2,7 @@
 
 use super::{Case, Outcome};
 use crate::body;
-use crate::chainmail::{Initiators, Propagation, Tissue, check_links, propagate};
+use crate::chainmail::{self, Initiators, Organs, Propagation, Tissue, check_links, propagate};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::evaluate;
@@ -10,7 +10,7 @@ use crate::field::{self, PushField};
 use crate::fit::{FitResult, fit_pose};
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
-use crate::volume::Mask;
+use crate::volume::{LabelMap, Mask};
 use crate::warning::Warning;
 use nalgebra::Point3;
 
@@ -24,7 +24,9 @@ const OUTSIDE_HU: f32 = -1000.0;
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
     check(case)?;
     let mut warnings = case.warnings.clone();
-    let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case))?;
+    let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+    // Wrong names are found before the long work begins.
+    Organs::new(&config.chainmail.organs, &case.bones, |l| skeleton.bones.iter().any(|b| b.label == l))?;
     warnings.extend(built);
     let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
     let fit = runtime.stage("fit skeleton", || {
@@ -32,7 +34,7 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     })?;
     warnings.extend(fit.warnings.iter().cloned());
     warnings.extend(fit_warnings(&fit));
-    let propagation =
+    let (propagation, regions) =
         runtime.stage("propagate to soft tissue", || carry(case, &skeleton, &body, &fit, config, runtime))?;
     let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
@@ -70,6 +72,7 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
         links,
         inverse,
         landmarks,
+        regions,
         warnings,
         stages: runtime.times(),
     })
@@ -116,20 +119,22 @@ fn check(case: &Case) -> Result<()> {
 }
 
 /// The user's skeleton, or the one that the labels give.
-fn skeleton_of(case: &Case) -> Result<(Skeleton, Vec<Warning>)> {
+fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
     let built = skeleton::build(&case.bones)?;
     let mut warnings = built.warnings;
-    if !built.ignored.is_empty() {
-        let list = built.ignored.join(", ");
+    let ignored: Vec<&str> =
+        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.organs.contains_key(*n)).collect();
+    if !ignored.is_empty() {
+        let list = ignored.join(", ");
         warnings.push(Warning::new(
             "labels-ignored",
-            format!("{} labels are no bones of the skeleton and were ignored: {list}", built.ignored.len()),
+            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
         ));
     }
     Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }
 
-/// Carries the fitted motion to every voxel.
+/// Carries the fitted motion to every voxel; with it the regions of influence, if they are asked for.
 fn carry(
     case: &Case,
     skeleton: &Skeleton,
@@ -137,7 +142,7 @@ fn carry(
     fit: &FitResult,
     config: &Config,
     runtime: &Runtime,
-) -> Result<Propagation> {
+) -> Result<(Propagation, Option<LabelMap>)> {
     let mut bone_of_label = vec![None; usize::from(u16::MAX) + 1];
     for (b, bone) in skeleton.bones.iter().enumerate() {
         bone_of_label[usize::from(bone.label)] = Some(b as u16);
@@ -150,12 +155,16 @@ fn carry(
         least_hu: config.chainmail.least_hu,
     };
     let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
-    propagate(
-        &tissue,
-        &Initiators { transforms: &fit.transforms, centroids: &centroids },
-        &config.chainmail,
-        runtime.progress(),
-    )
+    let bones = Initiators { transforms: &fit.transforms, centroids: &centroids };
+    let propagation = propagate(&tissue, &bones, &config.chainmail, runtime.progress())?;
+    let regions = || {
+        let owner = chainmail::regions(&tissue, &propagation.lattice, &bones, &config.chainmail)?;
+        let label = |o: &u16| usize::from(*o).checked_sub(1).map_or(0, |b| skeleton.bones[b].label);
+        let names = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+        Ok::<_, Error>(LabelMap { volume: owner.map(label), names })
+    };
+    let regions = config.output.regions.then(regions).transpose()?;
+    Ok((propagation, regions))
 }
 
 /// Bones that the user should look at.
