@@ -237,6 +237,10 @@ impl<'a, Q: Queue> Engine<'a, Q> {
             }
         }
         let along = (time > first).then(|| trace.info[n].steps().saturating_add(1));
+        // Along a front only elements that have been told more inform those that have been told less.
+        if along.is_some() && trace.info[n].count <= trace.info[m].count {
+            return;
+        }
         let info = &mut trace.info[m];
         info.count = info.count.saturating_add(1);
         match along {

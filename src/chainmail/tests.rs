@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::geometry::{Grid, Rigid};
+use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
@@ -249,6 +250,18 @@ fn the_corner_of_an_l_averages_both_bars() {
     assert!(near(ux(&second, 3, 1), third), "{} for {third}", ux(&second, 3, 1));
 }
 
+#[test]
+fn flat_faces_need_no_averaging() {
+    let lattice = scene(&[&["ssssssss", "sssAAsss", "sssAAsss", "sssAAsss", "ssssssss"]]);
+    let push = [[1.0, 0.0, 0.0]];
+    let of = |structures| spread_of(&lattice, &push, &ChainmailOptions { structures, ..options() });
+    let (plain, third) = (of(Structures::None), of(Structures::ThirdCriterion));
+    // Beside the faces each element is told by the face alone; off the corners both informants agree but for play.
+    for (i, j) in [(0, 2), (1, 1), (2, 3), (5, 2), (7, 3), (3, 0), (4, 4)] {
+        assert_eq!(plain[at(&lattice, i, j)], third[at(&lattice, i, j)], "{i} {j}");
+    }
+}
+
 /// A U open upwards, symmetric about its middle column.
 fn u_shape() -> Lattice {
     let row = "AsssssssssssA";
@@ -283,6 +296,46 @@ fn corners_of_a_box_average_three_faces() {
     let edge = u[lattice.grid.linear([3, 2, 2])].unwrap()[0];
     let expected = (2.0 * 0.875 / 8.0 + (f64::from(corner) - 0.2) / 12.0) / (2.0 / 8.0 + 1.0 / 12.0);
     assert!(near(edge, expected), "{edge} for {expected}");
+}
+
+/// A CT of 12 x 5 x 5 voxels: bones in the end slabs, an organ labelled 7 next to the first, water everywhere.
+fn small_ct() -> (Volume<f32>, Mask, LabelMap, Vec<Option<u16>>) {
+    let grid = Grid::axis_aligned([12, 5, 5], [1.0; 3], [-3.0, 4.0, 2.0]).unwrap();
+    let labels = Volume::from_fn(grid.clone(), |v| match grid.voxel(v)[0] {
+        0 => 4,
+        1..=3 => 7,
+        11 => 2,
+        _ => 0,
+    });
+    let names = [(4, "skull"), (7, "tongue"), (2, "mandible")].map(|(l, n)| (l, n.to_owned())).into();
+    let mut bone_of_label = vec![None; 1 << 16];
+    (bone_of_label[4], bone_of_label[2]) = (Some(0), Some(1));
+    (Volume::filled(grid.clone(), 0.0), Mask::filled(grid, true), LabelMap { volume: labels, names }, bone_of_label)
+}
+
+#[test]
+fn regions_and_organs_on_a_ct() {
+    let (ct, body, labels, bone_of_label) = small_ct();
+    let tissue = Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, least_hu: -500.0 };
+    let t = [Rigid::identity(), Rigid::translation(1.0, 0.0, 0.0)];
+    let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
+    // An organ of twice the shear is passed in half the time: 0.25 in water, so 0.5 and more room for the first bone.
+    let own = Constraint { min: 0.5, max: 1.5, shear: 0.5 };
+    let region = |o: &ChainmailOptions| {
+        let p = propagate(&tissue, &bones, o, &crate::progress::Silent).unwrap();
+        let r = regions(&tissue, &p.lattice, &bones, o).unwrap();
+        let row: Vec<u16> = (0..12).map(|i| *r.at([i, 2, 2])).collect();
+        let moved: Vec<bool> = (0..12).map(|i| p.push.displacement.at([i, 2, 2])[0] > 0.5).collect();
+        // With prioritisation the regions are what moves.
+        assert_eq!(row.iter().map(|&b| b == 2).collect::<Vec<_>>(), moved);
+        row.iter().filter(|&&b| b == 1).count()
+    };
+    let o = ChainmailOptions { carry: Carry::Rigid, link_time: LinkTime::SlowInStiff, ..options() };
+    let with_organ = ChainmailOptions { organs: [("tongue".to_owned(), own)].into(), ..o.clone() };
+    assert_eq!((region(&o), region(&with_organ)), (6, 7));
+    let wrong = ChainmailOptions { organs: [("liver".to_owned(), own)].into(), ..o };
+    let Err(error) = propagate(&tissue, &bones, &wrong, &crate::progress::Silent) else { panic!("liver is no label") };
+    assert!(error.to_string().contains("liver") && error.exit_code() == 2);
 }
 
 #[test]

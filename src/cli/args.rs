@@ -33,6 +33,9 @@ pub enum Verb {
     Phantom(PhantomArgs),
     /// Build the joint tree from bone labels, check it and show it
     Skeleton(SkeletonArgs),
+    /// Make the figures of Bartelheimer's thesis again
+    #[command(after_help = STUDY)]
+    Study(StudyArgs),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(InspectArgs),
     /// Print a completion script for your shell
@@ -58,6 +61,30 @@ Writes to OUT:
 Examples:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
   aventail register --config out/report.json --out again      # the same run once more";
+
+const STUDY: &str = "\
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
+functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
+
+Example:
+  aventail study --concepts --out concepts";
+
+/// Options of `study`.
+#[derive(Debug, Args)]
+pub struct StudyArgs {
+    /// Make the concept figures
+    #[arg(long)]
+    pub concepts: bool,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
 
 /// Options of `register`.
 #[derive(Debug, Args)]

@@ -6,6 +6,7 @@ mod inspect;
 mod phantom;
 mod register;
 mod skeleton;
+mod study;
 pub mod terminal;
 
 use crate::error::Result;
@@ -22,6 +23,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
+        Verb::Study(args) => study::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
