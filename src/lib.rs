@@ -18,7 +18,7 @@
 //!
 //! ```text
 //! 9 cli        arguments, terminal            8 report     outcome -> files
-//! 7 pipeline   case + config -> outcome       6 config io  settings | files <-> domain types
+//! 7 pipeline   case + config -> outcome       6 config io concepts
 //! 5 fit phantom comparator                    4 skeleton chainmail evaluate
 //! 3 field body                                2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
@@ -44,6 +44,7 @@ pub mod comparator;
 pub mod fit;
 pub mod phantom;
 
+pub mod concepts;
 pub mod config;
 pub mod io;
 

@@ -75,7 +75,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 5] = [
+    let verbs: [(&str, &[&str]); 6] = [
         (
             "register",
             &[
@@ -99,6 +99,7 @@ fn help_names_every_option_of_every_verb() {
         ("demo", &["--out", "--threads", "--json"]),
         ("phantom", &["--out", "--spacing", "--threads"]),
         ("skeleton", &["--bones", "--labels", "--out", "--json"]),
+        ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
     ];
     for (verb, names) in verbs {
@@ -156,6 +157,10 @@ fn illegal_settings_are_refused_by_name() {
         ("[chainmail]\nexponant = 2.0", "exponant"),
         ("[chainmail]\nexponent = -1.0", "exponent"),
         ("[chainmail]\nexponent = \"four\"", "four"),
+        ("[chainmail]\ncarry = \"magic\"", "magic"),
+        ("[chainmail]\norder = \"first-moved\"\nstructures = \"second-criterion\"", "structures"),
+        ("[chainmail.organs]\nliver = { min = 0.5, max = 1.5, shear = 0.5 }", "liver"),
+        ("[chainmail.organs]\nskull = { min = 0.5, max = 1.5, shear = 0.5 }", "rigid"),
         ("[fit]\nmeasure = \"beauty\"", "beauty"),
         ("[fit]\nlevels = []", "levels"),
         ("[fit]\nlevels = [[-1.0, 4000]]", "levels"),
@@ -405,6 +410,41 @@ fn the_thesis_preset_runs() {
     let register = Register::phantom("thesis").with("--preset", "thesis").flag("--json").flag("-q");
     let printed: serde_json::Value = serde_json::from_str(&stdout(&register.command().assert().success())).unwrap();
     assert_eq!(printed["settings"]["preset"], "thesis");
+}
+
+#[test]
+fn every_stage_of_the_thesis_runs_and_regions_are_written() {
+    for (n, stage) in [
+        "order = \"first-moved\"\ncarry = \"translation\"\ncombination = \"prioritisation\"",
+        "order = \"constraint-violation\"\ncarry = \"constraint-based\"\ncombination = \"prioritisation\"",
+        "structures = \"third-criterion\"\nelasticity = \"gibson\"\nrelaxation = [[0, 5]]",
+    ]
+    .iter()
+    .enumerate()
+    {
+        let text = format!("preset = \"thesis\"\n[chainmail]\n{stage}\n[output]\nregions = true\n");
+        let file = files::bytes(&at(&format!("stage{n}.toml")), text.as_bytes());
+        let register = Register::phantom(&format!("stage{n}")).with("--config", file).flag("-q");
+        register.command().assert().success();
+        let regions = aventail::io::read_labels(register.out.join("regions.nii.gz"), None).unwrap().value;
+        let counts = regions.counts();
+        assert!(counts.len() > 20 && counts.keys().all(|l| regions.names.contains_key(l)), "{counts:?}");
+        // Soft tissue belongs to a bone too: much more than the bones themselves.
+        let bones = aventail::io::read_labels(&phantom().bones, None).unwrap().value.counts();
+        assert!(counts.values().sum::<usize>() > 3 * bones.values().sum::<usize>());
+        assert!(bones.keys().all(|l| counts[l] >= bones[l]));
+    }
+}
+
+#[test]
+fn study_makes_the_concept_figures() {
+    let out = at("concepts");
+    let text = stdout(&aventail().args(["study", "--concepts", "-q", "--out"]).arg(&out).assert().success());
+    let files = files_below(&out);
+    assert!(files.len() == 10 && files.iter().all(|f| text.contains(f.as_str())), "{files:?}\n{text}");
+    assert!(files.iter().all(|f| std::fs::metadata(out.join(f)).unwrap().len() > 2000));
+    let run = aventail().args(["study", "--out"]).arg(at("nothing")).assert().code(2);
+    assert!(stderr(&run).contains("--concepts"), "{}", stderr(&run));
 }
 
 #[test]

@@ -16,7 +16,7 @@ const RANKS: [&[&str]; 10] = [
     &["field", "body"],
     &["skeleton", "chainmail", "evaluate"],
     &["fit", "phantom", "comparator"],
-    &["config", "io"],
+    &["config", "io", "concepts"],
     &["pipeline"],
     &["report"],
     &["cli"],

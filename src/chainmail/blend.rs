@@ -1,111 +1,133 @@
-//! Superposition of the bones' motions with weights t^-n (thesis 5.4.2, eq. 5.7).
+//! How the waves of several bones become one displacement: superposition or prioritisation (thesis 5.4).
 
-use super::carry::{BoneMotion, Carry, decayed};
-use super::front::{FrontRules, Source, TimeMap, time_map};
+use super::carry::{Carrier, Initiators};
+use super::engine::{Scene, Source, Wave, run};
+use super::front::{FrontRules, NEVER, TICKS};
 use super::lattice::{Lattice, Node};
-use super::propagate::ChainmailOptions;
-use crate::geometry::Rigid;
-use nalgebra::Point3;
+use super::options::{ChainmailOptions, Combination};
 use rayon::prelude::*;
 
-/// One bone's wave: when it arrives and, unless that is the rigid motion itself, what it brings.
-struct Wave {
-    map: TimeMap,
-    transform: Rigid,
-    displacement: Option<Vec<[f32; 3]>>,
+impl<'a> Scene<'a> {
+    /// The scene that the options describe.
+    pub fn new(lattice: &'a Lattice, bones: &Initiators<'a>, options: &ChainmailOptions) -> Self {
+        Self {
+            lattice,
+            rules: FrontRules { time: options.link_time, front: options.front, cutoff: options.cutoff },
+            order: options.order,
+            structures: options.structures,
+            carrier: Carrier::new(lattice, bones, options.carry),
+        }
+    }
+
+    /// Displacement that a wave brings to a node it has reached, mm.
+    fn brought(&self, wave: &Wave, owner: u16, node: usize, voxel: [usize; 3]) -> nalgebra::Vector3<f64> {
+        let parcel = wave.trace.as_ref().and_then(|t| t.parcel.get(node)).copied().unwrap_or_default();
+        self.carrier.displacement(&parcel, owner, &self.lattice.grid.centre(voxel))
+    }
 }
 
-impl Wave {
-    fn new(
-        lattice: &Lattice,
-        bone: u16,
-        transforms: &[Rigid],
-        centroids: &[Point3<f64>],
-        rules: &FrontRules,
-        bound: Option<(&[u32], f64)>,
-        carry: Carry,
-    ) -> Self {
-        let map = time_map(lattice, Source::Bone(bone), rules, bound);
-        let transform = transforms[usize::from(bone)];
-        let displacement = (carry == Carry::LinearDecay).then(|| {
-            let motion = BoneMotion::new(&transform, centroids[usize::from(bone)], lattice.grid.direction());
-            decayed(lattice, bone, &motion, &map, rules)
-        });
-        Self { map, transform, displacement }
-    }
+/// One wave from all bones at once, in every detail: the regions of influence and the order of processing.
+#[derive(Debug, Clone)]
+pub struct FirstWave {
+    /// Nodes of soft tissue in the order in which they were processed.
+    pub order: Vec<u32>,
+    /// Time of each node along its path, mm at relative shear 1; infinite where the wave does not come.
+    pub time: Vec<f64>,
+    /// Bone (position in the skeleton) that reaches each node first; `None` where no bone does.
+    pub owner: Vec<Option<u16>>,
+    /// Angle left of the bone's rotation at each node, radians; empty for [`super::Carry::Rigid`].
+    pub angle: Vec<f32>,
+}
 
-    fn weight(time: u32, exponent: f64) -> f64 {
-        let t = f64::from(time.max(1));
-        // The usual exponent, without the cost of a general power.
-        if (exponent - 4.0).abs() < f64::EPSILON { (t * t * t * t).recip() } else { t.powf(-exponent) }
-    }
-
-    /// Adds the weighted rigid motion.
-    fn add_rigid(&self, lattice: &Lattice, exponent: f64, sums: &mut [[f64; 4]]) {
-        for &n in &self.map.order {
-            let x = lattice.rest(n as usize);
-            let u = self.transform * x - x;
-            let w = Self::weight(self.map.time[n as usize], exponent);
-            let s = &mut sums[n as usize];
-            s[0] += w;
-            (0..3).for_each(|a| s[1 + a] += w * u[a]);
-        }
-    }
-
-    /// Adds the weighted displacements that the front brings.
-    fn add(&self, u: &[[f32; 3]], exponent: f64, sums: &mut [[f64; 4]]) {
-        for (&n, u) in self.map.order.iter().zip(u) {
-            let w = Self::weight(self.map.time[n as usize], exponent);
-            let s = &mut sums[n as usize];
-            s[0] += w;
-            (0..3).for_each(|a| s[1 + a] += w * f64::from(u[a]));
-        }
+/// Runs the wave from all bones at once.
+pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> FirstWave {
+    let wave = run(&Scene::new(lattice, bones, options), Source::AnyBone, None, true);
+    let trace = wave.trace.unwrap_or_default();
+    let reached = |n: usize| wave.time[n] != NEVER;
+    let mm = |n: usize| if reached(n) { f64::from(wave.time[n]) / TICKS } else { f64::INFINITY };
+    FirstWave {
+        order: trace.order,
+        time: (0..wave.time.len()).map(mm).collect(),
+        owner: (0..wave.time.len()).map(|n| reached(n).then(|| trace.owner[n])).collect(),
+        angle: trace.parcel.iter().map(|p| p.angle).collect(),
     }
 }
 
 /// Displacement of every node that a front reaches, mm; `None` elsewhere. Bones move exactly with their transform.
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
-pub fn superpose(
-    lattice: &Lattice,
-    transforms: &[Rigid],
-    centroids: &[Point3<f64>],
-    rules: &FrontRules,
-    options: &ChainmailOptions,
-) -> Vec<Option<[f32; 3]>> {
-    let n = lattice.node.len();
-    let first = (options.prune_ratio > 1.0).then(|| time_map(lattice, Source::AnyBone, rules, None).time);
-    let bound = first.as_deref().map(|times| (times, options.prune_ratio));
-    let mut sums = vec![[0f64; 4]; n];
-    let present: Vec<u16> = (0..transforms.len() as u16).collect();
-    let plane = lattice.grid.size()[0] * lattice.grid.size()[1];
-    for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<Wave> = group
-            .par_iter()
-            .map(|&b| Wave::new(lattice, b, transforms, centroids, rules, bound, options.carry))
-            .collect();
-        for wave in &waves {
-            match &wave.displacement {
-                None => wave.add_rigid(lattice, options.exponent, &mut sums),
-                Some(u) => wave.add(u, options.exponent, &mut sums),
-            }
+pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+    let scene = Scene::new(lattice, bones, options);
+    match options.combination {
+        Combination::Superposition => superpose(&scene, bones, options),
+        Combination::Prioritisation => {
+            let wave = run(&scene, Source::AnyBone, None, true);
+            let owner = wave.trace.as_ref().map_or(&[][..], |t| &t.owner);
+            every_node(lattice, bones, |node, voxel| {
+                let u = (wave.time[node] != NEVER).then(|| scene.brought(&wave, owner[node], node, voxel))?;
+                Some([u.x as f32, u.y as f32, u.z as f32])
+            })
         }
     }
-    let mut out = vec![None; n];
-    out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
+}
+
+fn weight(time: u32, exponent: f64) -> f64 {
+    let t = f64::from(time.max(1));
+    // The usual exponent, without the cost of a general power.
+    if (exponent - 4.0).abs() < f64::EPSILON { (t * t * t * t).recip() } else { t.powf(-exponent) }
+}
+
+/// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
+fn superpose(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+    let lattice = scene.lattice;
+    let [nx, ny, _] = lattice.grid.size();
+    let first = (options.prune_ratio > 1.0).then(|| run(scene, Source::AnyBone, None, false).time);
+    let bound = first.as_deref().map(|times| (times, options.prune_ratio));
+    let mut sums = vec![[0f64; 4]; lattice.node.len()];
+    let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
+    for group in present.chunks(rayon::current_num_threads().max(1)) {
+        let waves: Vec<(u16, Wave)> =
+            group.par_iter().map(|&b| (b, run(scene, Source::Bone(b), bound, false))).collect();
+        sums.par_chunks_mut(nx * ny).enumerate().for_each(|(k, sums)| {
+            for (at, s) in sums.iter_mut().enumerate() {
+                let node = k * nx * ny + at;
+                if lattice.node[node] != Node::Soft {
+                    continue;
+                }
+                for (b, wave) in waves.iter().filter(|(_, wave)| wave.time[node] != NEVER) {
+                    let u = scene.brought(wave, *b, node, [at % nx, at / nx, k]);
+                    let w = weight(wave.time[node], options.exponent);
+                    s[0] += w;
+                    (0..3).for_each(|a| s[1 + a] += w * u[a]);
+                }
+            }
+        });
+    }
+    every_node(lattice, bones, |node, _| {
+        let s = sums[node];
+        (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
+    })
+}
+
+/// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue.
+fn every_node(
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    soft: impl Fn(usize, [usize; 3]) -> Option<[f32; 3]> + Sync,
+) -> Vec<Option<[f32; 3]>> {
+    let [nx, ny, _] = lattice.grid.size();
+    let mut out = vec![None; lattice.node.len()];
+    out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, out)| {
         for (at, o) in out.iter_mut().enumerate() {
-            let node = k * plane + at;
+            let (node, voxel) = (k * nx * ny + at, [at % nx, at / nx, k]);
             *o = match lattice.node[node] {
                 Node::Outside => None,
                 Node::Bone(b) => {
-                    let x = lattice.rest(node);
-                    let u = transforms[usize::from(b)] * x - x;
+                    let x = lattice.grid.centre(voxel);
+                    let u = bones.transforms[usize::from(b)] * x - x;
                     Some([u.x as f32, u.y as f32, u.z as f32])
                 }
-                Node::Soft => {
-                    let s = sums[node];
-                    (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
-                }
+                Node::Soft => soft(node, voxel),
             };
         }
     });

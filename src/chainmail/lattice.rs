@@ -1,6 +1,6 @@
 //! The chain mail's elements: a padded grid over the planning CT with the material of each node.
 
-use super::material::{Constraint, Material, RIGID};
+use super::material::{Constraint, Material, Organs, RIGID};
 use crate::geometry::{Grid, stencil::NEIGHBOURS_26};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -70,7 +70,7 @@ impl Tissue<'_> {
 
 impl Lattice {
     /// The lattice at about `spacing` mm (0: the planning grid itself).
-    pub fn new(tissue: &Tissue<'_>, material: &Material, spacing: f64) -> Self {
+    pub fn new(tissue: &Tissue<'_>, material: &Material, organs: &Organs, spacing: f64) -> Self {
         let fine = tissue.ct.grid();
         let inner = fine.coarsened(spacing);
         let size = inner.size().map(|n| n + 2);
@@ -89,13 +89,18 @@ impl Lattice {
                 }
                 for (j, y) in ys.iter().enumerate() {
                     for (i, x) in xs.iter().enumerate() {
-                        out[i + 1 + size[0] * (j + 1)] = classify(tissue, material, [x, y, &zs[k - 1]]);
+                        out[i + 1 + size[0] * (j + 1)] = classify(tissue, material, organs, [x, y, &zs[k - 1]]);
                     }
                 }
                 out
             })
             .collect();
         let (node, constraint): (Vec<Node>, Vec<Constraint>) = planes.into_iter().flatten().unzip();
+        Self::from_nodes(grid, node, constraint)
+    }
+
+    /// A lattice of given elements in storage order; those on the border of the grid must be outside.
+    pub fn from_nodes(grid: Grid, node: Vec<Node>, constraint: Vec<Constraint>) -> Self {
         let active = (0..node.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
         Self { grid, node, constraint, active }
     }
@@ -123,25 +128,32 @@ impl Lattice {
     }
 }
 
+/// How many voxels each bone or label has in a node.
+type Votes = Vec<(u16, usize)>;
+
 /// Kind and constraint of one node from its voxels.
 fn classify(
     tissue: &Tissue<'_>,
     material: &Material,
+    organs: &Organs,
     [xs, ys, zs]: [&std::ops::Range<usize>; 3],
 ) -> (Node, Constraint) {
     let grid = tissue.ct.grid();
     let (mut all, mut active, mut hu) = (0usize, 0usize, 0f64);
-    let mut votes: Vec<(u16, usize)> = Vec::new();
+    let (mut votes, mut organ_votes) = (Votes::new(), Votes::new());
+    let vote = |votes: &mut Votes, b: u16| match votes.iter_mut().find(|(n, _)| *n == b) {
+        Some((_, count)) => *count += 1,
+        None => votes.push((b, 1)),
+    };
     for k in zs.clone() {
         for j in ys.clone() {
             for i in xs.clone() {
                 let v = grid.linear([i, j, k]);
                 all += 1;
                 if let Some(b) = tissue.bone(v) {
-                    match votes.iter_mut().find(|(n, _)| *n == b) {
-                        Some((_, count)) => *count += 1,
-                        None => votes.push((b, 1)),
-                    }
+                    vote(&mut votes, b);
+                } else if !organs.is_empty() {
+                    vote(&mut organ_votes, tissue.labels.volume.data()[v]);
                 }
                 if tissue.active(v) {
                     active += 1;
@@ -150,11 +162,14 @@ fn classify(
             }
         }
     }
-    // Ties go to the bone that comes first in the skeleton.
-    let bone = votes.iter().max_by(|a, b| a.1.cmp(&b.1).then(b.0.cmp(&a.0)));
-    match bone {
-        Some(&(b, n)) if n as f64 >= BONE_SHARE * all as f64 => (Node::Bone(b), RIGID),
-        _ if 2 * active >= all && active > 0 => (Node::Soft, material.at((hu / active as f64) as f32)),
+    // Ties go to the bone that comes first in the skeleton, or to the lower label.
+    let most = |votes: &Votes| votes.iter().copied().max_by(|a, b| a.1.cmp(&b.1).then(b.0.cmp(&a.0)));
+    let organ = || most(&organ_votes).and_then(|v| organs.of(v.0));
+    match most(&votes) {
+        Some((b, n)) if n as f64 >= BONE_SHARE * all as f64 => (Node::Bone(b), RIGID),
+        _ if 2 * active >= all && active > 0 => {
+            (Node::Soft, organ().unwrap_or_else(|| material.at((hu / active as f64) as f32)))
+        }
         _ => (Node::Outside, RIGID),
     }
 }

@@ -2,17 +2,25 @@
 
 mod blend;
 mod carry;
+mod engine;
 mod extend;
 mod front;
 mod lattice;
 mod links;
 mod material;
+mod options;
 mod propagate;
+mod queue;
 mod relax;
+#[cfg(test)]
+mod tests;
 
-pub use carry::Carry;
-pub use front::{Front, LinkTime};
+pub use blend::{FirstWave, first_wave, spread};
+pub use carry::{Carry, Initiators};
+pub use front::{Front, LinkTime, Order, Structures};
 pub use lattice::{Lattice, Node, Tissue};
 pub use links::{LinkReport, check_links};
-pub use material::{Constraint, Knot, Material, MaterialName};
-pub use propagate::{ChainmailOptions, Initiators, Propagation, propagate};
+pub use material::{Constraint, Knot, Material, MaterialName, Organs};
+pub use options::{ChainmailOptions, Combination};
+pub use propagate::{Propagation, organs, propagate, regions};
+pub use relax::Elasticity;

@@ -1,88 +1,19 @@
 //! From bone transforms to the push field on the planning grid.
 
-use super::blend::superpose;
-use super::carry::Carry;
+use super::blend::{first_wave, spread};
+use super::carry::Initiators;
 use super::extend::{extend, fill};
-use super::front::{Front, FrontRules, LinkTime};
 use super::lattice::{Lattice, Node, Tissue};
-use super::material::Material;
+use super::material::Organs;
+use super::options::ChainmailOptions;
 use super::relax::Relaxation;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::Rigid;
 use crate::progress::Progress;
 use crate::volume::{Volume, trilinear_vector};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-/// How bone motion is carried to soft tissue.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ChainmailOptions {
-    /// Material transfer function.
-    pub material: Material,
-    /// Time along a link.
-    pub link_time: LinkTime,
-    /// Links that a front runs along.
-    pub front: Front,
-    /// What a bone hands to the tissue around it.
-    pub carry: Carry,
-    /// Exponent n of the superposition's weights t^-n.
-    pub exponent: f64,
-    /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
-    pub cutoff: f64,
-    /// A bone's front stops where it arrives this many times later than the first one: its weight there is below this
-    /// ratio to the power -n. 0 for none (exact).
-    pub prune_ratio: f64,
-    /// Spacing of the elements, mm; 0 for the planning grid itself.
-    pub spacing_mm: f64,
-    /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
-    pub relaxation: Vec<(f64, usize)>,
-    /// Voxels below this take no part, HU.
-    pub least_hu: f32,
-}
-
-impl Default for ChainmailOptions {
-    fn default() -> Self {
-        Self {
-            material: Material::default(),
-            link_time: LinkTime::SlowInStiff,
-            front: Front::Round,
-            carry: Carry::Rigid,
-            exponent: 4.0,
-            cutoff: 800.0 * 0.98,
-            prune_ratio: 4.0,
-            spacing_mm: 3.0,
-            relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
-            least_hu: -500.0,
-        }
-    }
-}
-
-impl ChainmailOptions {
-    /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
-    pub fn thesis() -> Self {
-        Self {
-            link_time: LinkTime::Literal,
-            front: Front::Rhombus,
-            carry: Carry::LinearDecay,
-            cutoff: 800.0,
-            prune_ratio: 0.0,
-            spacing_mm: 0.0,
-            relaxation: Vec::new(),
-            ..Self::default()
-        }
-    }
-}
-
-/// The bones' motion: one transform and one centroid (LPS mm, the thesis's rotation point) per bone of the skeleton.
-pub struct Initiators<'a> {
-    /// Planning to fraction.
-    pub transforms: &'a [Rigid],
-    /// Centroids in planning.
-    pub centroids: &'a [Point3<f64>],
-}
 
 /// The propagation's result: the field, and the lattice with its displacements for the links' report.
 pub struct Propagation {
@@ -97,14 +28,14 @@ pub struct Propagation {
 /// Carries the bones' motion to every voxel of the planning grid.
 ///
 /// # Errors
-/// None at present; the result type leaves room for limits on memory.
+/// [`crate::Error::Usage`] when the options name an organ that the labels lack.
 pub fn propagate(
     tissue: &Tissue<'_>,
     bones: &Initiators<'_>,
     options: &ChainmailOptions,
     progress: &dyn Progress,
 ) -> Result<Propagation> {
-    let rules = FrontRules { time: options.link_time, front: options.front, cutoff: options.cutoff };
+    let organs = organs(tissue, options)?;
     let turns: Vec<Matrix3<f64>> =
         bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let steps = options.relaxation.len() + 2;
@@ -112,9 +43,9 @@ pub fn propagate(
     let mut change: Option<Volume<[f32; 3]>> = None;
     for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
         progress.step(n, steps, &format!("relax at {spacing} mm"));
-        let lattice = Lattice::new(tissue, &options.material, spacing);
-        let start = start(&lattice, bones, &rules, options, change.as_ref());
-        let mut relaxation = Relaxation::new(&lattice, &start.0, &turns);
+        let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
+        let start = start(&lattice, bones, options, change.as_ref());
+        let mut relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity);
         relaxation.run(rounds);
         let relaxed = relaxation.displacements();
         let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
@@ -123,10 +54,10 @@ pub fn propagate(
         change = Some(Volume::new(lattice.grid.clone(), fill(&lattice, &difference, 2).0)?);
     }
     progress.step(steps - 2, steps, "propagate");
-    let lattice = Lattice::new(tissue, &options.material, options.spacing_mm);
-    let (mut displacement, _) = start(&lattice, bones, &rules, options, change.as_ref());
+    let lattice = Lattice::new(tissue, &options.material, &organs, options.spacing_mm);
+    let (mut displacement, _) = start(&lattice, bones, options, change.as_ref());
     if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
-        let mut relaxation = Relaxation::new(&lattice, &displacement, &turns);
+        let mut relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity);
         relaxation.run(rounds);
         displacement = relaxation.displacements();
     }
@@ -139,15 +70,57 @@ pub fn propagate(
     Ok(Propagation { push, lattice, displacement: coarse.into_data() })
 }
 
-/// Superposition plus the coarser correction on the whole lattice, and the superposition alone.
+/// Finds the organs that have constraints of their own.
+///
+/// # Errors
+/// [`crate::Error::Usage`] when a name is no label's, or a bone's.
+pub fn organs(tissue: &Tissue<'_>, options: &ChainmailOptions) -> Result<Organs> {
+    Organs::new(&options.organs, tissue.labels, |l| tissue.bone_of_label[usize::from(l)].is_some())
+}
+
+/// Regions of influence on the planning grid: 0 where no bone's motion comes, else the position in the skeleton plus 1
+/// of the bone that reaches the voxel first. With prioritisation it is the bone whose motion the voxel takes, with
+/// superposition the one with the greatest weight.
+///
+/// # Errors
+/// [`crate::Error::Internal`] when the grids disagree.
+pub fn regions(
+    tissue: &Tissue<'_>,
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+) -> Result<Volume<u16>> {
+    let owner = first_wave(lattice, bones, options).owner;
+    let grid = tissue.ct.grid().clone();
+    let size = lattice.grid.size();
+    let base = lattice.grid.index(&grid.origin());
+    let step = lattice.grid.inverse_step() * grid.step();
+    let plane = grid.size()[0] * grid.size()[1];
+    let mut out = vec![0u16; grid.len()];
+    out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
+        for (at, o) in out.iter_mut().enumerate() {
+            let voxel = k * plane + at;
+            let [i, j, k] = grid.voxel(voxel).map(|v| v as f64);
+            let near = base + step * Vector3::new(i, j, k);
+            let node = [0, 1, 2].map(|a| (near[a].round().max(0.0) as usize).min(size[a] - 1));
+            *o = match tissue.bone(voxel) {
+                Some(b) => b + 1,
+                None if tissue.active(voxel) => owner[lattice.grid.linear(node)].map_or(0, |b| b + 1),
+                None => 0,
+            };
+        }
+    });
+    Volume::new(grid, out)
+}
+
+/// What the waves bring plus the coarser correction on the whole lattice, and the former alone.
 fn start(
     lattice: &Lattice,
     bones: &Initiators<'_>,
-    rules: &FrontRules,
     options: &ChainmailOptions,
     change: Option<&Volume<[f32; 3]>>,
 ) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let plain = reached_or_filled(lattice, &superpose(lattice, bones.transforms, bones.centroids, rules, options));
+    let plain = reached_or_filled(lattice, &spread(lattice, bones, options));
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];

@@ -1,10 +1,24 @@
-//! Elastic relaxation of the chain mail with local rotations: bones are held, every other element settles where its
-//! links, turned with the tissue, pull it (corotated links; Gibson 1997 for the relaxation, Sorkine and Alexa 2007 for
-//! the local rotations). Stiffness of a link is the inverse of its play.
+//! Elastic relaxation of the chain mail: bones are held, every other element settles where its links pull it (Gibson
+//! 1997; heterogeneous after Rodriguez). In the corotated kind links turn with the tissue (Sorkine and Alexa 2007).
+//! Stiffness of a link is the inverse of its play.
 
 use super::lattice::{Lattice, Node};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// What pulls the elements in the relaxation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Elasticity {
+    /// 26 links that turn with the tissue, stiffer where their play is less.
+    #[default]
+    Corotated,
+    /// 6 equal links that do not turn: an element moves to the mean of the places where its neighbours want it.
+    Gibson,
+    /// 6 links that do not turn, stiffer where their play is less.
+    Heterogeneous,
+}
 
 /// Least play of a link, relative to its length: rigid material without a label is stiff, not infinitely so.
 const LEAST_PLAY: f32 = 0.03;
@@ -33,6 +47,8 @@ pub struct Relaxation<'a> {
     work: Vec<Work>,
     links: Vec<Link>,
     softness: Vec<f32>,
+    /// Whether links turn with the tissue.
+    turning: bool,
 }
 
 /// One of the 26 links: where it leads and what it is at rest.
@@ -52,18 +68,20 @@ const OUTSIDE: f32 = -1.0;
 
 impl<'a> Relaxation<'a> {
     /// Starts from displacements on the whole lattice; `turns` are the bones' rotations.
-    pub fn new(lattice: &'a Lattice, u: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Self {
+    pub fn new(lattice: &'a Lattice, u: &[[f32; 3]], turns: &[Matrix3<f64>], elasticity: Elasticity) -> Self {
         let size = lattice.grid.size();
         let plane = size[0] * size[1];
+        let turning = elasticity == Elasticity::Corotated;
         let shortest = lattice.links().iter().map(|l| l.norm()).fold(f64::MAX, f64::min);
         let links = crate::geometry::stencil::NEIGHBOURS_26
             .iter()
             .zip(lattice.links())
+            .filter(|(o, _)| turning || o.iter().filter(|&&c| c != 0).count() == 1)
             .map(|(o, rest)| Link {
                 dk: o[2] as isize,
                 at: o[0] as isize + o[1] as isize * size[0] as isize,
                 rest: [rest.x as f32, rest.y as f32, rest.z as f32],
-                weight: ((shortest / rest.norm()).powi(2)) as f32,
+                weight: if turning { ((shortest / rest.norm()).powi(2)) as f32 } else { 1.0 },
             })
             .collect();
         let softness = lattice
@@ -72,6 +90,7 @@ impl<'a> Relaxation<'a> {
             .zip(&lattice.constraint)
             .map(|(n, c)| match n {
                 Node::Outside => OUTSIDE,
+                _ if elasticity == Elasticity::Gibson => 1.0,
                 Node::Bone(_) => 0.0,
                 Node::Soft => c.shear,
             })
@@ -82,7 +101,10 @@ impl<'a> Relaxation<'a> {
             let range = k * plane..(k + 1) * plane;
             let turn = lattice.node[range.clone()]
                 .iter()
-                .map(|n| if let Node::Bone(b) = n { bone_turn[usize::from(*b)] } else { [0.0; 9] })
+                .map(|n| match n {
+                    Node::Bone(b) if turning => bone_turn[usize::from(*b)],
+                    _ => [0.0; 9],
+                })
                 .collect();
             let p = Plane { u: u[range.clone()].to_vec(), turn };
             if k % 2 == 0 {
@@ -93,15 +115,17 @@ impl<'a> Relaxation<'a> {
             let soft = (0..plane as u32).filter(|&n| lattice.node[range.start + n as usize] == Node::Soft).collect();
             work.push(Work { soft });
         }
-        Self { lattice, even, odd, work, links, softness }
+        Self { lattice, even, odd, work, links, softness, turning }
     }
 
-    /// `rounds` rounds of local rotations and one sweep over all elements each; returns the last round's greatest
-    /// step in mm.
+    /// `rounds` rounds of local rotations (where links turn) and one sweep over all elements each; returns the last
+    /// round's greatest step in mm.
     pub fn run(&mut self, rounds: usize) -> f32 {
         let mut greatest = 0.0;
         for _ in 0..rounds {
-            self.rotate();
+            if self.turning {
+                self.rotate();
+            }
             greatest = self.sweep(0).max(self.sweep(1));
         }
         greatest

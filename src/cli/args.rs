@@ -58,6 +58,7 @@ Writes to OUT:
   jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 
 Examples:
@@ -219,21 +220,28 @@ const STUDY: &str = "\
 A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
 result is kept, so that a study that was stopped goes on where it was.
 
-Example:
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
+functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
+
+Examples:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
-  aventail study --case run --out study     # study/study.html, study.md, study.csv";
+  aventail study --case run --out study     # study/study.html, study.md, study.csv
+  aventail study --concepts --out concepts";
 
 /// Options of `study`.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
     /// Folder of a finished run
-    #[arg(long, value_name = "DIR")]
-    pub case: PathBuf,
-    /// Folder for the tables and pictures; made if missing
+    #[arg(long, value_name = "DIR", required_unless_present = "concepts", conflicts_with = "concepts")]
+    pub case: Option<PathBuf>,
+    /// Make the concept figures instead
+    #[arg(long)]
+    pub concepts: bool,
+    /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "case")]
     pub plan: Option<PathBuf>,
     /// Threads; 0 takes one per core
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -23,10 +23,10 @@ pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
         Verb::Pose(args) => pose::run(args),
-        Verb::Study(args) => study::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
+        Verb::Study(args) => study::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

@@ -150,6 +150,10 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
     ] {
         io::write_mask(add(name.into(), what), mask, &options(what))?;
     }
+    if let Some(regions) = &outcome.regions {
+        let what = "regions of influence on the planning grid: label of the bone that each voxel follows";
+        io::write_labels(add("regions.nii.gz".into(), what), regions, &options("regions of influence"))?;
+    }
     let path = add("settings.toml".into(), "the settings of this run, for --config");
     let text = toml::to_string_pretty(config).map_err(|e| Error::Internal(format!("settings as TOML: {e}")))?;
     io::write_file(path, |w| w.write_all(text.as_bytes()))?;

@@ -1,7 +1,8 @@
-//! `aventail study`: the model's stages side by side on one case, with the same bone motion.
+//! `aventail study`: the model's stages side by side on one case, with the same bone motion; or the concept figures.
 
 use super::args::StudyArgs;
 use super::register::{open_folder, progress};
+use crate::concepts;
 use crate::config::{Config, ConfigFile, StudyPlan};
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
@@ -9,21 +10,38 @@ use crate::geometry::Rigid;
 use crate::io::{self, checksum::sha256};
 use crate::pipeline::{Case, carry_again};
 use crate::progress::Progress;
-use crate::report::{Report, StageRecord, finished_stage, write_stage, write_study};
+use crate::report::{Report, StageRecord, finished_stage, write_concepts, write_stage, write_study};
 use crate::runtime::Runtime;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Runs every stage of the plan that is not finished yet and writes the tables; returns them as Markdown.
+/// Runs every stage of the plan that is not finished yet and writes the tables, or the concept figures; returns them as
+/// text.
 ///
 /// # Errors
 /// When the case is no finished run, a file cannot be read or written, or the plan's settings are not legal.
 pub fn run(args: &StudyArgs) -> Result<String> {
+    match &args.case {
+        Some(case) => tables(args, case),
+        None => concept_figures(args),
+    }
+}
+
+fn concept_figures(args: &StudyArgs) -> Result<String> {
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let figures = runtime.stage("concept figures", || concepts::figures(runtime.progress()))?;
+    let names = runtime.stage("write", || write_concepts(&args.out, &figures))?;
+    let lines = figures.iter().zip(&names).map(|(f, name)| format!("{name}: {}. {}", f.title, f.caption));
+    Ok(lines.collect::<Vec<_>>().join("\n"))
+}
+
+fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     let plan = args.plan.as_deref().map_or_else(StudyPlan::thesis, StudyPlan::read)?;
     let stages = plan.stages()?;
     open_folder(&args.out)?;
-    let moved = Moved::load(&args.case)?;
+    let moved = Moved::load(case)?;
     let mut records = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
         let settings = serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?;

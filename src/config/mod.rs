@@ -68,11 +68,13 @@ pub struct OutputOptions {
     pub field_format: FieldFormat,
     /// Gzip level of compressed files, 0 to 9.
     pub gzip_level: u32,
+    /// Write the regions of influence as `regions.nii.gz`: which bone each voxel follows.
+    pub regions: bool,
 }
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { field_format: FieldFormat::Nifti, gzip_level: 2 }
+        Self { field_format: FieldFormat::Nifti, gzip_level: 2, regions: false }
     }
 }
 
@@ -192,7 +194,7 @@ fn overlay(base: &mut Value, over: &Value) {
 impl Config {
     /// What is impossible in these settings, if anything.
     pub fn problem(&self) -> Option<String> {
-        let (f, c, b) = (&self.fit, &self.chainmail, &self.body);
+        let (f, b) = (&self.fit, &self.body);
         let within = |name: &str, value: f64, low: f64, high: f64| {
             let bad = !(low..=high).contains(&value);
             bad.then(|| format!("{name} is {value}: it must lie in [{low}, {high}]"))
@@ -209,12 +211,7 @@ impl Config {
             within("fit.start_blur_mm", f.start_blur_mm, 0.0, 50.0),
             within("fit.tolerance_mm", f.tolerance_mm, 1e-9, 10.0),
             count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
-            within("chainmail.exponent", c.exponent, 0.1, 64.0),
-            within("chainmail.cutoff", c.cutoff, 1e-3, 1e6),
-            within("chainmail.prune_ratio", c.prune_ratio, 0.0, 1e6),
-            within("chainmail.spacing_mm", c.spacing_mm, 0.0, 50.0),
-            c.relaxation.iter().find_map(|r| within("a spacing of chainmail.relaxation", r.0, 0.0, 100.0)),
-            within("chainmail.least_hu", f64::from(c.least_hu), -2000.0, 3000.0),
+            self.chainmail.problem(),
             within("invert.tolerance_mm", self.invert.tolerance_mm, 1e-9, 10.0),
             count("invert.max_iterations", self.invert.max_iterations),
             within("output.gzip_level", f64::from(self.output.gzip_level), 0.0, 9.0),
@@ -222,7 +219,6 @@ impl Config {
             within("body.opening_mm", b.opening_mm, 0.0, 100.0),
             within("body.separation_mm", b.separation_mm, 0.0, 100.0),
             within("body.closing_mm", b.closing_mm, 0.0, 100.0),
-            c.material.problem(),
         ];
         checks.into_iter().flatten().next()
     }
@@ -266,6 +262,9 @@ mod tests {
             ("colour = 1", "colour"),
             ("[fit]\nlevels = \"many\"", "fit.levels"),
             ("[chainmail]\nexponent = true", "chainmail.exponent"),
+            ("[chainmail]\norder = \"first-moved\"\nstructures = \"third-criterion\"", "structures"),
+            ("[chainmail.organs]\ntongue = { min = 1.5, max = 2.0, shear = 0.2 }", "tongue"),
+            ("[chainmail]\nmaterial = [{ value = 3.0, min = 0.5, max = 0.9, shear = 0.1 }]", "grey value 3"),
         ] {
             let error = resolve(toml).unwrap_err();
             assert!(error.to_string().contains(name), "{error}");

@@ -2,7 +2,7 @@
 
 use super::study::CARRYING;
 use super::{Case, Outcome};
-use crate::chainmail::{Initiators, Lattice, Propagation, Tissue, check_links, propagate};
+use crate::chainmail::{self, Initiators, Lattice, Organs, Propagation, Tissue, check_links, propagate};
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
-use crate::volume::{Mask, trilinear_vector};
+use crate::volume::{LabelMap, Mask, trilinear_vector};
 use crate::warning::Warning;
 use nalgebra::Point3;
 
@@ -28,7 +28,7 @@ pub(super) fn carry_out(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let propagation =
+    let (propagation, regions) =
         runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, config, runtime))?;
     let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
@@ -70,6 +70,7 @@ pub(super) fn carry_out(
         links,
         inverse,
         landmarks,
+        regions,
         warnings,
         stages: runtime.times(),
     })
@@ -84,7 +85,8 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
     out
 }
 
-/// Carries the bones' motion to every voxel by the model that the settings name.
+/// Carries the bones' motion to every voxel by the model that the settings name; with it the regions of influence, if
+/// they are asked for and the model has any.
 pub(super) fn soft_tissue(
     case: &Case,
     skeleton: &Skeleton,
@@ -92,7 +94,7 @@ pub(super) fn soft_tissue(
     transforms: &[Rigid],
     config: &Config,
     runtime: &Runtime,
-) -> Result<Propagation> {
+) -> Result<(Propagation, Option<LabelMap>)> {
     let bone_of_label = bone_of_label(skeleton);
     let tissue = Tissue {
         ct: &case.planning,
@@ -104,18 +106,38 @@ pub(super) fn soft_tissue(
     let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
     let bones = Initiators { transforms, centroids: &centroids };
     let push = match config.soft_tissue {
-        SoftTissue::ChainMail => return propagate(&tissue, &bones, &config.chainmail, runtime.progress()),
+        SoftTissue::ChainMail => {
+            let propagation = propagate(&tissue, &bones, &config.chainmail, runtime.progress())?;
+            let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);
+            let regions = config.output.regions.then(regions).transpose()?;
+            return Ok((propagation, regions));
+        }
         SoftTissue::ThinPlateSplines => thin_plate(&tissue, &bones)?,
         SoftTissue::NearestBone => nearest_bone(&tissue, &bones)?,
     };
     // The chain mail that such a field would stretch, so that its links can be judged alike.
-    let lattice = Lattice::new(&tissue, &config.chainmail.material, config.chainmail.spacing_mm);
+    let organs = Organs::new(&config.chainmail.organs, &case.bones, |l| bone_of_label[usize::from(l)].is_some())?;
+    let lattice = Lattice::new(&tissue, &config.chainmail.material, &organs, config.chainmail.spacing_mm);
     let at = |n: usize| {
         let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&lattice.rest(n)));
         u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
     };
     let displacement = (0..lattice.node.len()).map(at).collect();
-    Ok(Propagation { push, lattice, displacement })
+    Ok((Propagation { push, lattice, displacement }, None))
+}
+
+/// The label of the bone that reaches each voxel first.
+fn regions_of(
+    tissue: &Tissue<'_>,
+    propagation: &Propagation,
+    bones: &Initiators<'_>,
+    skeleton: &Skeleton,
+    config: &Config,
+) -> Result<LabelMap> {
+    let owner = chainmail::regions(tissue, &propagation.lattice, bones, &config.chainmail)?;
+    let label = |o: &u16| usize::from(*o).checked_sub(1).map_or(0, |b| skeleton.bones[b].label);
+    let names = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+    Ok(LabelMap { volume: owner.map(label), names })
 }
 
 /// Findings about the field.

@@ -48,6 +48,8 @@ pub struct Outcome {
     pub landmarks: Option<LandmarkReport>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+    /// Regions of influence, when the settings ask for them: the label of the bone that reaches each voxel first.
+    pub regions: Option<LabelMap>,
     /// Wall time of each stage.
     pub stages: Vec<StageTime>,
 }

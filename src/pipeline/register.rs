@@ -3,6 +3,7 @@
 use super::carry::carry_out;
 use super::{Case, Outcome};
 use crate::body;
+use crate::chainmail::Organs;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{FitResult, LandmarkUse, fit_pose, from_landmarks, given};
@@ -44,7 +45,9 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
 /// What every way to move the bones begins with: the skeleton and the patient.
 pub(super) fn prepare(case: &Case, config: &Config, runtime: &Runtime) -> Result<(Vec<Warning>, Skeleton, Mask)> {
     let mut warnings = case.warnings.clone();
-    let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case))?;
+    let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+    // Wrong names are found before the long work begins.
+    Organs::new(&config.chainmail.organs, &case.bones, |l| skeleton.bones.iter().any(|b| b.label == l))?;
     warnings.extend(built);
     let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
     Ok((warnings, skeleton, body))
@@ -89,14 +92,16 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>) -> Result<()> {
 }
 
 /// The user's skeleton, or the one that the labels give.
-fn skeleton_of(case: &Case) -> Result<(Skeleton, Vec<Warning>)> {
+fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
     let built = skeleton::build(&case.bones)?;
     let mut warnings = built.warnings;
-    if !built.ignored.is_empty() {
-        let list = built.ignored.join(", ");
+    let ignored: Vec<&str> =
+        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.organs.contains_key(*n)).collect();
+    if !ignored.is_empty() {
+        let list = ignored.join(", ");
         warnings.push(Warning::new(
             "labels-ignored",
-            format!("{} labels are no bones of the skeleton and were ignored: {list}", built.ignored.len()),
+            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
         ));
     }
     Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))

@@ -57,6 +57,9 @@ impl Canvas {
         canvas
     }
 
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
     pub(super) fn height(&self) -> usize {
         self.height
     }
@@ -177,6 +180,33 @@ impl Canvas {
         layer(pen.colour, 0.32, 0.3);
     }
 
+    /// Writes the picture as PNG with at most 256 colours, the commonest of 16 levels each: small files for line art.
+    pub(super) fn write_small_png(&self, out: &mut dyn Write) -> io::Result<()> {
+        let level = |v: u8| (u16::from(v) + 8) / 17;
+        let key = |p: &Rgb| usize::from(level(p[0]) << 8 | level(p[1]) << 4 | level(p[2]));
+        let mut counts = vec![0usize; 1 << 12];
+        self.pixels.iter().for_each(|p| counts[key(p)] += 1);
+        let mut found: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
+        found.sort_by_key(|&k| (std::cmp::Reverse(counts[k]), k));
+        found.truncate(256);
+        let colour = |k: usize| [k >> 8, k >> 4 & 15, k & 15].map(|l| (l * 17) as u8);
+        let palette: Vec<Rgb> = found.iter().map(|&k| colour(k)).collect();
+        let far = |a: Rgb, b: Rgb| (0..3).map(|c| u32::from(a[c].abs_diff(b[c])).pow(2)).sum::<u32>();
+        let nearest = |k: usize| (0..palette.len()).min_by_key(|&n| far(palette[n], colour(k))).unwrap_or(0) as u8;
+        let table: Vec<u8> = (0..counts.len()).map(|k| if counts[k] > 0 { nearest(k) } else { 0 }).collect();
+        let indices: Vec<u8> = self.pixels.iter().map(|p| table[key(p)]).collect();
+        let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_palette(palette.concat());
+        encoder.set_compression(png::Compression::High);
+        encoder.set_filter(png::Filter::NoFilter);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&indices)?;
+        writer.finish()?;
+        Ok(())
+    }
+
     /// Writes the picture as 8-bit RGB PNG.
     pub(super) fn write_png(&self, out: &mut dyn Write) -> io::Result<()> {
         let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
@@ -273,6 +303,20 @@ mod tests {
         let mut back = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut back).unwrap();
         assert_eq!(back, canvas.pixels.as_flattened());
+    }
+
+    #[test]
+    fn a_small_png_keeps_few_colours_within_their_rounding() {
+        let canvas = Canvas::from_fn(40, 30, |x, y| if (x / 5 + y / 5) % 2 == 0 { [255; 3] } else { [13, 90, 167] });
+        let mut bytes = Vec::new();
+        canvas.write_small_png(&mut bytes).unwrap();
+        let mut decoder = png::Decoder::new(io::Cursor::new(bytes));
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info().unwrap();
+        let mut back = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut back).unwrap();
+        assert_eq!(back.len(), 3 * 40 * 30);
+        assert!(back.iter().zip(canvas.pixels.as_flattened()).all(|(a, b)| a.abs_diff(*b) <= 9));
     }
 
     #[test]

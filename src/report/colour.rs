@@ -44,6 +44,12 @@ pub(super) fn magnitude(share: f64) -> Rgb {
     ramp(&STOPS, share)
 }
 
+/// From dark (0, early) to bright (1, late), even in brightness.
+pub(super) fn heat(share: f64) -> Rgb {
+    const STOPS: [Rgb; 5] = [[30, 20, 80], [110, 30, 130], [200, 55, 100], [248, 140, 60], [250, 230, 130]];
+    ramp(&STOPS, share)
+}
+
 /// Linear interpolation between evenly spaced colours.
 fn ramp(stops: &[Rgb], share: f64) -> Rgb {
     let at = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;

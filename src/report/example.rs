@@ -125,6 +125,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         landmarks: Some(landmark::evaluate(&push, &landmarks)),
         push,
         warnings: vec![Warning::new("bone-in-pieces", "skull: 2 pieces, <largest> 98 %; check the label map")],
+        regions: None,
         stages: [("read", 0.9), ("body", 1.4), ("fit skeleton", 12.5), ("propagate", 8.2), ("invert", 2.1)]
             .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds })
             .into(),

@@ -6,6 +6,7 @@
 
 mod canvas;
 mod colour;
+mod concepts;
 mod csv;
 #[cfg(test)]
 mod example;
@@ -13,10 +14,12 @@ mod html;
 mod numbers;
 mod pictures;
 mod plane;
+mod plot;
 mod study;
 mod table;
 mod transforms;
 
+pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use html::page;
 pub use numbers::{OutputFile, Report, Run};
@@ -38,7 +41,8 @@ pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run) -> Result
     let pictures_folder = folder.join("report");
     std::fs::create_dir_all(&pictures_folder)
         .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
-    let pictures = draw(case, outcome)?;
+    let mut pictures = draw(case, outcome)?;
+    pictures.extend(pictures::material(&run.settings)?);
     pictures::write(&pictures_folder, &pictures)?;
     let report = Report::new(case, outcome, run);
     write_file(folder.join("report.json"), |out| Ok(serde_json::to_writer_pretty(out, &report)?))?;

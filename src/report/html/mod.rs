@@ -50,6 +50,7 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 (tables::jacobian(report))
                 h2 { "Inverse and chain mail" }
                 (tables::inverse_and_links(report))
+                div.pair { (picture("material.png")) }
                 h2 { "Time and memory" }
                 (stages(report))
                 h2 { "Provenance" }

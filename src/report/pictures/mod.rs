@@ -9,6 +9,10 @@ mod residuals;
 mod scene;
 
 use super::canvas::Canvas;
+use super::plane::WIDTH;
+use super::plot;
+use crate::chainmail::Material;
+use crate::concepts::transfer_functions;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
@@ -42,6 +46,24 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
         kinds.push(Box::new(|_| residuals::draw(report)));
     }
     kinds.par_iter().map(|draw| draw(&scene).encoded()).collect()
+}
+
+/// The material transfer function of the run; nothing when its settings do not hold one.
+///
+/// # Errors
+/// [`crate::Error::Internal`] when the picture cannot be encoded.
+pub(super) fn material(settings: &serde_json::Value) -> Result<Option<Picture>> {
+    let Ok(material) = serde_json::from_value::<Material>(settings["chainmail"]["material"].clone()) else {
+        return Ok(None);
+    };
+    let plate = Plate {
+        file: "material.png",
+        title: "Material transfer function",
+        caption: "Least and greatest length of a link and its greatest sideways shift, times its rest length."
+            .to_owned(),
+        canvas: plot::draw(&transfer_functions(&material), WIDTH, WIDTH * 3 / 5),
+    };
+    plate.encoded().map(Some)
 }
 
 /// Writes each picture into `folder`, which exists.

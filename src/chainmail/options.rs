@@ -1,0 +1,119 @@
+//! Settings of the chain mail: the one place where a variant is chosen.
+
+use super::carry::Carry;
+use super::front::{Front, LinkTime, Order, Structures};
+use super::material::{Constraint, Material};
+use super::relax::Elasticity;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How the waves of several bones become one displacement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Combination {
+    /// Every bone's wave runs through all tissue; displacements are averaged with weights t^-n (thesis 5.4.2, eq. 5.7).
+    #[default]
+    Superposition,
+    /// One wave from all bones: each element follows the bone that reaches it first (thesis 5.4.1).
+    #[serde(alias = "prioritization")]
+    Prioritisation,
+}
+
+/// How bone motion is carried to soft tissue.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ChainmailOptions {
+    /// Material transfer function.
+    pub material: Material,
+    /// Own constraints of label names that are not bones, instead of the transfer function.
+    pub organs: BTreeMap<String, Constraint>,
+    /// Which element is processed next.
+    pub order: Order,
+    /// Time along a link.
+    pub link_time: LinkTime,
+    /// Links that a front runs along.
+    pub front: Front,
+    /// Averaging along wave fronts around initiating structures.
+    pub structures: Structures,
+    /// What a bone hands to the tissue around it.
+    pub carry: Carry,
+    /// How several bones act together.
+    pub combination: Combination,
+    /// Exponent n of the superposition's weights t^-n.
+    pub exponent: f64,
+    /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
+    pub cutoff: f64,
+    /// A bone's front stops where it arrives this many times later than the first one: its weight there is below this
+    /// ratio to the power -n. 0 for none (exact).
+    pub prune_ratio: f64,
+    /// Spacing of the elements, mm; 0 for the planning grid itself.
+    pub spacing_mm: f64,
+    /// What pulls the elements in the relaxation.
+    pub elasticity: Elasticity,
+    /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
+    pub relaxation: Vec<(f64, usize)>,
+    /// Voxels below this grey value take no part, HU for CT.
+    pub least_hu: f32,
+}
+
+impl Default for ChainmailOptions {
+    fn default() -> Self {
+        Self {
+            material: Material::default(),
+            organs: BTreeMap::new(),
+            order: Order::Timestamps,
+            link_time: LinkTime::SlowInStiff,
+            front: Front::Round,
+            structures: Structures::None,
+            carry: Carry::Rigid,
+            combination: Combination::Superposition,
+            exponent: 4.0,
+            cutoff: 800.0 * 0.98,
+            prune_ratio: 4.0,
+            spacing_mm: 3.0,
+            elasticity: Elasticity::Corotated,
+            relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
+            least_hu: -500.0,
+        }
+    }
+}
+
+impl ChainmailOptions {
+    /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
+    pub fn thesis() -> Self {
+        Self {
+            link_time: LinkTime::Literal,
+            front: Front::Rhombus,
+            carry: Carry::LinearDecay,
+            cutoff: 800.0,
+            prune_ratio: 0.0,
+            spacing_mm: 0.0,
+            relaxation: Vec::new(),
+            ..Self::default()
+        }
+    }
+
+    /// The first impossible choice in these settings, if any, with its key.
+    pub fn problem(&self) -> Option<String> {
+        let within = |name: &str, value: f64, low: f64, high: f64| {
+            let bad = !(low..=high).contains(&value);
+            bad.then(|| format!("chainmail.{name} is {value}: it must lie in [{low}, {high}]"))
+        };
+        let averaging = self.structures != Structures::None;
+        let checks = [
+            within("exponent", self.exponent, 0.1, 64.0),
+            within("cutoff", self.cutoff, 1e-3, 1e6),
+            within("prune_ratio", self.prune_ratio, 0.0, 1e6),
+            within("spacing_mm", self.spacing_mm, 0.0, 50.0),
+            self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
+            within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),
+            (averaging && self.order != Order::Timestamps).then(|| {
+                "chainmail.structures averages along wave fronts, which needs chainmail.order = \"timestamps\""
+                    .to_owned()
+            }),
+            self.material.problem(),
+            self.organs.iter().find_map(|(name, c)| Some(format!("chainmail.organs.{name}: {}", c.problem()?))),
+        ];
+        checks.into_iter().flatten().next()
+    }
+}

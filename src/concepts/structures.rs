@@ -1,0 +1,126 @@
+//! Thesis Fig. 23 to 25: initiating structures and the sorting criteria that cure their artefacts.
+
+use super::sheet::{Sheet, bone, options, stiff};
+use super::{Content, Figure, Panel};
+use crate::chainmail::{ChainmailOptions, Structures};
+use crate::error::{Error, Result};
+use crate::phantom::Anatomy;
+use nalgebra::{Point3, Vector3};
+
+fn panel(title: &str, sheet: &Sheet, structures: Structures, window: [[f64; 2]; 2]) -> Panel {
+    Panel::new(title, Content::Mesh(sheet.close_up(&ChainmailOptions { structures, ..options() }, window)))
+}
+
+fn structure(size: [usize; 2], shift: f64, inside: impl Fn(usize, usize) -> bool) -> Sheet {
+    Sheet::new(size, |i, j| if inside(i, j) { bone(0) } else { stiff() }).moved([shift, 0.0])
+}
+
+fn l(i: usize, j: usize) -> bool {
+    matches!((i, j), (18..=21, 16..=46) | (18..=48, 16..=19))
+}
+
+fn u(i: usize, j: usize) -> bool {
+    matches!((i, j), (14..=17 | 47..=50, 16..=46) | (14..=50, 16..=19))
+}
+
+/// Fig. 23.
+pub(super) fn l_shape() -> Figure {
+    let size = [65, 61];
+    let rectangle = structure(size, 5.0, |i, j| (22..=40).contains(&i) && (22..=36).contains(&j));
+    let l = structure(size, 5.0, l);
+    let window = [[12.0, 10.0], [60.0, 54.0]];
+    Figure {
+        name: "fig23_l_shape",
+        title: "Rectangle and L-shape moved to the right (thesis Fig. 23)",
+        caption: "With timestamps only, elements inside the L take compression from one bar or shear from the other: a diagonal border. The second criterion averages both along each wave front.",
+        panels: vec![
+            panel("(a) rectangle, timestamps", &rectangle, Structures::None, [[10.0, 8.0], [58.0, 52.0]]),
+            panel("(b) L, timestamps", &l, Structures::None, window),
+            panel("(c) L, second criterion", &l, Structures::SecondCriterion, window),
+        ],
+    }
+}
+
+/// Fig. 24.
+pub(super) fn u_shape() -> Figure {
+    let sheet = structure([65, 61], 7.0, u);
+    let window = [[14.0, 14.0], [62.0, 50.0]];
+    Figure {
+        name: "fig24_u_shape",
+        title: "U-shape moved to the right (thesis Fig. 24)",
+        caption: "With the second criterion alone, fronts from both corners meet at another place on every wave front. The third lets them run at the same pace, so that they meet in the middle.",
+        panels: vec![
+            panel("(a) second criterion", &sheet, Structures::SecondCriterion, window),
+            panel("(b) second and third criterion", &sheet, Structures::ThirdCriterion, window),
+        ],
+    }
+}
+
+/// Centre of the body of the phantom's vertebra C7, LPS mm; the cut is along its end plates, that is along x and this.
+const C7: [f64; 3] = [0.0, 2.0, -125.7];
+const BACK: [f64; 3] = [0.0, 0.918, 0.397];
+/// Spacing of the cut, mm.
+const STEP: f64 = 1.1;
+
+/// Fig. 25.
+pub(super) fn vertebra() -> Result<Figure> {
+    let size = [65, 61];
+    let anatomy = Anatomy::new(0.5);
+    let body = anatomy.sample(&Point3::from(C7)).label;
+    if body == 0 {
+        return Err(Error::Internal("the phantom has no vertebra at the place of the figure".into()));
+    }
+    let inside = |i: usize, j: usize| {
+        // As an axial CT is shown: the back at the bottom.
+        let (x, back) = ((i as f64 - 32.0) * STEP, (38.0 - j as f64) * STEP);
+        let place = Point3::from(C7) + Vector3::x() * x + Vector3::from(BACK) * back;
+        anatomy.sample(&place).label == body
+    };
+    let sheet = structure(size, 6.0, inside);
+    let window = [[12.0, 8.0], [62.0, 48.0]];
+    Ok(Figure {
+        name: "fig25_vertebra",
+        title: "Vertebra of the phantom moved to the right (thesis Fig. 25)",
+        caption: "A cut along the end plates of C7. Timestamps alone leave borders as in the L, the second criterion alone those of the U; with the third both are cured.",
+        panels: vec![
+            panel("(a) timestamps", &sheet, Structures::None, window),
+            panel("(b) second criterion", &sheet, Structures::SecondCriterion, window),
+            panel("(c) second and third", &sheet, Structures::ThirdCriterion, window),
+        ],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Greatest second difference of the displacement along x or y inside the L: a kink.
+    fn kink(structures: Structures) -> f64 {
+        let sheet = structure([65, 61], 5.0, l);
+        let d = sheet.displacement(&ChainmailOptions { structures, ..options() });
+        let at = |i: usize, j: usize| d[i + 65 * j][0];
+        (24..34)
+            .map(|n| {
+                let (i, j) = (n, n - 2);
+                (at(i - 1, j + 1) - 2.0 * at(i, j) + at(i + 1, j - 1)).abs()
+            })
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_second_criterion_softens_the_border_inside_the_l() {
+        let (plain, second) = (kink(Structures::None), kink(Structures::SecondCriterion));
+        assert!(plain > 0.4 && second < 0.7 * plain, "{plain} {second}");
+    }
+
+    #[test]
+    fn the_vertebra_has_a_canal() {
+        let figure = vertebra().unwrap();
+        let Content::Mesh(mesh) = &figure.panels[0].content else { panic!("a grid") };
+        let count = mesh.rigid.iter().filter(|&&r| r).count();
+        assert!((300..1800).contains(&count), "{count} elements of bone");
+        let bone = |i: usize, j: usize| mesh.rigid[i + 65 * j];
+        // Body, canal behind it, and a pedicle on either side.
+        assert!(bone(32, 38) && !bone(32, 26) && (15..30).any(|i| bone(i, 26)) && (35..50).any(|i| bone(i, 26)));
+    }
+}
