@@ -66,7 +66,7 @@ fn propagation(c: &mut Criterion) {
             let relaxation = if relaxed { vec![(12.0, 40), (spacing_mm, 20)] } else { Vec::new() };
             let options = ChainmailOptions { prune_ratio, spacing_mm, relaxation, ..ChainmailOptions::default() };
             group.bench_with_input(BenchmarkId::new(name, spacing_mm), &options, |b, o| {
-                b.iter(|| propagate(&tissue, &bones, o, &Silent));
+                b.iter(|| propagate(&tissue, &bones, o, None, &Silent));
             });
         }
     }

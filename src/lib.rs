@@ -19,7 +19,7 @@
 //! ```text
 //! 9 cli        arguments, terminal            8 report     outcome -> files
 //! 7 pipeline   case + config -> outcome       6 config io concepts
-//! 5 fit phantom comparator                    4 skeleton chainmail evaluate
+//! 5 fit refine phantom comparator             4 skeleton chainmail evaluate
 //! 3 field body                                2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
 //! ```
@@ -43,6 +43,7 @@ pub mod skeleton;
 pub mod comparator;
 pub mod fit;
 pub mod phantom;
+pub mod refine;
 
 pub mod concepts;
 pub mod config;

@@ -15,7 +15,7 @@ const RANKS: [&[&str]; 10] = [
     &["volume"],
     &["field", "body"],
     &["skeleton", "chainmail", "evaluate"],
-    &["fit", "phantom", "comparator"],
+    &["fit", "refine", "phantom", "comparator"],
     &["config", "io", "concepts"],
     &["pipeline"],
     &["report"],

@@ -10,10 +10,12 @@ mod links;
 mod material;
 mod options;
 mod propagate;
+mod pull;
 mod queue;
 mod relax;
 #[cfg(test)]
 mod tests;
+mod untangle;
 
 pub use blend::{FirstWave, first_wave, spread};
 pub use carry::{Carry, Initiators};
@@ -23,4 +25,5 @@ pub use links::{LinkReport, check_links};
 pub use material::{Constraint, Knot, Material, MaterialName, Organs};
 pub use options::{ChainmailOptions, Combination};
 pub use propagate::{Propagation, organs, propagate, regions};
+pub use pull::{Comparison, ImagePull, Pull};
 pub use relax::Elasticity;

@@ -6,7 +6,9 @@ use super::extend::{extend, fill};
 use super::lattice::{Lattice, Node, Tissue};
 use super::material::Organs;
 use super::options::ChainmailOptions;
+use super::pull::ImagePull;
 use super::relax::Relaxation;
+use super::untangle::tangled;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::Rigid;
@@ -33,6 +35,7 @@ pub fn propagate(
     tissue: &Tissue<'_>,
     bones: &Initiators<'_>,
     options: &ChainmailOptions,
+    image: Option<&dyn ImagePull>,
     progress: &dyn Progress,
 ) -> Result<Propagation> {
     let organs = organs(tissue, options)?;
@@ -45,9 +48,8 @@ pub fn propagate(
         progress.step(n, steps, &format!("relax at {spacing} mm"));
         let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
         let start = start(&lattice, bones, options, change.as_ref());
-        let mut relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity);
-        relaxation.run(rounds);
-        let relaxed = relaxation.displacements();
+        let relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity);
+        let relaxed = relax(relaxation, &lattice, rounds, image);
         let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
             .map(|n| (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a])))
             .collect();
@@ -57,9 +59,8 @@ pub fn propagate(
     let lattice = Lattice::new(tissue, &options.material, &organs, options.spacing_mm);
     let (mut displacement, _) = start(&lattice, bones, options, change.as_ref());
     if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
-        let mut relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity);
-        relaxation.run(rounds);
-        displacement = relaxation.displacements();
+        let relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity);
+        displacement = relax(relaxation, &lattice, rounds, image);
     }
     let known: Vec<Option<[f32; 3]>> =
         (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
@@ -68,6 +69,38 @@ pub fn propagate(
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
     let push = to_voxels(tissue, bones.transforms, &coarse)?;
     Ok(Propagation { push, lattice, displacement: coarse.into_data() })
+}
+
+/// Relative volume of a cell's corner below which (or above its inverse) images let go of its elements.
+const LEAST_VOLUME: f64 = 0.3;
+/// Times that elements are let go at each spacing.
+const RELEASES: usize = 6;
+
+/// Relaxes by mechanics alone, then with the images' pull, which lets go where cells would tangle.
+fn relax(
+    mut relaxation: Relaxation<'_>,
+    lattice: &Lattice,
+    rounds: usize,
+    image: Option<&dyn ImagePull>,
+) -> Vec<[f32; 3]> {
+    relaxation.run(rounds, None);
+    let Some(image) = image else { return relaxation.displacements() };
+    let (passes, rounds) = image.passes();
+    let compare = image.at(lattice);
+    let mut released = vec![false; lattice.node.len()];
+    for pass in 0..passes {
+        let mut pull = compare(&relaxation.displacements());
+        pull.release(&released);
+        relaxation.run(rounds, Some(&pull));
+        let last = pass + 1 == passes;
+        for _ in 0..if last { RELEASES } else { 1 } {
+            let Some(more) = tangled(lattice, &relaxation.displacements(), LEAST_VOLUME) else { break };
+            released.iter_mut().zip(more).for_each(|(r, m)| *r |= m);
+            pull.release(&released);
+            relaxation.run(rounds, Some(&pull));
+        }
+    }
+    relaxation.displacements()
 }
 
 /// Finds the organs that have constraints of their own.

@@ -3,6 +3,7 @@
 //! Stiffness of a link is the inverse of its play.
 
 use super::lattice::{Lattice, Node};
+use super::pull::Pull;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -120,13 +121,13 @@ impl<'a> Relaxation<'a> {
 
     /// `rounds` rounds of local rotations (where links turn) and one sweep over all elements each; returns the last
     /// round's greatest step in mm.
-    pub fn run(&mut self, rounds: usize) -> f32 {
+    pub fn run(&mut self, rounds: usize, pull: Option<&Pull>) -> f32 {
         let mut greatest = 0.0;
         for _ in 0..rounds {
             if self.turning {
                 self.rotate();
             }
-            greatest = self.sweep(0).max(self.sweep(1));
+            greatest = self.sweep(0, pull).max(self.sweep(1, pull));
         }
         greatest
     }
@@ -148,7 +149,7 @@ impl<'a> Relaxation<'a> {
     }
 
     /// Updates the displacements of all planes of one parity; within a plane in storage order (Gauss-Seidel).
-    fn sweep(&mut self, parity: usize) -> f32 {
+    fn sweep(&mut self, parity: usize, pull: Option<&Pull>) -> f32 {
         let size = self.lattice.grid.size();
         let plane = size[0] * size[1];
         let (own, other) = if parity == 0 { (&mut self.even, &self.odd) } else { (&mut self.odd, &self.even) };
@@ -185,8 +186,11 @@ impl<'a> Relaxation<'a> {
                         }
                     }
                     if weights > 0.0 {
-                        for (u, sum) in p.u[n].iter_mut().zip(sum) {
-                            let new = sum / weights;
+                        let settled = match pull {
+                            Some(pull) => pull.settle(base + n, weights, sum),
+                            None => sum.map(|s| s / weights),
+                        };
+                        for (u, new) in p.u[n].iter_mut().zip(settled) {
                             greatest = greatest.max((new - *u).abs());
                             *u = new;
                         }

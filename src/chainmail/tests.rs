@@ -322,7 +322,7 @@ fn regions_and_organs_on_a_ct() {
     // An organ of twice the shear is passed in half the time: 0.25 in water, so 0.5 and more room for the first bone.
     let own = Constraint { min: 0.5, max: 1.5, shear: 0.5 };
     let region = |o: &ChainmailOptions| {
-        let p = propagate(&tissue, &bones, o, &crate::progress::Silent).unwrap();
+        let p = propagate(&tissue, &bones, o, None, &crate::progress::Silent).unwrap();
         let r = regions(&tissue, &p.lattice, &bones, o).unwrap();
         let row: Vec<u16> = (0..12).map(|i| *r.at([i, 2, 2])).collect();
         let moved: Vec<bool> = (0..12).map(|i| p.push.displacement.at([i, 2, 2])[0] > 0.5).collect();
@@ -334,7 +334,9 @@ fn regions_and_organs_on_a_ct() {
     let with_organ = ChainmailOptions { organs: [("tongue".to_owned(), own)].into(), ..o.clone() };
     assert_eq!((region(&o), region(&with_organ)), (6, 7));
     let wrong = ChainmailOptions { organs: [("liver".to_owned(), own)].into(), ..o };
-    let Err(error) = propagate(&tissue, &bones, &wrong, &crate::progress::Silent) else { panic!("liver is no label") };
+    let Err(error) = propagate(&tissue, &bones, &wrong, None, &crate::progress::Silent) else {
+        panic!("liver is no label")
+    };
     assert!(error.to_string().contains("liver") && error.exit_code() == 2);
 }
 
@@ -346,7 +348,7 @@ fn relaxation_finds_the_chain_between_two_bones() {
     let turns = [Matrix3::identity(); 2];
     let relaxed = |elasticity| {
         let mut r = super::relax::Relaxation::new(&lattice, &moved, &turns, elasticity);
-        r.run(400);
+        r.run(400, None);
         let u = r.displacements();
         [1, 2, 3].map(|i| u[at(&lattice, i, 0)][0])
     };

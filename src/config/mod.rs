@@ -10,6 +10,7 @@ use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
 use crate::field::{FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
+use crate::refine::RefineOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -28,6 +29,8 @@ pub struct Config {
     pub soft_tissue: SoftTissue,
     /// Carrying bone motion to soft tissue by the chain mail.
     pub chainmail: ChainmailOptions,
+    /// Refining soft tissue by the images.
+    pub refine: RefineOptions,
     /// Inverting the field.
     pub invert: InvertOptions,
     /// Bringing the planning CT onto the fraction grid.
@@ -84,7 +87,11 @@ impl Preset {
         let base = Config { preset: self, ..Config::default() };
         match self {
             Self::Default => base,
-            Self::Thesis => Config { chainmail: ChainmailOptions::thesis(), ..base },
+            Self::Thesis => Config {
+                chainmail: ChainmailOptions::thesis(),
+                refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },
+                ..base
+            },
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::study::CARRYING;
 use super::{Case, Outcome};
-use crate::chainmail::{self, Initiators, Lattice, Organs, Propagation, Tissue, check_links, propagate};
+use crate::body;
+use crate::chainmail::{self, ImagePull, Initiators, Lattice, Organs, Propagation, Tissue, check_links, propagate};
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
@@ -10,6 +11,7 @@ use crate::evaluate;
 use crate::field::{self, PushField, Resampling};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid};
+use crate::refine::Images;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Mask, trilinear_vector};
@@ -24,12 +26,13 @@ pub(super) fn carry_out(
     case: &Case,
     target: &Grid,
     (skeleton, body, fit): (Skeleton, Mask, FitResult),
+    images: Option<&Images>,
     mut warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
     let (propagation, regions) =
-        runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, config, runtime))?;
+        runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, images, config, runtime))?;
     let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;
@@ -76,6 +79,17 @@ pub(super) fn carry_out(
     })
 }
 
+/// Both images, to refine soft tissue by, unless the settings switch that off.
+pub(super) fn images(case: &Case, body: &Mask, config: &Config, runtime: &Runtime) -> Result<Option<Images>> {
+    if config.refine.weight <= 0.0 || config.soft_tissue != SoftTissue::ChainMail {
+        return Ok(None);
+    }
+    runtime.stage("compare images", || {
+        let fraction_body = body::find(&case.fraction, None, &config.body)?;
+        Ok(Some(Images::new((&case.planning, body), (&case.fraction, &fraction_body), &config.refine)))
+    })
+}
+
 /// Position in the skeleton of each possible label.
 pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
     let mut out = vec![None; usize::from(u16::MAX) + 1];
@@ -92,6 +106,7 @@ pub(super) fn soft_tissue(
     skeleton: &Skeleton,
     body: &Mask,
     transforms: &[Rigid],
+    images: Option<&Images>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Propagation, Option<LabelMap>)> {
@@ -107,7 +122,8 @@ pub(super) fn soft_tissue(
     let bones = Initiators { transforms, centroids: &centroids };
     let push = match config.soft_tissue {
         SoftTissue::ChainMail => {
-            let propagation = propagate(&tissue, &bones, &config.chainmail, runtime.progress())?;
+            let propagation =
+                propagate(&tissue, &bones, &config.chainmail, images.map(|i| i as &dyn ImagePull), runtime.progress())?;
             let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);
             let regions = config.output.regions.then(regions).transpose()?;
             return Ok((propagation, regions));

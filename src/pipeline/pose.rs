@@ -44,7 +44,7 @@ pub fn pose(
     warnings.extend(fit_warnings(&fit));
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
-    let outcome = carry_out(&case, &target, (skeleton, body, fit), warnings, config, runtime)?;
+    let outcome = carry_out(&case, &target, (skeleton, body, fit), None, warnings, config, runtime)?;
     case.fraction = outcome.planning_on_fraction.clone();
     Ok((case, outcome))
 }

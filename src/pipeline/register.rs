@@ -1,6 +1,6 @@
 //! The registration: one call per stage.
 
-use super::carry::carry_out;
+use super::carry::{carry_out, images};
 use super::{Case, Outcome};
 use crate::body;
 use crate::chainmail::Organs;
@@ -39,7 +39,8 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     })?;
     warnings.extend(fit.warnings.iter().cloned());
     warnings.extend(fit_warnings(&fit));
-    carry_out(case, case.fraction.grid(), (skeleton, body, fit), warnings, config, runtime)
+    let images = images(case, &body, config, runtime)?;
+    carry_out(case, case.fraction.grid(), (skeleton, body, fit), images.as_ref(), warnings, config, runtime)
 }
 
 /// What every way to move the bones begins with: the skeleton and the patient.

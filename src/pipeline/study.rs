@@ -1,6 +1,6 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
-use super::carry::carry_out;
+use super::carry::{carry_out, images};
 use super::register::{check_labels, prepare};
 use super::{Case, Outcome};
 use crate::config::Config;
@@ -27,5 +27,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
             "study a run of these very files and this version",
         ));
     }
-    carry_out(case, case.fraction.grid(), (skeleton, body, fit.clone()), warnings, config, runtime)
+    let seen = case.inputs.iter().any(|i| i.role == "fraction");
+    let images = if seen { images(case, &body, config, runtime)? } else { None };
+    carry_out(case, case.fraction.grid(), (skeleton, body, fit.clone()), images.as_ref(), warnings, config, runtime)
 }

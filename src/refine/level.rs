@@ -1,0 +1,161 @@
+//! The pull of the images on elements of one spacing.
+//!
+//! Each element compares a few points of its cell in planning, `p`, with the fraction where they are now, `f`. To first
+//! order in a further step `d` of the element the difference is `r - J d` with `r = p - (g f + o)`; its weighted squares
+//! are the element's energy, a quadratic with a 3x3 stiffness that vanishes where there is no contrast. `J` is the mean
+//! of both images' gradients (Benhimane and Malis 2004), `g` and `o` the gain and offset that fit all points best.
+
+use super::RefineOptions;
+use crate::chainmail::{Lattice, Node, Pull};
+use crate::volume::{Volume, cubic, gaussian};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Least noise of a difference, HU.
+const LEAST_NOISE: f64 = 6.0;
+
+/// Both images blurred for one lattice, and the lattice's points.
+pub(super) struct Level<'a> {
+    lattice: &'a Lattice,
+    fraction: Volume<f32>,
+    /// Soft elements, ascending.
+    soft: Vec<u32>,
+    /// Points per element.
+    offsets: Vec<Vector3<f64>>,
+    /// Planning value and gradient (HU, HU/mm) at each point of each soft element; no number outside the image.
+    planning: Vec<[f32; 4]>,
+    weight: f64,
+    robust: f64,
+}
+
+/// A fraction value with its gradient at a point, if it lies in the image.
+fn sample(image: &Volume<f32>, at: &nalgebra::Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+    let (value, slope) = cubic(image, &image.grid().index(at))?;
+    Some((value, image.grid().inverse_step().transpose() * slope))
+}
+
+impl<'a> Level<'a> {
+    pub(super) fn new(
+        planning: &Volume<f32>,
+        fraction: &Volume<f32>,
+        lattice: &'a Lattice,
+        options: &RefineOptions,
+    ) -> Self {
+        let spacing = lattice.grid.spacing();
+        let mean = spacing.iter().product::<f64>().cbrt();
+        let sigma = (options.blur * mean).max(options.least_blur_mm);
+        let (planning, fraction) = (gaussian(planning, sigma), gaussian(fraction, sigma));
+        let soft: Vec<u32> =
+            lattice.active.iter().copied().filter(|&n| lattice.node[n as usize] == Node::Soft).collect();
+        let offsets: Vec<Vector3<f64>> = (0..8)
+            .map(|c| lattice.grid.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 }))
+            .collect();
+        let values = soft
+            .par_iter()
+            .flat_map_iter(|&n| {
+                let rest = lattice.rest(n as usize);
+                let planning = &planning;
+                offsets.iter().map(move |o| match sample(planning, &(rest + o)) {
+                    Some((v, g)) => [v as f32, g.x as f32, g.y as f32, g.z as f32],
+                    None => [f32::NAN; 4],
+                })
+            })
+            .collect();
+        Self {
+            lattice,
+            fraction,
+            soft,
+            offsets,
+            planning: values,
+            weight: options.weight * mean * mean,
+            robust: options.robust,
+        }
+    }
+
+    /// The pull at the elements' displacements `u`.
+    pub(super) fn pull(&self, u: &[[f32; 3]]) -> Pull {
+        let m = self.offsets.len();
+        // Fraction value and gradient at each point.
+        let fraction: Vec<[f32; 4]> = self
+            .soft
+            .par_iter()
+            .flat_map_iter(|&n| {
+                let now = self.lattice.rest(n as usize) + Vector3::from(u[n as usize].map(f64::from));
+                self.offsets.iter().map(move |o| match sample(&self.fraction, &(now + o)) {
+                    Some((v, g)) => [v as f32, g.x as f32, g.y as f32, g.z as f32],
+                    None => [f32::NAN; 4],
+                })
+            })
+            .collect();
+        let (gain, offset, noise) = grey_values(&self.planning, &fraction);
+        let limit = self.robust * noise;
+        let scale = self.weight / (noise * noise) / m as f64;
+        let each: Vec<([f32; 6], [f32; 3])> = self
+            .soft
+            .par_iter()
+            .enumerate()
+            .map(|(s, &n)| {
+                let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
+                for (p, f) in self.planning[s * m..(s + 1) * m].iter().zip(&fraction[s * m..(s + 1) * m]) {
+                    if p[0].is_nan() || f[0].is_nan() {
+                        continue;
+                    }
+                    let r = f64::from(p[0]) - (gain * f64::from(f[0]) + offset);
+                    let j = Vector3::from_fn(|c, _| 0.5 * (gain * f64::from(f[c + 1]) + f64::from(p[c + 1])));
+                    let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
+                    b += j * (w * r);
+                    for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+                        a[k] += w * j[x] * j[y];
+                    }
+                }
+                let now = u[n as usize].map(f64::from);
+                let [xx, xy, xz, yy, yz, zz] = a;
+                let towards = [
+                    b.x + xx * now[0] + xy * now[1] + xz * now[2],
+                    b.y + xy * now[0] + yy * now[1] + yz * now[2],
+                    b.z + xz * now[0] + yz * now[1] + zz * now[2],
+                ];
+                (a.map(|v| v as f32), towards.map(|v| v as f32))
+            })
+            .collect();
+        let mut out = Pull::none(self.lattice.node.len());
+        for (&n, (stiffness, towards)) in self.soft.iter().zip(each) {
+            out.stiffness[n as usize] = stiffness;
+            out.towards[n as usize] = towards;
+        }
+        out
+    }
+}
+
+/// Gain and offset of the fraction's grey values that fit planning best, and the noise of what is left: its median
+/// absolute value as a standard deviation. Outliers are left out in two rounds.
+fn grey_values(planning: &[[f32; 4]], fraction: &[[f32; 4]]) -> (f64, f64, f64) {
+    let (mut gain, mut offset, mut noise) = (1.0, 0.0, f64::MAX);
+    for _ in 0..3 {
+        let limit = 3.0 * noise;
+        let pairs = || {
+            planning
+                .iter()
+                .zip(fraction)
+                .step_by(7)
+                .filter(|(p, f)| !p[0].is_nan() && !f[0].is_nan())
+                .map(|(p, f)| (f64::from(p[0]), f64::from(f[0])))
+        };
+        let mut s = [0f64; 5];
+        for (p, f) in pairs().filter(|(p, f)| (p - gain * f - offset).abs() < limit) {
+            s = [s[0] + 1.0, s[1] + f, s[2] + p, s[3] + f * f, s[4] + f * p];
+        }
+        let variance = s[3] - s[1] * s[1] / f64::max(s[0], 1.0);
+        if variance > 1.0 {
+            gain = ((s[4] - s[1] * s[2] / s[0]) / variance).clamp(0.7, 1.4);
+            offset = (s[2] - gain * s[1]) / s[0];
+        }
+        let mut left: Vec<f64> = pairs().map(|(p, f)| (p - gain * f - offset).abs()).collect();
+        if left.is_empty() {
+            return (1.0, 0.0, LEAST_NOISE);
+        }
+        let middle = left.len() / 2;
+        noise = (1.4826 * *left.select_nth_unstable_by(middle, f64::total_cmp).1).max(LEAST_NOISE);
+    }
+    (gain, offset, noise)
+}
