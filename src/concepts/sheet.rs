@@ -19,7 +19,7 @@ pub(super) fn soft() -> (Node, Constraint) {
 /// Stiffer tissue for structures, which extends more easily than it is compressed: opposite sides of a structure then
 /// differ, and conflicts between their waves show.
 pub(super) fn stiff() -> (Node, Constraint) {
-    (Node::Soft, Constraint { min: 0.75, max: 1.5, shear: 0.25 })
+    (Node::Soft, Constraint { min: 0.75, max: 1.3, shear: 0.25 })
 }
 
 /// A bone's element.
