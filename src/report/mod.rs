@@ -5,8 +5,11 @@
 //! pictures under `report/`. [`terminal_table`] is the short version for the screen.
 
 mod canvas;
+mod chart;
 mod colour;
 mod csv;
+pub mod dose;
+pub mod evaluation;
 #[cfg(test)]
 mod example;
 mod html;
