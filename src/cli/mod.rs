@@ -2,6 +2,8 @@
 
 pub mod args;
 mod demo;
+pub mod dose;
+pub mod evaluate;
 mod inspect;
 mod phantom;
 mod register;
@@ -22,6 +24,8 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
+        Verb::Evaluate(args) => evaluate::run(args),
+        Verb::Dose(verb) => dose::run(verb),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
