@@ -7,7 +7,7 @@
 //! affine map. Nothing is lost: what falls outside the target grid is counted.
 
 use super::DensityTable;
-use super::interpolate::displacement;
+use super::interpolate::{displacement, snapped};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::volume::{Volume, trilinear};
@@ -137,7 +137,7 @@ impl<'a> Tally<'a> {
                 let x = grid.world(&index);
                 let inside = index.zip_map(&last, |i, last| i.clamp(0.0, last));
                 let gy = trilinear(dose, &inside).unwrap_or(0.0);
-                let hu = trilinear(ct, &ct.grid().index(&x)).unwrap_or(-1000.0);
+                let hu = trilinear(ct, &snapped(ct.grid(), &x)).unwrap_or(-1000.0);
                 let mass = options.density.density(hu) * part_cm3;
                 self.source = [self.source[0] + gy * mass, self.source[1] + mass];
                 let centre = self.to.index(&(x + displacement(field, &x)));
@@ -259,7 +259,8 @@ mod tests {
         // Voxel edges fall on voxel edges: x = -1/2 stays, 4 voxels become one.
         let to = |x: f64| (x + 0.5) / 4.0 - 0.5;
         let push = field(&grid, |x| Point3::new(to(x.x), x.y, x.z));
-        let options = EnergyMassOptions { parts: 8, ..EnergyMassOptions::default() };
+        let density = DensityTable::new(vec![[-1000.0, 0.001], [1000.0, 2.0]]).unwrap();
+        let options = EnergyMassOptions { parts: 8, density };
         let (mapped, balance) = energy_mass(&planned, &ct, &push, &small, &options).unwrap();
         assert!(balance.relative_error < 1e-6, "{balance:?}");
         assert!((balance.mapped_g / balance.source_g - 1.0).abs() < 0.02);

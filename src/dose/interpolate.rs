@@ -56,11 +56,11 @@ pub(super) fn displacement(field: &Volume<[f32; 3]>, p: &Point3<f64>) -> Vector3
     trilinear_vector(field, &snapped(field.grid(), p)).unwrap_or_default()
 }
 
-/// Continuous index, with what rounding of single-precision vectors put outside brought back to the edge.
-fn snapped(grid: &Grid, p: &Point3<f64>) -> Vector3<f64> {
+/// Continuous index; a voxel reaches half a step beyond its centre, where the edge's value holds, as in ITK.
+pub(super) fn snapped(grid: &Grid, p: &Point3<f64>) -> Vector3<f64> {
     let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
     let index = grid.index(p);
-    index.zip_map(&last, |i, last| if i > -1e-3 && i < last + 1e-3 { i.clamp(0.0, last) } else { i })
+    index.zip_map(&last, |i, last| if i > -0.501 && i < last + 0.501 { i.clamp(0.0, last) } else { i })
 }
 
 #[cfg(test)]

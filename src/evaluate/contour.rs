@@ -165,12 +165,12 @@ mod tests {
         at.sort_by(f64::total_cmp);
         near(found.hausdorff_95_mm, at[95_000], "95th percentile");
         // Concentric balls: one distance everywhere.
-        // Voxels that touch the poles from inside, so that the voxels' own rounding there is none.
         let even = Grid::axis_aligned([77, 77, 77], [1.0; 3], [-38.0; 3]).unwrap();
         let ball = |r: f64| map(&even, move |p| p.coords.norm() <= r);
         let c = compare(&ball(20.5), &ball(35.5)).unwrap().remove(0).distances.unwrap();
         near(c.mean_mm, 15.0, "concentric mean");
-        near(c.hausdorff_mm, 15.0, "concentric hausdorff");
+        // The maximum is a single place: it resolves to the voxels that describe the solids, 1 mm here.
+        assert!((c.hausdorff_mm - 15.0).abs() < 1.0 && (c.hausdorff_95_mm - 15.0).abs() < 0.5, "{c:?}");
         // Boxes of 40 x 30 x 30 mm, one grown by 12 mm at one end: its face is 12 mm away, the others touch.
         let solid = |x: f64| map(&grid, move |p| p.x > -20.4 && p.x < x && p.y.abs() < 15.0 && p.z.abs() < 15.0);
         let b = compare(&solid(19.6), &solid(31.6)).unwrap().remove(0);
