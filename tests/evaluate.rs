@@ -69,7 +69,8 @@ fn the_true_field_of_the_phantom_passes() {
     assert!(at("/landmarks/after/mean") < 0.3 && at("/landmarks/ratio_of_means") < 0.1);
     let bones = a["rigidity"].as_array().unwrap();
     assert!(bones.len() > 30 && bones.iter().all(|b| b["rms_mm"].as_f64().unwrap() < 1e-3));
-    assert!(at("/inverse_consistency/0/distance_mm/median") < 0.01);
+    // Two linear interpolations of a field stored every 5 mm.
+    assert!(at("/inverse_consistency/0/distance_mm/median") < 0.2);
     assert!(at("/similarity/after/rms_hu") < at("/similarity/before/rms_hu"));
     assert!(at("/similarity/after/ncc") > at("/similarity/before/ncc"));
     let page = fs::read_to_string(out.join("evaluation.html")).unwrap();
