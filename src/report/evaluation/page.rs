@@ -34,7 +34,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
                     ul.warnings { @for w in &report.warnings { li { code { (w.code) } (w.message) } } }
                 }
                 h2 { "Pictures" }
-                div.pair { @for p in pictures { (figure(p)) } }
+                div.pair { @for p in by_kind(pictures) { (figure(p)) } }
                 h2 { "Figures beside tolerances" }
                 (tolerances(report, &names))
                 @for (part, heading) in PARTS {
@@ -56,6 +56,15 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
         }
     }
     .into_string()
+}
+
+/// Pictures of one kind together, so that fields stand side by side.
+fn by_kind(pictures: &[EvaluationPicture]) -> Vec<&EvaluationPicture> {
+    let kind = |p: &EvaluationPicture| p.file.split_once('_').map_or(String::new(), |(_, kind)| kind.to_owned());
+    let kinds: Vec<String> = pictures.iter().map(kind).collect();
+    let mut all: Vec<&EvaluationPicture> = pictures.iter().collect();
+    all.sort_by_key(|p| kinds.iter().position(|k| *k == kind(p)));
+    all
 }
 
 fn figure(p: &EvaluationPicture) -> Markup {
