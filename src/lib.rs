@@ -19,7 +19,7 @@
 //! ```text
 //! 9 cli        arguments, terminal            8 report     outcome -> files
 //! 7 pipeline   case + config -> outcome       6 config io concepts
-//! 5 fit refine phantom comparator             4 skeleton chainmail evaluate
+//! 5 fit refine phantom comparator             4 skeleton chainmail evaluate dose
 //! 3 field body                                2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
 //! ```
@@ -37,6 +37,7 @@ pub mod body;
 pub mod field;
 
 pub mod chainmail;
+pub mod dose;
 pub mod evaluate;
 pub mod skeleton;
 

@@ -14,7 +14,7 @@ const RANKS: [&[&str]; 10] = [
     &["geometry"],
     &["volume"],
     &["field", "body"],
-    &["skeleton", "chainmail", "evaluate"],
+    &["skeleton", "chainmail", "evaluate", "dose"],
     &["fit", "refine", "phantom", "comparator"],
     &["config", "io", "concepts"],
     &["pipeline"],

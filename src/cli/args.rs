@@ -39,6 +39,12 @@ pub enum Verb {
     Phantom(PhantomArgs),
     /// Build the joint tree from bone labels, check it and show it
     Skeleton(SkeletonArgs),
+    /// Measure any displacement field, ours or another tool's, or several side by side
+    #[command(after_help = super::evaluate::AFTER)]
+    Evaluate(Box<super::evaluate::EvaluateArgs>),
+    /// Carry dose through a field, accumulate it, compare it, read dose-volume histograms
+    #[command(subcommand)]
+    Dose(super::dose::DoseVerb),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(InspectArgs),
     /// Print a completion script for your shell

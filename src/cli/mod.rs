@@ -2,6 +2,8 @@
 
 pub mod args;
 mod demo;
+pub mod dose;
+pub mod evaluate;
 mod inputs;
 mod inspect;
 mod phantom;
@@ -27,6 +29,8 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Phantom(args) => phantom::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
         Verb::Study(args) => study::run(args),
+        Verb::Evaluate(args) => evaluate::run(args),
+        Verb::Dose(verb) => dose::run(verb),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

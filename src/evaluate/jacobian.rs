@@ -126,7 +126,7 @@ pub fn stats(values: Vec<f32>) -> JacobianStats {
 
 /// What a cell holds, by its 8 corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Cell {
+pub(super) enum Cell {
     /// A corner that is not tissue, or no cell at all.
     Outside,
     /// No bone.
@@ -151,6 +151,11 @@ fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
         bone_of[usize::from(*label)] = at as u16 + 1;
     }
     (names, bone_of)
+}
+
+/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones.
+pub(super) fn kinds(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)]) -> Volume<Cell> {
+    cell_kinds(tissue, bones, &index_bones(rigid).1)
 }
 
 /// The kind of each cell, at its lowest-index corner.

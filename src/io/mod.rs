@@ -7,6 +7,7 @@
 
 mod atomic;
 pub mod checksum;
+mod density;
 mod field;
 mod gzip;
 mod image;
@@ -28,6 +29,7 @@ mod voxels;
 mod tests;
 
 pub use atomic::write_file;
+pub use density::read_density;
 pub use field::{read_field, write_field, write_pull, write_push};
 pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
 pub use labels::{read_labels, write_labels};

@@ -2,12 +2,14 @@
 
 mod carry;
 mod case;
+mod dose;
 mod outcome;
 mod pose;
 mod register;
 mod study;
 
 pub use case::{Case, InputFile};
+pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use outcome::Outcome;
 pub use pose::{BoneMotion, pose};
 pub use register::register;

@@ -5,9 +5,12 @@
 //! pictures under `report/`. [`terminal_table`] is the short version for the screen.
 
 mod canvas;
+mod chart;
 mod colour;
 mod concepts;
 mod csv;
+pub mod dose;
+pub mod evaluation;
 #[cfg(test)]
 mod example;
 mod html;

@@ -153,7 +153,7 @@ fn limits() -> Markup {
 }
 
 /// Fields that only a person fills in.
-fn review() -> Markup {
+pub(super) fn review() -> Markup {
     html! {
         section.review {
             h2 { "Review" }

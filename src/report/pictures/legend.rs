@@ -12,7 +12,7 @@ const MARGIN: f64 = 12.0;
 const TEXT: f64 = 26.0;
 
 /// Rows below each other over a white strip with `lines` lines of legend that `draw` fills.
-pub(super) fn sheet(rows: &[Canvas], lines: usize, draw: impl FnOnce(&mut Legend<'_>)) -> Canvas {
+pub(in crate::report) fn sheet(rows: &[Canvas], lines: usize, draw: impl FnOnce(&mut Legend<'_>)) -> Canvas {
     let high: usize = rows.iter().map(|row| row.height() + GAP).sum();
     let mut canvas = Canvas::new(WIDTH, high + lines * LINE, [255; 3]);
     let mut y = 0;
@@ -25,28 +25,28 @@ pub(super) fn sheet(rows: &[Canvas], lines: usize, draw: impl FnOnce(&mut Legend
 }
 
 /// Writes legend entries from left to right, line by line.
-pub(super) struct Legend<'a> {
-    pub(super) canvas: &'a mut Canvas,
-    pub(super) x: f64,
+pub(in crate::report) struct Legend<'a> {
+    pub(in crate::report) canvas: &'a mut Canvas,
+    pub(in crate::report) x: f64,
     /// Middle of the line.
-    pub(super) y: f64,
+    pub(in crate::report) y: f64,
 }
 
 impl Legend<'_> {
     /// Starts the next line.
-    pub(super) fn next_line(&mut self) {
+    pub(in crate::report) fn next_line(&mut self) {
         self.x = MARGIN;
         self.y += LINE as f64;
     }
 
     /// Writes a text and moves on.
-    pub(super) fn text(&mut self, text: &str) {
+    pub(in crate::report) fn text(&mut self, text: &str) {
         self.canvas.text(text, [self.x, self.y], Pen { size: TEXT, colour: INK, halo: None, align: Align::Left });
         self.x += text_width(text, TEXT) + 30.0;
     }
 
     /// A filled square and its meaning.
-    pub(super) fn swatch(&mut self, colour: Rgb, text: &str) {
+    pub(in crate::report) fn swatch(&mut self, colour: Rgb, text: &str) {
         let (x, y) = (self.x, self.y);
         self.canvas.rectangle([x, y - 13.0], [x + 26.0, y + 13.0], [156, 163, 175]);
         self.canvas.rectangle([x + 1.0, y - 12.0], [x + 25.0, y + 12.0], colour);
@@ -55,7 +55,13 @@ impl Legend<'_> {
     }
 
     /// A title, a bar of `width` pixels with `colour` of shares 0 to 1, and labelled ticks at shares.
-    pub(super) fn bar(&mut self, title: &str, width: f64, colour: impl Fn(f64) -> Rgb, ticks: &[(f64, String)]) {
+    pub(in crate::report) fn bar(
+        &mut self,
+        title: &str,
+        width: f64,
+        colour: impl Fn(f64) -> Rgb,
+        ticks: &[(f64, String)],
+    ) {
         self.text(title);
         let (x, y) = (self.x, self.y);
         for step in 0..width as usize {

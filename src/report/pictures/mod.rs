@@ -4,8 +4,8 @@ mod displacement;
 mod fusion;
 mod jacobian;
 mod landmarks;
-mod legend;
-mod residuals;
+pub(super) mod legend;
+pub(super) mod residuals;
 mod scene;
 
 use super::canvas::Canvas;
@@ -78,11 +78,11 @@ pub(super) fn write(folder: &Path, pictures: &[Picture]) -> Result<()> {
 type Draw<'a> = Box<dyn Fn(&Scene<'_>) -> Plate + Sync + 'a>;
 
 /// A picture before encoding.
-struct Plate {
+pub(super) struct Plate {
     file: &'static str,
     title: &'static str,
     caption: String,
-    canvas: Canvas,
+    pub(super) canvas: Canvas,
 }
 
 impl Plate {

@@ -13,7 +13,7 @@ const HEIGHT: usize = 520;
 const PLOT: [f64; 4] = [80.0, 60.0, WIDTH as f64 - 20.0, HEIGHT as f64 - 80.0];
 
 /// Number of landmarks by residual, before and after side by side.
-pub(super) fn draw(report: &LandmarkReport) -> Plate {
+pub(in crate::report) fn draw(report: &LandmarkReport) -> Plate {
     let before: Vec<f64> = report.each.iter().map(|r| r.before).collect();
     let after: Vec<f64> = report.each.iter().filter_map(|r| r.after).collect();
     let most = before.iter().chain(&after).fold(0.0f64, |a, &b| a.max(b));

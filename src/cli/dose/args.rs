@@ -1,0 +1,192 @@
+//! The command line of `aventail dose`.
+
+use super::super::evaluate::DirectionName;
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// What `aventail dose` can do.
+#[derive(Debug, Subcommand)]
+pub enum DoseVerb {
+    /// Carry a dose through a field: the planned dose onto the fraction, or the dose of the day back onto planning
+    #[command(after_help = MAP)]
+    Map(MapArgs),
+    /// Carry the doses of several fractions back onto planning and add them up with weights
+    #[command(after_help = ACCUMULATE)]
+    Accumulate(AccumulateArgs),
+    /// Dose-volume histograms of structures, with D95, Dmean, Dmax, D0.03cc and V_x
+    #[command(after_help = DVH)]
+    Dvh(DvhArgs),
+    /// Difference of two doses, and the distance to dose difference
+    #[command(after_help = COMPARE)]
+    Compare(CompareArgs),
+}
+
+const MAP: &str = "\
+interpolate takes the dose at the mapped point. energy-mass carries energy and mass together, conserves energy, and prints the
+balance; it needs --ct. Beside OUT a .json file holds balance, inversion residual and warnings.
+
+Examples:
+  aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
+  aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz --out dose_on_planning.nii.gz";
+
+const ACCUMULATE: &str = "\
+Example:
+  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --out sum.nii.gz";
+
+const DVH: &str = "\
+Writes dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT.
+
+Example:
+  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures structures.nii.gz --at 20 50 --out dvh";
+
+const COMPARE: &str = "\
+Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm: how exactly the field must be
+known so that no voxel's dose changes by the tolerance) and compare.json to OUT.
+
+Example:
+  aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --tolerance 2 --out compare";
+
+/// How dose is carried.
+#[derive(Debug, Args)]
+pub struct MethodArgs {
+    /// How dose is carried
+    #[arg(long, value_enum, default_value = "interpolate")]
+    pub method: MethodName,
+    /// Mass density by CT number: CSV with HU and g/cm^3, instead of Schneider 2000
+    #[arg(long, value_name = "FILE")]
+    pub density: Option<PathBuf>,
+    /// Parts of a voxel along each axis for energy-mass
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    pub parts: usize,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Names of the methods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MethodName {
+    /// Trilinear interpolation at mapped positions
+    Interpolate,
+    /// Energy/mass-congruent: conserves energy
+    EnergyMass,
+}
+
+/// Images that a dose can be carried to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Frame {
+    /// The planned dose goes onto the fraction
+    Fraction,
+    /// The dose of the day goes back onto planning
+    Planning,
+}
+
+/// Options of `dose map`.
+#[derive(Debug, Args)]
+pub struct MapArgs {
+    /// Dose in Gy
+    #[arg(long, value_name = "FILE")]
+    pub dose: PathBuf,
+    /// Where the dose goes
+    #[arg(long, value_enum)]
+    pub to: Frame,
+    /// Field on the planning grid: planning x goes to x + u(x)
+    #[arg(long, value_name = "FILE", required_unless_present = "fraction_to_planning")]
+    pub planning_to_fraction: Option<PathBuf>,
+    /// Field on the fraction grid: fraction y shows planning y + v(y)
+    #[arg(long, value_name = "FILE")]
+    pub fraction_to_planning: Option<PathBuf>,
+    /// Image whose grid the result gets, in the frame that the dose goes to
+    #[arg(long, value_name = "FILE")]
+    pub grid: PathBuf,
+    /// CT in HU in the frame that the dose comes from, for energy-mass
+    #[arg(long, value_name = "FILE")]
+    pub ct: Option<PathBuf>,
+    /// Result, Gy
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// How dose is carried.
+    #[command(flatten)]
+    pub how: MethodArgs,
+}
+
+/// Options of `dose accumulate`.
+#[derive(Debug, Args)]
+pub struct AccumulateArgs {
+    /// Dose of each fraction in Gy, in its own frame
+    #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
+    pub dose: Vec<PathBuf>,
+    /// Field of each fraction, in the order of the doses
+    #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
+    pub fields: Vec<PathBuf>,
+    /// Direction of the fields
+    #[arg(long, value_enum, default_value = "planning-to-fraction")]
+    pub direction: DirectionName,
+    /// Weight of each dose, for example the number of fractions that it stands for; 1 each without
+    #[arg(long, value_name = "W", num_args = 1..)]
+    pub weights: Vec<f64>,
+    /// Image whose grid the result gets, in the planning frame
+    #[arg(long, value_name = "FILE")]
+    pub grid: PathBuf,
+    /// CT of each fraction in HU, for energy-mass
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub ct: Vec<PathBuf>,
+    /// Result, Gy
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// How dose is carried.
+    #[command(flatten)]
+    pub how: MethodArgs,
+}
+
+/// Options of `dose dvh`.
+#[derive(Debug, Args)]
+pub struct DvhArgs {
+    /// Doses in Gy
+    #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
+    pub dose: Vec<PathBuf>,
+    /// Label map of the structures, in the doses' frame
+    #[arg(long, value_name = "FILE")]
+    pub structures: PathBuf,
+    /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Doses of V_x, Gy
+    #[arg(long, value_name = "GY", num_args = 1..)]
+    pub at: Vec<f64>,
+    /// Width of a bin of the curves, Gy
+    #[arg(long, value_name = "GY", default_value_t = 0.1)]
+    pub bin: f64,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `dose compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Dose in Gy
+    #[arg(long, value_name = "FILE")]
+    pub dose: PathBuf,
+    /// Dose that it is compared with, same frame
+    #[arg(long, value_name = "FILE")]
+    pub reference: PathBuf,
+    /// Dose difference that matters, Gy; 3 % of the reference's maximum without
+    #[arg(long, value_name = "GY")]
+    pub tolerance: Option<f64>,
+    /// Greatest distance that is searched, mm
+    #[arg(long, value_name = "MM", default_value_t = 20.0)]
+    pub limit: f64,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,321 @@
+//! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
+
+use super::register::{open_folder, progress};
+use crate::error::{Error, Result};
+use crate::evaluate::landmark::Landmark;
+use crate::evaluate::{Direction, FieldPair, Subject, assess};
+use crate::io::{self, Loaded};
+use crate::pipeline::InputFile;
+use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
+use crate::runtime::Runtime;
+use crate::skeleton;
+use crate::volume::{LabelMap, Mask, Volume};
+use crate::warning::Warning;
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What `aventail evaluate --help` adds.
+pub(super) const AFTER: &str = "\
+What is measured depends on what is given:
+  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
+  --planning                measured in the patient instead of the whole grid; Jacobian picture
+  --planning --fraction     similarity of the CTs before and after; fusion picture
+  --bones                   departure from rigid motion per bone; bone contact counted apart
+  --labels-planning --labels-fraction
+                            Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
+  --landmarks               residuals before and after, per landmark
+  --then --direct           transitivity over three images
+Figures with a tolerance (AAPM TG-132) are marked pass, review or fail. A mark is no decision.
+
+Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
+
+Examples:
+  aventail evaluate --planning-to-fraction vf.mha --planning ct.nii.gz --fraction fx.nii.gz --bones bones.nii.gz --out eval
+  aventail evaluate --compare ours.nii.gz plastimatch.nii.gz --planning ct.nii.gz --landmarks points.csv --out compare";
+
+/// Options of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Field on the planning grid: planning x goes to x + u(x); what a tool writes for fixed = planning
+    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
+    pub planning_to_fraction: Option<PathBuf>,
+    /// Field on the fraction grid: fraction y shows planning y + v(y); what a tool writes for fixed = fraction
+    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
+    pub fraction_to_planning: Option<PathBuf>,
+    /// Several fields of one case, side by side; all in the direction of --direction
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub compare: Vec<PathBuf>,
+    /// Direction of the fields of --compare
+    #[arg(long, value_enum, default_value = "planning-to-fraction")]
+    pub direction: DirectionName,
+    /// Planning CT in HU
+    #[arg(long, value_name = "FILE")]
+    pub planning: Option<PathBuf>,
+    /// Fraction CT in HU
+    #[arg(long, value_name = "FILE")]
+    pub fraction: Option<PathBuf>,
+    /// Bone labels in the planning frame
+    #[arg(long, value_name = "FILE")]
+    pub bones: Option<PathBuf>,
+    /// Structures in the planning frame
+    #[arg(long, value_name = "FILE")]
+    pub labels_planning: Option<PathBuf>,
+    /// The same structures drawn on the fraction, equal names
+    #[arg(long, value_name = "FILE", requires = "labels_planning")]
+    pub labels_fraction: Option<PathBuf>,
+    /// Names of labels, {"labels": {"1": "skull", ...}}, for label files whose header has none
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Points known in both images (CSV)
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Where to measure, in the planning frame (not zero: inside), instead of the patient
+    #[arg(long, value_name = "FILE")]
+    pub mask: Option<PathBuf>,
+    /// Field from the fraction to a third image, for transitivity
+    #[arg(long, value_name = "FILE", requires = "direct")]
+    pub then: Option<PathBuf>,
+    /// Field from planning straight to the third image
+    #[arg(long, value_name = "FILE", requires = "then")]
+    pub direct: Option<PathBuf>,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Print the numbers as JSON instead of the table
+    #[arg(long)]
+    pub json: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Names of directions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DirectionName {
+    /// On the planning grid, as fixed = planning
+    PlanningToFraction,
+    /// On the fraction grid, as fixed = fraction
+    FractionToPlanning,
+}
+
+impl From<DirectionName> for Direction {
+    fn from(name: DirectionName) -> Self {
+        match name {
+            DirectionName::PlanningToFraction => Self::PlanningToFraction,
+            DirectionName::FractionToPlanning => Self::FractionToPlanning,
+        }
+    }
+}
+
+/// Files of one field: its name, planning to fraction, fraction to planning.
+type FieldFiles = (String, Option<PathBuf>, Option<PathBuf>);
+
+/// Everything that the fields are measured with.
+struct Inputs {
+    planning: Option<Volume<f32>>,
+    fraction: Option<Volume<f32>>,
+    mask: Option<Mask>,
+    bones: Option<LabelMap>,
+    rigid: Vec<(u16, String)>,
+    structures: Option<LabelMap>,
+    structures_fraction: Option<LabelMap>,
+    landmarks: Vec<Landmark>,
+    triangle: Option<[Volume<[f32; 3]>; 2]>,
+}
+
+/// The files behind the inputs and what reading them found.
+#[derive(Default)]
+pub(super) struct Ledger {
+    pub(super) inputs: Vec<InputFile>,
+    pub(super) warnings: Vec<Warning>,
+}
+
+impl Ledger {
+    /// Takes a file's value and notes the file.
+    pub(super) fn take<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
+        self.inputs.push(InputFile { role: role.into(), path: loaded.path, sha256: loaded.sha256 });
+        self.warnings.extend(loaded.warnings);
+        loaded.value
+    }
+
+    /// Reads a label map: names from its header, else from the JSON file.
+    pub(super) fn labels(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
+        let loaded = match (io::read_labels(path, None), names) {
+            (Err(Error::Input { .. }), Some(names)) => io::read_labels(path, Some(names)),
+            (read, _) => read,
+        };
+        Ok(self.take(role, loaded?))
+    }
+}
+
+/// Measures what the arguments name and writes the report; returns the table (or JSON) for the terminal.
+///
+/// # Errors
+/// Of every kind; see [`Error`].
+pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
+    let files = field_files(args)?;
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let mut ledger = Ledger::default();
+    let inputs = runtime.stage("read", || read(args, &mut ledger))?;
+    let mut fields = Vec::new();
+    let mut pictures = Vec::new();
+    for (n, file) in files.iter().enumerate() {
+        let (field, drawn) = one(n, file, &inputs, &mut ledger, &runtime)?;
+        fields.push(field);
+        pictures.extend(drawn);
+    }
+    let mut report = EvaluationReport {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+        inputs: ledger.inputs,
+        fields,
+        warnings: ledger.warnings,
+        stages: runtime.times(),
+        threads: runtime.threads(),
+    };
+    runtime.stage("write", || evaluation::write(&args.out, &report, &pictures))?;
+    if args.json {
+        report.stages = runtime.times();
+        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+    }
+    let page = args.out.join("evaluation.html");
+    Ok(format!("{}\nThe report: {}", evaluation::terminal_table(&report), page.display()))
+}
+
+/// The fields that the arguments name.
+fn field_files(args: &EvaluateArgs) -> Result<Vec<FieldFiles>> {
+    if args.compare.is_empty() {
+        let Some(first) = args.planning_to_fraction.as_ref().or(args.fraction_to_planning.as_ref()) else {
+            return Err(Error::usage(
+                "no field is given",
+                "add --planning-to-fraction FILE, --fraction-to-planning FILE (or both), or --compare FILE FILE",
+            ));
+        };
+        let pair = (args.planning_to_fraction.clone(), args.fraction_to_planning.clone());
+        return Ok(vec![(name(first), pair.0, pair.1)]);
+    }
+    let mut names: Vec<String> = args.compare.iter().map(|p| name(p)).collect();
+    if names.iter().enumerate().any(|(n, a)| names[..n].contains(a)) {
+        // Files of one name are told apart by their folders.
+        names = args.compare.iter().map(|p| p.display().to_string()).collect();
+    }
+    let of = |(name, path): (String, &PathBuf)| match args.direction {
+        DirectionName::PlanningToFraction => (name, Some(path.clone()), None),
+        DirectionName::FractionToPlanning => (name, None, Some(path.clone())),
+    };
+    Ok(names.into_iter().zip(&args.compare).map(of).collect())
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Reads everything but the fields.
+fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
+    let mut image = |role: &str, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
+        path.as_ref().map(|p| Ok(ledger.take(role, io::read_image(p)?))).transpose()
+    };
+    let planning = image("planning", &args.planning)?;
+    let fraction = image("fraction", &args.fraction)?;
+    let mask = image("mask", &args.mask)?.map(|m| m.map(|v| *v != 0.0));
+    if let (Some(mask), Some(path)) = (&mask, &args.mask)
+        && mask.count() == 0
+    {
+        let remedy = "give a mask with voxels that are not zero, or leave it out";
+        return Err(Error::input(path.display().to_string(), "no voxel of the mask is set", remedy));
+    }
+    let names = args.labels.as_deref();
+    let mut labels = |role: &str, path: &Option<PathBuf>| -> Result<Option<LabelMap>> {
+        path.as_ref().map(|p| ledger.labels(role, p, names)).transpose()
+    };
+    let bones = labels("bones", &args.bones)?;
+    let structures = labels("labels-planning", &args.labels_planning)?;
+    let structures_fraction = labels("labels-fraction", &args.labels_fraction)?;
+    let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
+    if let Some(path) = &args.landmarks {
+        let sha256 = io::checksum::sha256_file(path)?;
+        ledger.inputs.push(InputFile { role: "landmarks".into(), path: path.clone(), sha256 });
+    }
+    let triangle = match (&args.then, &args.direct) {
+        (Some(then), Some(direct)) => {
+            Some([ledger.take("then", io::read_field(then)?), ledger.take("direct", io::read_field(direct)?)])
+        }
+        _ => None,
+    };
+    let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
+    Ok(Inputs { planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle })
+}
+
+/// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
+fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
+    match skeleton::build(bones) {
+        Ok(built) => built.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect(),
+        Err(_) => {
+            let message = "no label of --bones has the name of a known bone: every label is taken as one rigid bone";
+            ledger.warnings.push(Warning::new("bones-by-label", message));
+            bones.names.iter().map(|(label, name)| (*label, name.clone())).collect()
+        }
+    }
+}
+
+/// Measures and draws one field.
+fn one(
+    which: usize,
+    (name, push, pull): &FieldFiles,
+    inputs: &Inputs,
+    ledger: &mut Ledger,
+    runtime: &Runtime,
+) -> Result<(Assessed, Vec<EvaluationPicture>)> {
+    let pair =
+        runtime.stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), inputs, ledger))?;
+    let subject = Subject {
+        pair: &pair,
+        planning: inputs.planning.as_ref(),
+        fraction: inputs.fraction.as_ref(),
+        mask: inputs.mask.as_ref(),
+        bones: inputs.bones.as_ref(),
+        rigid: &inputs.rigid,
+        structures: inputs.structures.as_ref(),
+        structures_fraction: inputs.structures_fraction.as_ref(),
+        landmarks: &inputs.landmarks,
+        triangle: inputs.triangle.as_ref().map(|[a, b]| [a, b]),
+    };
+    let (assessment, jacobian, mapped) = assess(&subject, runtime)?;
+    let field = Assessed { name: name.clone(), assessment };
+    let drawable = Drawable { subject, jacobian, mapped };
+    let pictures = runtime.stage("draw", || evaluation::draw(which, &field, &drawable))?;
+    Ok((field, pictures))
+}
+
+/// Reads the given direction or directions of a field and makes the missing one.
+fn read_pair(push: Option<&Path>, pull: Option<&Path>, inputs: &Inputs, ledger: &mut Ledger) -> Result<FieldPair> {
+    let planning = inputs.planning.as_ref().map(Volume::grid);
+    let planning = planning.or(inputs.bones.as_ref().map(|b| b.volume.grid()));
+    let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
+    let fraction = inputs.fraction.as_ref().map(Volume::grid);
+    let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
+    pair(push, pull, planning, fraction, ledger)
+}
+
+/// As [`read_pair`], with the grids for the inversion.
+pub(super) fn pair(
+    push: Option<&Path>,
+    pull: Option<&Path>,
+    planning: Option<&crate::geometry::Grid>,
+    fraction: Option<&crate::geometry::Grid>,
+    ledger: &mut Ledger,
+) -> Result<FieldPair> {
+    let mut field = |role: &str, path: Option<&Path>| {
+        path.map(|p| Ok::<_, Error>(ledger.take(role, io::read_field(p)?))).transpose()
+    };
+    let (push, pull) = (field("planning-to-fraction", push)?, field("fraction-to-planning", pull)?);
+    FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
+        Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")
+    })
+}

@@ -1,0 +1,92 @@
+//! Where a mapped dose deserves doubt: an uncertain field in a steep dose.
+
+use crate::volume::Volume;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A dose is steep where it changes by more than this share of its maximum per mm.
+pub const STEEP: f64 = 0.01;
+/// A residual times gradient above this share of the maximum dose deserves doubt.
+const ERROR: f64 = 0.01;
+
+/// Voxels of a mapped dose that deserve doubt.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Caution {
+    /// Steep voxels where the field folds or its chain leaves the image.
+    pub folded_or_outside: usize,
+    /// Voxels where the field's residual times the gradient exceeds 1 % of the maximum dose.
+    pub uncertain: usize,
+    /// Volume of both, ml.
+    pub ml: f64,
+    /// Greatest residual times gradient, Gy.
+    pub greatest_gy: f64,
+}
+
+/// Compares `uncertainty_mm` (residual of the field at each voxel; infinite where it folds or leaves the image) with the
+/// gradient of `dose`, on one grid.
+pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
+    let grid = dose.grid();
+    let size = grid.size();
+    let strides = grid.strides();
+    let most = f64::from(dose.data().iter().copied().fold(0.0, f32::max));
+    let gradient = |l: usize| {
+        let v = grid.voxel(l);
+        let by_index = [0, 1, 2].map(|a| {
+            let (down, up) = (usize::from(v[a] > 0), usize::from(v[a] + 1 < size[a]));
+            let span = (down + up).max(1) as f64;
+            f64::from(dose.data()[l + up * strides[a]] - dose.data()[l - down * strides[a]]) / span
+        });
+        (grid.inverse_step().transpose() * Vector3::from(by_index)).norm()
+    };
+    let planes: Vec<Caution> = (0..size[2])
+        .into_par_iter()
+        .map(|k| {
+            let mut found = Caution::default();
+            for l in k * strides[2]..(k + 1) * strides[2] {
+                let (g, u) = (gradient(l), f64::from(uncertainty_mm.data()[l]));
+                if u.is_infinite() {
+                    found.folded_or_outside += usize::from(g > STEEP * most && most > 0.0);
+                } else {
+                    found.uncertain += usize::from(g * u > ERROR * most && most > 0.0);
+                    found.greatest_gy = found.greatest_gy.max(g * u);
+                }
+            }
+            found
+        })
+        .collect();
+    let mut all = planes.iter().fold(Caution::default(), |a, p| Caution {
+        folded_or_outside: a.folded_or_outside + p.folded_or_outside,
+        uncertain: a.uncertain + p.uncertain,
+        ml: 0.0,
+        greatest_gy: a.greatest_gy.max(p.greatest_gy),
+    });
+    all.ml = (all.folded_or_outside + all.uncertain) as f64 * grid.voxel_volume() / 1000.0;
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+
+    #[test]
+    fn only_doubt_in_steep_dose_counts() {
+        // 5 Gy/mm between x = 10 and 20, flat beside it; maximum 50 Gy.
+        let grid = Grid::axis_aligned([40, 5, 5], [1.0, 2.0, 2.5], [0.0; 3]).unwrap();
+        let dose = Volume::from_fn(grid.clone(), |l| 5.0 * (grid.voxel(l)[0].clamp(10, 20) - 10) as f32);
+        let at = |steep: f32, flat: f32| {
+            Volume::from_fn(grid.clone(), |l| match grid.voxel(l)[0] {
+                15 => steep,
+                30 => flat,
+                _ => 0.0,
+            })
+        };
+        assert_eq!(caution(&dose, &at(f32::INFINITY, f32::INFINITY)).folded_or_outside, 25);
+        let doubt = caution(&dose, &at(0.2, 10.0)); // 1 Gy is 2 %
+        assert_eq!((doubt.uncertain, doubt.folded_or_outside), (25, 0));
+        assert!((doubt.greatest_gy - 1.0).abs() < 1e-6 && (doubt.ml - 25.0 * 0.005).abs() < 1e-9);
+        assert_eq!(caution(&dose, &at(0.05, 10.0)).uncertain, 0);
+        assert_eq!(caution(&Volume::filled(grid.clone(), 0.0), &at(9.0, 9.0)), Caution::default());
+    }
+}

@@ -1,0 +1,15 @@
+//! Rank 4: dose on a deforming patient. Mapping, accumulation, dose-volume histograms, differences; Gy and grams.
+
+mod caution;
+mod density;
+mod difference;
+mod dvh;
+mod energy;
+mod interpolate;
+
+pub use caution::{Caution, STEEP, caution};
+pub use density::DensityTable;
+pub use difference::{DoseDifference, difference, distance_to_difference};
+pub use dvh::{Dvh, Share, dvh};
+pub use energy::{EnergyBalance, EnergyMassOptions, energy_mass};
+pub use interpolate::{accumulate, interpolate};

@@ -1,0 +1,224 @@
+//! Everything that can be measured of a field with what is given.
+
+use super::consistency::{self, Consistency};
+use super::contour::{self, ContourMetrics};
+use super::jacobian::tissue;
+use super::landmark::{self, Landmark, LandmarkReport};
+use super::pair::{Direction, FieldPair, nearest, on_grid, per_voxel};
+use super::regularity::{self, Regularity};
+use super::rigidity::{self, BoneRigidity};
+use super::similarity::{self, SimilarityReport};
+use super::tolerance::{self, Checked};
+use crate::body;
+use crate::error::Result;
+use crate::field::{InverseReport, PullField, PushField, warp_labels};
+use crate::geometry::Grid;
+use crate::runtime::Runtime;
+use crate::volume::{LabelMap, Mask, Volume};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A field and what is known about the case; everything but the field may be missing.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject<'a> {
+    /// Both directions of the field.
+    pub pair: &'a FieldPair,
+    /// Planning CT, HU.
+    pub planning: Option<&'a Volume<f32>>,
+    /// Fraction CT, HU.
+    pub fraction: Option<&'a Volume<f32>>,
+    /// Where to measure, any grid of the planning frame; without it the patient in the planning CT above -500 HU.
+    pub mask: Option<&'a Mask>,
+    /// Bones in the planning frame.
+    pub bones: Option<&'a LabelMap>,
+    /// Label and name of each bone that moves rigidly.
+    pub rigid: &'a [(u16, String)],
+    /// Structures in the planning frame.
+    pub structures: Option<&'a LabelMap>,
+    /// Structures in the fraction frame; those of a name in both are compared.
+    pub structures_fraction: Option<&'a LabelMap>,
+    /// Points known in both images.
+    pub landmarks: &'a [Landmark],
+    /// Fields fraction to a third image, and planning to that image.
+    pub triangle: Option<[&'a Volume<[f32; 3]>; 2]>,
+}
+
+/// What was measured of a field; parts that need inputs that were not given are missing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Assessment {
+    /// Regularity of each given field, on its own grid and in its own direction.
+    pub regularity: Vec<(Direction, Regularity)>,
+    /// Landmark residuals.
+    pub landmarks: Option<LandmarkReport>,
+    /// Mapped planning structures against those of the fraction.
+    pub contours: Vec<ContourMetrics>,
+    /// Rigidity of each bone.
+    pub rigidity: Vec<BoneRigidity>,
+    /// There and back, from planning and from the fraction.
+    pub inverse_consistency: [Consistency; 2],
+    /// The inversion that made the missing direction; `None` when both were given and consistency compares two fields.
+    pub inversion: Option<InverseReport>,
+    /// Round the triangle of three images.
+    pub transitivity: Option<Consistency>,
+    /// Similarity of the CTs.
+    pub similarity: Option<SimilarityReport>,
+    /// Figures beside their tolerances.
+    pub tolerances: Vec<Checked>,
+    /// Where regularity and consistency were measured, in words.
+    pub measured_in: String,
+}
+
+/// Measures everything that the inputs allow. Also returns the Jacobian map of the planning-to-fraction field on its grid and
+/// the mapped structures on the fraction's.
+///
+/// # Errors
+/// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
+pub fn assess(subject: &Subject<'_>, runtime: &Runtime) -> Result<(Assessment, Volume<f32>, Option<LabelMap>)> {
+    let pair = subject.pair;
+    let (mask, measured_in) = runtime.stage("find the tissue", || domain(subject))?;
+    let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
+    let mask_push = same_grid(&mask, push.grid());
+    let mask_pull = carried(&mask, pull);
+    let (regularity, map) = runtime.stage("regularity", || {
+        let given = |d: Direction| pair.given.contains(&d);
+        let (forward, map) = regular(subject, &pair.push, &mask_push, None);
+        let mut all = Vec::new();
+        if given(Direction::PlanningToFraction) {
+            all.push((Direction::PlanningToFraction, forward));
+        }
+        if given(Direction::FractionToPlanning) {
+            let field = PushField { displacement: pull.clone(), computed: Volume::filled(pull.grid().clone(), true) };
+            all.push((Direction::FractionToPlanning, regular(subject, &field, &mask_pull, Some(pull)).0));
+        }
+        (all, map)
+    });
+    let inverse_consistency = runtime.stage("consistency", || {
+        [consistency::inverse(push, pull, &mask_push), consistency::inverse(pull, push, &mask_pull)]
+    });
+    let transitivity = runtime
+        .stage("transitivity", || subject.triangle.map(|[bc, ac]| consistency::transitivity(push, bc, ac, &mask_push)));
+    let landmarks = (!subject.landmarks.is_empty()).then(|| landmark::evaluate(&pair.push, subject.landmarks));
+    let rigidity = match subject.bones {
+        Some(bones) => runtime.stage("rigidity", || {
+            let grid = bones.volume.grid();
+            let field = PushField { displacement: on_grid(push, grid)?, computed: Volume::filled(grid.clone(), true) };
+            Ok::<_, crate::Error>(rigidity::evaluate(&field, bones, subject.rigid))
+        })?,
+        None => Vec::new(),
+    };
+    let (contours, mapped) = match (subject.structures, subject.structures_fraction) {
+        (Some(a), Some(b)) => runtime.stage("contours", || {
+            let grid = b.volume.grid();
+            let there = PullField { displacement: on_grid(pull, grid)?, inside: Volume::filled(grid.clone(), true) };
+            let mapped = warp_labels(&there, a)?;
+            Ok::<_, crate::Error>((contour::compare(&mapped, b)?, Some(mapped)))
+        })?,
+        _ => (Vec::new(), None),
+    };
+    let similarity = match (subject.planning, subject.fraction) {
+        (Some(a), Some(b)) => Some(runtime.stage("similarity", || similarity::evaluate(pull, a, b, &mask))),
+        _ => None,
+    };
+    let mut assessment = Assessment {
+        regularity,
+        landmarks,
+        contours,
+        rigidity,
+        inverse_consistency,
+        inversion: pair.inversion,
+        transitivity,
+        similarity,
+        tolerances: Vec::new(),
+        measured_in,
+    };
+    assessment.tolerances = tolerances(&assessment);
+    Ok((assessment, map, mapped))
+}
+
+/// Where to measure, on a grid of the planning frame, and in words.
+fn domain(subject: &Subject<'_>) -> Result<(Mask, String)> {
+    if let Some(mask) = subject.mask {
+        return Ok((mask.clone(), "the given mask".into()));
+    }
+    match subject.planning {
+        Some(ct) => {
+            let body = body::find(ct, subject.bones, &body::BodyOptions::default())?;
+            Ok((tissue(&body, ct), "the patient in the planning CT above -500 HU".into()))
+        }
+        None => {
+            let grid = subject.pair.push.displacement.grid().clone();
+            Ok((Volume::filled(grid, true), "the whole grid: neither mask nor planning CT was given".into()))
+        }
+    }
+}
+
+/// Regularity of a field on its own grid; `through` leads from that grid to the planning frame when it is the fraction's.
+fn regular(
+    subject: &Subject<'_>,
+    field: &PushField,
+    mask: &Mask,
+    through: Option<&Volume<[f32; 3]>>,
+) -> (Regularity, Volume<f32>) {
+    let grid = field.displacement.grid();
+    let labels = |map: &LabelMap| LabelMap {
+        volume: match through {
+            Some(pull) => carried(&map.volume, pull),
+            None => same_grid(&map.volume, grid),
+        },
+        names: map.names.clone(),
+    };
+    let none = || LabelMap { volume: Volume::filled(grid.clone(), 0), names: BTreeMap::new() };
+    let bones = subject.bones.map_or_else(none, labels);
+    let structures = subject.structures.map(labels);
+    let structures = structures.as_ref().or(subject.bones.map(|_| &bones));
+    regularity::evaluate(field, mask, &bones, subject.rigid, structures)
+}
+
+/// Nearest values of a volume on a grid of the same frame.
+fn same_grid<T: Copy + Default + Send + Sync>(volume: &Volume<T>, grid: &Grid) -> Volume<T> {
+    if volume.grid().matches(grid, 1e-3) {
+        return volume.clone();
+    }
+    let data = per_voxel(grid, |p| nearest(volume, &p));
+    Volume::new(grid.clone(), data).expect("one value per voxel")
+}
+
+/// Nearest values of a planning volume at the pre-images of the pull field's voxels.
+fn carried<T: Copy + Default + Send + Sync>(volume: &Volume<T>, pull: &Volume<[f32; 3]>) -> Volume<T> {
+    let grid = pull.grid();
+    let data = per_voxel(grid, |y| {
+        let l = grid.index(&y).map(f64::round);
+        let v = pull.at([0, 1, 2].map(|a| l[a] as usize)).map(f64::from);
+        nearest(volume, &(y + nalgebra::Vector3::from(v)))
+    });
+    Volume::new(grid.clone(), data).expect("one value per voxel")
+}
+
+/// Every figure that has a tolerance.
+fn tolerances(a: &Assessment) -> Vec<Checked> {
+    let mut all = Vec::new();
+    if let Some(l) = a.landmarks.as_ref().filter(|l| l.after.n > 0) {
+        all.extend(tolerance::landmarks(l.after.mean, l.after.max));
+    }
+    for c in &a.contours {
+        if let Some(d) = &c.distances {
+            all.push(tolerance::agreement(&c.name, d.mean_mm));
+        }
+        all.push(tolerance::dice(&c.name, c.dice));
+    }
+    for (direction, r) in &a.regularity {
+        let name = direction.name();
+        all.push(tolerance::folds(name, r.folds.folded_ml, r.folds.folded_contact));
+        all.push(tolerance::jumps(name, r.jacobian.jumps_above_10));
+        all.push(tolerance::curl(name, r.curl.magnitude.max));
+    }
+    let two = if a.inversion.is_some() { "own inversion" } else { "both fields" };
+    all.push(tolerance::consistency(
+        &format!("inverse consistency ({two})"),
+        a.inverse_consistency[0].distance_mm.p95.max(a.inverse_consistency[1].distance_mm.p95),
+    ));
+    if let Some(t) = &a.transitivity {
+        all.push(tolerance::consistency("transitivity", t.distance_mm.p95));
+    }
+    all
+}

@@ -1,0 +1,109 @@
+//! A dose through a registration: mapped the way that was asked for, with its balance and what deserves doubt.
+
+use crate::dose::{Caution, EnergyBalance, EnergyMassOptions, caution, energy_mass, interpolate};
+use crate::error::{Error, Result};
+use crate::evaluate::{Direction, FieldPair, consistency};
+use crate::field::{InverseReport, digital_folds};
+use crate::geometry::Grid;
+use crate::volume::Volume;
+use crate::warning::Warning;
+use serde::{Deserialize, Serialize};
+
+/// How dose is carried.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DoseMethod {
+    /// Trilinear interpolation at mapped positions.
+    Interpolate,
+    /// Energy and mass together; conserves energy.
+    EnergyMass(EnergyMassOptions),
+}
+
+/// What is to be said about a mapped dose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DoseReport {
+    /// Way of the dose: planning to fraction, or fraction to planning.
+    pub direction: Direction,
+    /// How it was carried.
+    pub method: DoseMethod,
+    /// Energy before and after, with the energy/mass method.
+    pub balance: Option<EnergyBalance>,
+    /// The inversion, when the field was given the other way only.
+    pub inversion: Option<InverseReport>,
+    /// Where the result deserves doubt.
+    pub caution: Caution,
+    /// Findings that the user should know of.
+    pub warnings: Vec<Warning>,
+}
+
+/// Carries `dose` in `direction` onto `to`. `ct` gives HU in the dose's frame; the energy/mass method needs it.
+///
+/// Interpolation uses the field of the target's grid, energy/mass mapping that of the source's; which of them is exact and
+/// which was made by inversion is in the report.
+///
+/// # Errors
+/// [`Error::Usage`] when the energy/mass method has no CT.
+pub fn map_dose(
+    dose: &Volume<f32>,
+    pair: &FieldPair,
+    direction: Direction,
+    to: &Grid,
+    method: &DoseMethod,
+    ct: Option<&Volume<f32>>,
+) -> Result<(Volume<f32>, DoseReport)> {
+    let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
+    let (along, against) = match direction {
+        Direction::PlanningToFraction => (push, pull),
+        Direction::FractionToPlanning => (pull, push),
+    };
+    let (mapped, balance) = match method {
+        DoseMethod::Interpolate => (interpolate(dose, against, to)?, None),
+        DoseMethod::EnergyMass(options) => {
+            let ct = ct.ok_or_else(|| {
+                Error::usage(
+                    "energy/mass mapping needs the mass, and no CT of the dose's frame is given",
+                    "add --ct FILE, the CT in the frame in which the dose was computed, or take --method interpolate",
+                )
+            })?;
+            let (mapped, balance) = energy_mass(dose, ct, along, to, options)?;
+            (mapped, Some(balance))
+        }
+    };
+    let folds = digital_folds(&pair.push);
+    let uncertainty = consistency::residual(against, along, to, |y, x| {
+        let planning = if direction == Direction::PlanningToFraction { x } else { y };
+        let at = folds.grid().index(planning).map(f64::floor);
+        let inside = (0..3).all(|a| at[a] >= 0.0 && at[a] < folds.grid().size()[a] as f64);
+        inside && *folds.at([0, 1, 2].map(|a| at[a] as usize))
+    })?;
+    let caution = caution(&mapped, &uncertainty);
+    let warnings = warnings(&caution, balance.as_ref());
+    let report =
+        DoseReport { direction, method: method.clone(), balance, inversion: pair.inversion, caution, warnings };
+    Ok((mapped, report))
+}
+
+fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> {
+    let mut all = Vec::new();
+    if caution.folded_or_outside > 0 {
+        let message = format!(
+            "{} voxels in steep dose (more than 1 % of the maximum per mm) lie where the field folds or leaves the images: \
+             their dose is not to be trusted",
+            caution.folded_or_outside
+        );
+        all.push(Warning::new("folds-in-steep-dose", message));
+    }
+    if caution.uncertain > 0 {
+        let message = format!(
+            "in {} voxels the field's inverse residual times the dose gradient exceeds 1 % of the maximum dose; greatest {:.2} Gy",
+            caution.uncertain, caution.greatest_gy
+        );
+        all.push(Warning::new("uncertain-field-in-steep-dose", message));
+    }
+    if let Some(b) = balance.filter(|b| b.outside_j > 0.01 * b.source_j) {
+        let share = 100.0 * b.outside_j / b.source_j;
+        let message = format!("{share:.1} % of the energy falls outside the target grid");
+        all.push(Warning::new("energy-outside", message));
+    }
+    all
+}

@@ -1,0 +1,144 @@
+//! `evaluation.html`: one self-contained page. Marks stand beside figures; the reviewer's fields stay blank.
+
+use super::super::html::review;
+use super::super::numbers::utc;
+use super::figures::{PARTS, rows};
+use super::text::marks;
+use super::{EvaluationPicture, EvaluationReport};
+use base64::{Engine, engine::general_purpose::STANDARD};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+/// Colours of the marks.
+const MARKS: &str = ".pass { color: #0b5d57; } .review-mark { color: #92400e; font-weight: 600; } .fail { color: #b42318; font-weight: 700; }";
+
+/// The page; everything it needs is inside.
+pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) -> String {
+    let names: Vec<&str> = report.fields.iter().map(|f| f.name.as_str()).collect();
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "aventail evaluate: " (names.join(", ")) }
+                style { (PreEscaped(include_str!("../html/report.css"))) (PreEscaped(MARKS)) }
+            }
+            body {
+                header {
+                    p.brand { "aventail \u{b7} evaluation of displacement fields" }
+                    h1 { (names.join(" \u{b7} ")) }
+                    p.note { (utc(report.created)) " by aventail " (report.version) }
+                    @if let Some(first) = report.fields.first() { p.note { "Measured in " (first.assessment.measured_in) "." } }
+                }
+                @if !report.warnings.is_empty() {
+                    ul.warnings { @for w in &report.warnings { li { code { (w.code) } (w.message) } } }
+                }
+                h2 { "Pictures" }
+                div.pair { @for p in by_kind(pictures) { (figure(p)) } }
+                h2 { "Figures beside tolerances" }
+                (tolerances(report, &names))
+                @for (part, heading) in PARTS {
+                    (table(report, part, heading, &names))
+                }
+                h2 { "Provenance" }
+                (provenance(report))
+                section.limits {
+                    h2 { "Limits" }
+                    p {
+                        "A figure speaks for the place where it was measured. Agreement of images or contours does not prove that tissue "
+                        "inside was followed; a field free of folds is regular, not right. TG-132 gives no tolerance for carrying dose. "
+                        "Research software, not a medical device."
+                    }
+                }
+                (PreEscaped(review().into_string()))
+                footer { "Lengths in mm, LPS world frame. Formulas and sources: docs/metrics.md." }
+            }
+        }
+    }
+    .into_string()
+}
+
+/// Pictures of one kind together, so that fields stand side by side.
+fn by_kind(pictures: &[EvaluationPicture]) -> Vec<&EvaluationPicture> {
+    let kind = |p: &EvaluationPicture| p.file.split_once('_').map_or(String::new(), |(_, kind)| kind.to_owned());
+    let kinds: Vec<String> = pictures.iter().map(kind).collect();
+    let mut all: Vec<&EvaluationPicture> = pictures.iter().collect();
+    all.sort_by_key(|p| kinds.iter().position(|k| *k == kind(p)));
+    all
+}
+
+fn figure(p: &EvaluationPicture) -> Markup {
+    html! {
+        figure {
+            h3 { (p.title) }
+            img alt=(p.title) src={ "data:image/png;base64," (STANDARD.encode(&p.png)) };
+            figcaption { (p.caption) }
+        }
+    }
+}
+
+fn tolerances(report: &EvaluationReport, names: &[&str]) -> Markup {
+    let class = |value: &str| match value.rsplit(' ').next() {
+        Some("fail") => "n fail",
+        Some("review") => "n review-mark",
+        Some("pass") => "n pass",
+        _ => "n",
+    };
+    html! {
+        p.note {
+            "pass: beyond the stricter end of the quoted range; review: inside it; fail: beyond the looser end. Ranges as AAPM TG-132 (Brock et al., "
+            "Med. Phys. 44 (2017) e43) is commonly quoted; check them against the report itself and your protocol. A mark is no decision."
+        }
+        table {
+            thead { tr { th { "Figure" } @for n in names { th.n { (n) } } th { "Tolerance" } th { "Source" } } }
+            tbody {
+                @for row in marks(report) {
+                    tr {
+                        td { (row.figure) }
+                        @for v in &row.values { td class=(class(v)) { (v) } }
+                        td { (row.tolerance) }
+                        td { (row.source) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -> Markup {
+    let rows = rows(report, part);
+    html! {
+        @if !rows.is_empty() {
+            h2 { (heading) }
+            table {
+                thead { tr { th {} th {} @for n in names { th.n { (n) } } } }
+                tbody {
+                    @for (n, row) in rows.iter().enumerate() {
+                        tr {
+                            td { @if n == 0 || rows[n - 1].item != row.item { (row.item) } }
+                            td { (row.metric) }
+                            @for v in &row.values { td.n { (v) } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn provenance(report: &EvaluationReport) -> Markup {
+    let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
+    html! {
+        table {
+            thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
+            tbody {
+                @for input in &report.inputs {
+                    tr { td { (input.role) } td.wide { (input.path.display()) } td.mono { (input.sha256) } }
+                }
+            }
+        }
+        h3 { "Command" }
+        pre { (report.command) }
+        p.note { (format!("{seconds:.1} s on {} threads: ", report.threads)) (report.stages.iter().map(|s| format!("{} {:.1} s", s.stage, s.seconds)).collect::<Vec<_>>().join(", ")) }
+    }
+}

@@ -1,0 +1,163 @@
+//! Pictures of an evaluated field: fusion, Jacobian map, mapped contours, residuals, Jacobian-volume histogram.
+
+use super::super::canvas::{Canvas, Rgb, mix};
+use super::super::chart::{COLOURS, Curve, chart};
+use super::super::colour::{BLACK, BLUE, INK, ORANGE, fuse, grey, jacobian, tone};
+use super::super::pictures::{legend::sheet, residuals};
+use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
+use super::{Assessed, Drawable, EvaluationPicture};
+use crate::error::{Error, Result};
+use crate::evaluate::regularity::BIN;
+use crate::volume::{Volume, trilinear_vector};
+use nalgebra::Point3;
+
+const BACKDROP: Rgb = [198, 203, 210];
+
+/// Encodes a canvas.
+fn encoded(which: usize, file: &str, title: String, caption: String, canvas: &Canvas) -> Result<EvaluationPicture> {
+    let mut png = Vec::new();
+    canvas.write_png(&mut png).map_err(|e| Error::Internal(format!("{file}: {e}")))?;
+    Ok(EvaluationPicture { file: format!("{}_{file}.png", which + 1), title, caption, png })
+}
+
+/// All pictures that the inputs of a field allow.
+pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> Result<Vec<EvaluationPicture>> {
+    let mut all = Vec::new();
+    let s = &drawable.subject;
+    let name = &field.name;
+    if let (Some(planning), Some(fraction)) = (s.planning, s.fraction) {
+        let canvas = fusion(planning, fraction, &s.pair.pull.displacement);
+        let caption = "Planning CT mapped by the field (blue) over the fraction CT (orange); grey where both agree.";
+        all.push(encoded(which, "fusion", format!("{name}: fusion"), caption.into(), &canvas)?);
+    }
+    if let Some(planning) = s.planning {
+        let canvas = jacobians(planning, &drawable.jacobian);
+        let caption = "Volume after over before of planning to fraction, on the planning CT: red grows, blue shrinks, white keeps \
+                       its volume, black is folded. Outlines of bones where they were given.";
+        let canvas = match s.bones {
+            Some(bones) => outlined(canvas, &bones.volume),
+            None => canvas,
+        };
+        all.push(encoded(which, "jacobian", format!("{name}: Jacobian map"), caption.into(), &sheet_of(canvas))?);
+    }
+    if let (Some(fraction), Some(mapped), Some(reference)) = (s.fraction, &drawable.mapped, s.structures_fraction) {
+        let canvas = contours(fraction, &mapped.volume, &reference.volume);
+        let caption = "Outlines on the fraction CT: mapped from planning blue, drawn on the fraction orange.";
+        all.push(encoded(which, "contours", format!("{name}: contours"), caption.into(), &canvas)?);
+    }
+    if let Some(landmarks) = field.assessment.landmarks.as_ref().filter(|l| l.after.n > 0) {
+        let caption = "Number of landmarks by their distance from the true position in the fraction.";
+        let title = format!("{name}: landmark residuals");
+        all.push(encoded(which, "residuals", title, caption.into(), &residuals::draw(landmarks).canvas)?);
+    }
+    if let Some((direction, r)) = field.assessment.regularity.first() {
+        let curves: Vec<Curve> = r
+            .histograms
+            .iter()
+            .take(COLOURS.len())
+            .enumerate()
+            .map(|(n, h)| Curve {
+                name: h.name.clone(),
+                colour: COLOURS[n],
+                width: if n == 0 { 5.0 } else { 3.0 },
+                points: h.cumulative().iter().enumerate().map(|(b, share)| [b as f64 * BIN, 100.0 * share]).collect(),
+            })
+            .collect();
+        let canvas = chart("Jacobian", [0.0, 2.5], &curves);
+        let caption = format!(
+            "Share of the volume whose Jacobian ({}) is at least this, as a dose-volume histogram.",
+            direction.name()
+        );
+        all.push(encoded(which, "jacobian_volume", format!("{name}: Jacobian-volume histogram"), caption, &canvas)?);
+    }
+    Ok(all)
+}
+
+/// The three planes through the middle of an image.
+fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
+    let region = Region::of(image.grid());
+    planes(&[region; 3], &image.grid().middle())
+}
+
+fn fusion(planning: &Volume<f32>, fraction: &Volume<f32>, pull: &Volume<[f32; 3]>) -> Canvas {
+    let rows = middle_planes(fraction).map(|plane| {
+        let picture = plane.paint(|y| {
+            let x = y + trilinear_vector(pull, &pull.grid().index(&y)).unwrap_or_default();
+            fuse(hu_at(planning, &x).map_or(0.0, tone), hu_at(fraction, &y).map_or(0.0, tone))
+        });
+        plane.row(&picture, [0; 3], [255; 3], [0; 3])
+    });
+    sheet(&rows, 1, |legend| {
+        legend.swatch(BLUE, "planning CT");
+        legend.swatch(ORANGE, "fraction CT");
+        legend.swatch([170; 3], "both agree");
+    })
+}
+
+/// Pictures of the three planes, before they become a sheet.
+type Rows = [(Plane, Canvas); 3];
+
+fn jacobians(planning: &Volume<f32>, map: &Volume<f32>) -> Rows {
+    middle_planes(planning).map(|plane| {
+        let picture = plane.paint(|p| {
+            let hu = hu_at(planning, &p).unwrap_or(-1000.0);
+            match cell_at(map, &p) {
+                Some(j) if hu > -500.0 => {
+                    let shade = 0.86 + 0.14 * tone(hu);
+                    jacobian(f64::from(j)).map(|c| (f64::from(c) * shade).round() as u8)
+                }
+                _ => BACKDROP,
+            }
+        });
+        (plane, picture)
+    })
+}
+
+fn sheet_of(rows: Rows) -> Canvas {
+    let rows = rows.map(|(plane, picture)| plane.row(&picture, BACKDROP, INK, BACKDROP));
+    let ticks: Vec<_> =
+        ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
+    sheet(&rows, 1, |legend| {
+        legend.bar("shrinks", 420.0, |share| jacobian((2.0 * share - 1.0).exp2()), &ticks);
+        legend.text("grows");
+        legend.swatch(BLACK, "folded");
+    })
+}
+
+/// Outlines of labels over pictures of their frame.
+fn outlined(rows: Rows, labels: &Volume<u16>) -> Rows {
+    rows.map(|(plane, mut picture)| {
+        outline(&mut picture, &plane, labels, mix(INK, [255; 3], 0.25));
+        (plane, picture)
+    })
+}
+
+/// Draws the borders of labels in one colour.
+fn outline(picture: &mut Canvas, plane: &Plane, labels: &Volume<u16>, colour: Rgb) {
+    let label = |x: usize, y: usize| -> u16 {
+        let p: Point3<f64> = plane.world(x as f64 + 0.5, y as f64 + 0.5);
+        nearest(labels, &p).unwrap_or(0)
+    };
+    for y in 1..plane.height {
+        for x in 1..plane.width {
+            let here = label(x, y);
+            if here != label(x - 1, y) || here != label(x, y - 1) {
+                picture.blend(x as i64, y as i64, colour, 0.9);
+                picture.blend(x as i64 - 1, y as i64, colour, 0.5);
+            }
+        }
+    }
+}
+
+fn contours(fraction: &Volume<f32>, mapped: &Volume<u16>, reference: &Volume<u16>) -> Canvas {
+    let rows = middle_planes(fraction).map(|plane| {
+        let mut picture = plane.paint(|p| grey(0.8 * hu_at(fraction, &p).map_or(0.0, tone)));
+        outline(&mut picture, &plane, reference, ORANGE);
+        outline(&mut picture, &plane, mapped, mix(BLUE, [255; 3], 0.3));
+        plane.row(&picture, [0; 3], [255; 3], [0; 3])
+    });
+    sheet(&rows, 1, |legend| {
+        legend.swatch(mix(BLUE, [255; 3], 0.3), "mapped from planning");
+        legend.swatch(ORANGE, "fraction");
+    })
+}

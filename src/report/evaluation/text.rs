@@ -1,0 +1,125 @@
+//! The evaluation as CSV, Markdown, and a table for the terminal.
+
+use super::EvaluationReport;
+use super::figures::{PARTS, figures, number, rows};
+use std::fmt::Write;
+
+/// One line per figure: field, part, item, metric, value, unit; then the tolerances with their marks.
+pub(super) fn csv(report: &EvaluationReport) -> Result<Vec<u8>, csv::Error> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record(["field", "part", "item", "metric", "value", "unit", "tolerance", "source", "mark"])?;
+    for field in &report.fields {
+        for f in figures(&field.assessment) {
+            let value = f.value.to_string();
+            table.write_record([&field.name, f.part, &f.item, f.metric, &value, f.unit, "", "", ""])?;
+        }
+        for c in &field.assessment.tolerances {
+            let value = c.value.to_string();
+            table.write_record([
+                &field.name,
+                "tolerances",
+                &c.figure,
+                "",
+                &value,
+                &c.unit,
+                &c.tolerance,
+                &c.source,
+                c.mark.name(),
+            ])?;
+        }
+    }
+    table.into_inner().map_err(|e| e.into_error().into())
+}
+
+/// The whole evaluation as Markdown tables, fields side by side.
+pub(super) fn markdown(report: &EvaluationReport) -> String {
+    let mut out = format!("# Evaluation by aventail {}\n\n", report.version);
+    let mut line = |text: String| writeln!(out, "{text}").expect("writing to a string does not fail");
+    line(format!("`{}`\n", report.command));
+    for w in &report.warnings {
+        line(format!("- warning ({}): {}", w.code, w.message));
+    }
+    if let Some(first) = report.fields.first() {
+        line(format!("Measured in {}.\n", first.assessment.measured_in));
+    }
+    let heads: Vec<&str> = report.fields.iter().map(|f| f.name.as_str()).collect();
+    line("## Figures beside tolerances\n".into());
+    line(format!("| figure | {} | tolerance | source |", heads.join(" | ")));
+    line(format!("|---|{}---|---|", "---|".repeat(heads.len())));
+    for row in marks(report) {
+        line(format!("| {} | {} | {} | {} |", row.figure, row.values.join(" | "), row.tolerance, row.source));
+    }
+    for (part, heading) in PARTS {
+        let rows = rows(report, part);
+        if !rows.is_empty() {
+            line(format!("\n## {heading}\n"));
+            line(format!("| | | {} |", heads.join(" | ")));
+            line(format!("|---|---|{}", "---|".repeat(heads.len())));
+            for row in rows {
+                line(format!("| {} | {} | {} |", row.item, row.metric, row.values.join(" | ")));
+            }
+        }
+    }
+    out
+}
+
+/// A tolerance with each field's value and mark.
+pub(super) struct MarkRow {
+    pub(super) figure: String,
+    pub(super) values: Vec<String>,
+    pub(super) tolerance: String,
+    pub(super) source: String,
+}
+
+/// The tolerances, fields side by side.
+pub(super) fn marks(report: &EvaluationReport) -> Vec<MarkRow> {
+    let mut rows: Vec<MarkRow> = Vec::new();
+    for (n, field) in report.fields.iter().enumerate() {
+        for c in &field.assessment.tolerances {
+            let at = rows.iter().position(|r| r.figure == c.figure).unwrap_or_else(|| {
+                rows.push(MarkRow {
+                    figure: c.figure.clone(),
+                    values: vec!["\u{2013}".into(); report.fields.len()],
+                    tolerance: c.tolerance.clone(),
+                    source: c.source.clone(),
+                });
+                rows.len() - 1
+            });
+            let unit = if c.unit.is_empty() { String::new() } else { format!(" {}", c.unit) };
+            rows[at].values[n] = format!("{}{unit}: {}", number(c.value, &c.unit), c.mark.name());
+        }
+    }
+    rows
+}
+
+/// The figures that matter, a block per field.
+pub fn terminal_table(report: &EvaluationReport) -> String {
+    let mut out = String::new();
+    for field in &report.fields {
+        writeln!(out, "{}", field.name).expect("writing to a string does not fail");
+        let shown = |mark: &str| field.assessment.tolerances.iter().filter(|c| c.mark.name() == mark).count();
+        for c in &field.assessment.tolerances {
+            let value = number(c.value, &c.unit);
+            writeln!(out, "  {:<6} {:<52} {value} {}", c.mark.name(), c.figure, c.unit)
+                .expect("writing to a string does not fail");
+        }
+        let bones = &field.assessment.rigidity;
+        if let Some(worst) = bones.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm)) {
+            writeln!(
+                out,
+                "         bones depart from rigid motion by {} mm rms at worst ({})",
+                number(worst.rms_mm, "mm"),
+                worst.name
+            )
+            .expect("writing to a string does not fail");
+        }
+        if let Some(s) = &field.assessment.similarity {
+            writeln!(out, "         CTs differ by {:.0} HU rms before, {:.0} after", s.before.rms_hu, s.after.rms_hu)
+                .expect("writing to a string does not fail");
+        }
+        let (pass, review, fail) = (shown("pass"), shown("review"), shown("fail"));
+        writeln!(out, "  {pass} pass, {review} to review, {fail} fail; a physicist decides")
+            .expect("writing to a string does not fail");
+    }
+    out
+}

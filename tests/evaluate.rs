@@ -1,0 +1,227 @@
+//! `aventail evaluate` and `aventail dose` as their users meet them: on the phantom with its true field, and refused.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
+#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
+mod support;
+
+use assert_cmd::Command;
+use aventail::geometry::Grid;
+use aventail::io::{WriteOptions, read_image, write_field};
+use aventail::volume::{LabelMap, Volume};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use support::{aventail, files, files_below, folder, phantom};
+
+fn truth() -> PathBuf {
+    phantom().planning.with_file_name("true_planning_to_fraction.nii.gz")
+}
+
+/// `evaluate` on the phantom's CTs into a folder.
+fn evaluate(out: &str) -> Command {
+    let f = phantom();
+    let mut command = aventail();
+    command.arg("evaluate").arg("--quiet").arg("--out").arg(folder().join(out));
+    command.arg("--planning").arg(&f.planning).arg("--fraction").arg(&f.fraction).arg("--bones").arg(&f.bones);
+    command.arg("--landmarks").arg(&f.landmarks);
+    command
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// A zero field on a grid, as a file.
+fn still(name: &str, grid: &Grid) -> PathBuf {
+    let path = folder().join(name);
+    write_field(&path, &Volume::filled(grid.clone(), [0.0; 3]), &WriteOptions::default()).unwrap();
+    path
+}
+
+/// Runs a command line that must be refused.
+fn refused(command: &mut Command, code: i32, names: &[&str]) {
+    let run = command.assert().code(code);
+    let message = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(run.get_output().stdout.is_empty(), "{message}");
+    for name in names {
+        assert!(message.contains(name), "`{name}` is not in\n{message}");
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+#[test]
+fn the_true_field_of_the_phantom_passes() {
+    let out = folder().join("truth");
+    let mut command = evaluate("truth");
+    command.arg("--planning-to-fraction").arg(truth());
+    command.arg("--labels-planning").arg(&phantom().bones).arg("--labels-fraction").arg(&phantom().bones);
+    let run = command.assert().success();
+    let table = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    assert!(table.contains("a physicist decides") && !table.contains("approved"), "{table}");
+    let names = files_below(&out);
+    for name in ["evaluation.csv", "evaluation.html", "evaluation.json", "evaluation.md", "landmarks.csv"] {
+        assert!(names.contains(&name.to_owned()), "{names:?}");
+    }
+    assert_eq!(names.iter().filter(|n| n.ends_with(".png")).count(), 5, "{names:?}");
+    let a = &json(&out.join("evaluation.json"))["fields"][0]["assessment"];
+    let at = |path: &str| a.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}"));
+    assert!(at("/landmarks/after/mean") < 0.3 && at("/landmarks/ratio_of_means") < 0.1);
+    let bones = a["rigidity"].as_array().unwrap();
+    assert!(bones.len() > 30 && bones.iter().all(|b| b["rms_mm"].as_f64().unwrap() < 1e-3));
+    // Two linear interpolations of a field stored every 5 mm.
+    assert!(at("/inverse_consistency/0/distance_mm/median") < 0.2);
+    assert!(at("/similarity/after/rms_hu") < at("/similarity/before/rms_hu"));
+    assert!(at("/similarity/after/ncc") > at("/similarity/before/ncc"));
+    let page = fs::read_to_string(out.join("evaluation.html")).unwrap();
+    for outside in ["http:", "https:", "<script", "<link"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    assert!(!page.to_lowercase().contains("approved") && page.contains("eq. 4.2"));
+}
+
+#[test]
+fn results_do_not_depend_on_threads_and_fields_stand_side_by_side() {
+    let still = still("still.mha", read_image(&phantom().planning).unwrap().value.grid());
+    let table = |threads: &str| {
+        let out = format!("compare_{threads}");
+        let mut command = evaluate(&out);
+        command.args(["--threads", threads, "--compare"]).arg(truth()).arg(&still).assert().success();
+        let out = folder().join(out);
+        (fs::read(out.join("evaluation.csv")).unwrap(), fs::read_to_string(out.join("evaluation.md")).unwrap())
+    };
+    let (one, two) = (table("1"), table("2"));
+    assert!(one.0 == two.0, "the numbers depend on the number of threads");
+    assert!(one.1.contains("| true_planning_to_fraction.nii.gz | still.mha |"), "{}", one.1);
+}
+
+#[test]
+fn contours_under_the_identity_agree_with_themselves() {
+    let f = phantom();
+    let still = still("identity.nii.gz", read_image(&f.planning).unwrap().value.grid());
+    let out = folder().join("identity");
+    let mut command = aventail();
+    command.args(["evaluate", "--quiet", "--fraction-to-planning"]).arg(&still).arg("--out").arg(&out);
+    command.arg("--labels-planning").arg(&f.bones).arg("--labels-fraction").arg(&f.bones);
+    command.arg("--then").arg(&still).arg("--direct").arg(&still).assert().success();
+    let a = &json(&out.join("evaluation.json"))["fields"][0]["assessment"];
+    let contours = a["contours"].as_array().unwrap();
+    assert!(contours.len() > 30);
+    for c in contours.iter().filter(|c| !c["distances"].is_null()) {
+        assert!(
+            (c["dice"].as_f64().unwrap() - 1.0).abs() < 1e-12
+                && c["distances"]["hausdorff_mm"].as_f64().unwrap() < 1e-9
+        );
+    }
+    assert!(a["transitivity"]["distance_mm"]["max"].as_f64().unwrap() < 1e-6);
+    assert!(a["tolerances"].as_array().unwrap().iter().all(|t| t["mark"] == "pass"));
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused() {
+    let f = phantom();
+    let push = |c: &mut Command| {
+        c.arg("--planning-to-fraction").arg(truth());
+    };
+    refused(&mut evaluate("no_field"), 2, &["no field is given", "--planning-to-fraction"]);
+    let mut both = evaluate("both");
+    push(&mut both);
+    refused(both.arg("--compare").arg(truth()), 2, &["--compare"]);
+    let mut missing = evaluate("missing");
+    refused(missing.arg("--planning-to-fraction").arg(folder().join("nothing.mha")), 3, &["nothing.mha"]);
+    let mut scalar = evaluate("scalar");
+    refused(scalar.arg("--planning-to-fraction").arg(&f.planning), 4, &["planning_ct.nii.gz"]);
+    let grid = Grid::axis_aligned([4, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
+    let empty = files::image(&folder().join("empty.nii.gz"), &Volume::filled(grid.clone(), 0.0));
+    let mut mask = evaluate("mask");
+    push(&mut mask);
+    refused(mask.arg("--mask").arg(empty), 4, &["no voxel of the mask is set"]);
+    let other = LabelMap { volume: Volume::filled(grid, 1), names: [(1, "liver".to_owned())].into() };
+    let other = files::labels(&folder().join("other.nii.gz"), &other);
+    let mut names = evaluate("names");
+    push(&mut names);
+    names.arg("--labels-planning").arg(&f.bones).arg("--labels-fraction").arg(other);
+    refused(&mut names, 4, &["no structure is in both"]);
+    let mut alone = evaluate("alone");
+    push(&mut alone);
+    refused(alone.arg("--then").arg(truth()), 2, &["--direct"]);
+}
+
+/// A ball of dose on the phantom's planning grid.
+fn dose() -> PathBuf {
+    let path = folder().join("dose.nii.gz");
+    let grid = read_image(&phantom().planning).unwrap().value.grid().clone();
+    let middle = grid.middle();
+    let gy = |l: usize| 70.0 * (-((grid.centre(grid.voxel(l)) - middle).norm() / 60.0).powi(4)).exp() as f32;
+    files::image(&path, &Volume::from_fn(grid.clone(), gy))
+}
+
+fn run_dose(verb: &str, out: &Path) -> Command {
+    let mut command = aventail();
+    command.args(["dose", verb, "--out"]).arg(out);
+    command
+}
+
+#[test]
+fn dose_goes_there_and_back_and_adds_up() {
+    let f = phantom();
+    let dose = dose();
+    let there = folder().join("dose_on_fraction.nii.gz");
+    let mut map = run_dose("map", &there);
+    map.arg("--dose").arg(&dose).args(["--to", "fraction", "--method", "energy-mass", "--json", "--grid"]);
+    map.arg(&f.fraction).arg("--ct").arg(&f.planning).arg("--planning-to-fraction").arg(truth()).assert().success();
+    let report = json(&folder().join("dose_on_fraction.json"));
+    let balance = &report["parts"][0]["balance"];
+    assert!(balance["relative_error"].as_f64().unwrap() <= 1e-6, "{balance}");
+    assert!(balance["mapped_j"].as_f64().unwrap() > 0.9 * balance["source_j"].as_f64().unwrap(), "{balance}");
+    let sum = folder().join("sum.nii.gz");
+    let mut back = run_dose("accumulate", &sum);
+    back.arg("--dose").arg(&there).arg(&there).arg("--fields").arg(truth()).arg(truth());
+    back.args(["--weights", "0.25", "0.75", "--grid"]).arg(&dose).assert().success();
+    // There and back is the planned dose, but for resampling at 5 mm.
+    let out = folder().join("dose_compare");
+    run_dose("compare", &out).arg("--dose").arg(&sum).arg("--reference").arg(&dose).assert().success();
+    let mean = json(&out.join("compare.json"))["difference_gy"]["magnitude"]["mean"].as_f64().unwrap();
+    assert!(mean < 1.5, "{mean}");
+    let curves = folder().join("dvh");
+    let mut dvh = run_dose("dvh", &curves);
+    dvh.arg("--dose").arg(&dose).arg(&sum).arg("--structures").arg(&f.bones).args(["--at", "20", "50"]);
+    dvh.assert().success();
+    assert_eq!(files_below(&curves), ["dvh.csv", "dvh.json", "dvh.png", "dvh_figures.csv"]);
+    let figures = fs::read_to_string(curves.join("dvh_figures.csv")).unwrap();
+    assert!(figures.contains("v50gy_percent") && figures.contains("mandible"), "{figures}");
+}
+
+#[test]
+fn dose_that_makes_no_sense_is_refused() {
+    let f = phantom();
+    let dose = dose();
+    let out = folder().join("refused.nii.gz");
+    let map = || {
+        let mut c = run_dose("map", &out);
+        c.args(["--to", "fraction", "--grid"]).arg(&f.fraction).arg("--planning-to-fraction").arg(truth());
+        c
+    };
+    refused(map().arg("--dose").arg(&dose).args(["--method", "energy-mass"]), 2, &["no CT", "--ct"]);
+    refused(map().arg("--dose").arg(&f.planning), 4, &["Gy at voxel"]);
+    let mut parts = map();
+    parts.arg("--dose").arg(&dose).args(["--method", "energy-mass", "--parts", "0", "--ct"]).arg(&f.planning);
+    refused(&mut parts, 4, &["parts = 0"]);
+    let mut sum = run_dose("accumulate", &out);
+    sum.arg("--dose").arg(&dose).arg(&dose).arg("--fields").arg(truth()).arg("--grid").arg(&dose);
+    refused(&mut sum, 2, &["2 doses but 1 values of --fields"]);
+    let mut format = run_dose("map", &folder().join("dose.txt"));
+    format.args(["--to", "fraction", "--grid"]).arg(&f.fraction).arg("--planning-to-fraction").arg(truth());
+    refused(format.arg("--dose").arg(&dose), 2, &["dose.txt"]);
+    assert!(!out.exists() && !folder().join("refused.json").exists());
+}
+
+#[test]
+fn help_teaches_with_examples() {
+    for words in [&["evaluate"][..], &["dose", "map"], &["dose", "accumulate"], &["dose", "dvh"], &["dose", "compare"]]
+    {
+        let run = aventail().args(words).arg("--help").assert().success();
+        let help = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+        assert!(help.contains("Example") && help.contains("--out"), "{help}");
+    }
+}
