@@ -3,10 +3,12 @@
 pub mod args;
 mod demo;
 mod inspect;
+mod links;
 mod phantom;
 mod register;
 mod skeleton;
 pub mod terminal;
+mod warp;
 
 use crate::error::Result;
 use args::{Cli, Verb};
@@ -21,6 +23,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Register(args) => register::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
+        Verb::Warp(args) => warp::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {

@@ -4,6 +4,7 @@ use super::args::PhantomArgs;
 use super::register::open_folder;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::field::FieldFormat;
 use crate::io::{self, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions, Posture};
 use crate::report::write_bone_transforms;
@@ -74,6 +75,7 @@ fn write(phantom: &Phantom, out: &Path) -> Result<()> {
     io::write_push(
         out.join("true_planning_to_fraction.nii.gz"),
         &phantom.truth()?,
+        FieldFormat::Nifti,
         WriteOptions::default().gzip_level,
     )?;
     let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));

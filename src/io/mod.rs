@@ -17,9 +17,11 @@ mod landmarks;
 mod metaimage;
 mod nifti;
 mod nrrd;
+pub mod points;
 pub mod pose;
 mod raster;
 pub mod skeleton;
+pub mod transform;
 mod values;
 mod voxels;
 
@@ -27,9 +29,9 @@ mod voxels;
 mod tests;
 
 pub use atomic::write_file;
-pub use field::{read_field, write_field, write_pull, write_push};
-pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
-pub use labels::{read_labels, write_labels};
+pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
+pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_mask};
+pub use labels::{read_label_map, read_labels, write_labels};
 pub use landmarks::read_landmarks;
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 
