@@ -3,10 +3,13 @@
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
 use super::register::progress;
 use crate::error::{Error, Result};
-use crate::field::{Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, resample, resample_labels};
+use crate::field::{
+    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, resample, resample_contours, resample_labels,
+};
 use crate::geometry::Grid;
 use crate::io::{self, Loaded, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
+use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use nalgebra::Point3;
@@ -70,6 +73,9 @@ pub fn run(args: &WarpArgs) -> Result<String> {
                 refuse_volume_options(args, input)?;
                 let chain = chain(&args.from, &args.to)?;
                 runtime.stage("map the points", || map_points(args, &chain, input, out, &mut report))?;
+            } else if is_json(input) {
+                let (forward, back) = (chain(&args.from, &args.to)?, chain(&args.to, &args.from)?);
+                runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
             } else {
                 let back = chain(&args.to, &args.from)?;
                 runtime.stage("resample", || map_volume(args, &back, input, out, &mut report))?;
@@ -86,6 +92,10 @@ pub fn run(args: &WarpArgs) -> Result<String> {
         return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
     }
     Ok(report.text())
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
 /// Options that only volumes have.
@@ -156,6 +166,48 @@ fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, repo
         report.warnings.push(Warning::new("no-inverse", format!("points without an exact pre-image: {names}")));
     }
     report.finish(chain, ChainReport::of(&mapped), out);
+    Ok(())
+}
+
+/// Contours, on the slices of the new frame.
+fn map_contours(
+    args: &WarpArgs,
+    (forward, back): (&Chain<'_>, &Chain<'_>),
+    input: &Path,
+    out: &Path,
+    report: &mut Report,
+) -> Result<()> {
+    let refuse = |problem: String, remedy: &str| Err(Error::usage(problem, remedy));
+    if !is_json(out) {
+        return refuse(format!("{}: contours are written as JSON", out.display()), "name the output *.json");
+    }
+    if args.kind.is_some() || args.interpolation.is_some() || args.outside.is_some() || args.labels.is_some() {
+        return refuse(
+            "--kind, --interpolation, --outside and --labels have no meaning for contours".into(),
+            "leave them out",
+        );
+    }
+    let (contours, frame) = io::read_contours(input)?;
+    if let Some(frame) = frame.filter(|f| *f != args.from) {
+        return refuse(format!("{} lies in frame {frame:?}, not in {}", input.display(), args.from), "correct --from");
+    }
+    let grid = target(args, back, &args.to, &mut report.warnings)?;
+    let (moved, mapped) = resample_contours(&contours, forward, back, &grid);
+    let (gap, new_gap) = (contours.spacing(grid.spacing()[2]), grid.spacing()[2]);
+    for (old, new) in contours.structures.iter().zip(&moved.structures) {
+        let volume = |s: &Structure, gap: f64| s.heights().iter().map(|h| s.area(*h) * gap).sum::<f64>() / 1000.0;
+        report.notes.push(format!(
+            "{}: {} slices, {:.2} cm3 -> {} slices, {:.2} cm3",
+            old.name,
+            old.heights().len(),
+            volume(old, gap),
+            new.heights().len(),
+            volume(new, new_gap)
+        ));
+    }
+    io::write_contours(out, &moved, &args.to)?;
+    report.kind = "contours";
+    report.finish(back, mapped, out);
     Ok(())
 }
 

@@ -192,7 +192,10 @@ impl<'a> Chain<'a> {
                     return Err(refuse(format!("{} joins {} and {}, not {here}", first.name, first.from, first.to)));
                 }
                 _ => {
-                    return Err(refuse(format!("two fields take the same way between {} and {}", first.from, first.to)));
+                    return Err(refuse(format!(
+                        "two fields take the same way between {} and {}",
+                        first.from, first.to
+                    )));
                 }
             };
             let next = if ahead { &link.to } else { &link.from };

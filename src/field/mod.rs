@@ -1,6 +1,7 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
 mod chain;
+mod contour;
 mod format;
 mod invert;
 mod jacobian;
@@ -9,6 +10,7 @@ mod multiple;
 mod warp;
 
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
+pub use contour::resample_contours;
 pub use format::FieldFormat;
 pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};

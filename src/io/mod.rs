@@ -7,6 +7,7 @@
 
 mod atomic;
 pub mod checksum;
+mod contours;
 mod field;
 mod gzip;
 mod image;
@@ -29,6 +30,7 @@ mod voxels;
 mod tests;
 
 pub use atomic::write_file;
+pub use contours::{read_contours, write_contours};
 pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
 pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_mask};
 pub use labels::{read_label_map, read_labels, write_labels};
