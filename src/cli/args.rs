@@ -3,6 +3,7 @@
 use super::links::{LinkArg, frame};
 use crate::field::FieldFormat;
 use crate::io::points::Space;
+use crate::phantom::Formula;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -32,7 +33,8 @@ pub enum Verb {
     Register(Box<RegisterArgs>),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(DemoArgs),
-    /// Write the phantom as files: planning and fraction CT, bone labels, landmarks, true field
+    /// Write the phantom as files, with its truth: two fractions, contours, dose; or a test object with an exact answer
+    #[command(after_help = PHANTOM)]
     Phantom(PhantomArgs),
     /// Carry images, labels, dose, points, contours and meshes from one scan to another with any tool's field
     #[command(after_help = WARP)]
@@ -193,6 +195,44 @@ pub struct WarpArgs {
     pub quiet: bool,
 }
 
+const PHANTOM: &str = "\
+Without --field OUT holds the anatomical phantom: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction
+(the first in OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
+With --field OUT holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
+exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
+
+Example: check any tool's warp against the exact answer
+  aventail phantom --field swirl --out swirl
+  aventail warp --field swirl/planning_to_fraction.nii.gz --from planning --to fraction --kind image \\
+                --input swirl/planning_image.nii.gz --grid swirl/fraction_image.nii.gz --out warped.nii.gz";
+
+/// Names of the formulas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FormulaName {
+    /// The same shift everywhere
+    Shift,
+    /// A rigid rotation
+    Rotation,
+    /// Scaling along three axes
+    Scaling,
+    /// A turn that fades with the distance from an axis; keeps volume
+    Swirl,
+    /// Space turned inside out; no inverse exists
+    Fold,
+}
+
+impl From<FormulaName> for Formula {
+    fn from(name: FormulaName) -> Self {
+        match name {
+            FormulaName::Shift => Self::Shift,
+            FormulaName::Rotation => Self::Rotation,
+            FormulaName::Scaling => Self::Scaling,
+            FormulaName::Swirl => Self::Swirl,
+            FormulaName::Fold => Self::Fold,
+        }
+    }
+}
+
 /// What voxels are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum VolumeKind {
@@ -281,9 +321,12 @@ pub struct PhantomArgs {
     /// Voxel spacing in mm, for example 1.5x1.5x3
     #[arg(long, value_name = "XxYxZ", value_parser = parse_spacing)]
     pub spacing: Option<[f64; 3]>,
-    /// Posture of the fraction as a pose file, instead of the built-in one
+    /// Posture of the fraction as a pose file, instead of the two built-in ones
     #[arg(long, value_name = "FILE")]
     pub pose: Option<PathBuf>,
+    /// A test object with an exact answer instead of the anatomy
+    #[arg(long, value_enum, conflicts_with = "pose")]
+    pub field: Option<FormulaName>,
     /// Threads; 0 takes one per core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
