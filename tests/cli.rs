@@ -75,7 +75,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 5] = [
+    let verbs: [(&str, &[&str]); 6] = [
         (
             "register",
             &[
@@ -88,7 +88,7 @@ fn help_names_every_option_of_every_verb() {
                 "--landmarks",
                 "--config",
                 "--preset",
-                "--field-format",
+                "--dvf-format",
                 "--threads",
                 "--json",
                 "--quiet",
@@ -97,7 +97,11 @@ fn help_names_every_option_of_every_verb() {
             ],
         ),
         ("demo", &["--out", "--threads", "--json"]),
-        ("phantom", &["--out", "--spacing", "--threads"]),
+        ("phantom", &["--out", "--spacing", "--field", "--threads"]),
+        (
+            "warp",
+            &["--field", "--from", "--to", "--input", "--kind", "--grid", "--out-field", "--dvf-format", "Examples:"],
+        ),
         ("skeleton", &["--bones", "--labels", "--out", "--json"]),
         ("inspect", &["<FILE>", "--json"]),
     ];
@@ -108,9 +112,17 @@ fn help_names_every_option_of_every_verb() {
         }
     }
     let help = stdout(&aventail().arg("--help").assert().success());
-    for name in
-        ["register", "demo", "phantom", "skeleton", "inspect", "completions", "Exit codes", "not a medical device"]
-    {
+    for name in [
+        "register",
+        "demo",
+        "phantom",
+        "warp",
+        "skeleton",
+        "inspect",
+        "completions",
+        "Exit codes",
+        "not a medical device",
+    ] {
         assert!(help.contains(name), "`{name}` is not in\n{help}");
     }
     let version = stdout(&aventail().arg("--version").assert().success());
@@ -121,7 +133,7 @@ fn help_names_every_option_of_every_verb() {
 fn completions_know_the_verbs() {
     for shell in ["bash", "zsh", "fish"] {
         let script = stdout(&aventail().args(["completions", shell]).assert().success());
-        assert!(script.contains("register") && script.contains("field-format"), "{shell}: {script}");
+        assert!(script.contains("register") && script.contains("dvf-format"), "{shell}: {script}");
     }
 }
 
