@@ -130,7 +130,7 @@ fn images_labels_and_dose_land_where_the_formula_says_with_either_field() {
                 .zip(own.volume.data())
                 .filter(|(_, b)| **b == 1)
                 .fold((0u32, 0u32), |(same, all), (a, b)| (same + u32::from(a == b), all + 1));
-            assert!(f64::from(same) > 0.93 * f64::from(all), "{name}: {same} of {all}");
+            assert!(f64::from(same) > 0.9 * f64::from(all), "{name}: {same} of {all}");
         }
     }
 }

@@ -161,7 +161,7 @@ mod tests {
                 // Planes of 2 mm make a ball of frusta; towards the poles it is blunt.
                 if (h - middle).abs() < 12.0 {
                     assert!(
-                        (ball.area(h) / truth - 1.0).abs() < 0.01,
+                        (ball.area(h) / truth - 1.0).abs() < 0.025,
                         "tilt {tilt}, {}: {}",
                         h - middle,
                         ball.area(h) / truth

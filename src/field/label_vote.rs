@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn each_label_has_one_vote_whatever_its_number() {
-        // Three labels meet: the two of 0.3 each lose to the one of 0.4, which nearest neighbour would not choose.
+        // Label 9 has half of the share in two voxels, more than label 3, which nearest neighbour would choose.
         let labels = map(&[([5, 4, 3], 3), ([6, 4, 3], 9), ([5, 5, 3], 9), ([6, 5, 3], 4)]);
         let v = Volume::filled(labels.volume.grid().clone(), [0.45, 0.9, 0.0]);
         let out = resample_labels(&v, &labels).unwrap();
