@@ -282,7 +282,8 @@ fn contours_of_a_ball_keep_its_area_under_a_rotation() {
     assert!(near.len() >= 7, "{near:?}");
     for h in near {
         let truth = std::f64::consts::PI * (256.0 - (h - centre.z).powi(2));
-        assert!((ball.area(h) / truth - 1.0).abs() < 0.015, "{h}: {}", ball.area(h) / truth);
+        // Planes 3 mm apart make frusta of the ball: a tenth to two tenths of a millimetre of its radius.
+        assert!((ball.area(h) / truth - 1.0).abs() < 0.05, "{h}: {}", ball.area(h) / truth);
     }
     let elsewhere = files::bytes(&at("elsewhere.json"), file("fraction").to_string().as_bytes());
     let out = at("e.json");
