@@ -1,11 +1,14 @@
 //! Hot paths of a registration on the phantom, each over a range of sizes: `cargo bench`.
 
 use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
-use aventail::field::{InvertOptions, PushField, invert, jacobian, warp_image};
+use aventail::field::{
+    Chain, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
+};
 use aventail::fit::{FitOptions, fit_pose};
+use aventail::geometry::Grid;
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::progress::Silent;
-use aventail::volume::gaussian;
+use aventail::volume::{Volume, gaussian};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Point3;
 
@@ -89,5 +92,33 @@ fn fit(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, fields, propagation, fit);
+/// A dose of 512 x 512 x 126 voxels through a pull field on the same grid, and through one of another grid.
+fn dose(c: &mut Criterion) {
+    let grid = |size: [usize; 3], spacing| Grid::axis_aligned(size, spacing, [-250.0, -250.0, -180.0]).expect("a grid");
+    let fine = grid([512, 512, 126], [0.98, 0.98, 3.0]);
+    let wave = |grid: &Grid| {
+        Volume::from_fn(grid.clone(), |n| {
+            let p = grid.centre(grid.voxel(n));
+            [8.0 * (p.y / 40.0).sin() as f32, 6.0 * (p.z / 50.0).cos() as f32, 5.0 * (p.x / 45.0).sin() as f32]
+        })
+    };
+    let planned = Volume::from_fn(grid([170, 170, 126], [2.95, 2.95, 3.0]), |n| (n % 977) as f32 / 14.0);
+    let same = Volume::from_fn(fine.clone(), |n| (n % 977) as f32 / 14.0);
+    let v = wave(&fine);
+    let mut group = c.benchmark_group("warp");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(fine.len() as u64));
+    for (name, dose) in [("dose, same grid", &same), ("dose, 3 mm grid", &planned)] {
+        group.bench_function(name, |b| b.iter(|| resample(&v, dose, Interpolation::Linear, 0.0)));
+    }
+    group.bench_function("dose, cubic", |b| b.iter(|| resample(&v, &same, Interpolation::Cubic, 0.0)));
+    let coarse = wave(&grid([170, 170, 126], [2.95, 2.95, 3.0]));
+    let motion = Motion::Field(Box::new(coarse));
+    let links = [Link { name: "coarse".into(), from: "b".into(), to: "a".into(), motion }];
+    let chain = Chain::between(&links, "b", "a", &InvertOptions::default()).expect("it is one link");
+    group.bench_function("field of another grid", |b| b.iter(|| chain.displacement_on(&fine)));
+    group.finish();
+}
+
+criterion_group!(benches, fields, dose, propagation, fit);
 criterion_main!(benches);

@@ -88,7 +88,7 @@ fn help_names_every_option_of_every_verb() {
                 "--landmarks",
                 "--config",
                 "--preset",
-                "--field-format",
+                "--dvf-format",
                 "--threads",
                 "--json",
                 "--quiet",
@@ -97,7 +97,11 @@ fn help_names_every_option_of_every_verb() {
             ],
         ),
         ("demo", &["--out", "--threads", "--json"]),
-        ("phantom", &["--out", "--spacing", "--threads"]),
+        ("phantom", &["--out", "--spacing", "--field", "--threads"]),
+        (
+            "warp",
+            &["--field", "--from", "--to", "--input", "--kind", "--grid", "--out-field", "--dvf-format", "Examples:"],
+        ),
         ("skeleton", &["--bones", "--labels", "--out", "--json"]),
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
@@ -115,6 +119,9 @@ fn help_names_every_option_of_every_verb() {
         "study",
         "demo",
         "phantom",
+        "warp",
+        "evaluate",
+        "dose",
         "skeleton",
         "inspect",
         "completions",
@@ -131,7 +138,7 @@ fn help_names_every_option_of_every_verb() {
 fn completions_know_the_verbs() {
     for shell in ["bash", "zsh", "fish"] {
         let script = stdout(&aventail().args(["completions", shell]).assert().success());
-        assert!(script.contains("register") && script.contains("field-format"), "{shell}: {script}");
+        assert!(script.contains("register") && script.contains("dvf-format"), "{shell}: {script}");
     }
 }
 

@@ -6,6 +6,7 @@
 mod support;
 
 use assert_cmd::Command;
+use aventail::field::FieldFormat;
 use aventail::geometry::Grid;
 use aventail::io::{WriteOptions, read_image, write_field};
 use aventail::volume::{LabelMap, Volume};
@@ -35,7 +36,7 @@ fn json(path: &Path) -> Value {
 /// A zero field on a grid, as a file.
 fn still(name: &str, grid: &Grid) -> PathBuf {
     let path = folder().join(name);
-    write_field(&path, &Volume::filled(grid.clone(), [0.0; 3]), &WriteOptions::default()).unwrap();
+    write_field(&path, &Volume::filled(grid.clone(), [0.0; 3]), FieldFormat::Nifti, &WriteOptions::default()).unwrap();
     path
 }
 

@@ -1,5 +1,9 @@
 //! The command line: verbs, options and their help.
 
+use super::links::{LinkArg, frame};
+use crate::field::FieldFormat;
+use crate::io::points::Space;
+use crate::phantom::Formula;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -35,8 +39,12 @@ pub enum Verb {
     Study(StudyArgs),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(DemoArgs),
-    /// Write the phantom as files: planning and fraction CT, bone labels, landmarks, true field
+    /// Write the phantom as files, with its truth: two fractions, contours, dose; or a test object with an exact answer
+    #[command(after_help = PHANTOM)]
     Phantom(PhantomArgs),
+    /// Carry images, labels, dose, points, contours and meshes from one scan to another with any tool's field
+    #[command(after_help = WARP)]
+    Warp(Box<WarpArgs>),
     /// Build the joint tree from bone labels, check it and show it
     Skeleton(SkeletonArgs),
     /// Measure any displacement field, ours or another tool's, or several side by side
@@ -188,8 +196,8 @@ pub struct RunArgs {
     /// Settings to start from
     #[arg(long, value_enum)]
     pub preset: Option<PresetName>,
-    /// Format of the displacement fields
-    #[arg(long, value_enum)]
+    /// Layout of the displacement fields
+    #[arg(long = "dvf-format", alias = "field-format", value_enum, value_name = "FORMAT")]
     pub field_format: Option<FormatName>,
     /// Threads; 0 takes one per core. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -211,15 +219,178 @@ pub enum PresetName {
     Thesis,
 }
 
+const WARP: &str = "\
+Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
+takes its points x to x + u(x) in TO. aventail's fields carry that in their header; say it of all others:
+  ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
+Points and contours go forward; images, labels and dose are pulled back. Where the field points the other way it is inverted
+numerically and the residual printed. Several --field are a chain, in order. Outside a field points stay where they are.
+
+Examples:
+  aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json
+  aventail warp --field out/fraction_to_planning.nii.gz --from planning --to fraction --kind dose --input dose.nii.gz --out dose_day.nii.gz
+  aventail warp --field planning:fraction=elastix.mha --from planning --to fraction --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz --out organs_day.nii.gz
+  aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz --from couch --to fraction \\
+                --grid couch_ct.nii.gz --out-field all.mha        # one field for the whole chain";
+
+/// Options of `warp`.
+#[derive(Debug, Args)]
+pub struct WarpArgs {
+    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt, .json#NAME); repeat it for a chain
+    #[arg(long, value_name = "[FROM:TO=]FILE", required = true)]
+    pub field: Vec<LinkArg>,
+    /// Frame that the input lies in
+    #[arg(long, value_name = "FRAME", value_parser = frame)]
+    pub from: String,
+    /// Frame that the result lies in
+    #[arg(long, value_name = "FRAME", value_parser = frame)]
+    pub to: String,
+    /// What to carry: image, label map or dose (.nii.gz, .mha, .nrrd); points (.csv, .mrk.json, .fcsv, .txt); contours
+    /// (.json); mesh (.obj, .stl)
+    #[arg(long, value_name = "FILE", requires = "out", conflicts_with = "out_field")]
+    pub input: Option<PathBuf>,
+    /// The result
+    #[arg(long, value_name = "FILE", requires = "input")]
+    pub out: Option<PathBuf>,
+    /// What the voxels of the input are; needed for volumes
+    #[arg(long, value_enum)]
+    pub kind: Option<VolumeKind>,
+    /// Any image on the grid of the result; default: the grid of a field that lies there
+    #[arg(long, value_name = "FILE")]
+    pub grid: Option<PathBuf>,
+    /// Between voxels of an image or dose
+    #[arg(long, value_enum)]
+    pub interpolation: Option<InterpolationName>,
+    /// Value of an image where nothing maps [default: -1000, air]
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    pub outside: Option<f32>,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Coordinates of a mesh or .fcsv that does not say it
+    #[arg(long, value_enum)]
+    pub space: Option<SpaceName>,
+    /// Write the chain as one field that takes points of --from to --to, instead of carrying an input
+    #[arg(long, value_name = "FILE", required_unless_present = "input")]
+    pub out_field: Option<PathBuf>,
+    /// Layout of --out-field [default: by its extension]
+    #[arg(long, value_enum, requires = "out_field", value_name = "FORMAT")]
+    pub dvf_format: Option<FormatName>,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+const PHANTOM: &str = "\
+Without --field OUT holds the anatomical phantom: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction
+(the first in OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
+With --field OUT holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
+exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
+
+Example: check any tool's warp against the exact answer
+  aventail phantom --field swirl --out swirl
+  aventail warp --field swirl/planning_to_fraction.nii.gz --from planning --to fraction --kind image \\
+                --input swirl/planning_image.nii.gz --grid swirl/fraction_image.nii.gz --out warped.nii.gz";
+
+/// Names of the formulas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FormulaName {
+    /// The same shift everywhere
+    Shift,
+    /// A rigid rotation
+    Rotation,
+    /// Scaling along three axes
+    Scaling,
+    /// A turn that fades with the distance from an axis; keeps volume
+    Swirl,
+    /// Space turned inside out; no inverse exists
+    Fold,
+}
+
+impl From<FormulaName> for Formula {
+    fn from(name: FormulaName) -> Self {
+        match name {
+            FormulaName::Shift => Self::Shift,
+            FormulaName::Rotation => Self::Rotation,
+            FormulaName::Scaling => Self::Scaling,
+            FormulaName::Swirl => Self::Swirl,
+            FormulaName::Fold => Self::Fold,
+        }
+    }
+}
+
+/// What voxels are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum VolumeKind {
+    /// CT or any scalar image
+    Image,
+    /// Label map: each label has one vote, names are kept
+    Labels,
+    /// Dose: nowhere negative, 0 outside
+    Dose,
+}
+
+/// Names of the interpolations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum InterpolationName {
+    /// Trilinear
+    Linear,
+    /// Cubic convolution
+    Cubic,
+}
+
+/// Names of coordinate frames of files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SpaceName {
+    /// Left, posterior, superior
+    Lps,
+    /// Right, anterior, superior
+    Ras,
+}
+
+impl From<SpaceName> for Space {
+    fn from(name: SpaceName) -> Self {
+        match name {
+            SpaceName::Lps => Self::Lps,
+            SpaceName::Ras => Self::Ras,
+        }
+    }
+}
+
 /// Names of the field formats.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum FormatName {
-    /// NIfTI, 5-D, intent 1007, gzip
+    /// NIfTI, intent 1007, LPS: ITK, ANTs, greedy, plastimatch, transformix, old and new
     Nifti,
-    /// MetaImage (.mha), not compressed
+    /// MetaImage (.mha), LPS, not compressed: the same tools
     Mha,
-    /// NRRD
+    /// NRRD, LPS: the same tools and Slicer
     Nrrd,
+    /// NIfTI, intent 1006, RAS: ITK 5.4, ANTs and greedy only; older ITK misreads it
+    Dispvect,
+    /// NiftyReg's displacement field, RAS
+    NiftyregDisplacement,
+    /// NiftyReg's deformation field, RAS positions
+    NiftyregDeformation,
+}
+
+impl From<FormatName> for FieldFormat {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Nifti => Self::Nifti,
+            FormatName::Mha => Self::MetaImage,
+            FormatName::Nrrd => Self::Nrrd,
+            FormatName::Dispvect => Self::Dispvect,
+            FormatName::NiftyregDisplacement => Self::NiftyregDisplacement,
+            FormatName::NiftyregDeformation => Self::NiftyregDeformation,
+        }
+    }
 }
 
 const STUDY: &str = "\
@@ -277,9 +448,12 @@ pub struct PhantomArgs {
     /// Voxel spacing in mm, for example 1.5x1.5x3
     #[arg(long, value_name = "XxYxZ", value_parser = parse_spacing)]
     pub spacing: Option<[f64; 3]>,
-    /// Posture of the fraction as a pose file, instead of the built-in one
+    /// Posture of the fraction as a pose file, instead of the two built-in ones
     #[arg(long, value_name = "FILE")]
     pub pose: Option<PathBuf>,
+    /// A test object with an exact answer instead of the anatomy
+    #[arg(long, value_enum, conflicts_with = "pose")]
+    pub field: Option<FormulaName>,
     /// Threads; 0 takes one per core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,

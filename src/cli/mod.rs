@@ -6,12 +6,14 @@ pub mod dose;
 pub mod evaluate;
 mod inputs;
 mod inspect;
+mod links;
 mod phantom;
 mod pose;
 mod register;
 mod skeleton;
 mod study;
 pub mod terminal;
+mod warp;
 
 use crate::error::Result;
 use args::{Cli, Verb};
@@ -27,6 +29,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Pose(args) => pose::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
+        Verb::Warp(args) => warp::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
         Verb::Study(args) => study::run(args),
         Verb::Evaluate(args) => evaluate::run(args),

@@ -4,8 +4,9 @@ use super::args::PhantomArgs;
 use super::register::open_folder;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::field::FieldFormat;
 use crate::io::{self, Stored, WriteOptions};
-use crate::phantom::{Phantom, PhantomOptions, Posture};
+use crate::phantom::{Phantom, PhantomOptions, Posture, TestObject};
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
 use std::path::Path;
@@ -18,8 +19,23 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     let options = options(args)?;
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.threads, super::register::progress(false))?;
+    if let Some(formula) = args.field {
+        let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;
+        runtime.stage("write", || write_object(&object, &args.out))?;
+        return Ok(object_text(&object, &args.out));
+    }
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
-    runtime.stage("write", || write(&phantom, &args.out))?;
+    runtime.stage("write", || {
+        write_planning(&phantom, &args.out)?;
+        write_fraction(&phantom, &args.out)
+    })?;
+    if args.pose.is_none() {
+        let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
+        let folder = args.out.join("fraction_2");
+        open_folder(&folder)?;
+        let second = runtime.stage("make the second fraction", || Phantom::new(&second))?;
+        runtime.stage("write", || write_fraction(&second, &folder))?;
+    }
     let out = args.out.display();
     Ok(format!(
         "{} bones, {} landmarks, planning {:?} voxels, fraction {:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
@@ -64,31 +80,59 @@ fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
     Ok(options)
 }
 
-/// Writes images, labels, landmarks and truth.
-fn write(phantom: &Phantom, out: &Path) -> Result<()> {
-    let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
-    io::write_image(
-        out.join("planning_ct.nii.gz"),
-        &phantom.planning,
-        Stored::Int16,
-        &options("aventail phantom, planning CT"),
-    )?;
-    io::write_labels(out.join("bones.nii.gz"), &phantom.bones, &options("aventail phantom, bones"))?;
-    io::write_mask(out.join("body.nii.gz"), &phantom.body, &options("aventail phantom, patient"))?;
-    io::write_image(
-        out.join("fraction_ct.nii.gz"),
-        &phantom.fraction,
-        Stored::Int16,
-        &options("aventail phantom, fraction CT"),
-    )?;
-    io::write_push(
-        out.join("true_planning_to_fraction.nii.gz"),
-        &phantom.truth()?,
-        WriteOptions::default().gzip_level,
-    )?;
+fn described(text: &str) -> WriteOptions {
+    WriteOptions { description: text.into(), ..WriteOptions::default() }
+}
+
+/// Writes what belongs to the planning CT.
+fn write_planning(phantom: &Phantom, out: &Path) -> Result<()> {
+    let ct = described("aventail phantom, planning CT");
+    io::write_image(out.join("planning_ct.nii.gz"), &phantom.planning, Stored::Int16, &ct)?;
+    io::write_labels(out.join("bones.nii.gz"), &phantom.bones, &described("aventail phantom, bones"))?;
+    io::write_mask(out.join("body.nii.gz"), &phantom.body, &described("aventail phantom, patient"))?;
+    let plan = phantom.plan()?;
+    io::write_contours(out.join("contours.json"), &plan.contours, "planning")?;
+    let dose = described("aventail phantom, planned dose, Gy");
+    io::write_image(out.join("dose.nii.gz"), &plan.dose, Stored::Float32, &dose)
+}
+
+/// Writes a fraction CT with its truth.
+fn write_fraction(phantom: &Phantom, out: &Path) -> Result<()> {
+    let ct = described("aventail phantom, fraction CT");
+    io::write_image(out.join("fraction_ct.nii.gz"), &phantom.fraction, Stored::Int16, &ct)?;
+    let (truth, level) = (phantom.truth()?, WriteOptions::default().gzip_level);
+    io::write_push(out.join("true_planning_to_fraction.nii.gz"), &truth, FieldFormat::Nifti, level)?;
     let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
     write_bone_transforms(&out.join("true_bone_transforms.json"), transforms)?;
     io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &phantom.landmarks))
+}
+
+/// Writes a test object.
+fn write_object(object: &TestObject, out: &Path) -> Result<()> {
+    let options = described("aventail test object");
+    let level = options.gzip_level;
+    io::write_image(out.join("planning_image.nii.gz"), &object.planning, Stored::Float32, &options)?;
+    io::write_labels(out.join("planning_labels.nii.gz"), &object.labels, &options)?;
+    io::write_push(out.join("planning_to_fraction.nii.gz"), &object.push, FieldFormat::Nifti, level)?;
+    if let Some(deformed) = &object.deformed {
+        io::write_image(out.join("fraction_image.nii.gz"), &deformed.image, Stored::Float32, &options)?;
+        io::write_labels(out.join("fraction_labels.nii.gz"), &deformed.labels, &options)?;
+        io::write_pull(out.join("fraction_to_planning.nii.gz"), &deformed.pull, FieldFormat::Nifti, level)?;
+    }
+    io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &object.landmarks))
+}
+
+fn object_text(object: &TestObject, out: &Path) -> String {
+    let inverse = match &object.deformed {
+        Some(d) => format!("fraction {:?} voxels, exact in both directions", d.image.grid().size()),
+        None => "no inverse exists, so there is no fraction image".into(),
+    };
+    format!(
+        "{:?}: planning {:?} voxels, {inverse}; in {}",
+        object.formula,
+        object.planning.grid().size(),
+        out.display()
+    )
 }
 
 fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {

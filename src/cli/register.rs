@@ -1,11 +1,10 @@
 //! `aventail register`: load, run, write.
 
-use super::args::{FormatName, LandmarkUseName, PresetName, RegisterArgs, RunArgs};
+use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs};
 use super::inputs::{Flags, Inputs};
 use super::terminal::Terminal;
 use crate::config::{Config, ConfigFile, Preset};
 use crate::error::{Error, Result};
-use crate::field::FieldFormat;
 use crate::fit::LandmarkUse;
 use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{Case, Outcome, register};
@@ -86,11 +85,7 @@ pub(super) fn settings(file: &ConfigFile, args: &RunArgs) -> Result<Config> {
     });
     let mut config = file.resolve(preset)?;
     if let Some(format) = args.field_format {
-        config.output.field_format = match format {
-            FormatName::Nifti => FieldFormat::Nifti,
-            FormatName::Mha => FieldFormat::MetaImage,
-            FormatName::Nrrd => FieldFormat::Nrrd,
-        };
+        config.output.field_format = format.into();
     }
     Ok(config)
 }
@@ -117,6 +112,7 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
     io::write_push(
         add(field("planning_to_fraction"), "push field on the planning grid, LPS mm: planning x goes to x + u(x)"),
         &outcome.push,
+        config.output.field_format,
         level,
     )?;
     io::write_pull(
@@ -125,6 +121,7 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
             "pull field on the fraction grid, LPS mm: fraction y shows planning at y + v(y)",
         ),
         &outcome.pull,
+        config.output.field_format,
         level,
     )?;
     let path = add("planning_on_fraction.nii.gz".into(), "planning CT on the fraction grid, int16 HU");

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
 use crate::volume::{Volume, trilinear_vector};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +51,8 @@ pub struct InverseReport {
 
 /// Spacing of the scattered guess, mm.
 const GUESS_MM: f64 = 6.0;
+/// Voxels of a guess over everything that a field reaches.
+const MOST_GUESSES: f64 = 1e7;
 
 /// Iteration limit where no tissue comes to lie: the continued field outside tissue may have no inverse at all.
 const AIR_ITERATIONS: usize = 10;
@@ -83,16 +85,16 @@ impl<'a> Continued<'a> {
 }
 
 /// Nearest-voxel scatter of -u on a coarse fraction grid, holes filled from their neighbours.
-fn guess(push: &PushField, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
+fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
     let grid = fraction.coarsened(GUESS_MM);
     let size = grid.size();
-    let from = push.displacement.grid();
+    let from = field.grid();
     let stride: [usize; 3] = from.spacing().map(|s| ((0.5 * GUESS_MM / s) as usize).max(1));
     let mut sums = vec![[0f64; 4]; grid.len()];
     for k in (0..from.size()[2]).step_by(stride[2]) {
         for j in (0..from.size()[1]).step_by(stride[1]) {
             for i in (0..from.size()[0]).step_by(stride[0]) {
-                let u = Vector3::from(push.displacement.at([i, j, k]).map(f64::from));
+                let u = Vector3::from(field.at([i, j, k]).map(f64::from));
                 let at = grid.index(&(from.centre([i, j, k]) + u)).map(f64::round);
                 if (0..3).all(|a| at[a] >= 0.0 && at[a] < size[a] as f64) {
                     let s = &mut sums[grid.linear([at.x as usize, at.y as usize, at.z as usize])];
@@ -179,13 +181,67 @@ fn solve(
     (best.0, best.1, best.1 < tolerance_mm)
 }
 
+/// The inverse of a field x -> x + u(x), one point at a time.
+pub struct Inverse<'a> {
+    field: Continued<'a>,
+    guess: Volume<[f32; 3]>,
+    options: InvertOptions,
+}
+
+/// One point's pre-image under a field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solved {
+    /// `v` with `v + u(y + v) = 0`, mm.
+    pub displacement: Vector3<f64>,
+    /// |v + u(y + v)|, mm.
+    pub residual_mm: f64,
+    /// Whether the residual is below the tolerance.
+    pub converged: bool,
+}
+
+impl<'a> Inverse<'a> {
+    /// The inverse of `field` (LPS mm) wherever its grid is moved to. The field is continued by its edge values.
+    ///
+    /// # Errors
+    /// Only for internal inconsistency of grids.
+    pub fn new(field: &'a Volume<[f32; 3]>, options: &InvertOptions) -> Result<Self> {
+        let grid = field.grid();
+        let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+        let [low, high] = field.data().iter().enumerate().fold(start, |[low, high], (n, u)| {
+            let moved = grid.centre(grid.voxel(n)).coords + Vector3::from(u.map(f64::from));
+            [low.inf(&moved), high.sup(&moved)]
+        });
+        // A field that throws voxels far away gets a coarser guess, not one without bounds.
+        let step = GUESS_MM.max(((high - low).product() / MOST_GUESSES).cbrt());
+        let size = std::array::from_fn(|a| ((high[a] - low[a]) / step).ceil() as usize + 1);
+        let reach = Grid::axis_aligned(size, [step; 3], low.into())?;
+        Ok(Self { field: Continued::new(field), guess: guess(field, &reach)?, options: options.clone() })
+    }
+
+    /// The pre-image of a point, LPS mm.
+    pub fn at(&self, y: &Point3<f64>) -> Solved {
+        let grid = self.guess.grid();
+        let last = grid.size().map(|n| (n - 1) as f64);
+        let index = grid.index(y).zip_map(&Vector3::from(last), |i, l| i.clamp(0.0, l));
+        let start = trilinear_vector(&self.guess, &index).unwrap_or_default();
+        let limits = (self.options.tolerance_mm, self.options.max_iterations);
+        let (displacement, residual_mm, converged) = solve(&y.coords, start, &self.field, limits);
+        Solved { displacement, residual_mm, converged }
+    }
+
+    /// The grid of the field that is inverted.
+    pub fn grid(&self) -> &Grid {
+        self.field.u.grid()
+    }
+}
+
 /// Inverts a push field on the fraction grid. The report's `multiple` is left at 0: it needs the folded cells.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
 pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Result<(PullField, InverseReport)> {
     let field = Continued::new(&push.displacement);
-    let guess = guess(push, fraction)?;
+    let guess = guess(&push.displacement, fraction)?;
     let tissue = Mesh::new(push, |v| push.displacement.data()[v], true, fraction).draw();
     let planning = push.displacement.grid();
     let [nx, ny, nz] = fraction.size();

@@ -1,19 +1,25 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod chain;
+mod contour;
 mod format;
 mod invert;
 mod jacobian;
+mod label_vote;
 mod multiple;
 mod scatter;
 mod tetrahedra;
 mod warp;
 
+pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
+pub use contour::resample_contours;
 pub use format::FieldFormat;
-pub use invert::{InverseReport, InvertOptions, invert};
+pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};
+pub use label_vote::resample_labels;
 pub use multiple::multiple_preimages;
 pub use scatter::{Resampling, ScatterReport, scatter_image};
-pub use warp::{push_point, warp_image, warp_labels, warp_mask};
+pub use warp::{Interpolation, push_point, resample, warp_image, warp_labels, warp_mask};
 
 use crate::volume::{Mask, Volume};
 

@@ -3,10 +3,11 @@
 use super::Loaded;
 use super::image::{WriteOptions, write};
 use super::raster::{load, require_finite};
-use super::values::{Contents, Values};
-use crate::error::Result;
-use crate::field::{PullField, PushField};
+use super::values::{Contents, Meaning, Values};
+use crate::error::{Error, Result};
+use crate::field::{FieldFormat, PullField, PushField};
 use crate::volume::Volume;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Reads a displacement field, LPS mm.
@@ -15,8 +16,8 @@ use std::path::Path;
 /// their `NREG_TRANS`. MetaImage and NRRD vectors are LPS. The file does not tell which way a field points.
 ///
 /// # Errors
-/// [`crate::Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
-/// and when a component is NaN or infinite. [`crate::Error::Read`] when the file cannot be read.
+/// [`Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
+/// and when a component is NaN or infinite. [`Error::Read`] when the file cannot be read.
 pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
     let path = path.as_ref();
     load(path, |raster| {
@@ -25,37 +26,137 @@ pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
     })
 }
 
-/// Writes a displacement field, LPS mm; the extension of `path` chooses the format. `options.description` should tell
-/// the direction, as [`write_push`] and [`write_pull`] do.
+/// Writes a displacement field, LPS mm, in the layout of `format`. `options.description` should tell the direction, as
+/// [`direction`] words it.
 ///
 /// # Errors
-/// [`crate::Error::Write`] when the file cannot be written, [`crate::Error::Usage`] when its extension is unknown.
-pub fn write_field(path: impl AsRef<Path>, field: &Volume<[f32; 3]>, options: &WriteOptions) -> Result<()> {
-    let description = &options.description;
+/// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when the extension of `path` is not the format's.
+pub fn write_field(
+    path: impl AsRef<Path>,
+    field: &Volume<[f32; 3]>,
+    format: FieldFormat,
+    options: &WriteOptions,
+) -> Result<()> {
+    let path = path.as_ref();
+    if FieldFormat::of(path)? != format.container() {
+        let problem = format!("{}: its extension is not that of the field format", path.display());
+        return Err(Error::usage(problem, format!("name it .{}, or choose another --dvf-format", format.extension())));
+    }
+    let grid = field.grid();
+    let ras = |&[x, y, z]: &[f32; 3]| [-x, -y, z];
+    let stored: Cow<'_, [[f32; 3]]> = match format {
+        FieldFormat::Nifti | FieldFormat::MetaImage | FieldFormat::Nrrd => field.data().into(),
+        FieldFormat::Dispvect | FieldFormat::NiftyregDisplacement => field.data().iter().map(ras).collect(),
+        FieldFormat::NiftyregDeformation => {
+            let positions = field.data().iter().enumerate().map(|(n, u)| {
+                let here = grid.centre(grid.voxel(n));
+                ras(&std::array::from_fn(|a| (here[a] + f64::from(u[a])) as f32))
+            });
+            positions.collect()
+        }
+    };
     let contents = Contents {
-        grid: field.grid(),
-        values: Values::Vectors(field.data()),
-        labels: false,
-        description,
+        grid,
+        values: Values::Vectors(&stored),
+        meaning: Meaning::Field(format),
+        description: &options.description,
         extension: None,
     };
-    write(path.as_ref(), &contents, options.gzip_level)
+    write(path, &contents, options.gzip_level)
+}
+
+/// Header text of a field on the grid of frame `from` that takes its points to frame `to`.
+pub fn direction(from: &str, to: &str, format: FieldFormat) -> String {
+    format!("aventail {from}_to_{to}: {from} x goes to {to} x+u(x), {}", format.vectors())
+}
+
+/// Frames that a header's text says a field points from and to, if aventail wrote it.
+pub fn frames_of(description: &str) -> Option<(String, String)> {
+    let (head, _) = description.strip_prefix("aventail ")?.split_once(':')?;
+    let (from, to) = head.split_once("_to_")?;
+    (!from.contains(' ') && !to.contains(' ')).then(|| (from.to_owned(), to.to_owned()))
 }
 
 /// Writes a push field with its direction in the header's text.
 ///
 /// # Errors
 /// As [`write_field`].
-pub fn write_push(path: impl AsRef<Path>, field: &PushField, gzip_level: u32) -> Result<()> {
-    let description = "aventail planning_to_fraction: planning x goes to fraction x+u(x), LPS mm";
-    write_field(path, &field.displacement, &WriteOptions { gzip_level, description: description.into() })
+pub fn write_push(path: impl AsRef<Path>, field: &PushField, format: FieldFormat, gzip_level: u32) -> Result<()> {
+    let description = direction("planning", "fraction", format);
+    write_field(path, &field.displacement, format, &WriteOptions { gzip_level, description })
 }
 
 /// Writes a pull field with its direction in the header's text.
 ///
 /// # Errors
 /// As [`write_field`].
-pub fn write_pull(path: impl AsRef<Path>, field: &PullField, gzip_level: u32) -> Result<()> {
-    let description = "aventail fraction_to_planning: fraction y shows planning y+v(y), LPS mm";
-    write_field(path, &field.displacement, &WriteOptions { gzip_level, description: description.into() })
+pub fn write_pull(path: impl AsRef<Path>, field: &PullField, format: FieldFormat, gzip_level: u32) -> Result<()> {
+    let description = direction("fraction", "planning", format);
+    write_field(path, &field.displacement, format, &WriteOptions { gzip_level, description })
+}
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use nalgebra::{Point3, Rotation3, Vector3};
+
+    fn oblique() -> Volume<[f32; 3]> {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.3).into_inner();
+        let grid = Grid::new([5, 4, 3], [2.0, 1.5, 3.0], Point3::new(-40.0, 25.0, 300.0), turn).unwrap();
+        Volume::from_fn(grid, |l| [0.5 * l as f32, -3.25, 7.0 - l as f32])
+    }
+
+    #[test]
+    fn every_layout_comes_back_and_tells_its_direction() {
+        let dir = tempfile::tempdir().unwrap();
+        let field = oblique();
+        for format in [
+            FieldFormat::Nifti,
+            FieldFormat::MetaImage,
+            FieldFormat::Nrrd,
+            FieldFormat::Dispvect,
+            FieldFormat::NiftyregDisplacement,
+            FieldFormat::NiftyregDeformation,
+        ] {
+            let path = dir.path().join("f").with_extension(format.extension());
+            let description = direction("planning", "week_3", format);
+            write_field(&path, &field, format, &WriteOptions { description, ..WriteOptions::default() }).unwrap();
+            let back = read_field(&path).unwrap();
+            assert_eq!(frames_of(&back.header.description), Some(("planning".into(), "week_3".into())), "{format:?}");
+            for (a, b) in field.data().iter().flatten().zip(back.value.data().iter().flatten()) {
+                // Positions of 300 mm have float32 steps of 3e-5 mm.
+                assert!((a - b).abs() < 1e-4, "{format:?}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn ras_layouts_negate_x_and_y_in_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let grid = Grid::axis_aligned([1, 1, 1], [1.0; 3], [10.0, 20.0, 30.0]).unwrap();
+        let field = Volume::filled(grid, [1.0, 2.0, 3.0]);
+        for (format, intent, kind, stored) in [
+            (FieldFormat::Nifti, 1007, 0.0, [1.0, 2.0, 3.0f32]),
+            (FieldFormat::Dispvect, 1006, 0.0, [-1.0, -2.0, 3.0]),
+            (FieldFormat::NiftyregDisplacement, 1007, 1.0, [-1.0, -2.0, 3.0]),
+            (FieldFormat::NiftyregDeformation, 1007, 0.0, [-11.0, -22.0, 33.0]),
+        ] {
+            let path = dir.path().join("f.nii");
+            write_field(&path, &field, format, &WriteOptions::default()).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+            assert_eq!(i16::from_le_bytes([bytes[68], bytes[69]]), intent);
+            assert_eq!(float(56), kind);
+            assert_eq!([352, 356, 360].map(float), stored, "{format:?}");
+        }
+    }
+
+    #[test]
+    fn an_extension_that_is_not_the_formats_is_refused() {
+        let error = write_field("/nowhere/f.mha", &oblique(), FieldFormat::Dispvect, &WriteOptions::default());
+        assert_eq!(error.unwrap_err().exit_code(), 2);
+        assert_eq!(frames_of("made by hand"), None);
+    }
 }

@@ -2,12 +2,14 @@
 
 use super::gzip::Payload;
 use super::raster::{load, require_finite};
-use super::values::{Contents, Values};
+use super::values::{Contents, Meaning, Values};
 use super::voxels::Layout;
 use super::{Loaded, atomic, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
+use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
+use crate::warning::Warning;
 use std::path::Path;
 
 /// How an image's values are stored.
@@ -49,6 +51,15 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
     })
 }
 
+/// Reads the grid of any image, label map or field, without its values, and what is odd about it.
+///
+/// # Errors
+/// As [`read_image`], but for the values.
+pub fn read_grid(path: impl AsRef<Path>) -> Result<(Grid, Vec<Warning>)> {
+    let loaded = load(path.as_ref(), |raster| Ok(raster.grid.clone()))?;
+    Ok((loaded.value, loaded.warnings))
+}
+
 /// Writes a scalar image; the extension of `path` chooses the format.
 ///
 /// # Errors
@@ -68,8 +79,13 @@ pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, 
             Values::Rounded(image.data())
         }
     };
-    let contents =
-        Contents { grid: image.grid(), values, labels: false, description: &options.description, extension: None };
+    let contents = Contents {
+        grid: image.grid(),
+        values,
+        meaning: Meaning::Scalar,
+        description: &options.description,
+        extension: None,
+    };
     write(path, &contents, options.gzip_level)
 }
 
@@ -79,8 +95,13 @@ pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, 
 /// As [`write_image`].
 pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, options: &WriteOptions) -> Result<()> {
     let description = &options.description;
-    let contents =
-        Contents { grid: mask.grid(), values: Values::Mask(mask.data()), labels: false, description, extension: None };
+    let contents = Contents {
+        grid: mask.grid(),
+        values: Values::Mask(mask.data()),
+        meaning: Meaning::Scalar,
+        description,
+        extension: None,
+    };
     write(path.as_ref(), &contents, options.gzip_level)
 }
 
@@ -95,9 +116,9 @@ pub(super) fn write(path: &Path, contents: &Contents<'_>, level: u32) -> Result<
     };
     let compress = level > 0 && (format == FieldFormat::Nrrd || is_gz(path));
     let header = match format {
-        FieldFormat::Nifti => nifti::header(path, contents)?,
         FieldFormat::MetaImage => metaimage::header(contents),
         FieldFormat::Nrrd => nrrd::header(contents, compress),
+        _ => nifti::header(path, contents)?,
     };
     let item_bytes = together * contents.values.element().size();
     let mut payload = Payload { header, items: contents.values.len() / together, item_bytes, fill: &fill };

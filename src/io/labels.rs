@@ -4,7 +4,7 @@ use super::Loaded;
 use super::checksum::read_bytes;
 use super::image::{WriteOptions, write};
 use super::raster::{Odd, Raster, load};
-use super::values::{Contents, Values};
+use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::volume::{LabelMap, Volume};
 use quick_xml::Reader;
@@ -41,6 +41,24 @@ pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loade
         let map = LabelMap { volume, names };
         check(path, &map)?;
         Ok(map)
+    })
+}
+
+/// Reads a label map whose labels need no names: from the JSON file `names` where given, else from the header, else none.
+///
+/// # Errors
+/// As [`read_labels`], except for labels without a name.
+pub fn read_label_map(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    let given = names.map(read_names).transpose()?;
+    load(path, |raster| {
+        raster.require_scalar(path, "label map")?;
+        let volume = label_values(path, raster)?;
+        let names = match given {
+            Some(given) => given,
+            None => header_names(path, raster)?.unwrap_or_default(),
+        };
+        Ok(LabelMap { volume, names })
     })
 }
 
@@ -210,7 +228,7 @@ pub fn write_labels(path: impl AsRef<Path>, map: &LabelMap, options: &WriteOptio
     let description = &options.description;
     write(
         path.as_ref(),
-        &Contents { grid: map.volume.grid(), values, labels: true, description, extension },
+        &Contents { grid: map.volume.grid(), values, meaning: Meaning::Labels, description, extension },
         options.gzip_level,
     )
 }

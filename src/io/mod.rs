@@ -7,6 +7,7 @@
 
 mod atomic;
 pub mod checksum;
+mod contours;
 mod density;
 mod field;
 mod gzip;
@@ -18,10 +19,11 @@ mod landmarks;
 mod metaimage;
 mod nifti;
 mod nrrd;
+pub mod points;
 pub mod pose;
 mod raster;
 pub mod skeleton;
-mod transforms;
+pub mod transform;
 mod values;
 mod voxels;
 
@@ -29,13 +31,14 @@ mod voxels;
 mod tests;
 
 pub use atomic::write_file;
+pub use contours::{read_contours, write_contours};
 pub use density::read_density;
-pub use field::{read_field, write_field, write_pull, write_push};
-pub use image::{Stored, WriteOptions, read_image, write_image, write_mask};
-pub use labels::{read_labels, write_labels};
+pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
+pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_mask};
+pub use labels::{read_label_map, read_labels, write_labels};
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
-pub use transforms::read_bone_transforms;
+pub use transform::read_bone_transforms;
 
 use crate::warning::Warning;
 use std::path::PathBuf;

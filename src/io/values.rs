@@ -1,6 +1,7 @@
 //! Values on their way into a file: each kind with its stored type and little-endian bytes.
 
 use super::voxels::{Element, Layout};
+use crate::field::FieldFormat;
 use crate::geometry::Grid;
 use std::ops::Range;
 
@@ -8,12 +9,23 @@ use std::ops::Range;
 pub(super) struct Contents<'a> {
     pub(super) grid: &'a Grid,
     pub(super) values: Values<'a>,
-    /// Whether the values are labels.
-    pub(super) labels: bool,
+    /// What the values mean, where the format can tell.
+    pub(super) meaning: Meaning,
     /// Free text for the header, where the format has room for it.
     pub(super) description: &'a str,
     /// Table of label names for the NIfTI header extension.
     pub(super) extension: Option<String>,
+}
+
+/// What values mean: NIfTI's intent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// Numbers such as HU, Gy, or a mask.
+    Scalar,
+    /// Labels.
+    Labels,
+    /// Displacements or positions, already in the layout's frame.
+    Field(FieldFormat),
 }
 
 /// Values to store, in storage order of the grid.

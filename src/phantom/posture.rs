@@ -36,6 +36,12 @@ impl Default for Posture {
 }
 
 impl Posture {
+    /// The posture of the second fraction, `data/second_posture.toml`.
+    pub fn second() -> Self {
+        toml::from_str(include_str!("../../data/second_posture.toml"))
+            .expect("the shipped posture is checked by a test")
+    }
+
     /// No motion at all.
     pub fn at_rest() -> Self {
         Self { joints: BTreeMap::new() }

@@ -1,6 +1,7 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
 pub mod components;
+pub mod contour;
 mod cubic;
 pub mod distance;
 mod interpolate;

@@ -2,10 +2,11 @@
 //!
 //! Not the crate's writer: it renames files with dots in their names and knows no parallel compression.
 
-use super::super::values::Contents;
+use super::super::values::{Contents, Meaning};
 use super::super::voxels::Element;
 use super::geometry::Fields;
 use crate::error::{Error, Result};
+use crate::field::FieldFormat;
 use std::path::Path;
 
 /// Everything before the values: header, extender and extension.
@@ -32,10 +33,14 @@ pub(in super::super) fn header(path: &Path, contents: &Contents<'_>) -> Result<V
     }
     let extension = contents.extension.as_deref().map(extension_bytes).unwrap_or_default();
     let offset = 352 + extension.len();
-    let intent: i16 = match (vectors, contents.labels) {
-        (true, _) => 1007,
-        (_, true) => 1002,
-        _ => 0,
+    // Intent, NiftyReg's field type (1 displacement, 0 deformation) and name.
+    let (intent, kind, name): (i16, f32, &[u8]) = match contents.meaning {
+        Meaning::Scalar => (0, 0.0, b""),
+        Meaning::Labels => (1002, 0.0, b""),
+        Meaning::Field(FieldFormat::Dispvect) => (1006, 0.0, b""),
+        Meaning::Field(FieldFormat::NiftyregDisplacement) => (1007, 1.0, b"NREG_TRANS"),
+        Meaning::Field(FieldFormat::NiftyregDeformation) => (1007, 0.0, b"NREG_TRANS"),
+        Meaning::Field(_) => (1007, 0.0, b""),
     };
 
     let mut h = Vec::with_capacity(offset);
@@ -43,7 +48,7 @@ pub(in super::super) fn header(path: &Path, contents: &Contents<'_>) -> Result<V
     h.resize(38, 0);
     h.extend([b'r', 0]);
     put_i16(&mut h, &dim);
-    put_f32(&mut h, &[0.0; 3]);
+    put_f32(&mut h, &[kind, 0.0, 0.0]);
     put_i16(&mut h, &[intent, datatype(element), 8 * element.size() as i16, 0]);
     put_f32(&mut h, &fields.pixdim);
     put_f32(&mut h, &[1.0; 4]);
@@ -57,6 +62,7 @@ pub(in super::super) fn header(path: &Path, contents: &Contents<'_>) -> Result<V
     put_f32(&mut h, &fields.quaternion);
     put_f32(&mut h, &fields.offset);
     fields.rows.iter().for_each(|row| put_f32(&mut h, row));
+    h.extend(name);
     h.resize(344, 0);
     h.extend(b"n+1\0");
     h.extend([u8::from(!extension.is_empty()), 0, 0, 0]);

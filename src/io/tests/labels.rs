@@ -1,6 +1,7 @@
 //! Label maps with their names, and what inspection tells.
 
 use super::{Crafted, with_file};
+use crate::field::FieldFormat;
 use crate::geometry::Grid;
 use crate::io::*;
 use crate::volume::{LabelMap, Volume};
@@ -104,7 +105,7 @@ fn inspection_tells_orientation_labels_and_grids() {
     write_labels(&labels, &two_labels(), &WriteOptions::default()).unwrap();
     let field = dir.path().join("field.nrrd");
     let vectors = Volume::filled(two_labels().volume.grid().clone(), [3.0f32, 0.0, -4.0]);
-    write_field(&field, &vectors, &WriteOptions::default()).unwrap();
+    write_field(&field, &vectors, FieldFormat::of(&field).unwrap(), &WriteOptions::default()).unwrap();
     let ras = dir.path().join("ras.nii");
     std::fs::write(&ras, Crafted::default().bytes()).unwrap();
 

@@ -6,6 +6,7 @@ mod labels;
 
 use super::*;
 use crate::error::Error;
+use crate::field::FieldFormat;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use nalgebra::{Matrix3, Point3, Rotation3, Unit, Vector3};
@@ -145,7 +146,7 @@ proptest! {
         prop_assert!(back.value.data().iter().zip(image.data()).all(|(a, b)| (a - b).abs() <= 0.5 && a.fract() == 0.0));
 
         let field = Volume::from_fn(grid.clone(), |l| [l as f32, -0.5 * l as f32, 1e-3 * l as f32]);
-        write_field(&path, &field, &options).unwrap();
+        write_field(&path, &field, FieldFormat::of(&path).unwrap(), &options).unwrap();
         let back = read_field(&path).unwrap();
         prop_assert_eq!(back.value.data(), field.data());
         prop_assert!(back.value.grid().matches(&grid, tolerance));
@@ -209,7 +210,7 @@ fn whole_file(kind: usize) -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(["", "a.nii", "a.mha", "a.nrrd"][kind]);
     let field = Volume::filled(Grid::axis_aligned([3, 2, 2], [1.0; 3], [0.0; 3]).unwrap(), [1.0f32; 3]);
-    write_field(&path, &field, &WriteOptions::default()).unwrap();
+    write_field(&path, &field, FieldFormat::of(&path).unwrap(), &WriteOptions::default()).unwrap();
     std::fs::read(path).unwrap()
 }
 
@@ -403,8 +404,8 @@ fn directions_are_told_in_the_header() {
     let pull = crate::field::PullField { displacement, inside: mask };
     for ext in ["nii.gz", "mha", "nrrd"] {
         let (a, b) = (format!("push.{ext}"), format!("pull.{ext}"));
-        write_push(dir.path().join(&a), &push, 2).unwrap();
-        write_pull(dir.path().join(&b), &pull, 2).unwrap();
+        write_push(dir.path().join(&a), &push, FieldFormat::of(a.as_ref()).unwrap(), 2).unwrap();
+        write_pull(dir.path().join(&b), &pull, FieldFormat::of(b.as_ref()).unwrap(), 2).unwrap();
         assert!(told(&a).starts_with("aventail planning_to_fraction") && told(&a).ends_with("LPS mm"), "{}", told(&a));
         assert!(told(&b).starts_with("aventail fraction_to_planning") && told(&b).ends_with("LPS mm"), "{}", told(&b));
     }

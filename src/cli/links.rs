@@ -1,0 +1,126 @@
+//! `[FROM:TO=]FILE[#NAME]`: fields and rigid transforms with the frames that they join.
+//!
+//! aventail's own fields tell their direction in the header; for every other file the command line must. Where both
+//! speak they must not contradict each other, so that no field is used the wrong way round unnoticed.
+
+use crate::error::{Error, Result};
+use crate::field::{Link, Motion};
+use crate::io::{self, transform};
+use crate::warning::Warning;
+use std::path::Path;
+use std::str::FromStr;
+
+/// One `--field`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LinkArg {
+    /// The frames that the file joins, as the command line says.
+    pub frames: Option<(String, String)>,
+    /// The file, with `#NAME` where a table of transforms holds several.
+    pub file: String,
+}
+
+impl FromStr for LinkArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (frames, file) = match text.split_once('=') {
+            Some((head, file)) if !head.contains(['/', '\\']) && head.contains(':') => {
+                let (from, to) = head.split_once(':').unwrap_or_default();
+                (Some((frame(from)?, frame(to)?)), file)
+            }
+            _ => (None, text),
+        };
+        if frames.as_ref().is_some_and(|(from, to)| from == to) {
+            return Err("the two frames are the same".into());
+        }
+        if file.is_empty() {
+            return Err("the file is missing: FROM:TO=FILE".into());
+        }
+        Ok(Self { frames, file: file.into() })
+    }
+}
+
+/// A frame's name.
+pub(super) fn frame(text: &str) -> Result<String, String> {
+    let legal = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    if text.is_empty() || text.len() > 24 || !text.chars().all(legal) || text.contains("_to_") {
+        return Err(format!("`{text}` is no name of a frame: up to 24 letters, digits, `_`, `-`, `.`, without `_to_`"));
+    }
+    Ok(text.into())
+}
+
+impl LinkArg {
+    /// Reads the field or transform.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when its direction is unknown or said twice and differently; else as [`io::read_field`] and
+    /// [`transform::read_rigid`].
+    pub(super) fn read(&self) -> Result<(Link, Vec<Warning>)> {
+        let (path, entry) = match self.file.rsplit_once('#') {
+            Some((path, entry)) if transform::is_transform(Path::new(path)) => (path, Some(entry)),
+            _ => (self.file.as_str(), None),
+        };
+        let (motion, own, warnings) = if transform::is_transform(Path::new(path)) {
+            (Motion::Rigid(transform::read_rigid(path, entry)?), None, Vec::new())
+        } else {
+            let field = io::read_field(path)?;
+            let own = io::frames_of(&field.header.description);
+            (Motion::Field(Box::new(field.value)), own, field.warnings)
+        };
+        let (from, to) = self.agreed(own)?;
+        Ok((Link { name: self.file.clone(), from, to, motion }, warnings))
+    }
+
+    /// The frames by command line and header.
+    fn agreed(&self, own: Option<(String, String)>) -> Result<(String, String)> {
+        match (&self.frames, own) {
+            (Some((from, to)), Some((own_from, own_to))) if *from == own_to || *to == own_from => Err(Error::usage(
+                format!(
+                    "{}: its header says that it takes {own_from} points to {own_to}, the command line says {from}:{to}",
+                    self.file
+                ),
+                "leave FROM:TO= out, or name the frames in the header's order",
+            )),
+            (Some(said), _) => Ok(said.clone()),
+            (None, Some(own)) => Ok(own),
+            (None, None) => Err(Error::usage(
+                format!("{}: it does not tell which frame's points it takes where", self.file),
+                "give it as FROM:TO=FILE. A field lies on the grid of FROM and takes its points x to x + u(x) in TO: ITK's, \
+                 elastix's, plastimatch's and NiftyReg's fields of fixed image A and moving image B are A:B",
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_stand_before_the_file() {
+        let parse = |text: &str| text.parse::<LinkArg>();
+        let with = parse("planning:week_3=a=b.nii.gz").unwrap();
+        assert_eq!(with.frames, Some(("planning".into(), "week_3".into())));
+        assert_eq!(with.file, "a=b.nii.gz");
+        assert_eq!(parse("out/p:q=x.mha").unwrap().frames, None);
+        assert_eq!(parse("C:\\fields\\f.mha").unwrap().frames, None);
+        for bad in ["a:a=f.mha", "a:=f.mha", ":b=f.mha", "a:b=", "a_to_b:c=f.mha", "a:b:c=f.mha"] {
+            assert!(parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn header_and_command_line_must_agree() {
+        let arg = |text: &str| text.parse::<LinkArg>().unwrap();
+        let own = || Some(("planning".to_owned(), "fraction".to_owned()));
+        assert_eq!(arg("f.mha").agreed(own()).unwrap(), own().unwrap());
+        assert_eq!(arg("planning:day2=f.mha").agreed(own()).unwrap().1, "day2");
+        for (text, own, word) in [
+            ("fraction:planning=f.mha", own(), "takes planning points to fraction"),
+            ("day2:planning=f.mha", own(), "day2:planning"),
+            ("f.mha", None, "does not tell"),
+        ] {
+            let error = arg(text).agreed(own).unwrap_err();
+            assert!(error.to_string().contains(word) && error.exit_code() == 2, "{error}");
+        }
+    }
+}

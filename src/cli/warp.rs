@@ -1,0 +1,340 @@
+//! `aventail warp`: anything that has a position, from one frame to another.
+
+use super::args::{InterpolationName, VolumeKind, WarpArgs};
+use super::register::progress;
+use crate::error::{Error, Result};
+use crate::field::{
+    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, resample, resample_contours, resample_labels,
+};
+use crate::geometry::Grid;
+use crate::io::{self, Loaded, Stored, WriteOptions, points};
+use crate::runtime::Runtime;
+use crate::volume::contour::Structure;
+use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
+use nalgebra::Point3;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// What was done: the JSON that `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    from: String,
+    to: String,
+    /// Kind of the input.
+    kind: &'static str,
+    /// What each step of the map did. Images are pulled, so their steps lead from `to` to `from`.
+    steps: Vec<String>,
+    /// What happened to the voxels, points or vertices.
+    mapped: ChainReport,
+    /// What else is worth knowing.
+    notes: Vec<String>,
+    warnings: Vec<Warning>,
+    /// The file written.
+    out: String,
+}
+
+/// Carries the input to its new frame, or writes the chain as one field; returns what was done.
+///
+/// # Errors
+/// Of every kind; see [`Error`].
+pub fn run(args: &WarpArgs) -> Result<String> {
+    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let (links, warnings) = runtime.stage("read the fields", || -> Result<_> {
+        let mut warnings = Vec::new();
+        let mut links = Vec::new();
+        for arg in &args.field {
+            let (link, odd) = arg.read()?;
+            links.push(link);
+            warnings.extend(odd);
+        }
+        Ok((links, warnings))
+    })?;
+    let options = InvertOptions::default();
+    let chain = |from: &str, to: &str| runtime.stage("compose", || Chain::between(&links, from, to, &options));
+    let mut report = Report {
+        from: args.from.clone(),
+        to: args.to.clone(),
+        kind: "field",
+        steps: Vec::new(),
+        mapped: ChainReport::of(&[]),
+        notes: Vec::new(),
+        warnings,
+        out: String::new(),
+    };
+    match (&args.input, &args.out, &args.out_field) {
+        (None, None, Some(out)) => {
+            let chain = chain(&args.from, &args.to)?;
+            runtime.stage("write the field", || export(args, &chain, out, &mut report))?;
+        }
+        (Some(input), Some(out), None) => {
+            if points::point_extension(input).is_some() {
+                refuse_volume_options(args, input)?;
+                let chain = chain(&args.from, &args.to)?;
+                runtime.stage("map the points", || map_points(args, &chain, input, out, &mut report))?;
+            } else if is_json(input) {
+                let (forward, back) = (chain(&args.from, &args.to)?, chain(&args.to, &args.from)?);
+                runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
+            } else {
+                let back = chain(&args.to, &args.from)?;
+                runtime.stage("resample", || map_volume(args, &back, input, out, &mut report))?;
+            }
+        }
+        _ => {
+            return Err(Error::usage(
+                "nothing to do: neither an input with its output nor a field to write is named",
+                "give --input FILE --out FILE, or --out-field FILE",
+            ));
+        }
+    }
+    if args.json {
+        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+    }
+    Ok(report.text())
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
+}
+
+/// Options that only volumes have.
+fn refuse_volume_options(args: &WarpArgs, input: &Path) -> Result<()> {
+    let given = [
+        ("--kind", args.kind.is_some()),
+        ("--grid", args.grid.is_some()),
+        ("--interpolation", args.interpolation.is_some()),
+        ("--outside", args.outside.is_some()),
+        ("--labels", args.labels.is_some()),
+    ];
+    match given.iter().find(|g| g.1) {
+        Some((name, _)) => Err(Error::usage(
+            format!("{name} has no meaning for {}, a file of points", input.display()),
+            "leave it out",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// The chain as one field.
+fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut Report) -> Result<()> {
+    let grid = target(args, chain, &args.from, &mut report.warnings)?;
+    let (field, mapped) = chain.displacement_on(&grid)?;
+    let format = args.dvf_format.map_or_else(|| FieldFormat::of(out), |name| Ok(name.into()))?;
+    let description = io::direction(&args.from, &args.to, format);
+    io::write_field(out, &field, format, &WriteOptions { description, ..WriteOptions::default() })?;
+    report.notes.push(format!(
+        "a field on {0}'s grid that takes {0} points to {1}; it resamples images of {1} onto {0}",
+        args.from, args.to
+    ));
+    report.finish(chain, mapped, out);
+    Ok(())
+}
+
+/// The grid to compute on: the file that `--grid` names, else that of the field that the chain begins with.
+fn target(args: &WarpArgs, chain: &Chain<'_>, frame: &str, warnings: &mut Vec<Warning>) -> Result<Grid> {
+    if let Some(path) = &args.grid {
+        let (grid, odd) = io::read_grid(path)?;
+        warnings.extend(odd);
+        return Ok(grid);
+    }
+    chain.grid().cloned().ok_or_else(|| {
+        Error::usage(
+            format!("no field lies on a grid of {frame}, so the grid of the result is unknown"),
+            format!("give --grid with any image of {frame}, for example its CT"),
+        )
+    })
+}
+
+fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, report: &mut Report) -> Result<()> {
+    let file = points::read_points(input, &args.from, args.space.map(Into::into))?;
+    let mapped: Vec<_> = file.points.iter().map(|p| chain.map(p)).collect();
+    let moved: Vec<Point3<f64>> = mapped.iter().map(|m| m.point).collect();
+    file.write(out, &moved)?;
+    report.kind = "points";
+    let name = |n: usize| file.names.get(n).cloned().unwrap_or_else(|| (n + 1).to_string());
+    let listed = |which: &dyn Fn(usize) -> bool| {
+        let names: Vec<String> = (0..mapped.len()).filter(|&n| which(n)).take(20).map(name).collect();
+        (!names.is_empty()).then(|| names.join(", "))
+    };
+    if let Some(names) = listed(&|n| !mapped[n].covered) {
+        report
+            .warnings
+            .push(Warning::new("outside-field", format!("points outside a field, not moved by it: {names}")));
+    }
+    if let Some(names) = listed(&|n| !mapped[n].solved) {
+        report.warnings.push(Warning::new("no-inverse", format!("points without an exact pre-image: {names}")));
+    }
+    report.finish(chain, ChainReport::of(&mapped), out);
+    Ok(())
+}
+
+/// Contours, on the slices of the new frame.
+fn map_contours(
+    args: &WarpArgs,
+    (forward, back): (&Chain<'_>, &Chain<'_>),
+    input: &Path,
+    out: &Path,
+    report: &mut Report,
+) -> Result<()> {
+    let refuse = |problem: String, remedy: &str| Err(Error::usage(problem, remedy));
+    if !is_json(out) {
+        return refuse(format!("{}: contours are written as JSON", out.display()), "name the output *.json");
+    }
+    if args.kind.is_some() || args.interpolation.is_some() || args.outside.is_some() || args.labels.is_some() {
+        return refuse(
+            "--kind, --interpolation, --outside and --labels have no meaning for contours".into(),
+            "leave them out",
+        );
+    }
+    let (contours, frame) = io::read_contours(input)?;
+    if let Some(frame) = frame.filter(|f| *f != args.from) {
+        return refuse(format!("{} lies in frame {frame:?}, not in {}", input.display(), args.from), "correct --from");
+    }
+    let grid = target(args, back, &args.to, &mut report.warnings)?;
+    let (moved, mapped) = resample_contours(&contours, forward, back, &grid);
+    let (gap, new_gap) = (contours.spacing(grid.spacing()[2]), grid.spacing()[2]);
+    for (old, new) in contours.structures.iter().zip(&moved.structures) {
+        let volume = |s: &Structure, gap: f64| s.heights().iter().map(|h| s.area(*h) * gap).sum::<f64>() / 1000.0;
+        report.notes.push(format!(
+            "{}: {} slices, {:.2} cm3 -> {} slices, {:.2} cm3",
+            old.name,
+            old.heights().len(),
+            volume(old, gap),
+            new.heights().len(),
+            volume(new, new_gap)
+        ));
+    }
+    io::write_contours(out, &moved, &args.to)?;
+    report.kind = "contours";
+    report.finish(back, mapped, out);
+    Ok(())
+}
+
+fn map_volume(args: &WarpArgs, back: &Chain<'_>, input: &Path, out: &Path, report: &mut Report) -> Result<()> {
+    let Some(kind) = args.kind else {
+        return Err(Error::usage(
+            format!("{}: an image, labels and a dose need different interpolation", input.display()),
+            "say which it is: --kind image, --kind labels or --kind dose",
+        ));
+    };
+    let grid = target(args, back, &args.to, &mut report.warnings)?;
+    let (v, mapped) = back.displacement_on(&grid)?;
+    let description = format!("aventail warp {} to {}", args.from, args.to);
+    let options = WriteOptions { description, ..WriteOptions::default() };
+    if kind == VolumeKind::Labels {
+        for (name, given) in [("--interpolation", args.interpolation.is_some()), ("--outside", args.outside.is_some())]
+        {
+            if given {
+                return Err(Error::usage(format!("{name} has no meaning for labels"), "leave it out"));
+            }
+        }
+        let labels = io::read_label_map(input, args.labels.as_deref())?;
+        report.warnings.extend(labels.warnings);
+        let warped = resample_labels(&v, &labels.value)?;
+        report.notes.extend(label_notes(&labels.value, &warped));
+        io::write_labels(out, &warped, &options)?;
+        report.kind = "labels";
+    } else {
+        scalar(args, kind, &v, io::read_image(input)?, (out, &options), report)?;
+    }
+    report.finish(back, mapped, out);
+    Ok(())
+}
+
+/// Resamples an image or dose.
+fn scalar(
+    args: &WarpArgs,
+    kind: VolumeKind,
+    v: &Volume<[f32; 3]>,
+    image: Loaded<Volume<f32>>,
+    (out, options): (&Path, &WriteOptions),
+    report: &mut Report,
+) -> Result<()> {
+    let interpolation = match args.interpolation {
+        Some(InterpolationName::Cubic) => Interpolation::Cubic,
+        _ => Interpolation::Linear,
+    };
+    report.warnings.extend(image.warnings);
+    if kind == VolumeKind::Image {
+        let warped = resample(v, &image.value, interpolation, args.outside.unwrap_or(-1000.0))?;
+        // Whole numbers stay whole numbers, as scanners store them.
+        let whole = image.header.datatype == "int16" && image.header.scaling.is_none();
+        report.kind = "image";
+        return io::write_image(out, &warped, if whole { Stored::Int16 } else { Stored::Float32 }, options);
+    }
+    if args.outside.is_some() {
+        return Err(Error::usage("--outside has no meaning for a dose: it is 0 there", "leave it out"));
+    }
+    let most = image.value.data().iter().copied().fold(0.0, f32::max);
+    if let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most) {
+        let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
+        let remedy = "a dose is nowhere negative: check the file, or warp it with --kind image";
+        return Err(Error::input(image.path.display().to_string(), problem, remedy));
+    }
+    let mut warped = resample(v, &image.value, interpolation, 0.0)?;
+    warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
+    let peak = warped.data().iter().copied().fold(0.0, f32::max);
+    report.notes.push(format!("greatest dose {most:.3}, after mapping {peak:.3}"));
+    report.kind = "dose";
+    io::write_image(out, &warped, Stored::Float32, options)
+}
+
+/// Labels that changed their volume much, or are gone.
+fn label_notes(before: &LabelMap, after: &LabelMap) -> Vec<String> {
+    let (old, new) = (before.counts(), after.counts());
+    let gone: Vec<String> = old
+        .keys()
+        .filter(|l| !new.contains_key(l))
+        .map(|l| before.names.get(l).cloned().unwrap_or_else(|| l.to_string()))
+        .collect();
+    let mut notes = vec![format!("{} of {} labels lie on the new grid", new.len(), old.len())];
+    if !gone.is_empty() {
+        notes.push(format!("outside it: {}", gone.join(", ")));
+    }
+    notes
+}
+
+impl Report {
+    fn finish(&mut self, chain: &Chain<'_>, mapped: ChainReport, out: &Path) {
+        self.steps.clone_from(&chain.description);
+        self.out = out.display().to_string();
+        if mapped.unsolved > 0 && self.kind != "points" {
+            let message = format!(
+                "{} of {} places have no exact pre-image (folds or gaps of the field), residual up to {:.3} mm",
+                mapped.unsolved, mapped.points, mapped.unsolved_max_mm
+            );
+            self.warnings.push(Warning::new("no-inverse", message));
+        }
+        self.mapped = mapped;
+    }
+
+    fn text(&self) -> String {
+        let mut out = format!("{} from {} to {}\n", self.kind, self.from, self.to);
+        let mut line = |text: String| writeln!(out, "  {text}").expect("writing to a String cannot fail");
+        self.steps.iter().for_each(|s| line(s.clone()));
+        let m = &self.mapped;
+        line(match &m.residual_mm {
+            None => "no inversion was needed".into(),
+            Some(r) => format!(
+                "inversion residual mean {:.2e} mm, 95th percentile {:.2e} mm, greatest {:.2e} mm ({} of {} inverted)",
+                r.mean,
+                r.p95,
+                r.max,
+                r.n,
+                r.n + m.unsolved
+            ),
+        });
+        if m.outside > 0 {
+            let share = 100.0 * m.outside as f64 / m.points.max(1) as f64;
+            line(format!(
+                "{} of {} ({share:.1} %) lie outside a field, which is the identity there",
+                m.outside, m.points
+            ));
+        }
+        self.notes.iter().for_each(|n| line(n.clone()));
+        self.warnings.iter().for_each(|w| line(format!("warning ({}): {}", w.code, w.message)));
+        line(format!("written: {}", self.out));
+        out
+    }
+}
