@@ -75,7 +75,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 6] = [
+    let verbs: [(&str, &[&str]); 7] = [
         (
             "register",
             &[
