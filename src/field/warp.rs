@@ -3,7 +3,7 @@
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
-use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -28,57 +28,69 @@ pub fn resample(
     outside: f32,
 ) -> Result<Volume<f32>> {
     let values = match interpolation {
-        Interpolation::Linear => {
-            let linear = Linear::new(image);
-            pulled(v, image.grid(), |index| linear.at(index).unwrap_or(outside))
-        }
+        Interpolation::Linear => match Linear::new(image) {
+            Some(linear) => pulled_raw(v, image.grid(), |index| linear.at(&index).unwrap_or(outside)),
+            None => pulled(v, image.grid(), |index| trilinear(image, index).map_or(outside, |v| v as f32)),
+        },
         Interpolation::Cubic => pulled(v, image.grid(), |index| cubic(image, index).map_or(outside, |v| v.0 as f32)),
     };
     Volume::new(v.grid().clone(), values)
 }
 
+/// How far outside the hull of the voxel centres an index still counts as on it, voxels: rounding of the field's single
+/// precision must not push the outermost voxel outside.
+const ROUNDING: f64 = 1e-3;
+
 /// Trilinear values with the constants of the grid at hand and single-precision weights: the inner loop of a warp.
 struct Linear<'a> {
     data: &'a [f32],
+    /// Distances to the next row and plane; 0 along an axis of one voxel.
+    up: [usize; 2],
     strides: [usize; 3],
-    /// Distance to the upper neighbour; 0 along an axis of one voxel.
-    up: [usize; 3],
-    /// Lower neighbour of the last voxel pair.
-    most: [i32; 3],
+    /// Lower neighbour of the last pair of voxels.
+    most: [u32; 3],
     last: [f64; 3],
 }
 
 impl<'a> Linear<'a> {
-    fn new(image: &'a Volume<f32>) -> Self {
+    /// `None` for an image of a single column, which has no pairs of voxels.
+    fn new(image: &'a Volume<f32>) -> Option<Self> {
         let (size, strides) = (image.grid().size(), image.grid().strides());
-        Self {
+        let up = |a: usize| if size[a] > 1 { strides[a] } else { 0 };
+        let pair = |n: usize| u32::try_from(n.saturating_sub(2)).ok();
+        (size[0] > 1).then_some(())?;
+        Some(Self {
             data: image.data(),
+            up: [up(1), up(2)],
             strides,
-            up: std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 }),
-            most: size.map(|n| i32::try_from(n.saturating_sub(2)).unwrap_or(i32::MAX)),
+            most: [pair(size[0])?, pair(size[1])?, pair(size[2])?],
             last: size.map(|n| (n - 1) as f64),
-        }
+        })
     }
 
     /// The value at a continuous index; `None` outside the hull of the voxel centres.
     fn at(&self, index: &Vector3<f64>) -> Option<f32> {
-        if !(0..3).all(|a| index[a] >= 0.0 && index[a] <= self.last[a]) {
-            return None;
+        let (mut base, mut t) = (0, [0f32; 3]);
+        for a in 0..3 {
+            let (x, last) = (index[a], self.last[a]);
+            if !(x >= -ROUNDING && x <= last + ROUNDING) {
+                return None;
+            }
+            let x = x.max(0.0).min(last);
+            let low = (x as u32).min(self.most[a]);
+            t[a] = (x - f64::from(low)) as f32;
+            base += low as usize * self.strides[a];
         }
-        let low: [i32; 3] = std::array::from_fn(|a| (index[a] as i32).min(self.most[a]));
-        let [tx, ty, tz]: [f32; 3] = std::array::from_fn(|a| (index[a] - f64::from(low[a])) as f32);
-        let base = (0..3).map(|a| low[a] as usize * self.strides[a]).sum::<usize>();
-        let [ux, uy, uz] = self.up;
-        let line = |n: usize| {
-            let a = self.data[n];
-            a + tx * (self.data[n + ux] - a)
+        let line = |n: usize| -> Option<f32> {
+            let [a, b] = self.data.get(n..)?.first_chunk::<2>()?;
+            Some(a + t[0] * (b - a))
         };
-        let face = |n: usize| {
-            let a = line(n);
-            a + ty * (line(n + uy) - a)
+        let face = |n: usize| -> Option<f32> {
+            let a = line(n)?;
+            Some(a + t[1] * (line(n + self.up[0])? - a))
         };
-        let a = face(base);
-        Some(a + tz * (face(base + uz) - a))
+        let a = face(base)?;
+        Some(a + t[2] * (face(base + self.up[1])? - a))
     }
 }
 
@@ -116,32 +128,40 @@ pub fn push_point(push: &PushField, point: &Point3<f64>) -> Option<Point3<f64>> 
     Some(point + u)
 }
 
-/// `value(continuous index in the source)` at every voxel of the displacements' grid, in parallel over planes.
+/// `value(continuous index in the source)` at every voxel of the displacements' grid, in parallel over rows. Indices that
+/// rounding puts outside the hull of the voxel centres are put back on it.
 pub(super) fn pulled<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,
     value: impl Fn(&Vector3<f64>) -> T + Sync,
 ) -> Vec<T> {
+    let last = Vector3::from(source.size().map(|n| (n - 1) as f64));
+    pulled_raw(v, source, |index| {
+        let near = |i: f64, l: f64| {
+            let held = i.clamp(0.0, l);
+            if (i - held).abs() < ROUNDING { held } else { i }
+        };
+        value(&index.zip_map(&last, near))
+    })
+}
+
+/// As [`pulled`], with indices as they are.
+fn pulled_raw<T: Send + Default + Clone>(
+    v: &Volume<[f32; 3]>,
+    source: &Grid,
+    value: impl Fn(Vector3<f64>) -> T + Sync,
+) -> Vec<T> {
     let grid = v.grid();
     let [nx, ny, _] = grid.size();
     let base = source.index(&grid.origin());
     let step = source.inverse_step() * grid.step();
-    let turn = source.inverse_step();
-    let last = Vector3::from(source.size().map(|n| (n - 1) as f64));
+    let turn = *source.inverse_step();
     let mut out = vec![T::default(); grid.len()];
     out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
         let start = base + step * Vector3::new(0.0, (row % ny) as f64, (row / ny) as f64);
+        let along: Vector3<f64> = step.column(0).into_owned();
         for (i, (o, v)) in out.iter_mut().zip(v).enumerate() {
-            let mut index = start + step.column(0) * i as f64 + turn * Vector3::from(v.map(f64::from));
-            // Rounding of the field's single precision must not push the outermost voxel outside.
-            for a in 0..3 {
-                if index[a] < 0.0 && index[a] > -1e-3 {
-                    index[a] = 0.0;
-                } else if index[a] > last[a] && index[a] < last[a] + 1e-3 {
-                    index[a] = last[a];
-                }
-            }
-            *o = value(&index);
+            *o = value(start + along * i as f64 + turn * Vector3::from(v.map(f64::from)));
         }
     });
     out
@@ -173,10 +193,10 @@ mod tests {
     fn the_inner_loop_is_trilinear() {
         let (_, grid) = shifted([0.0; 3]);
         let image = Volume::from_fn(grid, |l| ((l * 7919) % 1000) as f32);
-        let linear = Linear::new(&image);
+        let linear = Linear::new(&image).unwrap();
         for n in 0..2000 {
             let at = Vector3::new(n as f64 * 0.0057, (n % 97) as f64 * 0.094, (n % 31) as f64 * 0.234);
-            let (a, b) = (linear.at(&at), crate::volume::trilinear(&image, &at));
+            let (a, b) = (linear.at(&at), trilinear(&image, &at));
             match (a, b) {
                 (Some(a), Some(b)) => assert!((f64::from(a) - b).abs() < 1e-3, "{at}: {a} {b}"),
                 (a, b) => assert!(a.is_none() && b.is_none(), "{at}"),
