@@ -36,7 +36,8 @@ fn json(path: &Path) -> Value {
 /// A zero field on a grid, as a file.
 fn still(name: &str, grid: &Grid) -> PathBuf {
     let path = folder().join(name);
-    write_field(&path, &Volume::filled(grid.clone(), [0.0; 3]), FieldFormat::Nifti, &WriteOptions::default()).unwrap();
+    write_field(&path, &Volume::filled(grid.clone(), [0.0; 3]), FieldFormat::MetaImage, &WriteOptions::default())
+        .unwrap();
     path
 }
 

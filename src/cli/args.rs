@@ -400,7 +400,7 @@ result is kept, so that a study that was stopped goes on where it was.
 --concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
 functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
 
-Examples:
+Example:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
   aventail study --case run --out study     # study/study.html, study.md, study.csv
   aventail study --concepts --out concepts";

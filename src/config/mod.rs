@@ -202,6 +202,7 @@ impl Config {
     /// What is impossible in these settings, if anything.
     pub fn problem(&self) -> Option<String> {
         let (f, b) = (&self.fit, &self.body);
+        let r = &self.refine;
         let within = |name: &str, value: f64, low: f64, high: f64| {
             let bad = !(low..=high).contains(&value);
             bad.then(|| format!("{name} is {value}: it must lie in [{low}, {high}]"))
@@ -219,6 +220,19 @@ impl Config {
             within("fit.tolerance_mm", f.tolerance_mm, 1e-9, 10.0),
             count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
             self.chainmail.problem(),
+            within("refine.weight", r.weight, 0.0, 1e6),
+            count("refine.passes", r.passes),
+            count("refine.rounds", r.rounds),
+            within("refine.blur", r.blur, 0.0, 10.0),
+            within("refine.least_blur_mm", r.least_blur_mm, 0.0, 50.0),
+            within("refine.robust", r.robust, 0.1, 1e6),
+            within(
+                "refine.window_hu, its lower end",
+                f64::from(r.window_hu[0]),
+                -2000.0,
+                f64::from(r.window_hu[1]) - 1.0,
+            ),
+            within("refine.window_hu, its upper end", f64::from(r.window_hu[1]), -1999.0, 65535.0),
             within("invert.tolerance_mm", self.invert.tolerance_mm, 1e-9, 10.0),
             count("invert.max_iterations", self.invert.max_iterations),
             within("output.gzip_level", f64::from(self.output.gzip_level), 0.0, 9.0),

@@ -14,6 +14,9 @@ use rayon::prelude::*;
 /// Least noise of a difference, HU.
 const LEAST_NOISE: f64 = 6.0;
 
+/// Farthest that one comparison may ask an element to move, in widths of the blur.
+const REACH: f64 = 2.0;
+
 /// Both images blurred for one lattice, and the lattice's points.
 pub(super) struct Level<'a> {
     lattice: &'a Lattice,
@@ -26,6 +29,8 @@ pub(super) struct Level<'a> {
     planning: Vec<[f32; 4]>,
     weight: f64,
     robust: f64,
+    /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.
+    reach: f64,
 }
 
 /// A fraction value with its gradient at a point, if it lies in the image.
@@ -69,6 +74,7 @@ impl<'a> Level<'a> {
             planning: values,
             weight: options.weight * mean * mean,
             robust: options.robust,
+            reach: REACH * sigma,
         }
     }
 
@@ -110,6 +116,10 @@ impl<'a> Level<'a> {
                 }
                 let now = u[n as usize].map(f64::from);
                 let [xx, xy, xz, yy, yz, zz] = a;
+                let asked = b.norm() / (xx + yy + zz).max(f64::MIN_POSITIVE);
+                if asked > self.reach {
+                    b *= self.reach / asked;
+                }
                 let towards = [
                     b.x + xx * now[0] + xy * now[1] + xz * now[2],
                     b.y + xy * now[0] + yy * now[1] + yz * now[2],

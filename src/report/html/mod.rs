@@ -144,8 +144,8 @@ fn limits() -> Markup {
             h2 { "Limits" }
             p {
                 "aventail is research software and not a medical device. The field is a model: bones are placed by the image, "
-                "soft tissue follows them through the chain mail and is not itself compared with the image. Swallowing, weight "
-                "loss and tumour shrinkage are not modelled. Landmarks speak for the places where they lie; a Jacobian free of "
+                "soft tissue follows them through the chain mail and, where both CTs show contrast, the images; in uniform tissue it "
+                "is a guess of mechanics. Tissue that appears or vanishes is not modelled. Landmarks speak for the places where they lie; a Jacobian free of "
                 "folds says that the field is regular, not that it is right. TG-132 gives no tolerance for carrying dose."
             }
         }
