@@ -193,7 +193,7 @@ mod tests {
         let tube = &contours.structures[0];
         assert!((tube.area(6.0) / ring - 1.0).abs() < 1e-3);
         assert!((contours.spacing(1.0) - 3.0).abs() < 1e-12);
-        let grid = Grid::axis_aligned([80, 80, 80], [0.5; 3], [-15.0, -23.0, -6.0]).unwrap();
+        let grid = Grid::axis_aligned([80, 80, 80], [0.5; 3], [-15.13, -23.21, -6.2]).unwrap();
         let mask = contours.solid(tube, 3.0).mask(&grid);
         // Ten planes of 3 mm, the outermost reaching half a spacing beyond.
         let volume = mask.count() as f64 * grid.voxel_volume();

@@ -61,9 +61,13 @@ impl PlanarDistance {
         let mut crossings: Vec<Vec<f64>> = vec![Vec::new(); ny];
         for [a, b] in segments {
             let (low, high) = (a[1].min(b[1]), a[1].max(b[1]));
-            let first = ((low - self.origin[1]) / self.pixel).ceil().max(0.0) as usize;
+            // One row early, for rounding; which rows count is decided by comparisons that neighbouring segments share.
+            let first = (((low - self.origin[1]) / self.pixel).floor() - 1.0).max(0.0) as usize;
             for (j, row) in crossings.iter_mut().enumerate().skip(first) {
                 let y = self.origin[1] + j as f64 * self.pixel;
+                if y < low {
+                    continue;
+                }
                 // Half open, so that a corner on the row counts once.
                 if y >= high {
                     break;

@@ -31,8 +31,8 @@ type Edge = (i64, i64, u8);
 
 fn value(values: &[f64], size: [usize; 2], i: i64, j: i64) -> f64 {
     let inside = i >= 0 && j >= 0 && i < size[0] as i64 && j < size[1] as i64;
-    // Just below 0 outside: the polygon then runs along the outermost pixels.
-    if inside { values[j as usize * size[0] + i as usize] } else { -1e-6 }
+    // Far below 0 outside: the polygon then runs along the outermost pixels.
+    if inside { values[j as usize * size[0] + i as usize] } else { -1e12 }
 }
 
 /// Where the function is 0 on an edge.
