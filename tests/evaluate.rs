@@ -100,7 +100,7 @@ fn results_do_not_depend_on_threads_and_fields_stand_side_by_side() {
 #[test]
 fn contours_under_the_identity_agree_with_themselves() {
     let f = phantom();
-    let still = still("identity.nii.gz", read_image(&f.planning).unwrap().value.grid());
+    let still = still("identity.mha", read_image(&f.planning).unwrap().value.grid());
     let out = folder().join("identity");
     let mut command = aventail();
     command.args(["evaluate", "--quiet", "--fraction-to-planning"]).arg(&still).arg("--out").arg(&out);

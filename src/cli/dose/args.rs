@@ -37,7 +37,7 @@ const DVH: &str = "\
 Writes dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT.
 
 Example:
-  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures structures.nii.gz --at 20 50 --out dvh";
+  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh";
 
 const COMPARE: &str = "\
 Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm: how exactly the field must be
@@ -148,7 +148,7 @@ pub struct DvhArgs {
     /// Doses in Gy
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
-    /// Label map of the structures, in the doses' frame
+    /// Structures in the doses' frame: a label map, or contours (JSON), which may overlap
     #[arg(long, value_name = "FILE")]
     pub structures: PathBuf,
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none

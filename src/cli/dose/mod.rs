@@ -6,7 +6,7 @@ pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, M
 
 use super::evaluate::{DirectionName, Ledger, pair};
 use super::register::{open_folder, progress};
-use crate::dose::{DensityTable, EnergyMassOptions, accumulate, difference, distance_to_difference, dvh};
+use crate::dose::{DensityTable, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, dvh};
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::geometry::Grid;
@@ -14,7 +14,8 @@ use crate::io::{self, Stored, WriteOptions, write_file};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
-use crate::volume::Volume;
+use crate::volume::contour::{Contours, Structure};
+use crate::volume::{LabelMap, Volume};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -217,19 +218,51 @@ fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
     }
 }
 
+/// Structures as labels, or as contours, which may overlap.
+enum Structures {
+    Labels(LabelMap),
+    Contours(Contours),
+}
+
+impl Structures {
+    fn read(ledger: &mut Ledger, args: &DvhArgs) -> Result<Self> {
+        if args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+            return Ok(Self::Contours(io::read_contours(&args.structures)?.0));
+        }
+        Ok(Self::Labels(ledger.labels("structures", &args.structures, args.labels.as_deref())?))
+    }
+
+    /// Each structure's histogram; contours are sampled on the dose's own grid.
+    fn histograms(&self, dose: &Volume<f32>, args: &DvhArgs) -> Vec<Dvh> {
+        match self {
+            Self::Labels(map) => dvh(dose, map, &args.at, args.bin),
+            Self::Contours(all) => {
+                let [.., height] = dose.grid().spacing();
+                let spacing = all.spacing(height);
+                let one = |s: &Structure| {
+                    let inside = all.solid(s, spacing).mask(dose.grid());
+                    let map = LabelMap { volume: inside.map(|&i| u16::from(i)), names: [(1, s.name.clone())].into() };
+                    dvh(dose, &map, &args.at, args.bin)
+                };
+                all.structures.iter().flat_map(one).collect()
+            }
+        }
+    }
+}
+
 fn histograms(args: &DvhArgs) -> Result<String> {
     if !(args.bin.is_finite() && args.bin >= 1e-3) {
         return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
     }
     open_folder(&args.out)?;
     let mut ledger = Ledger::default();
-    let structures = ledger.labels("structures", &args.structures, args.labels.as_deref())?;
+    let structures = Structures::read(&mut ledger, args)?;
     let mut doses = Vec::new();
     for path in &args.dose {
         let dose = read_dose(&mut ledger, path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let name = name.split('.').next().unwrap_or_default().to_owned();
-        doses.push(DoseDvh { name, structures: dvh(&dose, &structures, &args.at, args.bin) });
+        doses.push(DoseDvh { name, structures: structures.histograms(&dose, args) });
     }
     write_dvh(&args.out, &doses)?;
     if args.json {
