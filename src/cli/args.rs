@@ -32,11 +32,11 @@ pub enum Verb {
     #[command(after_help = REGISTER)]
     Register(Box<RegisterArgs>),
     /// Move the skeleton by hand: an artificial CT in another posture, with its labels and fields
-    #[command(after_help = POSE)]
-    Pose(Box<PoseArgs>),
+    #[command(after_help = super::pose::HELP)]
+    Pose(Box<super::pose::PoseArgs>),
     /// Run the model's stages side by side on one case and write the thesis's tables for it
-    #[command(after_help = STUDY)]
-    Study(StudyArgs),
+    #[command(after_help = super::study::HELP)]
+    Study(super::study::StudyArgs),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(DemoArgs),
     /// Write the phantom as files, with its truth: two fractions, contours, dose; or a test object with an exact answer
@@ -124,70 +124,6 @@ pub enum LandmarkUseName {
     Start,
     /// They place the skeleton; the image takes no part
     Replace,
-}
-
-const POSE: &str = "\
-A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and ranges:
-
-  [bones.clavicula_right]
-  shift_mm = [0.0, 0.0, 5.0]        # left, back, up
-
-  [bones.skull]
-  axial_deg = 10.0                  # also flexion_deg, lateral_deg
-
-Writes to OUT what `register` writes, with the artificial CT as planning_on_fraction.nii.gz.
-
-Example:
-  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose pose.toml --out raised";
-
-/// Options of `pose`.
-#[derive(Debug, Args)]
-pub struct PoseArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
-    pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
-    pub bones: Option<PathBuf>,
-    /// How the bones move.
-    #[command(flatten)]
-    pub motion: MotionArgs,
-    /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Grow the artificial CT beyond the planning grid by this much on all sides, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = parse_margin)]
-    pub margin: f64,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}
-    #[arg(long, value_name = "FILE")]
-    pub labels: Option<PathBuf>,
-    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
-    #[arg(long, value_name = "FILE")]
-    pub skeleton: Option<PathBuf>,
-    /// Landmarks known in both postures (CSV), to evaluate the result
-    #[arg(long, value_name = "FILE")]
-    pub landmarks: Option<PathBuf>,
-    /// Settings (TOML), or the report.json of an earlier run to repeat it
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Options of every run.
-    #[command(flatten)]
-    pub run: RunArgs,
-}
-
-/// How the bones of `pose` move.
-#[derive(Debug, Args)]
-#[group(multiple = false)]
-pub struct MotionArgs {
-    /// Motion of each joint, by bone name (TOML)
-    #[arg(long, value_name = "FILE")]
-    pub pose: Option<PathBuf>,
-    /// Transform of some or all bones: the bone_transforms.json of a run
-    #[arg(long, value_name = "FILE")]
-    pub transforms: Option<PathBuf>,
-    /// Landmarks on bones in both postures, three or more each (CSV with a column `bone`)
-    #[arg(long, value_name = "FILE")]
-    pub bone_landmarks: Option<PathBuf>,
 }
 
 /// Options of every run.
@@ -393,41 +329,6 @@ impl From<FormatName> for FieldFormat {
     }
 }
 
-const STUDY: &str = "\
-A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
-result is kept, so that a study that was stopped goes on where it was.
-
---concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
-functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
-
-Example:
-  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
-  aventail study --case run --out study     # study/study.html, study.md, study.csv
-  aventail study --concepts --out concepts";
-
-/// Options of `study`.
-#[derive(Debug, Args)]
-pub struct StudyArgs {
-    /// Folder of a finished run
-    #[arg(long, value_name = "DIR", required_unless_present = "concepts", conflicts_with = "concepts")]
-    pub case: Option<PathBuf>,
-    /// Make the concept figures instead
-    #[arg(long)]
-    pub concepts: bool,
-    /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
-    #[arg(long, value_name = "FILE", requires = "case")]
-    pub plan: Option<PathBuf>,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub threads: usize,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
-}
-
 /// Options of `demo`.
 #[derive(Debug, Args)]
 pub struct DemoArgs {
@@ -501,12 +402,6 @@ fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
     } else {
         Err("each spacing must lie between 0.2 and 20 mm".into())
     }
-}
-
-/// A length from 0 to 500 mm.
-fn parse_margin(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if (0.0..=500.0).contains(&value) { Ok(value) } else { Err("give 0 to 500 mm".into()) }
 }
 
 #[cfg(test)]

@@ -8,10 +8,10 @@ mod inputs;
 mod inspect;
 mod links;
 mod phantom;
-mod pose;
+pub mod pose;
 mod register;
 mod skeleton;
-mod study;
+pub mod study;
 pub mod terminal;
 mod warp;
 

@@ -1,6 +1,6 @@
 //! `aventail pose`: move the skeleton by hand and make the artificial CT.
 
-use super::args::PoseArgs;
+use super::args::RunArgs;
 use super::inputs::{Flags, Inputs, changed, either, named};
 use super::register::{open_folder, progress, settings, write_run};
 use crate::config::ConfigFile;
@@ -9,6 +9,78 @@ use crate::io;
 use crate::pipeline::{BoneMotion, pose};
 use crate::runtime::Runtime;
 use crate::skeleton;
+use clap::Args;
+use std::path::PathBuf;
+
+pub(super) const HELP: &str = "\
+A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and ranges:
+
+  [bones.clavicula_right]
+  shift_mm = [0.0, 0.0, 5.0]        # left, back, up
+
+  [bones.skull]
+  axial_deg = 10.0                  # also flexion_deg, lateral_deg
+
+Writes to OUT what `register` writes, with the artificial CT as planning_on_fraction.nii.gz.
+
+Example:
+  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose pose.toml --out raised";
+
+/// Options of `pose`.
+#[derive(Debug, Args)]
+pub struct PoseArgs {
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on the planning grid
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub bones: Option<PathBuf>,
+    /// How the bones move.
+    #[command(flatten)]
+    pub motion: MotionArgs,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Grow the artificial CT beyond the planning grid by this much on all sides, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = parse_margin)]
+    pub margin: f64,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Landmarks known in both postures (CSV), to evaluate the result
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Settings (TOML), or the report.json of an earlier run to repeat it
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Options of every run.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// How the bones of `pose` move.
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+pub struct MotionArgs {
+    /// Motion of each joint, by bone name (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub pose: Option<PathBuf>,
+    /// Transform of some or all bones: the bone_transforms.json of a run
+    #[arg(long, value_name = "FILE")]
+    pub transforms: Option<PathBuf>,
+    /// Landmarks on bones in both postures, three or more each (CSV with a column `bone`)
+    #[arg(long, value_name = "FILE")]
+    pub bone_landmarks: Option<PathBuf>,
+}
+
+/// A length from 0 to 500 mm.
+fn parse_margin(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if (0.0..=500.0).contains(&value) { Ok(value) } else { Err("give 0 to 500 mm".into()) }
+}
 
 /// Poses the case that the arguments name and writes the results; returns the table (or JSON) for the terminal.
 ///

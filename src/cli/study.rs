@@ -1,6 +1,5 @@
 //! `aventail study`: the model's stages side by side on one case, with the same bone motion; or the concept figures.
 
-use super::args::StudyArgs;
 use super::register::{open_folder, progress};
 use crate::concepts;
 use crate::config::{Config, ConfigFile, StudyPlan};
@@ -12,9 +11,45 @@ use crate::pipeline::{Case, carry_again};
 use crate::progress::Progress;
 use crate::report::{Report, StageRecord, finished_stage, write_concepts, write_stage, write_study};
 use crate::runtime::Runtime;
+use clap::Args;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+pub(super) const HELP: &str = "\
+A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
+result is kept, so that a study that was stopped goes on where it was.
+
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
+functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
+
+Example:
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
+  aventail study --case run --out study     # study/study.html, study.md, study.csv
+  aventail study --concepts --out concepts";
+
+/// Options of `study`.
+#[derive(Debug, Args)]
+pub struct StudyArgs {
+    /// Folder of a finished run
+    #[arg(long, value_name = "DIR", required_unless_present = "concepts", conflicts_with = "concepts")]
+    pub case: Option<PathBuf>,
+    /// Make the concept figures instead
+    #[arg(long)]
+    pub concepts: bool,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
+    #[arg(long, value_name = "FILE", requires = "case")]
+    pub plan: Option<PathBuf>,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
 
 /// Runs every stage of the plan that is not finished yet and writes the tables, or the concept figures; returns them as
 /// text.

@@ -220,7 +220,7 @@ fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
 
 /// Structures as labels, or as contours, which may overlap.
 enum Structures {
-    Labels(LabelMap),
+    Labels(Box<LabelMap>),
     Contours(Contours),
 }
 
@@ -229,7 +229,7 @@ impl Structures {
         if args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
             return Ok(Self::Contours(io::read_contours(&args.structures)?.0));
         }
-        Ok(Self::Labels(ledger.labels("structures", &args.structures, args.labels.as_deref())?))
+        Ok(Self::Labels(Box::new(ledger.labels("structures", &args.structures, args.labels.as_deref())?)))
     }
 
     /// Each structure's histogram; contours are sampled on the dose's own grid.
