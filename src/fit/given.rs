@@ -175,7 +175,7 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
 /// The given motions as a fit: what a report needs to know about bones that no image has placed.
 ///
 /// # Errors
-/// See [`follow`].
+/// [`Error::Input`] when no motion is given; of the solver.
 pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitResult> {
     let transforms = follow(skeleton, known)?;
     let pose = skeleton.pose_of(&transforms);
