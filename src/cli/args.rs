@@ -72,6 +72,7 @@ Writes to OUT:
   jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 

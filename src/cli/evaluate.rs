@@ -21,7 +21,7 @@ What is measured depends on what is given:
   always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
   --planning                measured in the patient instead of the whole grid; Jacobian picture
   --planning --fraction     similarity of the CTs before and after; fusion picture
-  --bones                   departure from rigid motion per bone; bone contact counted apart
+  --bones                   departure from rigid motion per bone; bone contact and sliding interfaces counted apart
   --labels-planning --labels-fraction
                             Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
   --landmarks               residuals before and after, per landmark
@@ -274,6 +274,7 @@ fn one(
 ) -> Result<(Assessed, Vec<EvaluationPicture>)> {
     let pair =
         runtime.stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), inputs, ledger))?;
+    let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
     let subject = Subject {
         pair: &pair,
         planning: inputs.planning.as_ref(),
@@ -281,6 +282,7 @@ fn one(
         mask: inputs.mask.as_ref(),
         bones: inputs.bones.as_ref(),
         rigid: &inputs.rigid,
+        sliding: &sliding,
         structures: inputs.structures.as_ref(),
         structures_fraction: inputs.structures_fraction.as_ref(),
         landmarks: &inputs.landmarks,

@@ -147,6 +147,10 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
     ] {
         io::write_mask(add(name.into(), what), mask, &options(what))?;
     }
+    if let Some(skin) = &outcome.skin_contact {
+        let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
+        io::write_mask(add("skin_contact.nii.gz".into(), what), skin, &options(what))?;
+    }
     if let Some(regions) = &outcome.regions {
         let what = "regions of influence on the planning grid: label of the bone that each voxel follows";
         io::write_labels(add("regions.nii.gz".into(), what), regions, &options("regions of influence"))?;

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::field::{FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use crate::refine::RefineOptions;
+use crate::skeleton::SlidingOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ pub struct Config {
     pub body: BodyOptions,
     /// Fitting the skeleton.
     pub fit: FitOptions,
+    /// Where bones slide on each other.
+    pub sliding: SlidingOptions,
     /// The model of soft tissue.
     pub soft_tissue: SoftTissue,
     /// Carrying bone motion to soft tissue by the chain mail.
@@ -220,6 +223,7 @@ impl Config {
             within("fit.tolerance_mm", f.tolerance_mm, 1e-9, 10.0),
             count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
             self.chainmail.problem(),
+            self.sliding.problem(),
             within("refine.weight", r.weight, 0.0, 1e6),
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),
@@ -281,6 +285,7 @@ mod tests {
             ("[chainmail]\nexponent = -1.0", "exponent"),
             ("[output]\ngzip_level = 12", "gzip_level"),
             ("colour = 1", "colour"),
+            ("[[sliding.interfaces]]\nname = \"a\"\nbetween = [\"skull\", \"scapla\"]", "scapla"),
             ("[fit]\nlevels = \"many\"", "fit.levels"),
             ("[chainmail]\nexponent = true", "chainmail.exponent"),
             ("[chainmail]\norder = \"first-moved\"\nstructures = \"third-criterion\"", "structures"),

@@ -33,6 +33,8 @@ pub struct Subject<'a> {
     pub bones: Option<&'a LabelMap>,
     /// Label and name of each bone that moves rigidly.
     pub rigid: &'a [(u16, String)],
+    /// Pairs of labels of bones that slide on each other.
+    pub sliding: &'a [[u16; 2]],
     /// Structures in the planning frame.
     pub structures: Option<&'a LabelMap>,
     /// Structures in the fraction frame; those of a name in both are compared.
@@ -171,7 +173,7 @@ fn regular(
     let bones = subject.bones.map_or_else(none, labels);
     let structures = subject.structures.map(labels);
     let structures = structures.as_ref().or(subject.bones.map(|_| &bones));
-    regularity::evaluate(field, mask, &bones, subject.rigid, structures)
+    regularity::evaluate(field, mask, &bones, subject.rigid, subject.sliding, structures)
 }
 
 /// Nearest values of a volume on a grid of the same frame.
@@ -208,7 +210,7 @@ fn tolerances(a: &Assessment) -> Vec<Checked> {
     }
     for (direction, r) in &a.regularity {
         let name = direction.name();
-        all.push(tolerance::folds(name, r.folds.folded_ml, r.folds.folded_contact));
+        all.push(tolerance::folds(name, r.folds.folded_ml, r.folds.folded_contact + r.folds.folded_interface));
         all.push(tolerance::jumps(name, r.jacobian.jumps_above_10));
         all.push(tolerance::curl(name, r.curl.magnitude.max));
     }

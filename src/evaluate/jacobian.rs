@@ -1,5 +1,6 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
+use super::interface::Interfaces;
 use crate::field::{PushField, digital_folds};
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
@@ -35,12 +36,16 @@ pub struct JacobianStats {
 /// Jacobian characteristics of a whole run. Cells are tissue cells: all 8 corners body above -500 HU.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct JacobianReport {
-    /// All tissue cells, contact cells left out.
+    /// All tissue cells, contact and interface cells left out.
     pub body: JacobianStats,
-    /// Tissue cells with no bone corner.
+    /// Tissue cells with no bone corner, interface cells left out.
     pub soft_tissue: JacobianStats,
     /// Contact cells: corners in two or more bones; where rigid bones slide or meet even the truth folds.
     pub contact: JacobianStats,
+    /// Cells of declared sliding interfaces with at most one bone: motion may be discontinuous there. Earlier reports
+    /// lack them.
+    #[serde(default)]
+    pub interface: JacobianStats,
     /// Cells wholly inside one bone, by bone name.
     pub bones: Vec<(String, JacobianStats)>,
     /// Soft-tissue cells that fail the stricter digital criterion (any of 10 finite-difference determinants <= 0).
@@ -64,16 +69,17 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
 ///
 /// `map` is its Jacobian map ([`crate::field::jacobian`]); `tissue` says which voxels of the planning grid are body
 /// above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other labels count as soft tissue. Labels
-/// of the same name are one bone. All on the planning grid.
+/// of the same name are one bone. `sliding` are pairs of labels that slide on each other. All on the planning grid.
 pub fn evaluate(
     push: &PushField,
     map: &Volume<f32>,
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
+    sliding: &[[u16; 2]],
 ) -> JacobianReport {
     let (names, bone_of) = index_bones(rigid);
-    let kinds = cell_kinds(tissue, bones, &bone_of);
+    let kinds = cell_kinds(tissue, bones, &bone_of, sliding);
     let values = |keep: &(dyn Fn(Cell) -> bool + Sync)| -> Vec<f32> {
         kinds.data().iter().zip(map.data()).filter(|(k, _)| keep(**k)).map(|(_, &j)| j).collect()
     };
@@ -86,9 +92,10 @@ pub fn evaluate(
     let folds = digital_folds(push);
     let soft_folds = kinds.data().iter().zip(folds.data()).filter(|(k, f)| **k == Cell::Soft && **f).count();
     JacobianReport {
-        body: stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact))),
+        body: stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact | Cell::Interface))),
         soft_tissue: stats(values(&|k| k == Cell::Soft)),
         contact: stats(values(&|k| k == Cell::Contact)),
+        interface: stats(values(&|k| k == Cell::Interface)),
         bones: names.into_iter().zip(per_bone.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: soft_folds,
         jumps_above_10: jumps(map, &kinds),
@@ -137,6 +144,8 @@ pub(super) enum Cell {
     Inside(u16),
     /// Two or more bones.
     Contact,
+    /// At most one bone, where two bones slide on each other.
+    Interface,
 }
 
 /// Names of the bones, and for each label its bone's index plus one; 0 for labels that are no bones.
@@ -153,13 +162,14 @@ fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
     (names, bone_of)
 }
 
-/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones.
-pub(super) fn kinds(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)]) -> Volume<Cell> {
-    cell_kinds(tissue, bones, &index_bones(rigid).1)
+/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones and `sliding` pairs of their labels.
+pub(super) fn kinds(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)], sliding: &[[u16; 2]]) -> Volume<Cell> {
+    cell_kinds(tissue, bones, &index_bones(rigid).1, sliding)
 }
 
 /// The kind of each cell, at its lowest-index corner.
-fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16]) -> Volume<Cell> {
+fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16], sliding: &[[u16; 2]]) -> Volume<Cell> {
+    let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
     let grid = tissue.grid();
     let [ni, nj, nk] = grid.size();
     let [sx, sy, sz] = grid.strides();
@@ -172,6 +182,10 @@ fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16]) -> Volume<Cell> 
             for (i, cell) in row[..ni - 1].iter_mut().enumerate() {
                 if corners.iter().all(|c| tissue[start + i + c]) {
                     *cell = kind(corners.map(|c| bone_of[usize::from(labels[start + i + c])]));
+                    let open = matches!(cell, Cell::Soft | Cell::Edge);
+                    if open && interfaces.as_ref().is_some_and(|s| s.holds([i, j, k])) {
+                        *cell = Cell::Interface;
+                    }
                 }
             }
         }
@@ -196,7 +210,7 @@ fn jumps(map: &Volume<f32>, kinds: &Volume<Cell>) -> usize {
     let size = grid.size();
     let strides = grid.strides();
     let (j, kinds) = (map.data(), kinds.data());
-    let body = |l: usize| !matches!(kinds[l], Cell::Outside | Cell::Contact);
+    let body = |l: usize| !matches!(kinds[l], Cell::Outside | Cell::Contact | Cell::Interface);
     let pairs = |l: usize| {
         let v = grid.voxel(l);
         (0..3)
@@ -250,7 +264,7 @@ mod tests {
         let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
         let map = crate::field::jacobian(&push);
-        let r = evaluate(&push, &map, &tissue, &bones, &rigid);
+        let r = evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
         assert_eq!(r.contact.cells, 1); // between 3 and 4
         assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
         assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
@@ -259,7 +273,36 @@ mod tests {
         assert_eq!(r.jumps_above_10, 2);
         assert_eq!((r.digital_folded, r.body.folded), (0, 0));
         // The same labels under one name are one bone: no contact.
-        let joined = evaluate(&push, &map, &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())]);
+        let joined = evaluate(&push, &map, &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]);
         assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
+    }
+    #[test]
+    fn folds_between_sliding_bones_are_counted_apart() {
+        // Two plates at x = 0..6 and x = 30..36; the second slides along y by 40 mm, the tissue in the middle takes the jump.
+        let grid = Grid::axis_aligned([37, 20, 20], [1.0; 3], [0.0; 3]).unwrap();
+        let labels = Volume::from_fn(grid.clone(), |l| match grid.voxel(l)[0] {
+            0..=6 => 1,
+            30..=36 => 2u16,
+            _ => 0,
+        });
+        let bones = LabelMap { volume: labels, names: BTreeMap::new() };
+        let rigid = [(1, "a".to_owned()), (2, "b".to_owned())];
+        let slide = |l: usize| {
+            let [i, j, _] = grid.voxel(l);
+            // A shear of the middle layer that also turns its cells over.
+            [if i == 18 { 3.0 * (j % 2) as f32 } else { 0.0 }, if i > 18 { 40.0 } else { 0.0 }, 0.0]
+        };
+        let push = PushField {
+            displacement: Volume::from_fn(grid.clone(), slide),
+            computed: Volume::filled(grid.clone(), true),
+        };
+        let map = crate::field::jacobian(&push);
+        let tissue = Volume::filled(grid, true);
+        let with = evaluate(&push, &map, &tissue, &bones, &rigid, &[[1, 2]]);
+        let without = evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
+        assert!(without.body.folded > 100 && without.interface.cells == 0);
+        assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
+        assert_eq!(with.body.cells + with.interface.cells, without.body.cells);
+        assert!(with.digital_folded == 0 && without.digital_folded > 0);
     }
 }

@@ -3,8 +3,10 @@
 
 mod assess;
 pub mod consistency;
+pub mod contact;
 pub mod contour;
 pub mod curl;
+mod interface;
 pub mod jacobian;
 pub mod landmark;
 mod pair;

@@ -59,7 +59,7 @@ impl JacobianHistogram {
 /// Whether a field is one-to-one on the grid: the 10 finite-difference determinants of Liu et al. 2024 are positive.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct FoldCertificate {
-    /// Tissue cells checked, bone contact left out.
+    /// Tissue cells checked, bone contact and sliding interfaces left out.
     pub cells: usize,
     /// Of those, cells where any of the 10 determinants is not positive.
     pub folded: usize,
@@ -67,6 +67,8 @@ pub struct FoldCertificate {
     pub folded_ml: f64,
     /// Folded cells of bone contact, where rigid bones slide or meet: counted apart.
     pub folded_contact: usize,
+    /// Folded cells of declared sliding interfaces: counted apart.
+    pub folded_interface: usize,
 }
 
 /// Regularity of one field.
@@ -88,17 +90,19 @@ pub struct Regularity {
 
 /// Regularity of `field` and its Jacobian map.
 ///
-/// `tissue`, `bones` and `structures` lie on the field's grid; `rigid` lists label and name of each rigid bone.
+/// `tissue`, `bones` and `structures` lie on the field's grid; `rigid` lists label and name of each rigid bone,
+/// `sliding` pairs of labels that slide on each other.
 pub fn evaluate(
     field: &PushField,
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
+    sliding: &[[u16; 2]],
     structures: Option<&LabelMap>,
 ) -> (Regularity, Volume<f32>) {
     let map = jacobian_map(field);
-    let report = jacobian::evaluate(field, &map, tissue, bones, rigid);
-    let kinds = jacobian::kinds(tissue, bones, rigid);
+    let report = jacobian::evaluate(field, &map, tissue, bones, rigid, sliding);
+    let kinds = jacobian::kinds(tissue, bones, rigid, sliding);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
     let mut folds = FoldCertificate::default();
     let mut body = Vec::new();
@@ -106,6 +110,7 @@ pub fn evaluate(
         match kind {
             Cell::Outside => {}
             Cell::Contact => folds.folded_contact += usize::from(*fold),
+            Cell::Interface => folds.folded_interface += usize::from(*fold),
             _ => {
                 folds.cells += 1;
                 folds.folded += usize::from(*fold);
@@ -170,7 +175,7 @@ mod tests {
         let none = LabelMap { volume: Volume::filled(grid.clone(), 0), names: BTreeMap::new() };
         let left = Volume::from_fn(grid.clone(), |l| u16::from(grid.voxel(l)[0] < 4));
         let structures = LabelMap { volume: left, names: [(1, "left".to_owned())].into() };
-        let (r, map) = evaluate(&field, &Volume::filled(grid, true), &none, &[], Some(&structures));
+        let (r, map) = evaluate(&field, &Volume::filled(grid, true), &none, &[], &[], Some(&structures));
         assert_eq!((r.folds.cells, r.folds.folded, r.folds.folded_contact), (11 * 25, 5 * 25, 0));
         assert!((r.folds.folded_ml - 125.0 * 0.01).abs() < 1e-9);
         assert_eq!(r.structures[0].0, "left");

@@ -97,7 +97,7 @@ pub fn dice(name: &str, dice: f64) -> Checked {
     checked(format!("{name}, Dice"), dice, "", "contouring uncertainty, 0.80 to 0.90", TG132, mark)
 }
 
-/// Folded volume: none is allowed; where only bone contact folds, a person looks.
+/// Folded volume: none is allowed; where only bone contact or a sliding interface folds, a person looks.
 pub fn folds(direction: &str, folded_ml: f64, in_contact: usize) -> Checked {
     let mark = match (folded_ml > 0.0, in_contact > 0) {
         (true, _) => Mark::Fail,

@@ -7,6 +7,7 @@ mod invert;
 mod jacobian;
 mod label_vote;
 mod multiple;
+mod overlap;
 mod scatter;
 mod tetrahedra;
 mod warp;
@@ -18,6 +19,7 @@ pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};
 pub use label_vote::resample_labels;
 pub use multiple::multiple_preimages;
+pub use overlap::overlaps;
 pub use scatter::{Resampling, ScatterReport, scatter_image};
 pub use warp::{Interpolation, push_point, resample, warp_image, warp_labels, warp_mask};
 

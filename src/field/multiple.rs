@@ -5,7 +5,7 @@
 
 use super::PushField;
 use super::jacobian::FOLDED;
-use super::tetrahedra::cut;
+use super::tetrahedra::{cut, voxels_inside};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
@@ -27,33 +27,11 @@ pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) 
             let moved = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
             let handed = fraction.inverse_step().determinant().signum();
             if moved.determinant() * handed * rest.signum() < 0.0 {
-                mark(&mut out, &p.map(|c| c.1), &moved);
+                voxels_inside(fraction, &p.map(|c| c.1), &moved, |l| out.data_mut()[l] = true);
             }
         }
     }
     out
-}
-
-/// Sets the voxels inside a tetrahedron given by its corners' continuous indices and its edge matrix.
-fn mark(out: &mut Mask, corners: &[Vector3<f64>; 4], edges: &Matrix3<f64>) {
-    let Some(inverse) = edges.try_inverse() else { return };
-    let size = out.grid().size();
-    let range = |a: usize| {
-        let low = corners.iter().map(|c| c[a]).fold(f64::MAX, f64::min).ceil().max(0.0);
-        let high = corners.iter().map(|c| c[a]).fold(f64::MIN, f64::max).floor().min(size[a] as f64 - 1.0);
-        if high < low { 0..0 } else { low as usize..high as usize + 1 }
-    };
-    for k in range(2) {
-        for j in range(1) {
-            for i in range(0) {
-                let b = inverse * (Vector3::new(i as f64, j as f64, k as f64) - corners[0]);
-                if b.min() >= 0.0 && b.sum() <= 1.0 {
-                    let l = out.grid().linear([i, j, k]);
-                    out.data_mut()[l] = true;
-                }
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -19,6 +19,33 @@ pub(super) fn cut([i, j, k]: [usize; 3]) -> &'static [[usize; 4]; 5] {
     if (i + j + k).is_multiple_of(2) { &EVEN } else { &ODD }
 }
 
+/// Calls `hit` with each voxel of a grid inside a tetrahedron, given by its corners' continuous indices and the edges
+/// from the first corner as columns.
+pub(super) fn voxels_inside(
+    grid: &Grid,
+    corners: &[Vector3<f64>; 4],
+    edges: &Matrix3<f64>,
+    mut hit: impl FnMut(usize),
+) {
+    let Some(inverse) = edges.try_inverse() else { return };
+    let size = grid.size();
+    let range = |a: usize| {
+        let low = corners.iter().map(|c| c[a]).fold(f64::MAX, f64::min).ceil().max(0.0);
+        let high = corners.iter().map(|c| c[a]).fold(f64::MIN, f64::max).floor().min(size[a] as f64 - 1.0);
+        if high < low { 0..0 } else { low as usize..high as usize + 1 }
+    };
+    for k in range(2) {
+        for j in range(1) {
+            for i in range(0) {
+                let b = inverse * (Vector3::new(i as f64, j as f64, k as f64) - corners[0]);
+                if b.min() >= 0.0 && b.sum() <= 1.0 {
+                    hit(grid.linear([i, j, k]));
+                }
+            }
+        }
+    }
+}
+
 /// A voxel counts as inside a tetrahedron when no barycentric coordinate is below this.
 const INSIDE: f64 = -1e-9;
 /// Barycentric coordinates above this are inside for certain, not on a common face.

@@ -1,5 +1,6 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
+use super::contact;
 use super::study::CARRYING;
 use super::{Case, Outcome};
 use crate::body;
@@ -46,17 +47,22 @@ pub(super) fn carry_out(
     })?;
     let middle = case.planning.grid().middle();
     let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+    let sliding = config.sliding.pairs(&rigid);
     let (jacobian, jacobian_report, rigidity, landmarks, multiple) = runtime.stage("evaluate", || {
         let map = field::jacobian(&push);
         let tissue = evaluate::jacobian::tissue(&body, &case.planning);
-        let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid);
+        let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid, &sliding);
         let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
         let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);
         (map, report, rigidity, landmarks, multiple)
     });
+    let (contact, skin_contact) = runtime
+        .stage("find contact", || contact::measure(&case.bones, &skeleton, &fit.transforms, &push, &body, target));
     inverse.multiple = multiple.count();
     warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
+    let voxel = case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
+    warnings.extend(contact::warnings(&contact, voxel));
     Ok(Outcome {
         skeleton,
         pose: fit.pose,
@@ -70,6 +76,8 @@ pub(super) fn carry_out(
         jacobian,
         jacobian_report,
         rigidity,
+        contact,
+        skin_contact,
         links,
         inverse,
         landmarks,
@@ -167,7 +175,7 @@ fn field_warnings(
         out.push(Warning::new(
             "folded",
             format!(
-                "{} of {} tissue cells outside bone contact are folded; see the Jacobian map",
+                "{} of {} tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
                 jacobian.body.folded, jacobian.body.cells
             ),
         ));
@@ -178,6 +186,15 @@ fn field_warnings(
             format!(
                 "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
                 jacobian.contact.folded, jacobian.contact.cells
+            ),
+        ));
+    }
+    if jacobian.interface.folded > 0 {
+        out.push(Warning::new(
+            "sliding",
+            format!(
+                "{} of {} cells of declared sliding interfaces are folded: motion may be discontinuous there",
+                jacobian.interface.folded, jacobian.interface.cells
             ),
         ));
     }

@@ -2,6 +2,7 @@
 
 mod carry;
 mod case;
+mod contact;
 mod dose;
 mod outcome;
 mod pose;

@@ -1,6 +1,7 @@
 //! What a registration found.
 
 use crate::chainmail::LinkReport;
+use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
@@ -40,6 +41,10 @@ pub struct Outcome {
     pub jacobian_report: JacobianReport,
     /// How rigidly the field moves each bone.
     pub rigidity: Vec<BoneRigidity>,
+    /// Bones that overlap or come apart, and skin on skin.
+    pub contact: ContactReport,
+    /// Fraction voxels where the pushed patient lies on himself, when there are any.
+    pub skin_contact: Option<Mask>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.

@@ -2,6 +2,7 @@
 
 use super::{OutputFile, Run};
 use crate::chainmail::LinkReport;
+use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{jacobian as jacobians, landmark, rigidity};
 use crate::field::{InverseReport, PullField, PushField, jacobian};
 use crate::fit::BoneFit;
@@ -95,7 +96,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let map = jacobian(&push);
     let rigid = [(1, "skull".to_owned()), (2, "vertebrae_C4".to_owned())];
     let tissue = jacobians::tissue(&body, &planning);
-    let mut jacobian_report = jacobians::evaluate(&push, &map, &tissue, &bones, &rigid);
+    let mut jacobian_report = jacobians::evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
     jacobian_report.contact = jacobians::stats(vec![0.9, -1.0, 1.1]);
     let outcome = Outcome {
         skeleton: Skeleton { bones: skeleton() },
@@ -109,6 +110,21 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         jacobian: map,
         jacobian_report,
         rigidity: rigidity::evaluate(&push, &bones, &rigid),
+        contact: ContactReport {
+            overlaps: vec![BoneOverlap {
+                bones: ["skull".into(), "vertebrae_C4".into()],
+                depth_mm: 1.34,
+                at: TURN_CENTRE,
+            }],
+            joints: vec![JointGap {
+                bones: ["skull".into(), "vertebrae_C4".into()],
+                planning_mm: 1.25,
+                fraction_mm: 2.5,
+                play_mm: 3.0,
+            }],
+            ..ContactReport::default()
+        },
+        skin_contact: None,
         links: LinkReport {
             links: 400_000,
             violated: 1200,

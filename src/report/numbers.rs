@@ -1,6 +1,7 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
 use crate::chainmail::LinkReport;
+use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
@@ -64,6 +65,8 @@ pub struct Report {
     pub rigidity: Vec<BoneRigidity>,
     /// Jacobian characteristics.
     pub jacobian: JacobianReport,
+    /// Bones that overlap or come apart, and skin on skin.
+    pub contact: ContactReport,
     /// Chain-mail links.
     pub links: LinkReport,
     /// Quality of the inverse.
@@ -98,6 +101,7 @@ impl Report {
             pose: outcome.pose.clone(),
             rigidity: outcome.rigidity.clone(),
             jacobian: outcome.jacobian_report.clone(),
+            contact: outcome.contact.clone(),
             links: outcome.links,
             inverse: outcome.inverse,
             landmarks: outcome.landmarks.clone(),

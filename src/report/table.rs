@@ -30,7 +30,13 @@ pub fn terminal_table(report: &Report) -> String {
         ),
     ));
     if j.contact.cells > 0 {
-        rows.push(("", format!("bone contact: folded {} of {} cells", j.contact.folded, j.contact.cells)));
+        rows.push((
+            "",
+            format!(
+                "bone contact: folded {} of {} cells; sliding interfaces: {} of {}",
+                j.contact.folded, j.contact.cells, j.interface.folded, j.interface.cells
+            ),
+        ));
     }
     let links = &report.links;
     rows.push((

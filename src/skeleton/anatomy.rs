@@ -96,6 +96,21 @@ impl Kind {
         }
     }
 
+    /// Names of all bones of the skeleton.
+    pub fn names() -> Vec<String> {
+        let spine = (0..=SKULL).map(|level| match level {
+            SACRUM | SKULL => level_name(level),
+            _ => format!("vertebrae_{}", level_name(level)),
+        });
+        let middle = ["mandible", "hyoid", "sternum"].map(str::to_owned);
+        let sided = [Side::Left, Side::Right].into_iter().flat_map(|s| {
+            let paired = ["clavicula", "scapula", "humerus", "ulna", "radius", "hip", "femur"];
+            let ribs = (1..=12).map(move |n| format!("rib_{}_{n}", s.name()));
+            paired.into_iter().map(move |bone| format!("{bone}_{}", s.name())).chain(ribs)
+        });
+        spine.chain(middle).chain(sided).collect()
+    }
+
     /// The bone that carries this one in a complete body, counted outwards from the sacrum.
     ///
     /// The sternum hangs on T1: the first ribs are its shortest and stiffest link to the spine.
@@ -313,6 +328,9 @@ mod tests {
         for name in no {
             assert_eq!(Kind::of(name), None, "{name}");
         }
+        let names = Kind::names();
+        let kinds: std::collections::BTreeSet<Kind> = names.iter().filter_map(|n| Kind::of(n)).collect();
+        assert_eq!((names.len(), kinds.len()), (68, 68));
     }
 
     #[test]

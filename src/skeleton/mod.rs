@@ -8,6 +8,7 @@ mod limits;
 mod reroot;
 mod shape;
 mod show;
+mod sliding;
 mod spine;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ pub use limits::Excess;
 pub(crate) use reroot::in_order;
 pub use reroot::reroot;
 pub use show::tree;
+pub use sliding::{Sliding, SlidingOptions};
 
 use crate::geometry::{Rigid, about};
 use nalgebra::{Matrix3, Point3, Vector3};

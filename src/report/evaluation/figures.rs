@@ -89,6 +89,7 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
         list.add("regularity", name, "digitally folded cells", r.folds.folded as f64, "cells");
         list.add("regularity", name, "digitally folded volume", r.folds.folded_ml, "ml");
         list.add("regularity", name, "folded cells of bone contact", r.folds.folded_contact as f64, "cells");
+        list.add("regularity", name, "folded cells of sliding interfaces", r.folds.folded_interface as f64, "cells");
         list.add("regularity", name, "Jacobian jumps above 10", r.jacobian.jumps_above_10 as f64, "pairs");
         list.add("regularity", name, "curl, mean", r.curl.magnitude.mean, "");
         list.add("regularity", name, "curl, 95th percentile", r.curl.magnitude.p95, "");

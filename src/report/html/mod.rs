@@ -46,6 +46,8 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 (summary::tolerances(report))
                 h2 { "Bones" }
                 (tables::bones(report))
+                h2 { "Contact and sliding" }
+                (tables::contact(report))
                 h2 { "Jacobian" }
                 (tables::jacobian(report))
                 h2 { "Inverse and chain mail" }

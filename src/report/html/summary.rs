@@ -61,7 +61,12 @@ fn card(what: &str, value: Markup, more: &str) -> Markup {
 pub(super) fn cards(report: &Report) -> Markup {
     let mm = |v: f64, digits: usize| html! { (format!("{v:.digits$}")) small { " mm" } };
     let j = &report.jacobian;
-    let folded = format!("of {} cells; another {} in bone contact", count(j.body.cells), count(j.contact.folded));
+    let folded = format!(
+        "of {} cells; another {} in bone contact, {} where bones slide",
+        count(j.body.cells),
+        count(j.contact.folded),
+        count(j.interface.folded)
+    );
     let inverse = &report.inverse;
     let given = report.bones.iter().filter(|b| b.determined_by == "given").count();
     let visible = report.bones.iter().filter(|b| b.visible > 0.0).count();
@@ -105,7 +110,7 @@ pub(super) fn tolerances(report: &Report) -> Markup {
                     }
                 }
                 tr {
-                    td { "Jacobian, tissue outside bone contact" }
+                    td { "Jacobian, tissue outside bone contact and sliding interfaces" }
                     td { (format!("{} cells not positive; 1 % {:.2}, 99 % {:.2}, largest {:.2}", count(j.body.folded), j.body.p1, j.body.p99, j.body.max)) }
                     td { "no negative values; deviation from 1 as clinically expected" }
                 }

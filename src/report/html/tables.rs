@@ -1,6 +1,7 @@
 //! Tables of the page: bones, landmarks, Jacobian, inverse and links.
 
 use super::super::numbers::{Report, count};
+use crate::evaluate::contact::LISTED_MM;
 use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
 use crate::fit::BoneFit;
@@ -121,6 +122,51 @@ fn dots(r: &LandmarkResidual, top: f64) -> Markup {
     }
 }
 
+/// Gaps that grow by less are not shown, mm.
+const SHOWN_GROWTH_MM: f64 = 0.5;
+
+/// Bones that overlap, joints that open, skin on skin.
+pub(super) fn contact(report: &Report) -> Markup {
+    let c = &report.contact;
+    let opening: Vec<_> = c.joints.iter().filter(|j| j.growth_mm() > SHOWN_GROWTH_MM).collect();
+    html! {
+        p.note {
+            "Bones are rigid: where they would overlap after their motion, label, joint or fit is wrong by as much. Depth counts beyond that in the "
+            "planning CT, from " (format!("{LISTED_MM} mm")) " on; a gap is the least distance of two surfaces. Labels are known to about half a voxel."
+        }
+        div.pair {
+            @if c.overlaps.is_empty() {
+                p { "No bones overlap by " (format!("{LISTED_MM} mm")) " or more." }
+            } @else {
+                table {
+                    thead { tr { th { "Overlapping bones" } th.n { "Depth" br; "mm" } th.n { "At (fraction)" br; "LPS mm" } } }
+                    tbody {
+                        @for o in &c.overlaps {
+                            tr { td { (o.bones[0]) ", " (o.bones[1]) } td.n { (format!("{:.2}", o.depth_mm)) } td.n { (format!("{:.0}, {:.0}, {:.0}", o.at.x, o.at.y, o.at.z)) } }
+                        }
+                    }
+                }
+            }
+            @if opening.is_empty() {
+                p { "No joint opens by more than " (format!("{SHOWN_GROWTH_MM} mm")) "." }
+            } @else {
+                table {
+                    thead { tr { th { "Joints that open" } th.n { "Gap before" br; "mm" } th.n { "after" br; "mm" } th.n { "soft range" br; "mm" } } }
+                    tbody {
+                        @for j in opening {
+                            tr { td { (j.bones[0]) ", " (j.bones[1]) } @for v in [j.planning_mm, j.fraction_mm, j.play_mm] { td.n { (format!("{v:.2}")) } } }
+                        }
+                    }
+                }
+            }
+        }
+        p {
+            @if c.skin_voxels == 0 { "Nowhere does the moved patient lie on himself: skin does not pass through skin." }
+            @else { "Skin passes through skin in " (format!("{:.2} ml", c.skin_ml)) " (" (count(c.skin_voxels)) " fraction voxels, skin_contact.nii.gz)." }
+        }
+    }
+}
+
 /// The five characteristics of thesis Tab. 2 and what lies around them.
 pub(super) fn jacobian(report: &Report) -> Markup {
     let j = &report.jacobian;
@@ -129,7 +175,8 @@ pub(super) fn jacobian(report: &Report) -> Markup {
     html! {
         p.note {
             "Volume after over before, per cell of the planning grid; tissue is body above -500 HU. J<0 counts all cells, the other figures the "
-            "positive ones. Contact cells have corners in two or more bones: where rigid bones slide or meet, even the truth folds."
+            "positive ones. Contact cells have corners in two or more bones: where rigid bones slide or meet, even the truth folds. Interface cells lie where "
+            "declared pairs of bones slide on each other."
         }
         table {
             thead {
@@ -139,9 +186,10 @@ pub(super) fn jacobian(report: &Report) -> Markup {
                 }
             }
             tbody {
-                (jacobian_row("Tissue outside bone contact", &j.body))
+                (jacobian_row("Tissue outside contact and interfaces", &j.body))
                 (jacobian_row("Soft tissue", &j.soft_tissue))
                 (jacobian_row("Bone contact", &j.contact))
+                @if j.interface.cells > 0 { (jacobian_row("Sliding interfaces", &j.interface)) }
                 @for (name, s) in shown { (jacobian_row(name, s)) }
             }
         }

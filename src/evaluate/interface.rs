@@ -1,0 +1,120 @@
+//! Cells of declared sliding interfaces: where tissue may glide, a folded cell is no error of the field.
+//!
+//! A place belongs to an interface when its nearest bone changes there from one bone of a declared pair to the other:
+//! in a grid of 3 mm, a voxel whose nearest bone and that of one of its 26 neighbours are such a pair. That is a layer about
+//! 6 mm thick on the surface that is equally far from both bones; it ends [`REACH_MM`] from them.
+
+use crate::geometry::Grid;
+use crate::geometry::stencil::NEIGHBOURS_26;
+use crate::volume::distance::{nearest_label, squared_distance_within};
+use crate::volume::{LabelMap, Mask, Volume};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Spacing at which interfaces are found, mm: that of the chain mail's elements.
+const SPACING_MM: f64 = 3.0;
+/// Farthest from the bones that an interface reaches, mm.
+pub const REACH_MM: f64 = 25.0;
+
+/// The interfaces on a coarse grid that shares origin and axes with the labels'.
+pub(super) struct Interfaces {
+    mask: Mask,
+    /// Coarse index of each cell's middle along each axis of the labels' grid.
+    place: [Vec<usize>; 3],
+}
+
+impl Interfaces {
+    /// Those between `pairs` of the bones of a label map; `None` when none of the pairs occurs.
+    pub(super) fn new(bones: &LabelMap, is_bone: impl Fn(u16) -> bool, pairs: &[[u16; 2]]) -> Option<Self> {
+        if pairs.is_empty() {
+            return None;
+        }
+        let fine = bones.volume.grid();
+        let grid = fine.coarsened(SPACING_MM);
+        let labels = coarse(bones, &grid, is_bone);
+        let owner = nearest_label(&labels);
+        let near = squared_distance_within(&labels.map(|&l| l != 0), true, REACH_MM);
+        let declared: BTreeSet<[u16; 2]> = pairs.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
+        let concerned: BTreeSet<u16> = declared.iter().map(|p| p[0]).collect();
+        let size = grid.size();
+        let set = |l: usize| {
+            let own = owner.data()[l];
+            if f64::from(near.data()[l]) > REACH_MM * REACH_MM || !concerned.contains(&own) {
+                return false;
+            }
+            let at = grid.voxel(l);
+            NEIGHBOURS_26.iter().any(|o| {
+                let to: [usize; 3] = std::array::from_fn(|a| at[a].wrapping_add_signed(o[a] as isize));
+                (0..3).all(|a| to[a] < size[a]) && declared.contains(&[own, *owner.at(to)])
+            })
+        };
+        let data: Vec<bool> = (0..grid.len()).into_par_iter().map(set).collect();
+        let any = data.contains(&true);
+        let place = std::array::from_fn(|a| {
+            let step = fine.spacing()[a] / grid.spacing()[a];
+            (0..fine.size()[a]).map(|i| (((i as f64 + 0.5) * step).round() as usize).min(size[a] - 1)).collect()
+        });
+        any.then(|| Self { mask: Volume::new(grid, data).expect("one value per voxel"), place })
+    }
+
+    /// Whether the cell with this lowest corner belongs to an interface.
+    pub(super) fn holds(&self, [i, j, k]: [usize; 3]) -> bool {
+        *self.mask.at([self.place[0][i], self.place[1][j], self.place[2][k]])
+    }
+}
+
+/// The bone of each coarse voxel: the first of the fine voxels that it holds.
+fn coarse(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> Volume<u16> {
+    let fine = bones.volume.grid();
+    let mut out = Volume::filled(grid.clone(), 0u16);
+    let last = grid.size().map(|n| n - 1);
+    for (l, &label) in bones.volume.data().iter().enumerate().filter(|(_, l)| **l > 0 && is_bone(**l)) {
+        let voxel = fine.voxel(l);
+        let at = std::array::from_fn(|a| {
+            ((voxel[a] as f64 * fine.spacing()[a] / grid.spacing()[a]).round() as usize).min(last[a])
+        });
+        let at = grid.linear(at);
+        if out.data()[at] == 0 {
+            out.data_mut()[at] = label;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn the_layer_lies_between_the_declared_bones_and_ends() {
+        // Two plates at x = 0..4 and x = 44..48 up to z = 40, a third bone above them; 1 x 1 x 2 mm.
+        let grid = Grid::axis_aligned([49, 30, 61], [1.0, 1.0, 2.0], [5.0, -7.0, 3.0]).unwrap();
+        let volume = Volume::from_fn(grid.clone(), |l| {
+            let [i, _, k] = grid.voxel(l);
+            match (i, 2 * k) {
+                (0..=4, 0..=40) => 1,
+                (44..=48, 0..=40) => 2,
+                (20..=28, 110..=120) => 3,
+                _ => 0u16,
+            }
+        });
+        let bones = LabelMap { volume, names: BTreeMap::new() };
+        let found = Interfaces::new(&bones, |_| true, &[[2, 1]]).unwrap();
+        for i in 0..48 {
+            let middle = f64::from(i as u32) + 0.5;
+            if (middle - 24.0).abs() < 2.0 {
+                assert!(found.holds([i, 10, 10]), "{i}");
+            }
+            if (middle - 24.0).abs() > 5.0 {
+                assert!(!found.holds([i, 10, 10]), "{i}");
+            }
+        }
+        // 20 mm from both plates it is still there, 30 mm above their edges it is not.
+        assert!(found.holds([24, 10, 20]) && !found.holds([24, 10, 36]));
+        assert!(Interfaces::new(&bones, |_| true, &[]).is_none());
+        assert!(Interfaces::new(&bones, |_| true, &[[1, 3]]).is_none_or(|f| !f.holds([24, 10, 10])));
+        // A label that is no bone takes no part.
+        assert!(Interfaces::new(&bones, |l| l != 2, &[[1, 2]]).is_none());
+    }
+}

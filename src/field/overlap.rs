@@ -1,0 +1,178 @@
+//! Where the pushed patient lies on himself: fraction voxels that two parts of the body reach with air between them in
+//! the planning CT, as an arm lowered into the thorax. Folds inside the tissue are another matter
+//! ([`super::multiple_preimages`]).
+
+use super::PushField;
+use super::tetrahedra::{cut, voxels_inside};
+use crate::geometry::Grid;
+use crate::volume::{Mask, Volume};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+/// Spacing of the rough search, mm.
+const ROUGH_MM: f64 = 6.0;
+/// Distance of the points of the body in the rough search, mm.
+const POINTS_MM: f64 = 3.0;
+/// Step along a line that is tested for leaving the body, mm.
+const STEP_MM: f64 = 1.0;
+
+/// Mask on the fraction grid of voxels inside two cells of the pushed body whose straight connection in planning leaves
+/// the body. `body` lies on the push field's grid and holds the patient's cavities, so that an airway that closes does
+/// not count. Inverted tetrahedra take no part.
+pub fn overlaps(push: &PushField, body: &Mask, fraction: &Grid) -> Mask {
+    let rough = fraction.coarsened(ROUGH_MM);
+    let suspects = suspects(push, body, &rough);
+    let mut out = Volume::filled(fraction.clone(), false);
+    let Some(suspects) = suspects else { return out };
+    let grid = body.grid();
+    let [ni, nj, nk] = grid.size();
+    let [sx, sy, sz] = grid.strides();
+    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let mut hits: Vec<(usize, usize)> = (0..nk - 1)
+        .into_par_iter()
+        .flat_map_iter(|k| {
+            let mut hits = Vec::new();
+            for j in 0..nj - 1 {
+                for i in 0..ni - 1 {
+                    let l = grid.linear([i, j, k]);
+                    let near = || nearest(&rough, &moved(push, l)).is_some_and(|at| suspects.data()[at]);
+                    if corners.iter().all(|c| body.data()[l + c]) && near() {
+                        cover(push, [i, j, k], fraction, |voxel| hits.push((voxel, l)));
+                    }
+                }
+            }
+            hits
+        })
+        .collect();
+    hits.par_sort_unstable();
+    for group in hits.chunk_by(|a, b| a.0 == b.0) {
+        let first = grid.centre(grid.voxel(group[0].1));
+        if group[1..].iter().any(|(_, l)| apart(body, &first, &grid.centre(grid.voxel(*l)))) {
+            out.data_mut()[group[0].0] = true;
+        }
+    }
+    out
+}
+
+/// Rough voxels that parts of the body reach that are apart, and their neighbours; `None` when there are none.
+fn suspects(push: &PushField, body: &Mask, rough: &Grid) -> Option<Mask> {
+    let grid = body.grid();
+    let size = grid.size();
+    let stride: [usize; 3] = grid.spacing().map(|s| ((POINTS_MM / s) as usize).max(1));
+    let mut first = vec![u32::MAX; rough.len()];
+    let mut found = Vec::new();
+    for k in (0..size[2]).step_by(stride[2]) {
+        for j in (0..size[1]).step_by(stride[1]) {
+            for i in (0..size[0]).step_by(stride[0]) {
+                let l = grid.linear([i, j, k]);
+                if !body.data()[l] {
+                    continue;
+                }
+                let Some(at) = nearest(rough, &moved(push, l)) else { continue };
+                if first[at] == u32::MAX {
+                    first[at] = l as u32;
+                } else if apart(body, &grid.centre(grid.voxel(first[at] as usize)), &grid.centre([i, j, k])) {
+                    found.push(at);
+                }
+            }
+        }
+    }
+    if found.is_empty() {
+        return None;
+    }
+    let mut out = Volume::filled(rough.clone(), false);
+    for at in found {
+        let voxel = rough.voxel(at);
+        let range = |a: usize| voxel[a].saturating_sub(1)..(voxel[a] + 2).min(rough.size()[a]);
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    let near = rough.linear([i, j, k]);
+                    out.data_mut()[near] = true;
+                }
+            }
+        }
+    }
+    Some(out)
+}
+
+/// Where a planning voxel goes.
+fn moved(push: &PushField, voxel: usize) -> Point3<f64> {
+    let grid = push.displacement.grid();
+    grid.centre(grid.voxel(voxel)) + Vector3::from(push.displacement.data()[voxel].map(f64::from))
+}
+
+/// The nearest voxel of a grid, if the point lies in it.
+fn nearest(grid: &Grid, p: &Point3<f64>) -> Option<usize> {
+    let at = grid.index(p).map(f64::round);
+    (0..3)
+        .all(|a| at[a] >= 0.0 && at[a] < grid.size()[a] as f64)
+        .then(|| grid.linear([0, 1, 2].map(|a| at[a] as usize)))
+}
+
+/// Whether the straight line between two places leaves the body.
+fn apart(body: &Mask, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+    let steps = ((b - a).norm() / STEP_MM).ceil();
+    (1..steps as usize)
+        .map(|n| a + (b - a) * (n as f64 / steps))
+        .any(|p| nearest(body.grid(), &p).is_none_or(|l| !body.data()[l]))
+}
+
+/// Calls `hit` with each fraction voxel inside an upright tetrahedron of the moved cell.
+fn cover(push: &PushField, at: [usize; 3], fraction: &Grid, mut hit: impl FnMut(usize)) {
+    let grid = push.displacement.grid();
+    let corner = |c: usize| {
+        let l = grid.linear(std::array::from_fn(|a| at[a] + (c >> a & 1)));
+        (grid.centre(grid.voxel(l)), fraction.index(&moved(push, l)))
+    };
+    let handed = fraction.inverse_step().determinant().signum();
+    for t in cut(at) {
+        let p = t.map(corner);
+        let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
+        let edges = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
+        if edges.determinant() * handed * rest.signum() > 0.0 {
+            voxels_inside(fraction, &p.map(|c| c.1), &edges, &mut hit);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two slabs with a gap of 12 mm, `x` in [4, 16] and [28, 44]; the first moves by `shift`, squeezing the air.
+    fn slabs(shift: f32) -> (PushField, Mask) {
+        let grid = Grid::axis_aligned([49, 20, 20], [1.0; 3], [0.0; 3]).unwrap();
+        let body = Volume::from_fn(grid.clone(), |l| {
+            let [i, j, k] = grid.voxel(l);
+            ((4..=16).contains(&i) || (28..=44).contains(&i)) && (3..=16).contains(&j) && (3..=16).contains(&k)
+        });
+        let u = |l: usize| {
+            let i = grid.voxel(l)[0] as f32;
+            [shift * ((28.0 - i) / 12.0).clamp(0.0, 1.0), 0.0, 0.0]
+        };
+        let displacement = Volume::from_fn(grid.clone(), u);
+        (PushField { displacement, computed: Volume::filled(grid, true) }, body)
+    }
+
+    #[test]
+    fn skin_that_passes_skin_is_found_with_its_volume() {
+        let target = Grid::axis_aligned([98, 20, 40], [0.5, 1.0, 0.5], [-0.25, 0.0, 0.0]).unwrap();
+        for (shift, depth) in [(10.0, 0.0), (12.0, 0.0), (15.0, 3.0), (18.0, 6.0)] {
+            let (push, body) = slabs(shift);
+            let found = overlaps(&push, &body, &target);
+            let mm3 = found.count() as f64 * target.voxel_volume();
+            let want = depth * 13.0 * 13.0;
+            assert!((mm3 - want).abs() <= 0.15 * want + 1e-9, "{shift}: {mm3} {want}");
+        }
+    }
+
+    #[test]
+    fn a_fold_inside_tissue_is_no_contact_of_skin() {
+        let (mut push, _) = slabs(0.0);
+        let grid = push.displacement.grid().clone();
+        push.displacement =
+            Volume::from_fn(grid.clone(), |l| [-12.0 * ((grid.voxel(l)[0] as f32 - 20.0) / 6.0).tanh(), 0.0, 0.0]);
+        assert_eq!(overlaps(&push, &Volume::filled(grid.clone(), true), &grid).count(), 0);
+    }
+}

@@ -1,0 +1,116 @@
+//! Bones that run into each other or come apart, and skin that meets skin: measured, and said.
+
+use crate::evaluate::contact::{self, ContactReport, MovedBone};
+use crate::field::{self, PushField};
+use crate::geometry::{Grid, Rigid};
+use crate::skeleton::Skeleton;
+use crate::volume::{LabelMap, Mask};
+use crate::warning::Warning;
+
+/// Bones that overlap by more than this are warned of, mm, and by more than half of the largest voxel edge: a label's
+/// surface is not known better than that on either bone.
+const DEPTH_MM: f64 = 1.0;
+/// Gaps that grow by this much more than the joint's soft range are warned of, mm.
+const APART_MM: f64 = 2.0;
+
+/// Contact of the moved bones, and of skin with the mask of the fraction voxels concerned, if there are any.
+pub(super) fn measure(
+    labels: &LabelMap,
+    skeleton: &Skeleton,
+    transforms: &[Rigid],
+    push: &PushField,
+    body: &Mask,
+    target: &Grid,
+) -> (ContactReport, Option<Mask>) {
+    let moved: Vec<MovedBone<'_>> = skeleton
+        .bones
+        .iter()
+        .zip(transforms)
+        .map(|(bone, transform)| MovedBone {
+            name: &bone.name,
+            label: bone.label,
+            transform,
+            parent: bone.parent,
+            play_mm: bone.joint.translation_range_mm.iter().map(|m| m * m).sum::<f64>().sqrt(),
+        })
+        .collect();
+    let mut report = contact::bones(labels, &moved);
+    let skin = field::overlaps(push, body, target);
+    report.skin_voxels = skin.count();
+    report.skin_ml = report.skin_voxels as f64 * target.voxel_volume() / 1000.0;
+    let skin = (report.skin_voxels > 0).then_some(skin);
+    (report, skin)
+}
+
+/// What of it deserves a warning. `voxel` is the planning grid's largest voxel edge, mm.
+pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
+    let mut out = Vec::new();
+    let limit = DEPTH_MM.max(0.5 * voxel);
+    let deep: Vec<String> = report
+        .overlaps
+        .iter()
+        .filter(|o| o.depth_mm > limit)
+        .map(|o| format!("{} and {} ({:.1} mm)", o.bones[0], o.bones[1], o.depth_mm))
+        .collect();
+    if !deep.is_empty() {
+        let list = deep.join(", ");
+        let message = format!(
+            "{} pairs of bones overlap by more than {limit:.1} mm after their motion: {list}; check their labels and \
+             their fit in the fusion images",
+            deep.len()
+        );
+        out.push(Warning::new("bones-overlap", message));
+    }
+    let wide: Vec<String> = report
+        .joints
+        .iter()
+        .filter(|j| j.growth_mm() > APART_MM + j.play_mm)
+        .map(|j| format!("{} from {} ({:.1} to {:.1} mm)", j.bones[0], j.bones[1], j.planning_mm, j.fraction_mm))
+        .collect();
+    if !wide.is_empty() {
+        let list = wide.join(", ");
+        let message = format!("{} joints come apart beyond their range: {list}; check labels and fit", wide.len());
+        out.push(Warning::new("bones-apart", message));
+    }
+    if report.skin_voxels > 0 {
+        let message = format!(
+            "the moved patient lies on himself in {:.2} ml of the fraction ({} voxels): skin passes through skin; see \
+             skin_contact.nii.gz, and do not trust dose or contours there",
+            report.skin_ml, report.skin_voxels
+        );
+        out.push(Warning::new("skin-meets-skin", message));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::contact::{BoneOverlap, JointGap};
+    use nalgebra::Point3;
+
+    #[test]
+    fn warnings_name_what_exceeds_its_limit_and_nothing_else() {
+        let overlap =
+            |a: &str, depth_mm| BoneOverlap { bones: [a.into(), "skull".into()], depth_mm, at: Point3::origin() };
+        let gap = |a: &str, fraction_mm| JointGap {
+            bones: [a.into(), "skull".into()],
+            planning_mm: 1.0,
+            fraction_mm,
+            play_mm: 3.0,
+        };
+        let report = ContactReport {
+            overlaps: vec![overlap("mandible", 2.0), overlap("vertebrae_C1", 1.2)],
+            joints: vec![gap("hyoid", 6.5), gap("sternum", 5.5)],
+            skin_voxels: 0,
+            skin_ml: 0.0,
+        };
+        let all = warnings(&report, 3.0);
+        assert_eq!(all.iter().map(|w| w.code.as_str()).collect::<Vec<_>>(), ["bones-overlap", "bones-apart"]);
+        assert!(all[0].message.contains("mandible") && !all[0].message.contains("C1"));
+        assert!(all[1].message.contains("hyoid") && !all[1].message.contains("sternum"));
+        assert!(warnings(&report, 1.0)[0].message.contains("C1"));
+        let skin = ContactReport { skin_voxels: 5, skin_ml: 0.04, ..ContactReport::default() };
+        assert_eq!(warnings(&skin, 1.0)[0].code, "skin-meets-skin");
+    }
+}
