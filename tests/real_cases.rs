@@ -19,7 +19,7 @@ use aventail::volume::{LabelMap, Volume};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::score::{dice, name, read_truth, score_case, surface_p95};
+use support::score::{dice, name, read_truth, score_case, surface_p95, trust};
 
 /// Mean over visible bones, and the worst of them, mm.
 const BONES_MM: (f64, f64) = (0.5, 1.2);
@@ -29,6 +29,8 @@ const RIGID_MM: f64 = 0.001;
 const FOLDED_PERCENT: f64 = 0.05;
 /// Mean error of soft tissue by fraction, mm: bones alone do not explain all of its motion.
 const SOFT_MM: [(&str, f64); 4] = [("small", 1.0), ("moderate", 1.7), ("change", 1.1), ("spline", 1.4)];
+/// Least rank correlation of the map of uncertainty with the true error.
+const TRUST: f64 = 0.45;
 /// The same for other fractions.
 const SOFT_OTHER_MM: f64 = 1.7;
 
@@ -91,7 +93,10 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
     };
     let runtime = Runtime::silent().expect("threads start");
     let outcome = register(&input, &Config::default(), &runtime).expect("the case registers");
-    let score = score_case(&outcome.push, &read_truth(&folder.join("truth_points.csv.gz")));
+    let truth = read_truth(&folder.join("truth_points.csv.gz"));
+    let score = score_case(&outcome.push, &truth);
+    let (map, _) = outcome.uncertainty.as_ref().expect("it is made by default");
+    let (ranked, below) = trust(map, &outcome.push, &truth);
     let rigid = outcome.rigidity.iter().map(|b| b.rms_mm).fold(0.0, f64::max);
     let folded = outcome.jacobian_report.body.folded_percent;
     let bone = name(&planning.bones, score.worst.0);
@@ -101,6 +106,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         "{case}: bones {:.3} mm, worst {bone} {:.3} mm, soft {:.3} mm, rigid {rigid:.5} mm, folded {folded:.4} %, landmarks {landmarks:.2} mm, {seconds:.1} s",
         score.bones, score.worst.1, score.soft
     );
+    println!("{case}: uncertainty against true error: Spearman {ranked:.3}, {:.0} % of errors below it", 100.0 * below);
     let soft = SOFT_MM.iter().find(|s| s.0 == case).map_or(SOFT_OTHER_MM, |s| s.1);
     let bounds = [
         ("mean of bones, mm", score.bones, BONES_MM.0),
@@ -108,6 +114,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         ("soft tissue, mm", score.soft, soft),
         ("departure from rigid, mm", rigid, RIGID_MM),
         ("folded, %", folded, FOLDED_PERCENT),
+        ("uncertainty, 1 - rank correlation", 1.0 - ranked, 1.0 - TRUST),
     ];
     let beyond = bounds.into_iter().filter(|(_, value, bound)| value.is_nan() || value > bound);
     beyond.map(|(what, value, bound)| format!("{what}: {value:.4} is above {bound}")).collect()

@@ -149,6 +149,30 @@ impl Material {
     }
 }
 
+/// The label of an organ that a setting names; bones are those labels for which `is_bone` holds.
+///
+/// # Errors
+/// [`Error::Usage`] when no label has the name, or it is a bone's.
+pub fn organ_label(setting: &str, name: &str, labels: &LabelMap, is_bone: impl Fn(u16) -> bool) -> Result<u16> {
+    let Some((&label, _)) = labels.names.iter().find(|(_, n)| *n == name) else {
+        let others: Vec<&str> = labels.names.iter().filter(|(l, _)| !is_bone(**l)).map(|(_, n)| n.as_str()).collect();
+        return Err(Error::usage(
+            format!("{setting}.{name}: no label has this name"),
+            if others.is_empty() {
+                "the label map names bones only; add the organ to it, give it with --organs, or leave the setting out"
+                    .to_owned()
+            } else {
+                format!("the labels that are no bones are {}", others.join(", "))
+            },
+        ));
+    };
+    if is_bone(label) {
+        let problem = format!("{setting}.{name}: this label is a bone, and bones are rigid");
+        return Err(Error::usage(problem, "name soft organs only"));
+    }
+    Ok(label)
+}
+
 /// Own constraints by label number, in place of the transfer function.
 #[derive(Debug, Clone, Default)]
 pub struct Organs(BTreeMap<u16, Constraint>);
@@ -161,25 +185,7 @@ impl Organs {
     pub fn new(named: &BTreeMap<String, Constraint>, labels: &LabelMap, is_bone: impl Fn(u16) -> bool) -> Result<Self> {
         let mut found = BTreeMap::new();
         for (name, constraint) in named {
-            let Some((&label, _)) = labels.names.iter().find(|(_, n)| *n == name) else {
-                let others: Vec<&str> =
-                    labels.names.iter().filter(|(l, _)| !is_bone(**l)).map(|(_, n)| n.as_str()).collect();
-                return Err(Error::usage(
-                    format!("chainmail.organs.{name}: no label has this name"),
-                    if others.is_empty() {
-                        "the label map names bones only; add the organ to it, or leave the setting out".to_owned()
-                    } else {
-                        format!("the labels that are no bones are {}", others.join(", "))
-                    },
-                ));
-            };
-            if is_bone(label) {
-                return Err(Error::usage(
-                    format!("chainmail.organs.{name}: this label is a bone, and bones are rigid"),
-                    "name soft organs only",
-                ));
-            }
-            found.insert(label, *constraint);
+            found.insert(organ_label("chainmail.organs", name, labels, &is_bone)?, *constraint);
         }
         Ok(Self(found))
     }

@@ -2,6 +2,7 @@
 
 use super::carry::Carry;
 use super::front::{Front, LinkTime, Order, Structures};
+use super::growth::VolumeChange;
 use super::material::{Constraint, Material};
 use super::relax::Elasticity;
 use serde::{Deserialize, Serialize};
@@ -27,6 +28,8 @@ pub struct ChainmailOptions {
     pub material: Material,
     /// Own constraints of label names that are not bones, instead of the transfer function.
     pub organs: BTreeMap<String, Constraint>,
+    /// Organs whose volume in the fraction is known to differ; they start deformation as bones do.
+    pub volume_change: Vec<VolumeChange>,
     /// Which element is processed next.
     pub order: Order,
     /// Time along a link.
@@ -61,6 +64,7 @@ impl Default for ChainmailOptions {
         Self {
             material: Material::default(),
             organs: BTreeMap::new(),
+            volume_change: Vec::new(),
             order: Order::Timestamps,
             link_time: LinkTime::SlowInStiff,
             front: Front::Round,
@@ -93,6 +97,11 @@ impl ChainmailOptions {
         }
     }
 
+    /// Whether these settings say something about an organ.
+    pub fn names_organ(&self, name: &str) -> bool {
+        self.organs.contains_key(name) || self.volume_change.iter().any(|c| c.organ == name)
+    }
+
     /// The first impossible choice in these settings, if any, with its key.
     pub fn problem(&self) -> Option<String> {
         let within = |name: &str, value: f64, low: f64, high: f64| {
@@ -112,6 +121,14 @@ impl ChainmailOptions {
                     .to_owned()
             }),
             self.material.problem(),
+            self.volume_change.iter().find_map(VolumeChange::problem),
+            (!self.volume_change.is_empty()
+                && (self.relaxation.is_empty() || self.elasticity != Elasticity::Corotated))
+                .then(|| {
+                    "chainmail.volume_change works through the corotated relaxation: chainmail.relaxation must not be empty \
+                     and chainmail.elasticity must be \"corotated\""
+                        .to_owned()
+                }),
             self.organs.iter().find_map(|(name, c)| Some(format!("chainmail.organs.{name}: {}", c.problem()?))),
         ];
         checks.into_iter().flatten().next()

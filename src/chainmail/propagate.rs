@@ -3,6 +3,7 @@
 use super::blend::{first_wave, spread};
 use super::carry::Initiators;
 use super::extend::{extend, fill};
+use super::growth::Growth;
 use super::lattice::{Lattice, Node, Tissue};
 use super::material::Organs;
 use super::options::ChainmailOptions;
@@ -41,6 +42,7 @@ pub fn propagate(
     let organs = organs(tissue, options)?;
     let turns: Vec<Matrix3<f64>> =
         bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let mut growth = Growth::new(&options.volume_change, tissue)?;
     let steps = options.relaxation.len() + 2;
     // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
     let mut change: Option<Volume<[f32; 3]>> = None;
@@ -48,8 +50,9 @@ pub fn propagate(
         progress.step(n, steps, &format!("relax at {spacing} mm"));
         let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
         let start = start(&lattice, bones, options, change.as_ref());
+        growth.enter(&lattice, tissue);
         let relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity);
-        let relaxed = relax(relaxation, &lattice, rounds, image);
+        let relaxed = relax(relaxation, &lattice, rounds, &mut growth, image);
         let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
             .map(|n| (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a])))
             .collect();
@@ -59,8 +62,9 @@ pub fn propagate(
     let lattice = Lattice::new(tissue, &options.material, &organs, options.spacing_mm);
     let (mut displacement, _) = start(&lattice, bones, options, change.as_ref());
     if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
+        growth.enter(&lattice, tissue);
         let relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity);
-        displacement = relax(relaxation, &lattice, rounds, image);
+        displacement = relax(relaxation, &lattice, rounds, &mut growth, image);
     }
     let known: Vec<Option<[f32; 3]>> =
         (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
@@ -76,14 +80,19 @@ const LEAST_VOLUME: f64 = 0.3;
 /// Times that elements are let go at each spacing.
 const RELEASES: usize = 6;
 
-/// Relaxes by mechanics alone, then with the images' pull, which lets go where cells would tangle.
+/// Relaxes by mechanics alone (again and again where organs change their volume, until they do), then with the images' pull, which lets go where cells would tangle.
 fn relax(
     mut relaxation: Relaxation<'_>,
     lattice: &Lattice,
     rounds: usize,
+    growth: &mut Growth,
     image: Option<&dyn ImagePull>,
 ) -> Vec<[f32; 3]> {
-    relaxation.run(rounds, None);
+    for _ in 0..growth.passes() {
+        relaxation.scale_links(growth.scale(lattice.node.len()));
+        relaxation.run(rounds, None);
+        growth.adapt(lattice, || relaxation.displacements());
+    }
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);

@@ -50,6 +50,8 @@ pub struct Relaxation<'a> {
     softness: Vec<f32>,
     /// Whether links turn with the tissue.
     turning: bool,
+    /// Relative rest length of each node's links; empty where all are 1.
+    scale: Vec<f32>,
 }
 
 /// One of the 26 links: where it leads and what it is at rest.
@@ -116,7 +118,12 @@ impl<'a> Relaxation<'a> {
             let soft = (0..plane as u32).filter(|&n| lattice.node[range.start + n as usize] == Node::Soft).collect();
             work.push(Work { soft });
         }
-        Self { lattice, even, odd, work, links, softness, turning }
+        Self { lattice, even, odd, work, links, softness, turning, scale: Vec::new() }
+    }
+
+    /// Sets the relative rest length of each node's links, where links turn; a link takes the mean of its ends.
+    pub fn scale_links(&mut self, scale: Option<Vec<f32>>) {
+        self.scale = scale.unwrap_or_default();
     }
 
     /// `rounds` rounds of local rotations (where links turn) and one sweep over all elements each; returns the last
@@ -234,7 +241,10 @@ impl<'a> Relaxation<'a> {
                                 }
                             }
                         }
-                        nearest_rotation(&m, &own.turn[n])
+                        match this.scale.get(base + n) {
+                            None => nearest_rotation(&m, &own.turn[n]),
+                            Some(&s) => scaled(&nearest_rotation(&m, &unscaled(&own.turn[n])), s),
+                        }
                     })
                     .collect()
             })
@@ -246,6 +256,17 @@ impl<'a> Relaxation<'a> {
             }
         }
     }
+}
+
+/// `s R - I` from `R - I`.
+fn scaled(turn: &[f32; 9], s: f32) -> [f32; 9] {
+    std::array::from_fn(|i| s * turn[i] + if i % 4 == 0 { s - 1.0 } else { 0.0 })
+}
+
+/// `R - I` from `s R - I`.
+fn unscaled(turn: &[f32; 9]) -> [f32; 9] {
+    let m = Matrix3::from_row_slice(turn) + Matrix3::identity();
+    scaled(turn, m.determinant().cbrt().recip())
 }
 
 fn flat(m: &Matrix3<f64>) -> [f32; 9] {

@@ -1,6 +1,7 @@
 //! The command line: verbs, options and their help.
 
 use super::links::{LinkArg, frame};
+use super::organs::OrganArgs;
 use crate::field::FieldFormat;
 use crate::io::points::Space;
 use crate::phantom::Formula;
@@ -72,12 +73,14 @@ Writes to OUT:
   jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  uncertainty.nii.gz          how far the result may be trusted, mm, on the planning grid
   skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 
 Examples:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --fraction fraction_ct.nii.gz --out out
   aventail register --config out/report.json --out again      # the same run once more";
 
 /// Options of `register`.
@@ -98,6 +101,9 @@ pub struct RegisterArgs {
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
+    /// Organs and their change of volume.
+    #[command(flatten)]
+    pub organs: OrganArgs,
     /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
@@ -201,6 +207,10 @@ pub struct WarpArgs {
     /// Value of an image where nothing maps [default: -1000, air]
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     pub outside: Option<f32>,
+    /// Scale HU + 1000 of a CT by the tissue's volume before over after, so that no mass is made or lost: what is squeezed
+    /// gets denser. Without it a CT keeps its HU, as tissue does that merely moves or exchanges fluid
+    #[arg(long)]
+    pub scale_by_jacobian: bool,
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,

@@ -1,5 +1,6 @@
 //! Input files of a run: from the flags, else from the report that is run again.
 
+use super::organs;
 use crate::config::RecordedInput;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -16,6 +17,7 @@ pub(super) struct Inputs {
     bones: PathBuf,
     fraction: Option<PathBuf>,
     labels: Option<PathBuf>,
+    organs: Option<PathBuf>,
     skeleton: Option<PathBuf>,
     landmarks: Option<PathBuf>,
     bone_landmarks: Option<PathBuf>,
@@ -28,6 +30,7 @@ pub(super) struct Flags<'a> {
     /// `None` for verbs that have no fraction CT.
     pub fraction: Option<&'a Option<PathBuf>>,
     pub labels: &'a Option<PathBuf>,
+    pub organs: &'a Option<PathBuf>,
     pub skeleton: &'a Option<PathBuf>,
     pub landmarks: &'a Option<PathBuf>,
     pub bone_landmarks: &'a Option<PathBuf>,
@@ -53,6 +56,7 @@ impl Inputs {
             bones: needed(flags.bones, "bones")?,
             fraction: flags.fraction.map(|f| needed(f, "fraction")).transpose()?,
             labels: either(flags.labels, "labels", recorded),
+            organs: either(flags.organs, "organs", recorded),
             skeleton: either(flags.skeleton, "skeleton", recorded),
             landmarks: either(flags.landmarks, "landmarks", recorded),
             bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
@@ -64,7 +68,11 @@ impl Inputs {
     pub(super) fn load(&self, recorded: &[RecordedInput], runtime: &Runtime) -> Result<Case> {
         runtime.stage("read", || {
             let planning = io::read_image(&self.planning)?;
-            let bones = io::read_labels(&self.bones, self.labels.as_deref())?;
+            let mut bones = io::read_labels(&self.bones, self.labels.as_deref())?;
+            if let Some(path) = &self.organs {
+                let odd = organs::add(&mut bones.value, path)?;
+                bones.warnings.extend(odd);
+            }
             let fraction = self.fraction.as_deref().map(io::read_image).transpose()?;
             let landmarks = self.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
             let bone_landmarks =
@@ -77,6 +85,7 @@ impl Inputs {
             inputs.extend(fraction.as_ref().map(|f| read("fraction", f)));
             for (role, path) in [
                 ("labels", &self.labels),
+                ("organs", &self.organs),
                 ("skeleton", &self.skeleton),
                 ("landmarks", &self.landmarks),
                 ("bone-landmarks", &self.bone_landmarks),

@@ -7,6 +7,7 @@ pub mod evaluate;
 mod inputs;
 mod inspect;
 mod links;
+mod organs;
 mod phantom;
 pub mod pose;
 mod register;

@@ -2,6 +2,7 @@
 
 use super::args::RunArgs;
 use super::inputs::{Flags, Inputs, changed, either, named};
+use super::organs::OrganArgs;
 use super::register::{open_folder, progress, settings, write_run};
 use crate::config::ConfigFile;
 use crate::error::{Error, Result};
@@ -23,8 +24,10 @@ A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows na
 
 Writes to OUT what `register` writes, with the artificial CT as planning_on_fraction.nii.gz.
 
-Example:
-  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose pose.toml --out raised";
+Examples:
+  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose pose.toml --out raised
+  aventail pose --planning planning_ct.nii.gz --bones bones.nii.gz --pose still.toml --organs parotid_left.nii.gz \\
+                --volume-change parotid_left=0.8 --out shrunk";
 
 /// Options of `pose`.
 #[derive(Debug, Args)]
@@ -47,6 +50,9 @@ pub struct PoseArgs {
     /// Names of the labels, {"labels": {"1": "skull", ...}}
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
+    /// Organs and their change of volume.
+    #[command(flatten)]
+    pub organs: OrganArgs,
     /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
@@ -88,12 +94,14 @@ fn parse_margin(text: &str) -> Result<f64, String> {
 /// Of every kind but failed registration; see [`Error`].
 pub fn run(args: &PoseArgs) -> Result<String> {
     let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
-    let config = settings(&file, &args.run)?;
+    let mut config = settings(&file, &args.run)?;
+    args.organs.apply(&mut config)?;
     let flags = Flags {
         planning: &args.planning,
         bones: &args.bones,
         fraction: None,
         labels: &args.labels,
+        organs: &args.organs.organs,
         skeleton: &args.skeleton,
         landmarks: &args.landmarks,
         bone_landmarks: &args.motion.bone_landmarks,

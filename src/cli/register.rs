@@ -26,11 +26,13 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             LandmarkUseName::Replace => LandmarkUse::Replace,
         };
     }
+    args.organs.apply(&mut config)?;
     let flags = Flags {
         planning: &args.planning,
         bones: &args.bones,
         fraction: Some(&args.fraction),
         labels: &args.labels,
+        organs: &args.organs.organs,
         skeleton: &args.skeleton,
         landmarks: &args.landmarks,
         bone_landmarks: &args.bone_landmarks,
@@ -150,6 +152,13 @@ fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<O
     if let Some(skin) = &outcome.skin_contact {
         let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
         io::write_mask(add("skin_contact.nii.gz".into(), what), skin, &options(what))?;
+    }
+    if let Some((map, _)) = &outcome.uncertainty {
+        let path = add(
+            "uncertainty.nii.gz".into(),
+            "how far the result may be trusted, on the planning grid, mm; 0 outside the patient",
+        );
+        io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))?;
     }
     if let Some(regions) = &outcome.regions {
         let what = "regions of influence on the planning grid: label of the bone that each voxel follows";

@@ -1,5 +1,6 @@
 //! `aventail study`: the model's stages side by side on one case, with the same bone motion; or the concept figures.
 
+use super::organs;
 use super::register::{open_folder, progress};
 use crate::concepts;
 use crate::config::{Config, ConfigFile, StudyPlan};
@@ -138,7 +139,10 @@ impl Moved {
                 )
             })
         };
-        let bones = io::read_labels(needed("bones")?, file("labels").as_deref())?.value;
+        let mut bones = io::read_labels(needed("bones")?, file("labels").as_deref())?.value;
+        if let Some(path) = file("organs") {
+            organs::add(&mut bones, &path)?;
+        }
         let skeleton = match file("skeleton") {
             Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones)?.skeleton)?),
             None => None,

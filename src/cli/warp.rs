@@ -5,6 +5,7 @@ use super::register::progress;
 use crate::error::{Error, Result};
 use crate::field::{
     Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, resample, resample_contours, resample_labels,
+    scale_by_volume,
 };
 use crate::geometry::Grid;
 use crate::io::{self, Loaded, Stored, WriteOptions, points};
@@ -106,6 +107,7 @@ fn refuse_volume_options(args: &WarpArgs, input: &Path) -> Result<()> {
         ("--interpolation", args.interpolation.is_some()),
         ("--outside", args.outside.is_some()),
         ("--labels", args.labels.is_some()),
+        ("--scale-by-jacobian", args.scale_by_jacobian),
     ];
     match given.iter().find(|g| g.1) {
         Some((name, _)) => Err(Error::usage(
@@ -181,9 +183,10 @@ fn map_contours(
     if !is_json(out) {
         return refuse(format!("{}: contours are written as JSON", out.display()), "name the output *.json");
     }
-    if args.kind.is_some() || args.interpolation.is_some() || args.outside.is_some() || args.labels.is_some() {
+    let given = args.kind.is_some() || args.interpolation.is_some() || args.outside.is_some() || args.labels.is_some();
+    if given || args.scale_by_jacobian {
         return refuse(
-            "--kind, --interpolation, --outside and --labels have no meaning for contours".into(),
+            "--kind, --interpolation, --outside, --labels and --scale-by-jacobian have no meaning for contours".into(),
             "leave them out",
         );
     }
@@ -220,6 +223,12 @@ fn map_volume(args: &WarpArgs, back: &Chain<'_>, input: &Path, out: &Path, repor
     };
     let grid = target(args, back, &args.to, &mut report.warnings)?;
     let (v, mapped) = back.displacement_on(&grid)?;
+    if args.scale_by_jacobian && kind != VolumeKind::Image {
+        return Err(Error::usage(
+            "--scale-by-jacobian scales HU, and labels and doses have none",
+            "leave it out, or give --kind image; for a dose see `aventail dose map --method energy-mass`",
+        ));
+    }
     let description = format!("aventail warp {} to {}", args.from, args.to);
     let options = WriteOptions { description, ..WriteOptions::default() };
     if kind == VolumeKind::Labels {
@@ -257,7 +266,17 @@ fn scalar(
     };
     report.warnings.extend(image.warnings);
     if kind == VolumeKind::Image {
-        let warped = resample(v, &image.value, interpolation, args.outside.unwrap_or(-1000.0))?;
+        let mut warped = resample(v, &image.value, interpolation, args.outside.unwrap_or(-1000.0))?;
+        if args.scale_by_jacobian {
+            let done = scale_by_volume(&mut warped, v);
+            report
+                .notes
+                .push("HU + 1000 scaled by the tissue's volume before over after: no mass is made or lost".into());
+            if done.folded > 0 {
+                let message = format!("{} voxels where the field folds were not scaled", done.folded);
+                report.warnings.push(Warning::new("not-scaled", message));
+            }
+        }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = image.header.datatype == "int16" && image.header.scaling.is_none();
         report.kind = "image";

@@ -76,11 +76,13 @@ pub struct OutputOptions {
     pub gzip_level: u32,
     /// Write the regions of influence as `regions.nii.gz`: which bone each voxel follows.
     pub regions: bool,
+    /// Write `uncertainty.nii.gz`: how far the result may be trusted, mm.
+    pub uncertainty: bool,
 }
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { field_format: FieldFormat::Nifti, gzip_level: 2, regions: false }
+        Self { field_format: FieldFormat::Nifti, gzip_level: 2, regions: false, uncertainty: true }
     }
 }
 
@@ -224,6 +226,8 @@ impl Config {
             count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
             self.chainmail.problem(),
             self.sliding.problem(),
+            (self.soft_tissue != SoftTissue::ChainMail && !self.chainmail.volume_change.is_empty())
+                .then(|| "chainmail.volume_change needs soft_tissue = \"chain-mail\"".to_owned()),
             within("refine.weight", r.weight, 0.0, 1e6),
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),
@@ -285,7 +289,12 @@ mod tests {
             ("[chainmail]\nexponent = -1.0", "exponent"),
             ("[output]\ngzip_level = 12", "gzip_level"),
             ("colour = 1", "colour"),
-            ("[[sliding.interfaces]]\nname = \"a\"\nbetween = [\"skull\", \"scapla\"]", "scapla"),
+            ("[[chainmail.volume_change]]\norgan = \"parotid_left\"\nfactor = 0.0", "parotid_left"),
+            (
+                "soft_tissue = \"nearest-bone\"\n[[chainmail.volume_change]]\norgan = \"a\"\nfactor = 0.9",
+                "volume_change",
+            ),
+            ("[[sliding.interfaces]]\nname = \"a\"\nbetween = [\"skull\", \"scapla\"]\nreach_mm = 5.0", "scapla"),
             ("[fit]\nlevels = \"many\"", "fit.levels"),
             ("[chainmail]\nexponent = true", "chainmail.exponent"),
             ("[chainmail]\norder = \"first-moved\"\nstructures = \"third-criterion\"", "structures"),

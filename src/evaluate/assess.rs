@@ -33,8 +33,8 @@ pub struct Subject<'a> {
     pub bones: Option<&'a LabelMap>,
     /// Label and name of each bone that moves rigidly.
     pub rigid: &'a [(u16, String)],
-    /// Pairs of labels of bones that slide on each other.
-    pub sliding: &'a [[u16; 2]],
+    /// Pairs of labels of bones that slide on each other, with the reach of each interface in mm.
+    pub sliding: &'a [([u16; 2], f64)],
     /// Structures in the planning frame.
     pub structures: Option<&'a LabelMap>,
     /// Structures in the fraction frame; those of a name in both are compared.

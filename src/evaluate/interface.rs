@@ -2,19 +2,17 @@
 //!
 //! A place belongs to an interface when its nearest bone changes there from one bone of a declared pair to the other:
 //! in a grid of 3 mm, a voxel whose nearest bone and that of one of its 26 neighbours are such a pair. That is a layer about
-//! 6 mm thick on the surface that is equally far from both bones; it ends [`REACH_MM`] from them.
+//! 6 mm thick on the surface that is equally far from both bones; it ends at the pair's reach.
 
 use crate::geometry::Grid;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use crate::volume::distance::{nearest_label, squared_distance_within};
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Spacing at which interfaces are found, mm: that of the chain mail's elements.
 const SPACING_MM: f64 = 3.0;
-/// Farthest from the bones that an interface reaches, mm.
-pub const REACH_MM: f64 = 25.0;
 
 /// The interfaces on a coarse grid that shares origin and axes with the labels'.
 pub(super) struct Interfaces {
@@ -24,28 +22,26 @@ pub(super) struct Interfaces {
 }
 
 impl Interfaces {
-    /// Those between `pairs` of the bones of a label map; `None` when none of the pairs occurs.
-    pub(super) fn new(bones: &LabelMap, is_bone: impl Fn(u16) -> bool, pairs: &[[u16; 2]]) -> Option<Self> {
-        if pairs.is_empty() {
-            return None;
-        }
+    /// Those between pairs of bones of a label map, with the reach of each in mm; `None` when none of the pairs occurs.
+    pub(super) fn new(bones: &LabelMap, is_bone: impl Fn(u16) -> bool, pairs: &[([u16; 2], f64)]) -> Option<Self> {
+        let most = pairs.iter().map(|p| p.1).max_by(f64::total_cmp)?;
         let fine = bones.volume.grid();
         let grid = fine.coarsened(SPACING_MM);
         let labels = coarse(bones, &grid, is_bone);
         let owner = nearest_label(&labels);
-        let near = squared_distance_within(&labels.map(|&l| l != 0), true, REACH_MM);
-        let declared: BTreeSet<[u16; 2]> = pairs.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
-        let concerned: BTreeSet<u16> = declared.iter().map(|p| p[0]).collect();
+        let near = squared_distance_within(&labels.map(|&l| l != 0), true, most);
+        let reach: BTreeMap<[u16; 2], f64> = pairs.iter().flat_map(|&([a, b], r)| [([a, b], r), ([b, a], r)]).collect();
+        let concerned: BTreeSet<u16> = reach.keys().map(|p| p[0]).collect();
         let size = grid.size();
         let set = |l: usize| {
-            let own = owner.data()[l];
-            if f64::from(near.data()[l]) > REACH_MM * REACH_MM || !concerned.contains(&own) {
+            let (own, square) = (owner.data()[l], f64::from(near.data()[l]));
+            if square > most * most || !concerned.contains(&own) {
                 return false;
             }
             let at = grid.voxel(l);
             NEIGHBOURS_26.iter().any(|o| {
                 let to: [usize; 3] = std::array::from_fn(|a| at[a].wrapping_add_signed(o[a] as isize));
-                (0..3).all(|a| to[a] < size[a]) && declared.contains(&[own, *owner.at(to)])
+                (0..3).all(|a| to[a] < size[a]) && reach.get(&[own, *owner.at(to)]).is_some_and(|r| square <= r * r)
             })
         };
         let data: Vec<bool> = (0..grid.len()).into_par_iter().map(set).collect();
@@ -84,7 +80,6 @@ fn coarse(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> Volum
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     #[test]
     fn the_layer_lies_between_the_declared_bones_and_ends() {
@@ -100,7 +95,7 @@ mod tests {
             }
         });
         let bones = LabelMap { volume, names: BTreeMap::new() };
-        let found = Interfaces::new(&bones, |_| true, &[[2, 1]]).unwrap();
+        let found = Interfaces::new(&bones, |_| true, &[([2, 1], 25.0)]).unwrap();
         for i in 0..48 {
             let middle = f64::from(i as u32) + 0.5;
             if (middle - 24.0).abs() < 2.0 {
@@ -113,8 +108,10 @@ mod tests {
         // 20 mm from both plates it is still there, 30 mm above their edges it is not.
         assert!(found.holds([24, 10, 20]) && !found.holds([24, 10, 36]));
         assert!(Interfaces::new(&bones, |_| true, &[]).is_none());
-        assert!(Interfaces::new(&bones, |_| true, &[[1, 3]]).is_none_or(|f| !f.holds([24, 10, 10])));
+        assert!(Interfaces::new(&bones, |_| true, &[([1, 3], 25.0)]).is_none_or(|f| !f.holds([24, 10, 10])));
         // A label that is no bone takes no part.
-        assert!(Interfaces::new(&bones, |l| l != 2, &[[1, 2]]).is_none());
+        assert!(Interfaces::new(&bones, |l| l != 2, &[([1, 2], 25.0)]).is_none());
+        // The plates are 40 mm apart.
+        assert!(Interfaces::new(&bones, |_| true, &[([1, 2], 15.0)]).is_none());
     }
 }

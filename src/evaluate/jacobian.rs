@@ -69,14 +69,15 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
 ///
 /// `map` is its Jacobian map ([`crate::field::jacobian`]); `tissue` says which voxels of the planning grid are body
 /// above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other labels count as soft tissue. Labels
-/// of the same name are one bone. `sliding` are pairs of labels that slide on each other. All on the planning grid.
+/// of the same name are one bone. `sliding` are pairs of labels that slide on each other, with
+/// the reach of the interface in mm. All on the planning grid.
 pub fn evaluate(
     push: &PushField,
     map: &Volume<f32>,
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
-    sliding: &[[u16; 2]],
+    sliding: &[([u16; 2], f64)],
 ) -> JacobianReport {
     let (names, bone_of) = index_bones(rigid);
     let kinds = cell_kinds(tissue, bones, &bone_of, sliding);
@@ -100,6 +101,30 @@ pub fn evaluate(
         digital_folded: soft_folds,
         jumps_above_10: jumps(map, &kinds),
     }
+}
+
+/// Volume of a structure after over before, from a Jacobian map on the labels' grid: the mean over cells by the share of their
+/// corners that carry the label. `None` where no cell does or all are folded.
+pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Option<f64> {
+    let grid = map.grid();
+    let [sx, sy, sz] = grid.strides();
+    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let size = grid.size();
+    let data = labels.volume.data();
+    let mut sums: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
+    for (l, _) in data.iter().enumerate().filter(|(_, l)| **l == label) {
+        let at = grid.voxel(l);
+        // The voxel is a corner of the eight cells before and at it.
+        for c in corners.iter().enumerate().filter(|(c, _)| (0..3).all(|a| *c >> a & 1 <= at[a])).map(|(_, o)| l - o) {
+            let cell = grid.voxel(c);
+            if (0..3).all(|a| cell[a] + 1 < size[a]) {
+                *sums.entry(c).or_default() += 0.125;
+            }
+        }
+    }
+    let cells = sums.iter().filter(|(c, _)| map.data()[**c] > 0.0);
+    let (sum, weight) = cells.fold((0.0, 0.0), |(s, w), (c, share)| (s + share * f64::from(map.data()[*c]), w + share));
+    (weight > 0.0).then(|| sum / weight)
 }
 
 /// The five characteristics of Jacobian values, of which folded ones are negative.
@@ -162,13 +187,19 @@ fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
     (names, bone_of)
 }
 
-/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones and `sliding` pairs of their labels.
-pub(super) fn kinds(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)], sliding: &[[u16; 2]]) -> Volume<Cell> {
+/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones and `sliding` pairs of their labels
+/// with their reach in mm.
+pub(super) fn kinds(
+    tissue: &Mask,
+    bones: &LabelMap,
+    rigid: &[(u16, String)],
+    sliding: &[([u16; 2], f64)],
+) -> Volume<Cell> {
     cell_kinds(tissue, bones, &index_bones(rigid).1, sliding)
 }
 
 /// The kind of each cell, at its lowest-index corner.
-fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16], sliding: &[[u16; 2]]) -> Volume<Cell> {
+fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16], sliding: &[([u16; 2], f64)]) -> Volume<Cell> {
     let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
     let grid = tissue.grid();
     let [ni, nj, nk] = grid.size();
@@ -298,11 +329,21 @@ mod tests {
         };
         let map = crate::field::jacobian(&push);
         let tissue = Volume::filled(grid, true);
-        let with = evaluate(&push, &map, &tissue, &bones, &rigid, &[[1, 2]]);
+        let with = evaluate(&push, &map, &tissue, &bones, &rigid, &[([1, 2], 25.0)]);
         let without = evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
         assert!(without.body.folded > 100 && without.interface.cells == 0);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);
         assert!(with.digital_folded == 0 && without.digital_folded > 0);
+    }
+    #[test]
+    fn a_structure_has_the_volume_that_its_cells_have() {
+        let grid = Grid::axis_aligned([10, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
+        let volume = Volume::from_fn(grid.clone(), |l| if (3..=5).contains(&(l % 10)) { 7 } else { 0u16 });
+        let labels = LabelMap { volume, names: BTreeMap::new() };
+        // Cells 3 and 4 lie inside, 2 and 5 by half.
+        let map = Volume::from_fn(grid, |l| [1.0, 1.0, 2.0, 0.5, 0.5, 2.0, 9.0, 1.0, 1.0, 1.0][l % 10]);
+        assert!((relative_volume(&map, &labels, 7).unwrap() - (2.0 * 0.5 + 2.0 * 0.5 * 2.0) / 3.0).abs() < 1e-6);
+        assert_eq!(relative_volume(&map, &labels, 3), None);
     }
 }

@@ -15,6 +15,7 @@ pub mod rigidity;
 pub mod similarity;
 mod surface;
 pub mod tolerance;
+pub mod uncertainty;
 
 pub use assess::{Assessment, Subject, assess};
 pub use pair::{Direction, FieldPair};

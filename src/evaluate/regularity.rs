@@ -91,13 +91,13 @@ pub struct Regularity {
 /// Regularity of `field` and its Jacobian map.
 ///
 /// `tissue`, `bones` and `structures` lie on the field's grid; `rigid` lists label and name of each rigid bone,
-/// `sliding` pairs of labels that slide on each other.
+/// `sliding` pairs of labels that slide on each other, with their reach in mm.
 pub fn evaluate(
     field: &PushField,
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
-    sliding: &[[u16; 2]],
+    sliding: &[([u16; 2], f64)],
     structures: Option<&LabelMap>,
 ) -> (Regularity, Volume<f32>) {
     let map = jacobian_map(field);

@@ -2,6 +2,7 @@
 
 mod chain;
 mod contour;
+mod density;
 mod format;
 mod invert;
 mod jacobian;
@@ -14,6 +15,7 @@ mod warp;
 
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
 pub use contour::resample_contours;
+pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;
 pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
 pub use jacobian::{FOLDED, digital_folds, jacobian};

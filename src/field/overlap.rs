@@ -59,24 +59,25 @@ fn suspects(push: &PushField, body: &Mask, rough: &Grid) -> Option<Mask> {
     let grid = body.grid();
     let size = grid.size();
     let stride: [usize; 3] = grid.spacing().map(|s| ((POINTS_MM / s) as usize).max(1));
-    let mut first = vec![u32::MAX; rough.len()];
-    let mut found = Vec::new();
-    for k in (0..size[2]).step_by(stride[2]) {
-        for j in (0..size[1]).step_by(stride[1]) {
-            for i in (0..size[0]).step_by(stride[0]) {
-                let l = grid.linear([i, j, k]);
-                if !body.data()[l] {
-                    continue;
-                }
-                let Some(at) = nearest(rough, &moved(push, l)) else { continue };
-                if first[at] == u32::MAX {
-                    first[at] = l as u32;
-                } else if apart(body, &grid.centre(grid.voxel(first[at] as usize)), &grid.centre([i, j, k])) {
-                    found.push(at);
-                }
-            }
-        }
-    }
+    let planes: Vec<usize> = (0..size[2]).step_by(stride[2]).collect();
+    let mut points: Vec<(usize, usize)> = planes
+        .into_par_iter()
+        .flat_map_iter(|k| {
+            let rows = (0..size[1]).step_by(stride[1]);
+            rows.flat_map(move |j| (0..size[0]).step_by(stride[0]).map(move |i| [i, j, k]))
+                .map(|v| grid.linear(v))
+                .filter(|&l| body.data()[l])
+                .filter_map(|l| Some((nearest(rough, &moved(push, l))?, l)))
+        })
+        .collect();
+    points.par_sort_unstable();
+    let groups: Vec<&[(usize, usize)]> = points.chunk_by(|a, b| a.0 == b.0).collect();
+    let far = |group: &&[(usize, usize)]| {
+        let first = grid.centre(grid.voxel(group[0].1));
+        let found = group[1..].iter().any(|p| apart(body, &first, &grid.centre(grid.voxel(p.1))));
+        found.then_some(group[0].0)
+    };
+    let found: Vec<usize> = groups.par_iter().filter_map(far).collect();
     if found.is_empty() {
         return None;
     }
@@ -110,12 +111,14 @@ fn nearest(grid: &Grid, p: &Point3<f64>) -> Option<usize> {
         .then(|| grid.linear([0, 1, 2].map(|a| at[a] as usize)))
 }
 
-/// Whether the straight line between two places leaves the body.
+/// Whether the straight line between the centres of two voxels leaves the body.
 fn apart(body: &Mask, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     let steps = ((b - a).norm() / STEP_MM).ceil();
-    (1..steps as usize)
-        .map(|n| a + (b - a) * (n as f64 / steps))
-        .any(|p| nearest(body.grid(), &p).is_none_or(|l| !body.data()[l]))
+    let grid = body.grid();
+    let (from, step) = (grid.index(a), grid.inverse_step() * (b - a) / steps);
+    // Between two voxels of the grid a line does not leave it.
+    let at = |n: usize| (from + step * n as f64).map(|c| c.round().max(0.0));
+    (1..steps as usize).map(at).any(|v| !body.at([v.x as usize, v.y as usize, v.z as usize]))
 }
 
 /// Calls `hit` with each fraction voxel inside an upright tetrahedron of the moved cell.

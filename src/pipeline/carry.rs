@@ -2,9 +2,11 @@
 
 use super::contact;
 use super::study::CARRYING;
-use super::{Case, Outcome};
+use super::{Case, Outcome, VolumeReached};
 use crate::body;
-use crate::chainmail::{self, ImagePull, Initiators, Lattice, Organs, Propagation, Tissue, check_links, propagate};
+use crate::chainmail::{
+    self, ImagePull, Initiators, Lattice, Organs, Propagation, Tissue, VolumeChange, check_links, propagate,
+};
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
@@ -15,7 +17,7 @@ use crate::geometry::{Grid, Rigid};
 use crate::refine::Images;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Mask, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Volume, trilinear_vector};
 use crate::warning::Warning;
 use nalgebra::Point3;
 
@@ -63,6 +65,8 @@ pub(super) fn carry_out(
     warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
     let voxel = case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
     warnings.extend(contact::warnings(&contact, voxel));
+    let volume_changes = reached(&case.bones, &jacobian, config);
+    warnings.extend(volume_changes.iter().filter_map(missed));
     Ok(Outcome {
         skeleton,
         pose: fit.pose,
@@ -78,12 +82,38 @@ pub(super) fn carry_out(
         rigidity,
         contact,
         skin_contact,
+        volume_changes,
+        uncertainty: None,
         links,
         inverse,
         landmarks,
         regions,
         warnings,
         stages: runtime.times(),
+    })
+}
+
+/// What came of the volumes that were asked to change.
+fn reached(labels: &LabelMap, jacobian: &Volume<f32>, config: &Config) -> Vec<VolumeReached> {
+    let of = |c: &VolumeChange| {
+        let label = labels.names.iter().find(|(_, n)| **n == c.organ).map(|(l, _)| *l);
+        let reached = label.and_then(|l| evaluate::jacobian::relative_volume(jacobian, labels, l));
+        VolumeReached { organ: c.organ.clone(), factor: c.factor, reached }
+    };
+    config.chainmail.volume_change.iter().map(of).collect()
+}
+
+/// Departure from the asked factor that is warned of.
+const VOLUME_TOLERANCE: f64 = 0.05;
+
+fn missed(v: &VolumeReached) -> Option<Warning> {
+    let reached = v.reached.unwrap_or(1.0);
+    ((reached / v.factor - 1.0).abs() > VOLUME_TOLERANCE).then(|| {
+        let message = format!(
+            "{}: its volume changes by a factor of {reached:.2}, not {:.2} as asked: bones, skin or images hold it",
+            v.organ, v.factor
+        );
+        Warning::new("volume-change", message)
     })
 }
 

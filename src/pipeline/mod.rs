@@ -8,10 +8,11 @@ mod outcome;
 mod pose;
 mod register;
 mod study;
+mod uncertainty;
 
 pub use case::{Case, InputFile};
 pub use dose::{DoseMethod, DoseReport, map_dose};
-pub use outcome::Outcome;
+pub use outcome::{Outcome, VolumeReached};
 pub use pose::{BoneMotion, pose};
 pub use register::register;
 pub use study::{CARRYING, carry_again};

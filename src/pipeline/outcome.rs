@@ -5,6 +5,7 @@ use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
+use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
@@ -12,6 +13,18 @@ use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// An organ whose volume was asked to change.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VolumeReached {
+    /// Its name.
+    pub organ: String,
+    /// Volume after over before that was asked for.
+    pub factor: f64,
+    /// What the field makes of it: mean Jacobian of its cells; `None` where the organ has none.
+    pub reached: Option<f64>,
+}
 
 /// Result of a registration, in memory.
 #[derive(Debug, Clone)]
@@ -45,6 +58,10 @@ pub struct Outcome {
     pub contact: ContactReport,
     /// Fraction voxels where the pushed patient lies on himself, when there are any.
     pub skin_contact: Option<Mask>,
+    /// Volumes that were asked to change.
+    pub volume_changes: Vec<VolumeReached>,
+    /// Uncertainty on the planning grid, mm, 0 outside the patient; when the settings ask for it and a fraction was registered.
+    pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.

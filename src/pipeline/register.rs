@@ -1,9 +1,10 @@
 //! The registration: one call per stage.
 
 use super::carry::{carry_out, images};
+use super::uncertainty;
 use super::{Case, Outcome};
 use crate::body;
-use crate::chainmail::Organs;
+use crate::chainmail::{Organs, organ_label};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{FitResult, LandmarkUse, fit_pose, from_landmarks, given};
@@ -40,7 +41,14 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     warnings.extend(fit.warnings.iter().cloned());
     warnings.extend(fit_warnings(&fit));
     let images = images(case, &body, config, runtime)?;
-    carry_out(case, case.fraction.grid(), (skeleton, body, fit), images.as_ref(), warnings, config, runtime)
+    let mut outcome =
+        carry_out(case, case.fraction.grid(), (skeleton, body, fit), images.as_ref(), warnings, config, runtime)?;
+    if config.output.uncertainty {
+        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, images.is_some(), config))?;
+        outcome.uncertainty = Some(map);
+        outcome.stages = runtime.times();
+    }
+    Ok(outcome)
 }
 
 /// What every way to move the bones begins with: the skeleton and the patient.
@@ -48,7 +56,11 @@ pub(super) fn prepare(case: &Case, config: &Config, runtime: &Runtime) -> Result
     let mut warnings = case.warnings.clone();
     let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
     // Wrong names are found before the long work begins.
-    Organs::new(&config.chainmail.organs, &case.bones, |l| skeleton.bones.iter().any(|b| b.label == l))?;
+    let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
+    Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
+    for change in &config.chainmail.volume_change {
+        organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
+    }
     warnings.extend(built);
     let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
     Ok((warnings, skeleton, body))
@@ -97,7 +109,7 @@ fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)>
     let built = skeleton::build(&case.bones)?;
     let mut warnings = built.warnings;
     let ignored: Vec<&str> =
-        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.organs.contains_key(*n)).collect();
+        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.names_organ(n)).collect();
     if !ignored.is_empty() {
         let list = ignored.join(", ");
         warnings.push(Warning::new(

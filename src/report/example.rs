@@ -7,7 +7,7 @@ use crate::evaluate::{jacobian as jacobians, landmark, rigidity};
 use crate::field::{InverseReport, PullField, PushField, jacobian};
 use crate::fit::BoneFit;
 use crate::geometry::{Grid, Rigid, about};
-use crate::pipeline::{Case, InputFile, Outcome};
+use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
 use crate::runtime::StageTime;
 use crate::skeleton::{Bone, Joint, Skeleton};
 use crate::stats::Summary;
@@ -125,6 +125,8 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
             ..ContactReport::default()
         },
         skin_contact: None,
+        volume_changes: vec![VolumeReached { organ: "parotid_left".into(), factor: 0.8, reached: Some(0.81) }],
+        uncertainty: None,
         links: LinkReport {
             links: 400_000,
             violated: 1200,

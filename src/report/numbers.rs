@@ -5,10 +5,11 @@ use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
+use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::InverseReport;
 use crate::fit::BoneFit;
 use crate::geometry::Grid;
-use crate::pipeline::{Case, InputFile, Outcome};
+use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
 use crate::warning::Warning;
@@ -66,7 +67,13 @@ pub struct Report {
     /// Jacobian characteristics.
     pub jacobian: JacobianReport,
     /// Bones that overlap or come apart, and skin on skin.
+    #[serde(default)]
     pub contact: ContactReport,
+    /// Volumes that were asked to change.
+    #[serde(default)]
+    pub volume_changes: Vec<VolumeReached>,
+    /// How far the result may be trusted, when it was asked for.
+    pub uncertainty: Option<UncertaintyReport>,
     /// Chain-mail links.
     pub links: LinkReport,
     /// Quality of the inverse.
@@ -102,6 +109,8 @@ impl Report {
             rigidity: outcome.rigidity.clone(),
             jacobian: outcome.jacobian_report.clone(),
             contact: outcome.contact.clone(),
+            volume_changes: outcome.volume_changes.clone(),
+            uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
             links: outcome.links,
             inverse: outcome.inverse,
             landmarks: outcome.landmarks.clone(),

@@ -3,7 +3,7 @@
 use aventail::field::PushField;
 use aventail::stats::percentile;
 use aventail::volume::distance::{erode, squared_distance};
-use aventail::volume::{LabelMap, Mask, Volume, trilinear_vector};
+use aventail::volume::{LabelMap, Mask, Volume, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -63,6 +63,31 @@ pub fn score(push: &PushField, truth: &[TruthPoint], visible: usize) -> Score {
 /// [`score`] with the bones that the shared cases call visible.
 pub fn score_case(push: &PushField, truth: &[TruthPoint]) -> Score {
     score(push, truth, VISIBLE)
+}
+
+/// Spearman's rank correlation of a map with the true error of soft tissue, and the share of errors below the map.
+pub fn trust(map: &Volume<f32>, push: &PushField, truth: &[TruthPoint]) -> (f64, f64) {
+    let pairs: Vec<(f64, f64)> = truth
+        .iter()
+        .filter(|p| p.bone == 0)
+        .map(|p| {
+            let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&p.at));
+            let said = trilinear(map, &map.grid().index(&p.at)).expect("truth lies on the planning grid");
+            (said, (u.expect("truth lies on the planning grid") - p.motion).norm())
+        })
+        .collect();
+    let ranks = |value: fn(&(f64, f64)) -> f64| {
+        let mut order: Vec<usize> = (0..pairs.len()).collect();
+        order.sort_by(|a, b| value(&pairs[*a]).total_cmp(&value(&pairs[*b])));
+        let mut ranks = vec![0.0; pairs.len()];
+        order.into_iter().enumerate().for_each(|(rank, n)| ranks[n] = rank as f64);
+        ranks
+    };
+    let (said, wrong) = (ranks(|p| p.0), ranks(|p| p.1));
+    let n = pairs.len() as f64;
+    let squares: f64 = said.iter().zip(&wrong).map(|(a, b)| (a - b) * (a - b)).sum();
+    let below = pairs.iter().filter(|(said, error)| error < said).count() as f64;
+    (1.0 - 6.0 * squares / (n * (n * n - 1.0)), below / n)
 }
 
 /// The name of a label.

@@ -33,6 +33,10 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
                 h2 { "Deformation" }
                 div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
+                @if report.uncertainty.is_some() {
+                    h2 { "Uncertainty" }
+                    div.pair { (picture("uncertainty.png")) (tables::trust(report)) }
+                }
                 @if has_landmarks {
                     h2 { "Landmarks" }
                     (colour_key())
@@ -50,6 +54,7 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 (tables::contact(report))
                 h2 { "Jacobian" }
                 (tables::jacobian(report))
+                (tables::volumes(report))
                 h2 { "Inverse and chain mail" }
                 (tables::inverse_and_links(report))
                 div.pair { (picture("material.png")) }

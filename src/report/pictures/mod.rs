@@ -7,6 +7,7 @@ mod landmarks;
 pub(super) mod legend;
 pub(super) mod residuals;
 mod scene;
+mod uncertainty;
 
 use super::canvas::Canvas;
 use super::plane::WIDTH;
@@ -41,6 +42,9 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
     let scene = Scene::new(case, outcome);
     let mut kinds: Vec<Draw<'_>> =
         vec![Box::new(fusion::before), Box::new(fusion::after), Box::new(displacement::draw), Box::new(jacobian::draw)];
+    if let Some((map, _)) = &outcome.uncertainty {
+        kinds.push(Box::new(|scene| uncertainty::draw(scene, map)));
+    }
     if let Some(report) = outcome.landmarks.as_ref().filter(|r| r.after.n > 0) {
         kinds.push(Box::new(|scene| landmarks::draw(scene, report)));
         kinds.push(Box::new(|_| residuals::draw(report)));
