@@ -9,6 +9,7 @@ use super::material::organ_label;
 use crate::error::Result;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// A known change of an organ's volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,7 +34,7 @@ impl VolumeChange {
 }
 
 /// How often rest lengths are adapted at each spacing.
-const ADAPTATIONS: usize = 4;
+const ADAPTATIONS: usize = 3;
 /// Natural logarithm of the greatest change of a rest length: a factor of 3 either way.
 const GREATEST: f64 = 1.1;
 
@@ -109,29 +110,42 @@ impl Growth {
             return;
         }
         let u = u();
-        let strides = lattice.grid.strides();
-        let inverse = lattice.grid.inverse_step();
         for organ in &mut self.organs {
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for (n, share) in &organ.nodes {
-                let n = *n as usize;
-                // A soft node is never on the border, so all six neighbours exist.
-                if strides.iter().any(|s| lattice.node[n - s] == Node::Outside || lattice.node[n + s] == Node::Outside)
-                {
-                    continue;
-                }
-                let column = |a: usize| {
-                    let (low, high) = (u[n - strides[a]], u[n + strides[a]]);
-                    Vector3::from_fn(|c, _| f64::from(high[c] - low[c])) / 2.0
-                };
-                let slope = Matrix3::from_columns(&[column(0), column(1), column(2)]) * inverse;
-                sum += f64::from(*share) * (Matrix3::identity() + slope).determinant();
-                weight += f64::from(*share);
-            }
-            if weight > 0.0 && sum > 0.0 {
-                organ.strain = (organ.strain + (organ.wanted - (sum / weight).ln()) / 3.0).clamp(-GREATEST, GREATEST);
+            if let Some(reached) = organ.relative_volume(lattice, &u) {
+                organ.strain = (organ.strain + (organ.wanted - reached.ln()) / 3.0).clamp(-GREATEST, GREATEST);
             }
         }
+    }
+}
+
+impl Organ {
+    /// Mean relative volume of the lattice's cells by the organ's share of their corners; cells with a corner outside tissue
+    /// are left out.
+    fn relative_volume(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<f64> {
+        let strides = lattice.grid.strides();
+        let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+        let mut cells: BTreeMap<usize, f64> = BTreeMap::new();
+        for (n, share) in &self.nodes {
+            // A soft node is never on the border, so all its cells exist.
+            for o in corners {
+                *cells.entry(*n as usize - o).or_default() += f64::from(*share);
+            }
+        }
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (first, share) in cells {
+            let nodes = corners.map(|o| first + o);
+            if nodes.iter().any(|&n| lattice.node[n] == Node::Outside) {
+                continue;
+            }
+            // Mean slope over the cell: the mean of its four edges along each axis.
+            let at = |c: usize| Vector3::from(u[nodes[c]].map(f64::from));
+            let column =
+                |a: usize| (0..8).map(|c| if c >> a & 1 == 1 { at(c) } else { -at(c) }).sum::<Vector3<f64>>() / 4.0;
+            let slope = Matrix3::from_columns(&[column(0), column(1), column(2)]) * lattice.grid.inverse_step();
+            sum += share * (Matrix3::identity() + slope).determinant();
+            weight += share;
+        }
+        (weight > 0.0 && sum > 0.0).then(|| sum / weight)
     }
 }
 
