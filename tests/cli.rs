@@ -28,7 +28,7 @@ mod printed {
 }
 
 /// What a successful run of `register` writes, landmarks given.
-const RESULTS: [&str; 13] = [
+const RESULTS: [&str; 14] = [
     "body.nii.gz",
     "bone_transforms.json",
     "bones_on_fraction.nii.gz",
@@ -42,6 +42,7 @@ const RESULTS: [&str; 13] = [
     "report.html",
     "report.json",
     "settings.toml",
+    "uncertainty.nii.gz",
 ];
 
 /// One successful run on the phantom, for all tests that look at it: its folder and what it printed.
@@ -366,9 +367,20 @@ fn a_report_runs_again_to_the_same_bytes_and_prints_json() {
     let printed: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
     let (first, second) = (report(out), report(&again));
     assert_eq!(printed["bones"], second["bones"]);
-    for part in
-        ["version", "settings", "inputs", "bones", "pose", "jacobian", "links", "inverse", "landmarks", "warnings"]
-    {
+    for part in [
+        "version",
+        "settings",
+        "inputs",
+        "bones",
+        "pose",
+        "jacobian",
+        "contact",
+        "uncertainty",
+        "links",
+        "inverse",
+        "landmarks",
+        "warnings",
+    ] {
         assert!(!first[part].is_null(), "report.json has no {part}");
         assert_eq!(first[part], second[part], "{part}");
     }
