@@ -8,6 +8,7 @@ mod front;
 mod lattice;
 mod links;
 mod material;
+mod mend;
 mod options;
 mod propagate;
 mod pull;
@@ -15,6 +16,7 @@ mod queue;
 mod relax;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod untangle;
 
 pub use blend::{FirstWave, first_wave, spread};
