@@ -9,6 +9,7 @@ mod growth;
 mod lattice;
 mod links;
 mod material;
+mod mend;
 mod options;
 mod propagate;
 mod pull;
@@ -16,6 +17,7 @@ mod queue;
 mod relax;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod untangle;
 
 pub use blend::{FirstWave, first_wave, spread};

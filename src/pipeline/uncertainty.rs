@@ -52,6 +52,7 @@ fn bones_alone(case: &Case, outcome: &Outcome, options: &ChainmailOptions) -> Re
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
         relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
+        mend: 0,
         ..options.clone()
     };
     let bone_of_label = bone_of_label(&outcome.skeleton);
