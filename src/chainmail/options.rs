@@ -81,7 +81,7 @@ impl Default for ChainmailOptions {
             prune_ratio: 4.0,
             spacing_mm: 3.0,
             elasticity: Elasticity::Corotated,
-            poisson: 0.4,
+            poisson: 0.45,
             relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
             mend: 3,
             least_hu: -500.0,

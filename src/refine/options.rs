@@ -26,7 +26,7 @@ impl Default for RefineOptions {
     fn default() -> Self {
         Self {
             weight: 1.0,
-            passes: 5,
+            passes: 8,
             rounds: 8,
             blur: 0.2,
             least_blur_mm: 0.5,
