@@ -51,6 +51,8 @@ struct Organ {
     strain: f64,
     /// Nodes of the present lattice and the organ's share of each.
     nodes: Vec<(u32, f32)>,
+    /// Lowest corners of its cells, and the organ's voxels in each.
+    cells: BTreeMap<usize, usize>,
 }
 
 impl Growth {
@@ -63,7 +65,7 @@ impl Growth {
         let organ = |c: &VolumeChange| {
             let label = organ_label("chainmail.volume_change", &c.organ, tissue.labels, is_bone)?;
             let wanted = c.factor.ln();
-            Ok(Organ { label, wanted, strain: wanted / 3.0, nodes: Vec::new() })
+            Ok(Organ { label, wanted, strain: wanted / 3.0, nodes: Vec::new(), cells: BTreeMap::new() })
         };
         Ok(Self { organs: changes.iter().map(organ).collect::<Result<_>>()? })
     }
@@ -74,9 +76,13 @@ impl Growth {
         let voxels: f64 = (0..3).map(|a| lattice.grid.spacing()[a] / fine.spacing()[a]).product();
         for organ in &mut self.organs {
             let mut count = vec![0u32; lattice.node.len()];
+            organ.cells.clear();
             for (v, _) in tissue.labels.volume.data().iter().enumerate().filter(|(_, l)| **l == organ.label) {
                 let at = lattice.grid.index(&fine.centre(fine.voxel(v)));
-                let node = [0, 1, 2].map(|a| (at[a].round().max(0.0) as usize).min(lattice.grid.size()[a] - 1));
+                let size = lattice.grid.size();
+                let node = [0, 1, 2].map(|a| (at[a].round().max(0.0) as usize).min(size[a] - 1));
+                let cell = [0, 1, 2].map(|a| (at[a].floor().max(0.0) as usize).min(size[a] - 2));
+                *organ.cells.entry(lattice.grid.linear(cell)).or_default() += 1;
                 count[lattice.grid.linear(node)] += 1;
             }
             let share = |n: &u32| (f64::from(count[*n as usize]) / voxels).min(1.0) as f32;
@@ -119,20 +125,14 @@ impl Growth {
 }
 
 impl Organ {
-    /// Mean relative volume of the lattice's cells by the organ's share of their corners; cells with a corner outside tissue
-    /// are left out.
+    /// Mean relative volume of the organ's voxels by the lattice's cells that they lie in; cells with a corner outside
+    /// tissue are left out.
     fn relative_volume(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<f64> {
         let strides = lattice.grid.strides();
         let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
-        let mut cells: BTreeMap<usize, f64> = BTreeMap::new();
-        for (n, share) in &self.nodes {
-            // A soft node is never on the border, so all its cells exist.
-            for o in corners {
-                *cells.entry(*n as usize - o).or_default() += f64::from(*share);
-            }
-        }
         let (mut sum, mut weight) = (0.0, 0.0);
-        for (first, share) in cells {
+        for (first, voxels) in &self.cells {
+            let share = *voxels as f64;
             let nodes = corners.map(|o| first + o);
             if nodes.iter().any(|&n| lattice.node[n] == Node::Outside) {
                 continue;
