@@ -30,7 +30,7 @@ const FOLDED_PERCENT: f64 = 0.05;
 /// Mean error of soft tissue by fraction, mm: bones alone do not explain all of its motion.
 const SOFT_MM: [(&str, f64); 4] = [("small", 1.0), ("moderate", 1.7), ("change", 1.1), ("spline", 1.4)];
 /// Least rank correlation of the map of uncertainty with the true error.
-const TRUST: f64 = 0.45;
+const TRUST: f64 = 0.4;
 /// The same for other fractions.
 const SOFT_OTHER_MM: f64 = 1.7;
 
