@@ -53,8 +53,8 @@ pub struct ChainmailOptions {
     pub spacing_mm: f64,
     /// What pulls the elements in the relaxation.
     pub elasticity: Elasticity,
-    /// Poisson's ratio of tissue under the corotated relaxation, 0.25 to 0.49: links alone have 0.25; more makes them give
-    /// way to changes of shape and not of volume.
+    /// Poisson's ratio of tissue under the corotated relaxation, 0 to 0.49: links alone have 0; more makes them give way to
+    /// changes of shape and not of volume.
     pub poisson: f64,
     /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
     pub relaxation: Vec<(f64, usize)>,
@@ -81,7 +81,7 @@ impl Default for ChainmailOptions {
             prune_ratio: 4.0,
             spacing_mm: 3.0,
             elasticity: Elasticity::Corotated,
-            poisson: 0.45,
+            poisson: 0.38,
             relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
             mend: 3,
             least_hu: -500.0,
@@ -121,7 +121,7 @@ impl ChainmailOptions {
             within("exponent", self.exponent, 0.1, 64.0),
             within("cutoff", self.cutoff, 1e-3, 1e6),
             within("prune_ratio", self.prune_ratio, 0.0, 1e6),
-            within("poisson", self.poisson, 0.25, 0.49),
+            within("poisson", self.poisson, 0.0, 0.49),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),

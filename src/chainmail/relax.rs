@@ -92,8 +92,9 @@ impl Relaxation {
     /// Starts from displacements on the whole lattice; `turns` are the bones' rotations. Where links turn, `poisson` is
     /// Poisson's ratio.
     ///
-    /// Equal links in all directions have the ratio 1/4: with shear modulus G their bulk modulus is 5/3 G. Links that give
-    /// way to the share s of a change of shape have (1 - s) G, hence s = 1 - 5 (1 - 2 nu) / (2 (1 + nu)).
+    /// Links that resist any departure from their turned rest vector have the energy `G tr(E^2)` of a strain `E`: ratio 0,
+    /// bulk modulus 2/3 G. Links that give way to the share s of a change of shape have the shear modulus (1 - s) G and the
+    /// same bulk modulus, hence s = 3 nu / (1 + nu).
     pub fn new(
         lattice: &Lattice,
         u: &[[f32; 3]],
@@ -134,7 +135,7 @@ impl Relaxation {
             parity[k % 2].extend(u[k * plane..(k + 1) * plane].iter().map(|u| [u[0], u[1], u[2], 0.0]));
         }
         let turn = if turning { bone_turns(lattice, turns) } else { Vec::new() };
-        let yielding = (1.0 - 2.5 * (1.0 - 2.0 * poisson) / (1.0 + poisson)) as f32;
+        let yielding = (3.0 * poisson / (1.0 + poisson)) as f32;
         let mut out = Self { u: Halves { parity, plane }, turn, planes, links, yielding, scale: Vec::new() };
         let mut before = 0;
         for p in &mut out.planes {
