@@ -55,6 +55,9 @@ pub enum Verb {
     Dose(super::dose::DoseVerb),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(InspectArgs),
+    /// Time the hot paths on a scene of clinical size, beside what the memory allows
+    #[command(after_help = super::bench::HELP)]
+    Bench(super::bench::BenchArgs),
     /// Print a completion script for your shell
     Completions {
         /// Which shell
