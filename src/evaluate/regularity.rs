@@ -2,7 +2,6 @@
 
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, Cell, JacobianReport, JacobianStats};
-use super::summary;
 use crate::field::{PushField, digital_folds, jacobian as jacobian_map};
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
@@ -123,7 +122,7 @@ pub fn evaluate(
     let length = |u: &[f32; 3]| (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).sqrt();
     let lengths = field.displacement.data().iter().zip(tissue.data()).filter(|(_, t)| **t).map(|(u, _)| length(u));
     let regularity = Regularity {
-        displacement_mm: summary(lengths.collect()),
+        displacement_mm: Summary::of_singles(lengths.collect()),
         jacobian: report,
         structures: per_structure,
         histograms,
