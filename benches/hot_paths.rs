@@ -4,7 +4,7 @@ use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
 use aventail::field::{
     Chain, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
 };
-use aventail::fit::{FitOptions, fit_pose};
+use aventail::fit::{BoneSamples, FitOptions, fit_pose};
 use aventail::geometry::Grid;
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::progress::Silent;
@@ -85,7 +85,8 @@ fn fit(c: &mut Criterion) {
         let options = FitOptions { levels: vec![(0.8, samples)], ..FitOptions::default() };
         group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
             b.iter(|| {
-                fit_pose(&phantom.skeleton, &phantom.planning, &phantom.bones, &phantom.fraction, None, o, &Silent)
+                let samples = BoneSamples::new(&phantom.skeleton, &phantom.planning, &phantom.bones, o);
+                fit_pose(&phantom.skeleton, &samples, &phantom.fraction, None, o, &Silent)
             });
         });
     }

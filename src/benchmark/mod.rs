@@ -9,7 +9,7 @@ pub use scene::{Scene, SceneSize};
 pub use task::Task;
 
 use crate::error::Result;
-use crate::runtime::{Runtime, peak_memory, reset_peak_memory};
+use crate::runtime::{Runtime, peak_memory, processor_seconds, reset_peak_memory};
 use crate::stats::Summary;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -40,6 +40,8 @@ pub struct Measurement {
     pub seconds: f64,
     /// Fastest run, s.
     pub least_seconds: f64,
+    /// Mean processor time of a run, all threads together, s, where the system tells.
+    pub processor_seconds: Option<f64>,
     /// Voxels that the task works on: active ones for the chain mail, all of the grid otherwise.
     pub voxels: usize,
     /// Bytes that the task must at least read and write.
@@ -90,6 +92,7 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
     for &task in &options.tasks {
         reset_peak_memory();
         let mut seconds = Vec::new();
+        let before = processor_seconds();
         runtime.stage(task.name(), || {
             for n in 0..options.repeat.max(1) {
                 runtime.progress().step(n, options.repeat, task.name());
@@ -100,12 +103,14 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
             Ok::<_, crate::Error>(())
         })?;
         let peak = peak_memory();
+        let spent = before.zip(processor_seconds()).map(|(from, to)| (to - from) / options.repeat.max(1) as f64);
         let times = Summary::of(&seconds);
         let (voxels, bytes) = task.work(&scene);
         tasks.push(Measurement {
             task,
             seconds: times.median,
             least_seconds: times.min,
+            processor_seconds: spent,
             voxels,
             bytes,
             voxels_per_second: voxels as f64 / times.median,

@@ -12,7 +12,7 @@ pub(super) const HELP: &str = "\
 The scene is the phantom on the thesis's grid: 512 x 512 x 126 voxels of 0.98 x 0.98 x 3 mm, 42 bones, about 7 million voxels of
 tissue. Making it takes a minute and is not timed. Each task's time is the median of --repeat runs; `floor` is the share of it
 that moving the bytes of its inputs and results once would take, at the memory bandwidth measured in the same run. Targets are
-for two idle cores at full size.
+for two idle cores at full size. Processor time adds up all threads and hardly depends on what else the machine does.
 
 Tasks: elements, prioritised, superposition, waves, propagation, propagation-with-images, invert, resample, labels, jacobian,
 characteristics, read, write
@@ -90,7 +90,7 @@ fn table(report: &BenchmarkReport) -> String {
     let mut text = format!(
         "aventail {}, {} threads; {x} x {y} x {z} voxels of {sx} x {sy} x {sz} mm, {:.2} million active, {} bones\n\
          memory: copy {:.1} GB/s, triad {:.1} GB/s (the floor)\n\n\
-         {:<24}{:>9}{:>9}{:>9}{:>12}{:>9}{:>8}{:>9}\n",
+         {:<24}{:>9}{:>9}{:>9}{:>9}{:>12}{:>9}{:>8}{:>9}\n",
         report.version,
         report.threads,
         report.active as f64 / 1e6,
@@ -100,6 +100,7 @@ fn table(report: &BenchmarkReport) -> String {
         "task",
         "median s",
         "least s",
+        "proc. s",
         "target",
         "Mvoxel/s",
         "GB/s",
@@ -108,13 +109,15 @@ fn table(report: &BenchmarkReport) -> String {
     );
     for m in &report.tasks {
         let target = m.target_seconds.map_or(String::new(), |s| format!("{s:.2}"));
+        let spent = m.processor_seconds.map_or(String::new(), |s| format!("{s:.2}"));
         let peak = m.peak_memory.map_or(String::new(), |b| format!("{:.2}", b as f64 / 1e9));
         writeln!(
             text,
-            "{:<24}{:>9.3}{:>9.3}{:>9}{:>12.2}{:>9.2}{:>7.1}%{:>9}",
+            "{:<24}{:>9.3}{:>9.3}{:>9}{:>9}{:>12.2}{:>9.2}{:>7.1}%{:>9}",
             m.task.name(),
             m.seconds,
             m.least_seconds,
+            spent,
             target,
             m.voxels_per_second / 1e6,
             m.bytes_per_second / 1e9,

@@ -92,7 +92,6 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let flags = Flags {
         planning: &args.planning,
         bones: &args.bones,
-        fraction: None,
         labels: &args.labels,
         skeleton: &args.skeleton,
         landmarks: &args.landmarks,

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::field::{FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use crate::refine::RefineOptions;
+use crate::volume::region::RegionOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -31,6 +32,8 @@ pub struct Config {
     pub chainmail: ChainmailOptions,
     /// Refining soft tissue by the images.
     pub refine: RefineOptions,
+    /// Where results are wanted.
+    pub region: RegionOptions,
     /// Inverting the field.
     pub invert: InvertOptions,
     /// Bringing the planning CT onto the fraction grid.
@@ -220,6 +223,7 @@ impl Config {
             within("fit.tolerance_mm", f.tolerance_mm, 1e-9, 10.0),
             count("fit.max_iterations", usize::try_from(f.max_iterations).unwrap_or(usize::MAX)),
             self.chainmail.problem(),
+            self.region.problem(),
             within("refine.weight", r.weight, 0.0, 1e6),
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),

@@ -3,14 +3,19 @@
 mod carry;
 mod case;
 mod dose;
+mod memory;
 mod outcome;
+mod planning;
 mod pose;
+mod region;
 mod register;
 mod study;
 
 pub use case::{Case, InputFile};
 pub use dose::{DoseMethod, DoseReport, map_dose};
+pub use memory::memory_estimate;
 pub use outcome::Outcome;
+pub use planning::Planning;
 pub use pose::{BoneMotion, pose};
-pub use register::register;
+pub use register::{register, register_fraction};
 pub use study::{CARRYING, carry_again};
