@@ -1,7 +1,6 @@
 //! Several fractions of one patient share the planning side, a region of interest is a part of the whole, and a run that
 //! needs too much memory does not begin.
 
-#![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
 #[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
 mod support;

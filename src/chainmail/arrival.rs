@@ -5,47 +5,59 @@
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
 use super::engine::Source;
-use super::front::{FrontRules, LinkTime, NEVER, TICKS};
+use super::front::{FrontRules, Hop, LinkTime, TICKS};
 use super::lattice::{Lattice, Node};
 use rayon::prelude::*;
 
-/// A node as a wave sees it.
+/// Time that no wave has come, in cells; all others are below [`MOST`].
+const LATE: i32 = i32::MAX;
+/// Times beyond this do not count, whatever the cut-off: sums stay far from overflow.
+const MOST: f64 = (1 << 30) as f64;
+
+/// Cells that are looked at together: a cell's neighbours on one row, and one more that makes it four.
+const SPAN: usize = 4;
+
+/// Links to the cells of a row.
 #[derive(Debug, Clone, Copy)]
-struct Cell {
-    /// Relative shear of the node.
-    shear: f32,
-    /// Least ticks found so far; 0 where no front may enter.
-    time: u32,
+struct Row {
+    /// Distance in storage to the first of [`SPAN`] cells.
+    offset: isize,
+    /// Factor of each link; see [`FrontRules::factor`].
+    factor: [f32; SPAN],
+    /// Whether the front runs along the link.
+    open: [bool; SPAN],
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
 pub(super) struct Medium {
     low: [usize; 3],
     size: [usize; 3],
-    rest: Vec<Cell>,
-    /// Distance in storage and factor of each link; see [`FrontRules::factor`].
-    links: Vec<(isize, f32)>,
+    /// Relative shear of each cell.
+    shear: Vec<f32>,
+    /// Times before a wave: [`LATE`] in soft tissue, 0 where no front may enter.
+    rest: Vec<i32>,
+    rows: Vec<Row>,
     rules: FrontRules,
     /// Latest time that counts.
-    limit: u32,
+    limit: i32,
     /// The most ticks that a link can take.
-    slowest: u32,
-    /// The least ticks that a link can take here.
-    fastest: u32,
+    slowest: usize,
     /// Bone and cell of every bone node beside soft tissue, bone by bone.
     surface: Vec<(u16, u32)>,
 }
 
 /// How a wave went, on the cells of the medium.
 pub(super) struct Arrival<N> {
-    cells: Vec<Cell>,
-    limit: u32,
+    times: Vec<i32>,
+    limit: i32,
     /// What was noted.
     pub(super) notes: N,
 }
 
 /// What a wave notes besides times.
 pub(super) trait Notes: Send {
+    /// Whether offers that are equally early matter.
+    const TIES: bool;
     /// `to` takes the offer of `from`, which is earlier than all before.
     fn earlier(&mut self, from: usize, to: usize);
     /// `to` is offered the time that it has already.
@@ -58,6 +70,7 @@ pub(super) trait Notes: Send {
 pub(super) struct Nothing;
 
 impl Notes for Nothing {
+    const TIES: bool = false;
     fn earlier(&mut self, _: usize, _: usize) {}
     fn equal(&mut self, _: usize, _: usize) {}
     fn settled(&mut self, _: usize) {}
@@ -67,6 +80,7 @@ impl Notes for Nothing {
 pub(super) struct Owners(pub(super) Vec<u16>);
 
 impl Notes for Owners {
+    const TIES: bool = true;
     fn earlier(&mut self, from: usize, to: usize) {
         self.0[to] = self.0[from];
     }
@@ -80,6 +94,7 @@ impl Notes for Owners {
 pub(super) struct Ordered(pub(super) Owners, pub(super) Vec<u32>);
 
 impl Notes for Ordered {
+    const TIES: bool = true;
     fn earlier(&mut self, from: usize, to: usize) {
         self.0.earlier(from, to);
     }
@@ -107,31 +122,28 @@ impl Medium {
         // The lattice's border is outside, so there is always one more node around the active ones.
         let low = low.map(|l| l - 1);
         let size: [usize; 3] = std::array::from_fn(|a| high[a] + 2 - low[a]);
-        let mut rest = vec![Cell { shear: 0.0, time: 0 }; size.iter().product()];
-        rest.par_chunks_mut(size[0]).enumerate().for_each(|(row, cells)| {
+        let cells: usize = size.iter().product();
+        // Room at the end for the last row's span.
+        let (mut shear, mut rest) = (vec![0f32; cells + SPAN], vec![0i32; cells + SPAN]);
+        let rows = shear[..cells].par_chunks_mut(size[0]).zip(rest[..cells].par_chunks_mut(size[0]));
+        rows.enumerate().for_each(|(row, (shear, rest))| {
             let start = lattice.grid.linear([low[0], low[1] + row % size[1], low[2] + row / size[1]]);
-            for (cell, n) in cells.iter_mut().zip(start..) {
-                let time = if lattice.node[n] == Node::Soft { NEVER } else { 0 };
-                *cell = Cell { shear: lattice.constraint[n].shear, time };
+            for ((shear, rest), n) in shear.iter_mut().zip(rest).zip(start..) {
+                *shear = lattice.constraint[n].shear;
+                *rest = if lattice.node[n] == Node::Soft { LATE } else { 0 };
             }
         });
         let hops = rules.links(lattice);
-        let greatest = rest.iter().map(|c| c.shear).fold(0f32, f32::max);
+        let greatest = shear.iter().copied().fold(0f32, f32::max);
         let ticks = |shears: f32| hops.iter().map(move |h| rules.ticks(rules.factor(h.mm), shears));
         let mut medium = Self {
             low,
             size,
-            links: hops
-                .iter()
-                .map(|h| {
-                    let [i, j, k] = h.step.map(|s| s as isize);
-                    (i + size[0] as isize * (j + size[1] as isize * k), rules.factor(h.mm))
-                })
-                .collect(),
-            limit: (rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32,
-            slowest: ticks(0.0).chain(ticks(2.0 * greatest)).max().unwrap_or(1),
-            fastest: ticks(0.0).chain(ticks(2.0 * greatest)).min().unwrap_or(1),
+            rows: rows_of(&hops, &rules, size),
+            limit: (rules.cutoff * TICKS).min(MOST) as i32,
+            slowest: ticks(0.0).chain(ticks(2.0 * greatest)).max().unwrap_or(1) as usize,
             rules,
+            shear,
             rest,
             surface: Vec::new(),
         };
@@ -147,8 +159,11 @@ impl Medium {
             .filter_map(|&n| {
                 let Node::Bone(bone) = lattice.node[n as usize] else { return None };
                 let cell = self.cell(lattice.grid.voxel(n as usize));
-                let soft = |&(offset, _): &(isize, f32)| self.rest[cell.wrapping_add_signed(offset)].time == NEVER;
-                self.links.iter().any(soft).then_some((bone, cell as u32))
+                let soft = |row: &Row| {
+                    let first = cell.wrapping_add_signed(row.offset);
+                    (0..SPAN).any(|l| row.open[l] && self.rest[first + l] == LATE)
+                };
+                self.rows.iter().any(soft).then_some((bone, cell as u32))
             })
             .collect();
         found.sort_unstable();
@@ -157,7 +172,7 @@ impl Medium {
 
     /// Number of cells.
     pub(super) fn len(&self) -> usize {
-        self.rest.len()
+        self.size.iter().product()
     }
 
     /// Cells along each axis.
@@ -184,7 +199,7 @@ impl Medium {
     }
 
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
-    pub(super) fn times(&self, source: Source, latest: Option<&[u32]>) -> Arrival<Nothing> {
+    pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival<Nothing> {
         self.wave(source, latest, Nothing)
     }
 
@@ -205,11 +220,11 @@ impl Medium {
     }
 
     /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
-    pub(super) fn latest(&self, first: &Arrival<Nothing>, ratio: f64) -> Vec<u32> {
-        first.cells.par_iter().map(|c| (ratio * f64::from(c.time)).min(f64::from(NEVER)) as u32).collect()
+    pub(super) fn latest(&self, first: &Arrival<Nothing>, ratio: f64) -> Vec<i32> {
+        first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
     }
 
-    fn wave<N: Notes>(&self, source: Source, latest: Option<&[u32]>, notes: N) -> Arrival<N> {
+    fn wave<N: Notes>(&self, source: Source, latest: Option<&[i32]>, notes: N) -> Arrival<N> {
         let seeds = match source {
             Source::AnyBone => &self.surface[..],
             Source::Bone(b) => {
@@ -218,35 +233,52 @@ impl Medium {
                 &self.surface[from..to]
             }
         };
-        let search = Search { medium: self, cells: self.rest.clone(), latest, notes };
-        let (cells, notes) = match self.rules.time {
+        let search = Search { medium: self, times: self.rest.clone(), latest, notes };
+        let (times, notes) = match self.rules.time {
             LinkTime::FastInStiff => search.run::<true>(seeds),
             LinkTime::SlowInStiff | LinkTime::Literal => search.run::<false>(seeds),
         };
-        Arrival { cells, limit: self.limit, notes }
+        Arrival { times, limit: self.limit, notes }
     }
+}
+
+/// The links by rows of cells.
+fn rows_of(hops: &[Hop], rules: &FrontRules, size: [usize; 3]) -> Vec<Row> {
+    let mut rows: Vec<Row> = Vec::new();
+    for hop in hops {
+        let [i, j, k] = hop.step.map(|s| s as isize);
+        let offset = size[0] as isize * (j + size[1] as isize * k) - 1;
+        let at = rows.iter().position(|r| r.offset == offset).unwrap_or_else(|| {
+            rows.push(Row { offset, factor: [1.0; SPAN], open: [false; SPAN] });
+            rows.len() - 1
+        });
+        let lane = (i + 1) as usize;
+        (rows[at].factor[lane], rows[at].open[lane]) = (rules.factor(hop.mm), true);
+    }
+    rows
 }
 
 impl<N> Arrival<N> {
     /// Ticks at a cell of soft tissue; `None` where the wave does not come, and in bones.
+    #[inline(always)]
     pub(super) fn time(&self, cell: usize) -> Option<u32> {
-        let t = self.cells[cell].time;
-        (t != 0 && t <= self.limit).then_some(t)
+        let t = self.times[cell];
+        (t != 0 && t <= self.limit).then_some(t as u32)
     }
 }
 
 /// A wave on its way.
 struct Search<'a, N> {
     medium: &'a Medium,
-    cells: Vec<Cell>,
-    latest: Option<&'a [u32]>,
+    times: Vec<i32>,
+    latest: Option<&'a [i32]>,
     notes: N,
 }
 
 impl<N: Notes> Search<'_, N> {
     /// Dial's algorithm: one bucket per tick, as many as a link can take at most.
-    fn run<const FAST: bool>(mut self, seeds: &[(u16, u32)]) -> (Vec<Cell>, N) {
-        let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); self.medium.slowest as usize + 1];
+    fn run<const FAST: bool>(mut self, seeds: &[(u16, u32)]) -> (Vec<i32>, N) {
+        let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); self.medium.slowest + 1];
         buckets[0].extend(seeds.iter().map(|s| s.1));
         let (mut waiting, mut now, mut slot) = (seeds.len(), 0, 0);
         while waiting > 0 && now <= self.medium.limit {
@@ -255,7 +287,7 @@ impl<N: Notes> Search<'_, N> {
             waiting -= bucket.len();
             for n in bucket.drain(..) {
                 let n = n as usize;
-                if self.cells[n].time == now {
+                if self.times[n] == now {
                     self.notes.settled(n);
                     waiting += self.expand::<FAST>(n, now, slot, &mut buckets);
                 }
@@ -264,35 +296,57 @@ impl<N: Notes> Search<'_, N> {
             now += 1;
             slot = if slot + 1 == buckets.len() { 0 } else { slot + 1 };
         }
-        (self.cells, self.notes)
+        (self.times, self.notes)
     }
 
     /// Offers the time of a settled cell to its neighbours; returns how many took it.
+    ///
+    /// Whether an offer is early enough is as good as random, so that a branch for each would cost more than to compute a
+    /// row's four at a time and ask once.
     #[inline(always)]
-    fn expand<const FAST: bool>(&mut self, n: usize, now: u32, slot: usize, buckets: &mut [Vec<u32>]) -> usize {
-        let shear = self.cells[n].shear;
+    fn expand<const FAST: bool>(&mut self, n: usize, now: i32, slot: usize, buckets: &mut [Vec<u32>]) -> usize {
+        let shear = self.medium.shear[n];
         let mut taken = 0;
-        for &(offset, factor) in &self.medium.links {
-            let m = n.wrapping_add_signed(offset);
-            let cell = self.cells[m];
-            if cell.time < now + self.medium.fastest {
+        for row in &self.medium.rows {
+            let first = n.wrapping_add_signed(row.offset);
+            let shears = self.medium.shear.get(first..).and_then(|s| s.first_chunk::<SPAN>());
+            let times = self.times.get(first..).and_then(|t| t.first_chunk::<SPAN>());
+            let (Some(shears), Some(times)) = (shears, times) else { continue };
+            let due: [i32; SPAN] =
+                std::array::from_fn(|l| now + FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l]) as i32);
+            let better: [bool; SPAN] = std::array::from_fn(|l| (due[l] - i32::from(N::TIES) < times[l]) & row.open[l]);
+            if !(better[0] | better[1] | better[2]) {
                 continue;
             }
-            let ticks = FrontRules::ticks_of::<FAST>(factor, shear + cell.shear);
-            let time = now + ticks;
-            if time > cell.time || self.latest.is_some_and(|latest| time > latest[m]) {
-                continue;
+            for l in 0..SPAN - 1 {
+                if better[l] {
+                    taken += self.offer([n, first + l], due[l], (slot, (due[l] - now) as usize), buckets);
+                }
             }
-            if time == cell.time {
-                self.notes.equal(n, m);
-                continue;
-            }
-            self.cells[m].time = time;
-            self.notes.earlier(n, m);
-            let to = slot + ticks as usize;
-            buckets[if to >= buckets.len() { to - buckets.len() } else { to }].push(m as u32);
-            taken += 1;
         }
         taken
+    }
+
+    /// Makes an offer to a neighbour that it will not refuse for being late; returns whether it counts as waiting anew.
+    #[inline(always)]
+    fn offer(
+        &mut self,
+        [n, m]: [usize; 2],
+        due: i32,
+        (slot, ticks): (usize, usize),
+        buckets: &mut [Vec<u32>],
+    ) -> usize {
+        if self.latest.is_some_and(|latest| due > latest[m]) {
+            return 0;
+        }
+        if due == self.times[m] {
+            self.notes.equal(n, m);
+            return 0;
+        }
+        self.times[m] = due;
+        self.notes.earlier(n, m);
+        let to = slot + ticks;
+        buckets[if to >= buckets.len() { to - buckets.len() } else { to }].push(m as u32);
+        1
     }
 }

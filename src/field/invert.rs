@@ -56,8 +56,9 @@ const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.
 const MOST_GUESSES: f64 = 1e7;
 
-/// Iteration limit where no tissue comes to lie: the continued field outside tissue may have no inverse at all.
-const AIR_ITERATIONS: usize = 10;
+/// Iteration limit of the quick search, which is all that there is where no tissue comes to lie: the continued field outside
+/// tissue may have no inverse at all.
+const QUICK_ITERATIONS: usize = 10;
 
 /// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
 struct Continued<'a> {
@@ -365,17 +366,15 @@ impl<V> Search<'_, V> {
         let tolerance = self.options.tolerance_mm;
         let held = drawn.rank > 0;
         let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value([y.x, y.y, y.z]) };
-        if let Some((v, residual)) = self.quick.invert(y, start, tolerance) {
-            return (v, residual, true);
-        }
         let most = self.options.max_iterations;
-        let found = solve(y, start, &self.robust, (tolerance, if held { most } else { most.min(AIR_ITERATIONS) }));
-        let at = self.push.displacement.grid().index(&Point3::from(y + found.0));
-        if found.2 || held || !self.push.displacement.grid().contains(&at) || !self.tissue(&at) {
+        let found = self.quick.invert(y, start, (tolerance, most.min(QUICK_ITERATIONS)));
+        if found.2 {
             return found;
         }
-        // Tissue thinner than the mesh.
-        solve(y, start, &self.robust, (tolerance, most))
+        let at = self.push.displacement.grid().index(&Point3::from(y + found.0));
+        let tissue = held || (self.push.displacement.grid().contains(&at) && self.tissue(&at));
+        let patient = if tissue { solve(y, start, &self.robust, (tolerance, most)) } else { found };
+        if patient.1 < found.1 { patient } else { found }
     }
 }
 

@@ -7,8 +7,6 @@ use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 
-/// Steps that are tried; from a start within a voxel two are enough where the field is smooth.
-const STEPS: usize = 5;
 /// Determinants of the map's gradient below this are too close to a fold.
 const LEAST_DETERMINANT: f32 = 0.05;
 
@@ -99,21 +97,34 @@ impl<'a> Sampler<'a> {
         self.at(self.index(p)).map_or_else(Vector3::zeros, |s| s.value.map(f64::from).into())
     }
 
-    /// Finds `v` with `v + u(y + v) = 0` within `tolerance` mm, and the residual; `None` where it does not come that close.
+    /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm, in at most `steps` steps: the best found, its residual in
+    /// mm, and whether that is within the tolerance.
     #[inline]
-    pub(super) fn invert(&self, y: &Vector3<f64>, start: Vector3<f64>, tolerance: f64) -> Option<(Vector3<f64>, f64)> {
+    pub(super) fn invert(
+        &self,
+        y: &Vector3<f64>,
+        start: Vector3<f64>,
+        (tolerance, steps): (f64, usize),
+    ) -> (Vector3<f64>, f64, bool) {
         let mut v = [start.x, start.y, start.z];
-        for _ in 0..STEPS {
-            let sample = self.at(self.index([y.x + v[0], y.y + v[1], y.z + v[2]]))?;
+        let mut best = (v, f64::INFINITY);
+        for _ in 0..=steps {
+            let Some(sample) = self.at(self.index([y.x + v[0], y.y + v[1], y.z + v[2]])) else { break };
             let r: [f64; 3] = std::array::from_fn(|a| v[a] + f64::from(sample.value[a]));
-            let size = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-            if size < tolerance * tolerance {
-                return Some((v.into(), size.sqrt()));
+            let size = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
+            if size < best.1 {
+                best = (v, size);
             }
-            let step = self.step(&sample.slope, r.map(|c| c as f32))?;
-            v = std::array::from_fn(|a| v[a] - f64::from(step[a]));
+            if size < tolerance {
+                break;
+            }
+            // A step is kept short, so that it stays in its basin; near a fold the fixed point takes its place.
+            let whole = self.step(&sample.slope, r.map(|c| c as f32)).map_or(r, |s| s.map(f64::from));
+            let length = (whole[0] * whole[0] + whole[1] * whole[1] + whole[2] * whole[2]).sqrt();
+            let share = if length > 2.0 * size { 2.0 * size / length } else { 1.0 };
+            v = std::array::from_fn(|a| v[a] - share * whole[a]);
         }
-        None
+        (best.0.into(), best.1, best.1 < tolerance)
     }
 
     /// The Newton step for a residual: the map's gradient, turned round. `None` near a fold.
