@@ -93,6 +93,7 @@ impl<'a> Sampler<'a> {
     }
 
     /// The value at a world position.
+    #[inline]
     pub(super) fn value(&self, p: [f64; 3]) -> Vector3<f64> {
         self.at(self.index(p)).map_or_else(Vector3::zeros, |s| s.value.map(f64::from).into())
     }

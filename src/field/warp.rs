@@ -1,6 +1,6 @@
 //! Carrying images and labels through a pull field, and points through a push field.
 
-use super::lanes::{LANES, Lanes};
+use super::lanes::LANES;
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
@@ -213,37 +213,42 @@ pub(super) fn walked<T: Send + Default + Clone>(
     let [nx, ny, _] = grid.size();
     let base = source.index(&grid.origin());
     let step = source.inverse_step() * grid.step();
-    let turn = [0, 1, 2].map(|a| [0, 1, 2].map(|c| Lanes::all(source.inverse_step()[(a, c)] as f32)));
-    let count = Lanes(std::array::from_fn(|l| l as f32));
-    let along = [0, 1, 2].map(|a| Lanes::all(step[(a, 0)] as f32) * count);
+    let turn: [[f32; 3]; 3] = std::array::from_fn(|a| std::array::from_fn(|c| source.inverse_step()[(a, c)] as f32));
+    let along: [[f32; LANES]; 3] = std::array::from_fn(|a| std::array::from_fn(|l| (step[(a, 0)] * l as f64) as f32));
     let mut out = vec![T::default(); grid.len()];
     out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
+        // Filled anew for each block; arrays that are handed round by value would be copied more often than computed.
+        let (mut u, mut low, mut t) = ([[0f32; LANES]; 3], [[0i32; LANES]; 3], [[0f32; LANES]; 3]);
         for (n, (out, v)) in out.chunks_mut(LANES).zip(v.chunks(LANES)).enumerate() {
+            for (l, v) in v.iter().enumerate() {
+                (u[0][l], u[1][l], u[2][l]) = (v[0], v[1], v[2]);
+            }
             let index = Vector3::new((n * LANES) as f64, (row % ny) as f64, (row / ny) as f64);
-            let start = (base + step * index).map(|c| c.clamp(-1e8, 1e8));
-            let u: [Lanes; 3] = std::array::from_fn(|c| Lanes(std::array::from_fn(|l| v.get(l).map_or(0.0, |v| v[c]))));
-            let places = [0, 1, 2].map(|a| {
-                let whole = start[a].floor();
-                let [x, y, z] = turn[a];
-                let rest = Lanes::all((start[a] - whole) as f32) + along[a];
-                lower(rest + (x * u[0] + y * u[1] + z * u[2]), whole as i32)
-            });
+            for a in 0..3 {
+                let start = (base[a] + (step.row(a) * index)[0]).clamp(-1e8, 1e8);
+                let whole = start.floor();
+                let (rest, whole, by) = ((start - whole) as f32, whole as i32, turn[a]);
+                for l in 0..LANES {
+                    let x = (rest + along[a][l]) + (by[0] * u[0][l] + by[1] * u[1][l] + by[2] * u[2][l]);
+                    (low[a][l], t[a][l]) = lower(x, whole);
+                }
+            }
             for (l, o) in out.iter_mut().enumerate() {
-                *o = value(Place { low: places.map(|p| p.0[l]), t: places.map(|p| p.1.0[l]) });
+                *o = value(Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] });
             }
         }
     });
     out
 }
 
-/// Lower voxels and the way from them; what is far off or no number comes to lie far outside.
+/// The lower voxel and the way from it; what is far off or no number comes to lie far outside.
 #[inline(always)]
-fn lower(x: Lanes, whole: i32) -> ([i32; LANES], Lanes) {
-    let held = Lanes(x.0.map(|x| if x.abs() < FAR { x } else { -4.0 * FAR }));
-    let cut = held.0.map(|x| x as i32);
-    let floor: [i32; LANES] = std::array::from_fn(|l| cut[l] - i32::from(cut[l] as f32 > held.0[l]));
-    let far: [i32; LANES] = std::array::from_fn(|l| if held.0[l] > -2.0 * FAR { 0 } else { -400_000_000 });
-    (std::array::from_fn(|l| floor[l] + whole + far[l]), Lanes(std::array::from_fn(|l| held.0[l] - floor[l] as f32)))
+fn lower(x: f32, whole: i32) -> (i32, f32) {
+    let near = x.abs() < FAR;
+    let held = if near { x } else { 0.0 };
+    let cut = held as i32;
+    let floor = cut - i32::from(cut as f32 > held);
+    (floor + if near { whole } else { -400_000_000 }, held - floor as f32)
 }
 
 #[cfg(test)]
