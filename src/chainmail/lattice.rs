@@ -94,10 +94,41 @@ impl Lattice {
         Self::from_nodes(grid, node, constraint)
     }
 
+    /// The voxels from `low` to `high` of the planning grid, each an element, with a border of one node.
+    pub(super) fn patch(
+        tissue: &Tissue<'_>,
+        material: &Material,
+        organs: &Organs,
+        low: [usize; 3],
+        high: [usize; 3],
+    ) -> Self {
+        let fine = tissue.ct.grid();
+        let size: [usize; 3] = std::array::from_fn(|a| high[a] - low[a] + 3);
+        let origin = fine.world(&Vector3::from(low.map(|c| c as f64 - 1.0)));
+        let grid =
+            Grid::new(size, fine.spacing(), origin, *fine.direction()).expect("a padded part of a legal grid is legal");
+        let (node, constraint) = (0..grid.len())
+            .map(|n| {
+                let at = grid.voxel(n);
+                if (0..3).any(|a| at[a] == 0 || at[a] + 1 == size[a]) {
+                    return (Node::Outside, RIGID);
+                }
+                let [x, y, z] = std::array::from_fn(|a| at[a] + low[a] - 1).map(|c: usize| c..c + 1);
+                classify(tissue, material, organs, [&x, &y, &z])
+            })
+            .unzip();
+        Self::from_nodes(grid, node, constraint)
+    }
+
     /// A lattice of given elements in storage order; those on the border of the grid must be outside.
     pub fn from_nodes(grid: Grid, node: Vec<Node>, constraint: Vec<Constraint>) -> Self {
         let active = (0..node.len() as u32).into_par_iter().filter(|&n| node[n as usize] != Node::Outside).collect();
         Self { grid, node, constraint, active }
+    }
+
+    /// The nodes of soft tissue, ascending.
+    pub fn soft(&self) -> impl Iterator<Item = u32> + '_ {
+        self.active.iter().copied().filter(|&n| self.node[n as usize] == Node::Soft)
     }
 
     /// Distances in storage to the 26 neighbours.

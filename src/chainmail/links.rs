@@ -1,7 +1,7 @@
 //! Do the links hold? Each link of the result against its valid region (thesis 2.4, Fig. 7), which turns with the tissue.
 
 use super::lattice::{Lattice, Node};
-use super::relax::{Elasticity, Relaxation};
+use super::relax::rotations;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -40,7 +40,7 @@ fn excess(moved: &Vector3<f64>, axis: usize, directions: &Matrix3<f64>, length: 
 
 /// Checks every link of the lattice between active elements; two bones have no link.
 pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[Matrix3<f64>]) -> LinkReport {
-    let turns = Relaxation::new(lattice, displacement, bone_turns, Elasticity::Corotated).rotations(4);
+    let turns = rotations(lattice, displacement, bone_turns);
     let size = lattice.grid.size();
     let plane = size[0] * size[1];
     let directions = lattice.grid.direction();

@@ -9,6 +9,7 @@ mod front;
 mod lattice;
 mod links;
 mod material;
+mod mend;
 mod options;
 mod propagate;
 mod pull;
@@ -17,6 +18,7 @@ mod relax;
 mod superpose;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod untangle;
 
 pub use blend::{FirstWave, first_wave, spread};

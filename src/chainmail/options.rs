@@ -50,8 +50,13 @@ pub struct ChainmailOptions {
     pub spacing_mm: f64,
     /// What pulls the elements in the relaxation.
     pub elasticity: Elasticity,
+    /// Poisson's ratio of tissue under the corotated relaxation, 0.25 to 0.49: links alone have 0.25; more makes them give
+    /// way to changes of shape and not of volume.
+    pub poisson: f64,
     /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
     pub relaxation: Vec<(f64, usize)>,
+    /// Attempts to unfold what is folded on the full grid; 0 for none.
+    pub mend: usize,
     /// Voxels below this grey value take no part, HU for CT.
     pub least_hu: f32,
 }
@@ -72,7 +77,9 @@ impl Default for ChainmailOptions {
             prune_ratio: 4.0,
             spacing_mm: 3.0,
             elasticity: Elasticity::Corotated,
+            poisson: 0.4,
             relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
+            mend: 3,
             least_hu: -500.0,
         }
     }
@@ -89,6 +96,7 @@ impl ChainmailOptions {
             prune_ratio: 0.0,
             spacing_mm: 0.0,
             relaxation: Vec::new(),
+            mend: 0,
             ..Self::default()
         }
     }
@@ -104,6 +112,7 @@ impl ChainmailOptions {
             within("exponent", self.exponent, 0.1, 64.0),
             within("cutoff", self.cutoff, 1e-3, 1e6),
             within("prune_ratio", self.prune_ratio, 0.0, 1e6),
+            within("poisson", self.poisson, 0.25, 0.49),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),

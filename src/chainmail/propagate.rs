@@ -5,10 +5,11 @@ use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::lattice::{Lattice, Node, Tissue};
 use super::material::Organs;
+use super::mend::mend;
 use super::options::ChainmailOptions;
 use super::pull::ImagePull;
 use super::relax::Relaxation;
-use super::untangle::tangled;
+use super::untangle::{around, tangled};
 use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::Rigid;
@@ -48,7 +49,7 @@ pub fn propagate(
         progress.step(n, steps, &format!("relax at {spacing} mm"));
         let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
         let start = start(&lattice, bones, options, change.as_ref());
-        let relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity);
+        let relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity, options.poisson);
         let relaxed = relax(relaxation, &lattice, rounds, image);
         let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
             .map(|n| (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a])))
@@ -59,7 +60,7 @@ pub fn propagate(
     let lattice = Lattice::new(tissue, &options.material, &organs, options.spacing_mm);
     let (mut displacement, _) = start(&lattice, bones, options, change.as_ref());
     if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
-        let relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity);
+        let relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity, options.poisson);
         displacement = relax(relaxation, &lattice, rounds, image);
     }
     let known: Vec<Option<[f32; 3]>> =
@@ -67,7 +68,8 @@ pub fn propagate(
     displacement = extend(&lattice, &known);
     progress.step(steps - 1, steps, "all voxels");
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
-    let push = to_voxels(tissue, bones.transforms, &coarse)?;
+    let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
+    mend(tissue, bones, options, &organs, &mut push);
     Ok(Propagation { push, lattice, displacement: coarse.into_data() })
 }
 
@@ -75,29 +77,30 @@ pub fn propagate(
 const LEAST_VOLUME: f64 = 0.3;
 /// Times that elements are let go at each spacing.
 const RELEASES: usize = 6;
+/// Links around a tangled cell that settle anew when it is let go.
+const AROUND: usize = 5;
 
 /// Relaxes by mechanics alone, then with the images' pull, which lets go where cells would tangle.
-fn relax(
-    mut relaxation: Relaxation<'_>,
-    lattice: &Lattice,
-    rounds: usize,
-    image: Option<&dyn ImagePull>,
-) -> Vec<[f32; 3]> {
-    relaxation.run(rounds, None);
+fn relax(mut relaxation: Relaxation, lattice: &Lattice, rounds: usize, image: Option<&dyn ImagePull>) -> Vec<[f32; 3]> {
+    let everywhere = relaxation.everywhere();
+    relaxation.run(rounds, &everywhere, None);
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);
     let mut released = vec![false; lattice.node.len()];
     for pass in 0..passes {
         let mut pull = compare(&relaxation.displacements());
-        pull.release(&released);
-        relaxation.run(rounds, Some(&pull));
+        pull.release(lattice, &released);
+        relaxation.run(rounds, &everywhere, Some(&pull));
         let last = pass + 1 == passes;
         for _ in 0..if last { RELEASES } else { 1 } {
-            let Some(more) = tangled(lattice, &relaxation.displacements(), LEAST_VOLUME) else { break };
-            released.iter_mut().zip(more).for_each(|(r, m)| *r |= m);
-            pull.release(&released);
-            relaxation.run(rounds, Some(&pull));
+            let cells = tangled(lattice, &relaxation.displacements(), &lattice.active, LEAST_VOLUME);
+            if cells.is_empty() {
+                break;
+            }
+            released.iter_mut().zip(around(lattice, &cells, 1)).for_each(|(r, m)| *r |= m);
+            pull.release(lattice, &released);
+            relaxation.run(rounds, &relaxation.among(&around(lattice, &cells, AROUND)), Some(&pull));
         }
     }
     relaxation.displacements()

@@ -2,7 +2,7 @@
 
 use super::lattice::Lattice;
 
-/// Energy `1/2 u.A u - b.u` of each element's displacement `u`.
+/// Energy `1/2 u.A u - b.u` of each soft element's displacement `u`, in storage order.
 #[derive(Debug, Clone)]
 pub struct Pull {
     /// `A`: xx, xy, xz, yy, yz, zz; positive semidefinite, zero where nothing pulls.
@@ -12,27 +12,24 @@ pub struct Pull {
 }
 
 impl Pull {
-    /// No pull on any of `n` elements.
-    pub fn none(n: usize) -> Self {
-        Self { stiffness: vec![[0.0; 6]; n], towards: vec![[0.0; 3]; n] }
-    }
-
     /// Lets go of the nodes that are set.
-    pub(super) fn release(&mut self, nodes: &[bool]) {
-        for (n, _) in nodes.iter().enumerate().filter(|(_, set)| **set) {
-            self.stiffness[n] = [0.0; 6];
-            self.towards[n] = [0.0; 3];
+    pub(super) fn release(&mut self, lattice: &Lattice, nodes: &[bool]) {
+        for (s, n) in lattice.soft().enumerate() {
+            if nodes[n as usize] {
+                self.stiffness[s] = [0.0; 6];
+                self.towards[s] = [0.0; 3];
+            }
         }
     }
 
-    /// Where an element comes to rest whose links have the total stiffness `weights` and would hold it at
+    /// Where soft element `s` comes to rest whose links have the total stiffness `weights` and would hold it at
     /// `sum / weights`.
-    pub(super) fn settle(&self, node: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
-        let [xx, xy, xz, yy, yz, zz] = self.stiffness[node];
+    pub(super) fn settle(&self, s: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
+        let [xx, xy, xz, yy, yz, zz] = self.stiffness[s];
         if xx + yy + zz <= 0.0 {
             return sum.map(|s| s / weights);
         }
-        let t = self.towards[node];
+        let t = self.towards[s];
         let b = [sum[0] + t[0], sum[1] + t[1], sum[2] + t[2]];
         let (a, d, f) = (xx + weights, yy + weights, zz + weights);
         // The inverse of a symmetric 3x3 by its adjugate.
@@ -47,7 +44,7 @@ impl Pull {
     }
 }
 
-/// Gives the pull at displacements of a lattice's elements (storage order, mm).
+/// Gives the pull at displacements of a lattice's nodes (storage order, mm).
 pub type Comparison<'a> = Box<dyn Fn(&[[f32; 3]]) -> Pull + 'a>;
 
 /// Images that pull elements towards places that look alike.

@@ -347,8 +347,8 @@ fn relaxation_finds_the_chain_between_two_bones() {
         spread_of(&lattice, &[[0.0; 3], [1.0, 0.0, 0.0]], &options()).iter().map(|u| u.unwrap_or_default()).collect();
     let turns = [Matrix3::identity(); 2];
     let relaxed = |elasticity| {
-        let mut r = super::relax::Relaxation::new(&lattice, &moved, &turns, elasticity);
-        r.run(400, None);
+        let mut r = super::relax::Relaxation::new(&lattice, &moved, &turns, elasticity, 0.25);
+        r.run(400, &r.everywhere(), None);
         let u = r.displacements();
         [1, 2, 3].map(|i| u[at(&lattice, i, 0)][0])
     };
@@ -356,6 +356,27 @@ fn relaxation_finds_the_chain_between_two_bones() {
     assert!(relaxed(Elasticity::Gibson).iter().zip([0.25, 0.5, 0.75]).all(|(&u, t)| near(u, t)));
     let sixth = 1.0 / 6.0;
     assert!(relaxed(Elasticity::Heterogeneous).iter().zip([sixth, 0.5, 5.0 * sixth]).all(|(&u, t)| near(u, t)));
+}
+
+/// A bar between two bones that draw apart: in its middle it thins by Poisson's ratio times its stretch.
+#[test]
+fn a_stretched_bar_thins_by_poissons_ratio() {
+    let row = "AsssssssssssssssssssssssB";
+    let lattice = scene(&vec![vec![row; 5].as_slice(); 5]);
+    let turns = [Matrix3::identity(); 2];
+    let [sx, sy, sz] = lattice.grid.strides();
+    let middle = lattice.grid.linear([13, 3, 3]);
+    let ratio = |poisson| {
+        let u: Vec<[f32; 3]> =
+            (0..lattice.node.len()).map(|n| [0.02 * lattice.grid.voxel(n)[0] as f32, 0.0, 0.0]).collect();
+        let mut r = super::relax::Relaxation::new(&lattice, &u, &turns, Elasticity::Corotated, poisson);
+        r.run(3000, &r.everywhere(), None);
+        let u = r.displacements();
+        let slope = |d: usize, a: usize| (u[middle + d][a] - u[middle - d][a]) / 2.0;
+        -f64::from(slope(sy, 1) + slope(sz, 2)) / 2.0 / f64::from(slope(sx, 0))
+    };
+    let (springs, tissue) = (ratio(0.25), ratio(0.4));
+    assert!((springs - 0.25).abs() < 0.04 && (tissue - 0.4).abs() < 0.05, "{springs} {tissue}");
 }
 
 fn random_scene() -> impl Strategy<Value = Lattice> {

@@ -1,56 +1,46 @@
 //! Elements whose cells are turned inside out or nearly so, to be let go by whatever pulls them.
 
 use super::lattice::{Lattice, Node};
-use crate::geometry::stencil::NEIGHBOURS_26;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-/// Whether each node belongs to a cell whose relative volume at a corner leaves `[least, 1 / least]`, or is a neighbour
-/// of such a node; only cells with a soft node and none outside count. `None` when no cell does.
+/// First nodes of the cells whose relative volume at a corner leaves `[least, 1 / least]`, among the cells that begin at
+/// `nodes`; only cells with a soft node and none outside count.
 ///
 /// The volumes at the 8 corners are those of the one-sided finite differences (Liu et al., Int. J. Comput. Vis. 2024).
-pub fn tangled(lattice: &Lattice, u: &[[f32; 3]], least: f64) -> Option<Vec<bool>> {
-    let [nx, ny, nz] = lattice.grid.size();
+pub fn tangled(lattice: &Lattice, u: &[[f32; 3]], nodes: &[u32], least: f64) -> Vec<u32> {
     let strides = lattice.grid.strides();
-    let inverse = lattice.grid.step().try_inverse()?;
-    let planes: Vec<Vec<usize>> = (0..nz - 1)
-        .into_par_iter()
-        .map(|k| {
-            let mut out = Vec::new();
-            for j in 0..ny - 1 {
-                for i in 0..nx - 1 {
-                    let first = lattice.grid.linear([i, j, k]);
-                    let corner = |c: usize| first + (0..3).map(|a| (c >> a & 1) * strides[a]).sum::<usize>();
-                    let nodes: [usize; 8] = std::array::from_fn(corner);
-                    let soft = nodes.iter().filter(|&&n| lattice.node[n] == Node::Soft).count();
-                    if soft > 0
-                        && nodes.iter().all(|&n| lattice.node[n] != Node::Outside)
-                        && strained(&nodes, u, &inverse, least)
-                    {
-                        out.push(first);
-                    }
-                }
-            }
-            out
+    let Some(inverse) = lattice.grid.step().try_inverse() else { return Vec::new() };
+    let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+    nodes
+        .par_iter()
+        .copied()
+        .filter(|&first| {
+            // An active node is never on the border, so its cell lies in the grid.
+            let nodes = corners.map(|c| first as usize + c);
+            let inside = nodes.iter().all(|&n| lattice.node[n] != Node::Outside);
+            let soft = nodes.iter().any(|&n| lattice.node[n] == Node::Soft);
+            inside && soft && strained(&nodes, u, &inverse, least)
         })
-        .collect();
-    let cells: Vec<usize> = planes.concat();
-    if cells.is_empty() {
-        return None;
-    }
+        .collect()
+}
+
+/// Sets every node that is at most `links` links away from the cells that begin at `cells`.
+pub fn around(lattice: &Lattice, cells: &[u32], links: usize) -> Vec<bool> {
+    let size = lattice.grid.size();
     let mut out = vec![false; lattice.node.len()];
-    let offsets = NEIGHBOURS_26.map(|o| (0..3).map(|a| o[a] as isize * strides[a] as isize).sum::<isize>());
-    for first in cells {
-        for c in 0..8 {
-            let n = first + (0..3).map(|a| (c >> a & 1) * strides[a]).sum::<usize>();
-            out[n] = true;
-            for o in offsets {
-                // Active nodes lie inside the border of outside ones, so every neighbour exists.
-                out[(n as isize + o) as usize] = true;
+    for &first in cells {
+        let at = lattice.grid.voxel(first as usize);
+        let low = at.map(|c| c.saturating_sub(links));
+        let high: [usize; 3] = std::array::from_fn(|a| (at[a] + 1 + links).min(size[a] - 1));
+        for k in low[2]..=high[2] {
+            for j in low[1]..=high[1] {
+                let row = lattice.grid.linear([low[0], j, k]);
+                out[row..=row + high[0] - low[0]].fill(true);
             }
         }
     }
-    Some(out)
+    out
 }
 
 /// Whether any of the 8 corner volumes leaves the range.
@@ -85,9 +75,11 @@ mod tests {
             grid: grid.clone(),
         };
         let mut u: Vec<[f32; 3]> = (0..grid.len()).map(|n| [0.1 * grid.voxel(n)[1] as f32, 0.0, 0.0]).collect();
-        assert_eq!(tangled(&lattice, &u, 0.3), None);
+        assert_eq!(tangled(&lattice, &u, &lattice.active, 0.3), Vec::<u32>::new());
         u[grid.linear([4, 4, 4])][0] += 2.5;
-        let found = tangled(&lattice, &u, 0.3).unwrap();
-        assert!(found[grid.linear([4, 4, 4])] && found[grid.linear([6, 4, 4])] && !found[grid.linear([7, 4, 4])]);
+        let found = tangled(&lattice, &u, &lattice.active, 0.3);
+        assert!(found.contains(&(grid.linear([4, 4, 4]) as u32)));
+        let near = around(&lattice, &found, 1);
+        assert!(near[grid.linear([4, 4, 4])] && near[grid.linear([6, 4, 4])] && !near[grid.linear([7, 4, 4])]);
     }
 }

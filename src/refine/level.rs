@@ -6,7 +6,7 @@
 //! of both images' gradients (Benhimane and Malis 2004), `g` and `o` the gain and offset that fit all points best.
 
 use super::RefineOptions;
-use crate::chainmail::{Lattice, Node, Pull};
+use crate::chainmail::{Lattice, Pull};
 use crate::volume::{Volume, cubic, gaussian};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -50,8 +50,7 @@ impl<'a> Level<'a> {
         let mean = spacing.iter().product::<f64>().cbrt();
         let sigma = (options.blur * mean).max(options.least_blur_mm);
         let (planning, fraction) = (gaussian(planning, sigma), gaussian(fraction, sigma));
-        let soft: Vec<u32> =
-            lattice.active.iter().copied().filter(|&n| lattice.node[n as usize] == Node::Soft).collect();
+        let soft: Vec<u32> = lattice.soft().collect();
         let offsets: Vec<Vector3<f64>> = (0..8)
             .map(|c| lattice.grid.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 }))
             .collect();
@@ -128,12 +127,8 @@ impl<'a> Level<'a> {
                 (a.map(|v| v as f32), towards.map(|v| v as f32))
             })
             .collect();
-        let mut out = Pull::none(self.lattice.node.len());
-        for (&n, (stiffness, towards)) in self.soft.iter().zip(each) {
-            out.stiffness[n as usize] = stiffness;
-            out.towards[n as usize] = towards;
-        }
-        out
+        let (stiffness, towards) = each.into_iter().unzip();
+        Pull { stiffness, towards }
     }
 }
 

@@ -25,11 +25,11 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
-            weight: 2.0,
+            weight: 1.0,
             passes: 5,
             rounds: 8,
-            blur: 0.5,
-            least_blur_mm: 1.0,
+            blur: 0.2,
+            least_blur_mm: 0.5,
             window_hu: [-250.0, 300.0],
             robust: 2.0,
         }

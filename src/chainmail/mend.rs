@@ -1,0 +1,123 @@
+//! Folds that are left on the full grid, where voxels between elements and exact bones meet: the tissue around each
+//! settles anew by mechanics alone, voxel by voxel.
+
+use super::carry::Initiators;
+use super::lattice::{Lattice, Tissue};
+use super::material::Organs;
+use super::options::ChainmailOptions;
+use super::relax::Relaxation;
+use super::untangle::{around, tangled};
+use crate::field::{PushField, digital_folds};
+use nalgebra::Matrix3;
+use std::collections::BTreeMap;
+
+/// Folded cells beyond which the field is not mended: then the motion itself is at fault, and it would take long.
+const MOST_CELLS: usize = 5000;
+/// Cells in one block of this many voxels a side are mended together.
+const BLOCK: usize = 12;
+/// Voxels around the folded cells of a block that links reach.
+const MARGIN: usize = 8;
+/// Voxels around a folded cell that settle anew at the first attempt, and how many more at each further one.
+const REACH: usize = 3;
+/// Rounds of relaxation.
+const ROUNDS: usize = 15;
+
+/// Unfolds cells of the digital criterion (see [`digital_folds`]) that do not lie between bones; a cell that does not
+/// unfold stays as it is. Bones do not move.
+pub(super) fn mend(
+    tissue: &Tissue<'_>,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+    organs: &Organs,
+    push: &mut PushField,
+) {
+    let turns: Vec<Matrix3<f64>> =
+        bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    for attempt in 0..options.mend {
+        let cells = folded(tissue, push);
+        if cells.is_empty() || cells.len() > MOST_CELLS {
+            return;
+        }
+        let grid = push.displacement.grid().clone();
+        let mut blocks: BTreeMap<[usize; 3], Vec<usize>> = BTreeMap::new();
+        for cell in cells {
+            blocks.entry(grid.voxel(cell).map(|c| c / BLOCK)).or_default().push(cell);
+        }
+        for cells in blocks.values() {
+            let [low, high] = bounds(cells.iter().map(|&c| grid.voxel(c)), grid.size());
+            let lattice = Lattice::patch(tissue, &options.material, organs, low, high);
+            settle(&lattice, low, cells, &turns, (options, REACH * (attempt + 1)), push);
+        }
+    }
+}
+
+/// Folded cells of tissue that touch at most one bone.
+fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
+    let grid = push.displacement.grid();
+    let strides = grid.strides();
+    let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+    let folds = digital_folds(push);
+    let mendable = |cell: usize| {
+        let nodes = corners.map(|c| cell + c);
+        let mut bones = nodes.iter().filter_map(|&v| tissue.bone(v));
+        let first = bones.next();
+        nodes.iter().all(|&v| tissue.active(v))
+            && bones.all(|b| Some(b) == first)
+            && nodes.iter().any(|&v| tissue.bone(v).is_none())
+    };
+    (0..grid.len()).filter(|&v| folds.data()[v] && mendable(v)).collect()
+}
+
+/// First and last voxel of a box around cells.
+fn bounds(cells: impl Iterator<Item = [usize; 3]>, size: [usize; 3]) -> [[usize; 3]; 2] {
+    let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
+    for at in cells {
+        for a in 0..3 {
+            low[a] = low[a].min(at[a].saturating_sub(MARGIN));
+            high[a] = high[a].max((at[a] + 1 + MARGIN).min(size[a] - 1));
+        }
+    }
+    [low, high]
+}
+
+/// Lets the soft voxels around the cells settle; keeps the result if fewer cells are folded.
+fn settle(
+    lattice: &Lattice,
+    low: [usize; 3],
+    cells: &[usize],
+    turns: &[Matrix3<f64>],
+    (options, reach): (&ChainmailOptions, usize),
+    push: &mut PushField,
+) {
+    let grid = push.displacement.grid().clone();
+    let size = lattice.grid.size();
+    // The patch has a border of one node.
+    let voxel = |n: usize| {
+        let at = lattice.grid.voxel(n);
+        let inside = (0..3).all(|a| at[a] > 0 && at[a] + 1 < size[a]);
+        inside.then(|| grid.linear(std::array::from_fn(|a| at[a] + low[a] - 1)))
+    };
+    let u: Vec<[f32; 3]> =
+        (0..lattice.node.len()).map(|n| voxel(n).map_or([0.0; 3], |v| push.displacement.data()[v])).collect();
+    let local: Vec<u32> = cells
+        .iter()
+        .map(|&c| {
+            let at = grid.voxel(c);
+            lattice.grid.linear(std::array::from_fn(|a| at[a] + 1 - low[a])) as u32
+        })
+        .collect();
+    let near = around(lattice, &local, reach);
+    let mut relaxation = Relaxation::new(lattice, &u, turns, options.elasticity, options.poisson);
+    let region = relaxation.among(&near);
+    relaxation.run(ROUNDS, &region, None);
+    let settled = relaxation.displacements();
+    let folds = |u: &[[f32; 3]]| tangled(lattice, u, &lattice.active, 0.0).len();
+    if folds(&settled) >= folds(&u) {
+        return;
+    }
+    for n in lattice.soft().map(|n| n as usize).filter(|&n| near[n]) {
+        if let Some(v) = voxel(n) {
+            push.displacement.data_mut()[v] = settled[n];
+        }
+    }
+}
