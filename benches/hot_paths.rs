@@ -1,11 +1,14 @@
 //! Hot paths of a registration on the phantom, each over a range of sizes: `cargo bench`.
 
-use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
-use aventail::field::{
-    Chain, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
+use aventail::chainmail::{
+    ChainmailOptions, Combination, Initiators, Lattice, Material, Organs, Tissue, propagate, spread,
 };
-use aventail::fit::{FitOptions, fit_pose};
+use aventail::field::{
+    Chain, FieldFormat, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
+};
+use aventail::fit::{BoneSamples, FitOptions, fit_pose};
 use aventail::geometry::Grid;
+use aventail::io::{self, Stored, WriteOptions};
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::progress::Silent;
 use aventail::volume::{Volume, gaussian};
@@ -40,6 +43,79 @@ fn fields(c: &mut Criterion) {
         });
         group.bench_with_input(BenchmarkId::new("blur 2 mm", voxels), &phantom.planning, |b, v| {
             b.iter(|| gaussian(v, 2.0));
+        });
+    }
+    group.finish();
+}
+
+/// The inverse: by its tolerance.
+fn inverse(c: &mut Criterion) {
+    let (phantom, truth) = phantom([3.0, 3.0, 3.0]);
+    let grid = phantom.fraction.grid();
+    let mut group = c.benchmark_group("invert");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(grid.len() as u64));
+    for tolerance_mm in [1e-1, 1e-2, 1e-3] {
+        let options = InvertOptions { tolerance_mm, ..InvertOptions::default() };
+        group.bench_with_input(BenchmarkId::new("tolerance mm", tolerance_mm), &options, |b, o| {
+            b.iter(|| invert(&truth, grid, o));
+        });
+    }
+    group.finish();
+}
+
+/// Waves at every voxel: by the number of bones, one from all and one from each.
+fn waves(c: &mut Criterion) {
+    let (phantom, _) = phantom([3.0, 3.0, 3.0]);
+    let all: Vec<Option<u16>> = {
+        let mut table = vec![None; usize::from(u16::MAX) + 1];
+        let bones = phantom.skeleton.bones.iter().enumerate();
+        bones.for_each(|(b, bone)| table[usize::from(bone.label)] = Some(b as u16));
+        table
+    };
+    let centroids: Vec<Point3<f64>> = phantom.skeleton.bones.iter().map(|b| b.centroid).collect();
+    let mut group = c.benchmark_group("waves");
+    group.sample_size(10);
+    for bones in [5, 10, 20, 42] {
+        let bone_of_label: Vec<Option<u16>> = all.iter().map(|b| b.filter(|b| usize::from(*b) < bones)).collect();
+        let tissue = Tissue {
+            ct: &phantom.planning,
+            body: &phantom.body,
+            labels: &phantom.bones,
+            bone_of_label: &bone_of_label,
+            least_hu: -500.0,
+        };
+        let moved = Initiators { transforms: &phantom.transforms[..bones], centroids: &centroids[..bones] };
+        let lattice = Lattice::new(&tissue, &Material::default(), &Organs::default(), 0.0);
+        group.throughput(Throughput::Elements(lattice.active.len() as u64));
+        for (name, combination) in
+            [("from all bones", Combination::Prioritisation), ("of each bone", Combination::Superposition)]
+        {
+            let options = ChainmailOptions { combination, prune_ratio: 0.0, ..ChainmailOptions::default() };
+            group.bench_with_input(BenchmarkId::new(name, bones), &options, |b, o| {
+                b.iter(|| spread(&lattice, &moved, o));
+            });
+        }
+    }
+    group.finish();
+}
+
+/// Files: by the gzip level.
+fn files(c: &mut Criterion) {
+    let (phantom, truth) = phantom([3.0, 3.0, 3.0]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut group = c.benchmark_group("files");
+    group.sample_size(10);
+    for gzip_level in [0, 2, 6] {
+        let path = folder.path().join(format!("{gzip_level}.nii.gz"));
+        let options = WriteOptions { gzip_level, ..WriteOptions::default() };
+        io::write_image(&path, &phantom.planning, Stored::Int16, &options).expect("it is written");
+        group.bench_with_input(BenchmarkId::new("read CT, level", gzip_level), &path, |b, p| {
+            b.iter(|| io::read_image(p));
+        });
+        let field = folder.path().join(format!("field{gzip_level}.nii.gz"));
+        group.bench_with_input(BenchmarkId::new("write field, level", gzip_level), &field, |b, p| {
+            b.iter(|| io::write_push(p, &truth, FieldFormat::Nifti, gzip_level));
         });
     }
     group.finish();
@@ -85,7 +161,8 @@ fn fit(c: &mut Criterion) {
         let options = FitOptions { levels: vec![(0.8, samples)], ..FitOptions::default() };
         group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
             b.iter(|| {
-                fit_pose(&phantom.skeleton, &phantom.planning, &phantom.bones, &phantom.fraction, None, o, &Silent)
+                let samples = BoneSamples::new(&phantom.skeleton, &phantom.planning, &phantom.bones, o);
+                fit_pose(&phantom.skeleton, &samples, &phantom.fraction, None, o, &Silent)
             });
         });
     }
@@ -120,5 +197,5 @@ fn dose(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, fields, dose, propagation, fit);
+criterion_group!(benches, fields, inverse, dose, waves, propagation, fit, files);
 criterion_main!(benches);

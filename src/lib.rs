@@ -18,7 +18,7 @@
 //!
 //! ```text
 //! 9 cli        arguments, terminal            8 report     outcome -> files
-//! 7 pipeline   case + config -> outcome       6 config io concepts
+//! 7 pipeline benchmark                        6 config io concepts
 //! 5 fit refine phantom comparator             4 skeleton chainmail evaluate dose
 //! 3 field body                                2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
@@ -50,6 +50,7 @@ pub mod concepts;
 pub mod config;
 pub mod io;
 
+pub mod benchmark;
 pub mod pipeline;
 pub mod report;
 

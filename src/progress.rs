@@ -6,6 +6,8 @@ pub trait Progress: Send + Sync {
     fn stage(&self, name: &str);
     /// `done` of `total` units of the current stage are finished, `label` names the unit.
     fn step(&self, done: usize, total: usize, label: &str);
+    /// Something worth knowing between two stages.
+    fn note(&self, _text: &str) {}
     /// The current stage ended after `seconds`.
     fn finish(&self, seconds: f64);
 }

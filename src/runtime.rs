@@ -66,6 +66,13 @@ impl Runtime {
         out
     }
 
+    /// Forgets the stage times so far: the next run begins.
+    pub fn restart(&self) {
+        if let Ok(mut times) = self.times.lock() {
+            times.clear();
+        }
+    }
+
     /// Stage times so far, in order.
     pub fn times(&self) -> Vec<StageTime> {
         self.times.lock().map(|t| t.clone()).unwrap_or_default()
@@ -78,4 +85,20 @@ pub fn peak_memory() -> Option<u64> {
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib * 1024)
+}
+
+/// Processor time of this process so far, all threads together, s, where the system tells (Linux): unlike wall time it
+/// hardly depends on what else the machine does.
+pub fn processor_seconds() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // Behind the name, which may hold anything: state, then utime and stime as fields 12 and 13, in hundredths of a second.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let ticks: u64 = fields.next()?.parse::<u64>().ok()? + fields.next()?.parse::<u64>().ok()?;
+    Some(ticks as f64 / 100.0)
+}
+
+/// Starts [`peak_memory`] anew from what is resident now, where the system allows it (Linux).
+pub fn reset_peak_memory() {
+    // Only a measurement depends on it; where it is not allowed the peak is the whole process's.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
 }

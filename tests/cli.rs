@@ -76,7 +76,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 7] = [
+    let verbs: [(&str, &[&str]); 8] = [
         (
             "register",
             &[
@@ -106,6 +106,7 @@ fn help_names_every_option_of_every_verb() {
         ("skeleton", &["--bones", "--labels", "--out", "--json"]),
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
+        ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
     ];
     for (verb, names) in verbs {
         let help = stdout(&aventail().args([verb, "--help"]).assert().success());
@@ -125,6 +126,7 @@ fn help_names_every_option_of_every_verb() {
         "dose",
         "skeleton",
         "inspect",
+        "bench",
         "completions",
         "Exit codes",
         "not a medical device",

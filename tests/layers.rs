@@ -17,7 +17,7 @@ const RANKS: [&[&str]; 10] = [
     &["skeleton", "chainmail", "evaluate", "dose"],
     &["fit", "refine", "phantom", "comparator"],
     &["config", "io", "concepts"],
-    &["pipeline"],
+    &["pipeline", "benchmark"],
     &["report"],
     &["cli"],
 ];

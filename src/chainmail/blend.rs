@@ -1,10 +1,11 @@
 //! How the waves of several bones become one displacement: superposition or prioritisation (thesis 5.4).
 
-use super::carry::{Carrier, Initiators};
+use super::carry::{Carrier, Carry, Initiators};
 use super::engine::{Scene, Source, Wave, run};
-use super::front::{FrontRules, NEVER, TICKS};
+use super::front::{FrontRules, NEVER, Order, Structures, TICKS};
 use super::lattice::{Lattice, Node};
 use super::options::{ChainmailOptions, Combination};
+use super::superpose;
 use rayon::prelude::*;
 
 impl<'a> Scene<'a> {
@@ -12,7 +13,7 @@ impl<'a> Scene<'a> {
     pub fn new(lattice: &'a Lattice, bones: &Initiators<'a>, options: &ChainmailOptions) -> Self {
         Self {
             lattice,
-            rules: FrontRules { time: options.link_time, front: options.front, cutoff: options.cutoff },
+            rules: FrontRules::of(options),
             order: options.order,
             structures: options.structures,
             carrier: Carrier::new(lattice, bones, options.carry),
@@ -21,7 +22,7 @@ impl<'a> Scene<'a> {
 
     /// Displacement that a wave brings to a node it has reached, mm.
     fn brought(&self, wave: &Wave, owner: u16, node: usize, voxel: [usize; 3]) -> nalgebra::Vector3<f64> {
-        let parcel = wave.trace.as_ref().and_then(|t| t.parcel.get(node)).copied().unwrap_or_default();
+        let parcel = wave.trace.parcel.get(node).copied().unwrap_or_default();
         self.carrier.displacement(&parcel, owner, &self.lattice.grid.centre(voxel))
     }
 }
@@ -41,8 +42,11 @@ pub struct FirstWave {
 
 /// Runs the wave from all bones at once.
 pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> FirstWave {
-    let wave = run(&Scene::new(lattice, bones, options), Source::AnyBone, None, true);
-    let trace = wave.trace.unwrap_or_default();
+    if only_times(options) {
+        return superpose::first_wave(lattice, options);
+    }
+    let wave = run(&Scene::new(lattice, bones, options), Source::AnyBone, None);
+    let trace = wave.trace;
     let reached = |n: usize| wave.time[n] != NEVER;
     let mm = |n: usize| if reached(n) { f64::from(wave.time[n]) / TICKS } else { f64::INFINITY };
     FirstWave {
@@ -57,12 +61,15 @@ pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainmail
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
 pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+    if only_times(options) {
+        return superpose::spread(lattice, bones, options);
+    }
     let scene = Scene::new(lattice, bones, options);
     match options.combination {
-        Combination::Superposition => superpose(&scene, bones, options),
+        Combination::Superposition => weigh(&scene, bones, options),
         Combination::Prioritisation => {
-            let wave = run(&scene, Source::AnyBone, None, true);
-            let owner = wave.trace.as_ref().map_or(&[][..], |t| &t.owner);
+            let wave = run(&scene, Source::AnyBone, None);
+            let owner = &wave.trace.owner;
             every_node(lattice, bones, |node, voxel| {
                 let u = (wave.time[node] != NEVER).then(|| scene.brought(&wave, owner[node], node, voxel))?;
                 Some([u.x as f32, u.y as f32, u.z as f32])
@@ -71,23 +78,28 @@ pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOpti
     }
 }
 
-fn weight(time: u32, exponent: f64) -> f64 {
+/// Whether nothing but the least time along paths decides: the variant that [`superpose`] serves.
+fn only_times(options: &ChainmailOptions) -> bool {
+    options.order == Order::Timestamps && options.structures == Structures::None && options.carry == Carry::Rigid
+}
+
+/// Weight t^-n of a wave that took `time` ticks.
+pub(super) fn weight(time: u32, exponent: f64) -> f64 {
     let t = f64::from(time.max(1));
     // The usual exponent, without the cost of a general power.
     if (exponent - 4.0).abs() < f64::EPSILON { (t * t * t * t).recip() } else { t.powf(-exponent) }
 }
 
 /// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
-fn superpose(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
     let lattice = scene.lattice;
     let [nx, ny, _] = lattice.grid.size();
-    let first = (options.prune_ratio > 1.0).then(|| run(scene, Source::AnyBone, None, false).time);
+    let first = (options.prune_ratio > 1.0).then(|| run(scene, Source::AnyBone, None).time);
     let bound = first.as_deref().map(|times| (times, options.prune_ratio));
     let mut sums = vec![[0f64; 4]; lattice.node.len()];
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<(u16, Wave)> =
-            group.par_iter().map(|&b| (b, run(scene, Source::Bone(b), bound, false))).collect();
+        let waves: Vec<(u16, Wave)> = group.par_iter().map(|&b| (b, run(scene, Source::Bone(b), bound))).collect();
         sums.par_chunks_mut(nx * ny).enumerate().for_each(|(k, sums)| {
             for (at, s) in sums.iter_mut().enumerate() {
                 let node = k * nx * ny + at;
@@ -110,7 +122,7 @@ fn superpose(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptio
 }
 
 /// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue.
-fn every_node(
+pub(super) fn every_node(
     lattice: &Lattice,
     bones: &Initiators<'_>,
     soft: impl Fn(usize, [usize; 3]) -> Option<[f32; 3]> + Sync,

@@ -1,4 +1,4 @@
-//! The propagation: one loop for every variant. A queue says which element is processed next, a carrier what its links
+//! The propagation: one loop for every variant of which more than first arrivals is asked (those alone are `arrival`'s). A queue says which element is processed next, a carrier what its links
 //! hand on, the source which bones send out the wave.
 
 use super::carry::{Carrier, Parcel};
@@ -43,8 +43,8 @@ pub struct Scene<'a> {
 pub struct Wave {
     /// Ticks along the path by which each node was reached; 0 in the wave's bones, [`NEVER`] where it did not come.
     pub time: Vec<u32>,
-    /// What was asked for about each node.
-    pub trace: Option<Trace>,
+    /// What each node was told.
+    pub trace: Trace,
 }
 
 /// Each node's part in a wave.
@@ -83,18 +83,17 @@ impl Info {
 /// Runs one wave.
 ///
 /// `bound`: first-arrival times and a ratio; the wave does not enter nodes that it would reach later than the ratio
-/// times the first arrival. `trace`: keep owner and order even if the variant does not need them.
+/// times the first arrival.
 ///
 /// Bones other than the source are not entered (thesis 5.4.2). Timestamps are the unique least path sums, and of several
 /// fastest parents the first in storage counts, whatever the order of processing.
-pub fn run(scene: &Scene<'_>, source: Source, bound: Option<(&[u32], f64)>, trace: bool) -> Wave {
+pub fn run(scene: &Scene<'_>, source: Source, bound: Option<(&[u32], f64)>) -> Wave {
     let links = scene.rules.links(scene.lattice);
     if scene.order == Order::Timestamps && scene.structures == Structures::None {
         let queue = BucketQueue::new(&scene.rules, links.iter().map(|h| h.mm));
-        let trace = trace || scene.carrier.carries();
-        return Engine::new(scene, links, queue, bound, trace).run(source);
+        return Engine::new(scene, links, queue, bound).run(source);
     }
-    Engine::new(scene, links, HeapQueue::new(scene.order, scene.structures), bound, true).run(source)
+    Engine::new(scene, links, HeapQueue::new(scene.order, scene.structures), bound).run(source)
 }
 
 struct Engine<'a, Q: Queue> {
@@ -105,19 +104,19 @@ struct Engine<'a, Q: Queue> {
     queue: Q,
     rank: Vec<Q::Rank>,
     done: Vec<bool>,
-    trace: Option<Trace>,
+    trace: Trace,
 }
 
 impl<'a, Q: Queue> Engine<'a, Q> {
-    fn new(scene: &'a Scene<'a>, links: Vec<Hop>, queue: Q, bound: Option<(&'a [u32], f64)>, trace: bool) -> Self {
+    fn new(scene: &'a Scene<'a>, links: Vec<Hop>, queue: Q, bound: Option<(&'a [u32], f64)>) -> Self {
         let n = scene.lattice.node.len();
-        let trace = trace.then(|| Trace {
+        let trace = Trace {
             order: Vec::new(),
             owner: vec![0; n],
             parcel: vec![Parcel::default(); if scene.carrier.carries() { n } else { 0 }],
             parent: vec![u32::MAX; n],
             info: vec![Info::default(); if queue.averages() { n } else { 0 }],
-        });
+        };
         let limit = (scene.rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32;
         Self { scene, links, limit, bound, queue, rank: vec![Q::NEVER; n], done: vec![false; n], trace }
     }
@@ -130,24 +129,21 @@ impl<'a, Q: Queue> Engine<'a, Q> {
                 continue;
             }
             self.done[n] = true;
-            if let Some(trace) = &mut self.trace {
-                if self.scene.lattice.node[n] == Node::Soft {
-                    trace.order.push(n as u32);
-                }
-                if let (Some(info), Some(parcel)) = (trace.info.get(n), trace.parcel.get_mut(n))
-                    && info.count > 0
-                {
-                    *parcel = parcel.scaled(info.weight.recip());
-                }
+            let trace = &mut self.trace;
+            if self.scene.lattice.node[n] == Node::Soft {
+                trace.order.push(n as u32);
+            }
+            if let (Some(info), Some(parcel)) = (trace.info.get(n), trace.parcel.get_mut(n))
+                && info.count > 0
+            {
+                *parcel = parcel.scaled(info.weight.recip());
             }
             for at in 0..self.links.len() {
                 let hop = self.links[at];
                 self.offer(n, &hop);
             }
         }
-        if let Some(trace) = &mut self.trace {
-            (trace.parent, trace.info) = (Vec::new(), Vec::new());
-        }
+        (self.trace.parent, self.trace.info) = (Vec::new(), Vec::new());
         Wave { time: Q::times(self.rank), trace: self.trace }
     }
 
@@ -157,11 +153,9 @@ impl<'a, Q: Queue> Engine<'a, Q> {
         for &n in &lattice.active {
             let Some(bone) = source.holds(lattice.node[n as usize]) else { continue };
             self.rank[n as usize] = Q::START;
-            if let Some(trace) = &mut self.trace {
-                trace.owner[n as usize] = bone;
-                if let Some(parcel) = trace.parcel.get_mut(n as usize) {
-                    *parcel = self.scene.carrier.seed(bone, &lattice.rest(n as usize));
-                }
+            self.trace.owner[n as usize] = bone;
+            if let Some(parcel) = self.trace.parcel.get_mut(n as usize) {
+                *parcel = self.scene.carrier.seed(bone, &lattice.rest(n as usize));
             }
             let surface = |h: &Hop| lattice.node[(n as isize + h.offset) as usize] == Node::Soft;
             if self.links.iter().any(surface) {
@@ -183,14 +177,7 @@ impl<'a, Q: Queue> Engine<'a, Q> {
             return;
         }
         let held = self.rank[m];
-        let Some(trace) = &mut self.trace else {
-            let rank = self.queue.rank(time, 0.0);
-            if rank < held {
-                self.rank[m] = rank;
-                self.queue.push(rank, m as u32);
-            }
-            return;
-        };
+        let trace = &mut self.trace;
         let (owner, carrier) = (trace.owner[n], &self.scene.carrier);
         let parcel = trace.parcel.get(n).copied();
         let hand_on = || parcel.map(|p| carrier.hand_on(lattice, &p, owner, [n, m], hop));
@@ -221,7 +208,7 @@ impl<'a, Q: Queue> Engine<'a, Q> {
     /// Adds an offer to what a node has been told by the same bone (thesis eq. 5.9-5.10). Of several bones the one that
     /// comes first counts.
     fn inform(&mut self, [n, m]: [usize; 2], time: u32, parcel: Parcel) {
-        let Some(trace) = &mut self.trace else { return };
+        let trace = &mut self.trace;
         let mut first = if self.rank[m] == Q::NEVER { NEVER } else { Q::time(self.rank[m]) };
         if first != NEVER && trace.owner[m] != trace.owner[n] {
             if time >= first {

@@ -1,6 +1,7 @@
 //! The rules of a front: which links it runs along, how long it takes, and which element is processed next.
 
 use super::lattice::Lattice;
+use super::options::ChainmailOptions;
 use crate::geometry::stencil::{NEIGHBOURS_6, NEIGHBOURS_26};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -61,6 +62,10 @@ pub const NEVER: u32 = u32::MAX;
 pub const TICKS: f64 = 32.0;
 /// Least relative shear in time: rigid material without a label is slow, not impassable.
 const LEAST_SHEAR: f32 = 0.02;
+/// 2^23: above it single precision holds integers only.
+const TWO_POW_23: f32 = 8_388_608.0;
+/// No link takes longer, ticks: reached at spacings beyond a metre.
+const MOST_TICKS: f32 = 8e6;
 
 /// One of the links of every element.
 #[derive(Debug, Clone, Copy)]
@@ -85,15 +90,36 @@ pub struct FrontRules {
 }
 
 impl FrontRules {
-    /// Ticks along a link of `length` mm with relative `shear`.
-    fn ticks(&self, length: f64, shear: f32) -> u32 {
-        let s = f64::from(shear.max(LEAST_SHEAR));
-        let t = match self.time {
-            LinkTime::SlowInStiff => length / s,
-            LinkTime::FastInStiff => length * s,
-            LinkTime::Literal => 1.0 / (length * s),
+    /// The rules that the options describe.
+    pub fn of(options: &ChainmailOptions) -> Self {
+        Self { time: options.link_time, front: options.front, cutoff: options.cutoff }
+    }
+
+    /// What the time along a link of `length` mm has from its length, so that [`FrontRules::ticks`] is one operation.
+    pub fn factor(&self, length: f64) -> f32 {
+        let factor = match self.time {
+            LinkTime::SlowInStiff => 2.0 * TICKS * length,
+            LinkTime::FastInStiff => 0.5 * TICKS * length,
+            LinkTime::Literal => 2.0 * TICKS / length,
         };
-        (t * TICKS).round().max(1.0) as u32
+        factor as f32
+    }
+
+    /// Ticks along a link of this factor between two nodes whose relative shears add up to `shears`.
+    pub fn ticks(&self, factor: f32, shears: f32) -> u32 {
+        match self.time {
+            LinkTime::FastInStiff => Self::ticks_of::<true>(factor, shears),
+            LinkTime::SlowInStiff | LinkTime::Literal => Self::ticks_of::<false>(factor, shears),
+        }
+    }
+
+    /// As [`FrontRules::ticks`]; `FAST`: shear multiplies, [`LinkTime::FastInStiff`], otherwise it divides.
+    #[inline(always)]
+    pub fn ticks_of<const FAST: bool>(factor: f32, shears: f32) -> u32 {
+        let s = shears.max(2.0 * LEAST_SHEAR);
+        let t = if FAST { factor * s } else { factor / s };
+        // Added to 2^23, a number's nearest integer stands in the low bits: without the cost of a call to round it.
+        (t.clamp(1.0, MOST_TICKS) + TWO_POW_23).to_bits() & 0x7f_ffff
     }
 
     /// Index steps of the links.
@@ -118,11 +144,12 @@ impl FrontRules {
 
     /// The most ticks that a link of this length can take.
     pub fn longest(&self, length: f64) -> u32 {
-        self.ticks(length, LEAST_SHEAR).max(self.ticks(length, 10.0))
+        let factor = self.factor(length);
+        self.ticks(factor, 0.0).max(self.ticks(factor, 20.0))
     }
 
     /// Ticks from one node to a neighbour.
     pub fn between(&self, lattice: &Lattice, from: usize, to: usize, length: f64) -> u32 {
-        self.ticks(length, lattice.link(from, to).shear)
+        self.ticks(self.factor(length), lattice.constraint[from].shear + lattice.constraint[to].shear)
     }
 }

@@ -5,6 +5,7 @@ use crate::geometry::{Grid, stencil::NEIGHBOURS_26};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// What a node is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +37,7 @@ pub struct Lattice {
 const BONE_SHARE: f64 = 1.0 / 3.0;
 
 /// The fine voxels that belong to each coarse index along one axis.
-fn ranges(fine: usize, coarse: usize, ratio: f64) -> Vec<std::ops::Range<usize>> {
+fn ranges(fine: usize, coarse: usize, ratio: f64) -> Vec<Range<usize>> {
     // Fine index i lies at coarse index i / ratio; it belongs to the nearest one.
     let first = |c: f64| ((c - 0.5) * ratio).ceil().max(0.0) as usize;
     (0..coarse).map(|c| first(c as f64).min(fine)..first(c as f64 + 1.0).min(fine)).collect()
@@ -79,23 +80,17 @@ impl Lattice {
             .expect("a padded grid of a legal grid is legal");
         let axis = |a: usize| ranges(fine.size()[a], inner.size()[a], inner.spacing()[a] / fine.spacing()[a]);
         let (xs, ys, zs) = (axis(0), axis(1), axis(2));
-        let plane = size[0] * size[1];
-        let planes: Vec<Vec<(Node, Constraint)>> = (0..size[2])
-            .into_par_iter()
-            .map(|k| {
-                let mut out = vec![(Node::Outside, RIGID); plane];
-                if k == 0 || k + 1 == size[2] {
-                    return out;
-                }
-                for (j, y) in ys.iter().enumerate() {
-                    for (i, x) in xs.iter().enumerate() {
-                        out[i + 1 + size[0] * (j + 1)] = classify(tissue, material, organs, [x, y, &zs[k - 1]]);
-                    }
-                }
-                out
-            })
-            .collect();
-        let (node, constraint): (Vec<Node>, Vec<Constraint>) = planes.into_iter().flatten().unzip();
+        // Voxels of a node along one axis; none on the border.
+        let inner = |ranges: &'_ [Range<usize>], n: usize| n.checked_sub(1).and_then(|n| ranges.get(n).cloned());
+        let of_node = |n: usize| {
+            let [i, j, k] = grid.voxel(n);
+            match (inner(&xs, i), inner(&ys, j), inner(&zs, k)) {
+                (Some(x), Some(y), Some(z)) => classify(tissue, material, organs, [&x, &y, &z]),
+                _ => (Node::Outside, RIGID),
+            }
+        };
+        let (mut node, mut constraint) = (Vec::new(), Vec::new());
+        (0..grid.len()).into_par_iter().map(of_node).unzip_into_vecs(&mut node, &mut constraint);
         Self::from_nodes(grid, node, constraint)
     }
 
@@ -127,7 +122,7 @@ impl Lattice {
 
     /// A lattice of given elements in storage order; those on the border of the grid must be outside.
     pub fn from_nodes(grid: Grid, node: Vec<Node>, constraint: Vec<Constraint>) -> Self {
-        let active = (0..node.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
+        let active = (0..node.len() as u32).into_par_iter().filter(|&n| node[n as usize] != Node::Outside).collect();
         Self { grid, node, constraint, active }
     }
 
@@ -167,7 +162,7 @@ fn classify(
     tissue: &Tissue<'_>,
     material: &Material,
     organs: &Organs,
-    [xs, ys, zs]: [&std::ops::Range<usize>; 3],
+    [xs, ys, zs]: [&Range<usize>; 3],
 ) -> (Node, Constraint) {
     let grid = tissue.ct.grid();
     let (mut all, mut active, mut hu) = (0usize, 0usize, 0f64);

@@ -1,5 +1,6 @@
 //! Rank 4: the chain mail. Elements on a grid, linked to their neighbours with min, max and shear.
 
+mod arrival;
 mod blend;
 mod carry;
 mod engine;
@@ -15,6 +16,7 @@ mod propagate;
 mod pull;
 mod queue;
 mod relax;
+mod superpose;
 #[cfg(test)]
 mod tests;
 mod turn;

@@ -362,7 +362,7 @@ fn relaxation_finds_the_chain_between_two_bones() {
 #[test]
 fn a_stretched_bar_thins_by_poissons_ratio() {
     let row = "AsssssssssssssssssssssssB";
-    let lattice = scene(&vec![vec![row; 5].as_slice(); 5]);
+    let lattice = scene(&[[row; 5].as_slice(); 5]);
     let turns = [Matrix3::identity(); 2];
     let [sx, sy, sz] = lattice.grid.strides();
     let middle = lattice.grid.linear([13, 3, 3]);
@@ -422,6 +422,42 @@ proptest! {
                     let (one, two) = (on(1), on(2));
                     prop_assert!(one == two);
                     prop_assert!(one.iter().flatten().flatten().all(|v| v.is_finite()));
+                }
+            }
+        }
+    }
+
+    /// Packed waves find the times of the general engine, bit by bit, whatever the links and their law; the owner is the
+    /// first of the bones that come first.
+    #[test]
+    fn packed_waves_are_the_engines(lattice in random_scene()) {
+        let t = [Rigid::translation(1.0, 0.0, 0.0), Rigid::translation(0.0, -1.0, 0.5)];
+        let c = [Point3::origin(); 2];
+        let bones = Initiators { transforms: &t, centroids: &c };
+        for front in [Front::Round, Front::Rhombus] {
+            for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff, LinkTime::Literal] {
+                for cutoff in [800.0, 9.0] {
+                    let of = |lattice: &Lattice, carry| {
+                        first_wave(lattice, &bones, &ChainmailOptions { front, link_time, cutoff, carry, ..options() })
+                    };
+                    let (packed, general) = (of(&lattice, Carry::Rigid), of(&lattice, Carry::Translation));
+                    prop_assert_eq!(&packed.time, &general.time);
+                    prop_assert_eq!(packed.order.len(), general.order.len());
+                    // Each bone alone: the other one is as impassable as air.
+                    let alone = [0u16, 1].map(|b| {
+                        let apart = |n: &Node| if *n == Node::Bone(1 - b) { Node::Outside } else { *n };
+                        let node = lattice.node.iter().map(apart).collect();
+                        of(&Lattice::from_nodes(lattice.grid.clone(), node, lattice.constraint.clone()), Carry::Rigid).time
+                    });
+                    for &n in &lattice.active {
+                        let n = n as usize;
+                        let first = match (lattice.node[n], packed.time[n].is_finite()) {
+                            (Node::Bone(b), _) => Some(b),
+                            (_, true) => Some(u16::from(alone[1][n] < alone[0][n])),
+                            (_, false) => None,
+                        };
+                        prop_assert_eq!(packed.owner[n], first);
+                    }
                 }
             }
         }

@@ -56,6 +56,9 @@ pub enum Verb {
     Dose(super::dose::DoseVerb),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(InspectArgs),
+    /// Time the hot paths on a scene of clinical size, beside what the memory allows
+    #[command(after_help = super::bench::HELP)]
+    Bench(super::bench::BenchArgs),
     /// Print a completion script for your shell
     Completions {
         /// Which shell
@@ -81,7 +84,10 @@ Writes to OUT:
 Examples:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --fraction fraction_ct.nii.gz --out out
-  aventail register --config out/report.json --out again      # the same run once more";
+  aventail register --config out/report.json --out again      # the same run once more
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
+                                                              # writes week/monday and week/friday
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw";
 
 /// Options of `register`.
 #[derive(Debug, Args)]
@@ -92,9 +98,10 @@ pub struct RegisterArgs {
     /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
-    /// Fraction CT in HU; any grid, origin and field of view
+    /// Fraction CT in HU; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
-    pub fraction: Option<PathBuf>,
+    pub fraction: Vec<PathBuf>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -107,15 +114,23 @@ pub struct RegisterArgs {
     /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
-    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit
+    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. With several fractions one file
+    /// for each, in their order
     #[arg(long, value_name = "FILE")]
-    pub landmarks: Option<PathBuf>,
+    pub landmarks: Vec<PathBuf>,
     /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
     /// Whether bone landmarks start the fit to the image or replace it
     #[arg(long, value_enum)]
     pub bone_landmarks_use: Option<LandmarkUseName>,
+    /// Only this part of the planning scan, with 50 mm around it: the name of a label, or a box in LPS mm. The results are
+    /// cut to it (see `region` in docs/settings.md)
+    #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
+    pub roi: Option<String>,
+    /// Refuse to begin when the run is expected to need more memory than this
+    #[arg(long, value_name = "GB")]
+    pub max_memory: Option<f64>,
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,

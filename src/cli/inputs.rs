@@ -11,11 +11,10 @@ use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
-/// Where the inputs lie.
+/// Where the inputs of the planning side lie.
 pub(super) struct Inputs {
     planning: PathBuf,
     bones: PathBuf,
-    fraction: Option<PathBuf>,
     labels: Option<PathBuf>,
     organs: Option<PathBuf>,
     skeleton: Option<PathBuf>,
@@ -27,8 +26,6 @@ pub(super) struct Inputs {
 pub(super) struct Flags<'a> {
     pub planning: &'a Option<PathBuf>,
     pub bones: &'a Option<PathBuf>,
-    /// `None` for verbs that have no fraction CT.
-    pub fraction: Option<&'a Option<PathBuf>>,
     pub labels: &'a Option<PathBuf>,
     pub organs: &'a Option<PathBuf>,
     pub skeleton: &'a Option<PathBuf>,
@@ -43,18 +40,10 @@ pub(super) fn either(own: &Option<PathBuf>, role: &str, recorded: &[RecordedInpu
 
 impl Inputs {
     pub(super) fn new(flags: &Flags<'_>, recorded: &[RecordedInput]) -> Result<Self> {
-        let needed = |own: &Option<PathBuf>, role: &str| {
-            either(own, role, recorded).ok_or_else(|| {
-                Error::usage(
-                    format!("no {role} file is given"),
-                    format!("add --{role} FILE; a TOML of settings names no inputs"),
-                )
-            })
-        };
+        let needed = |own: &Option<PathBuf>, role: &str| either(own, role, recorded).ok_or_else(|| missing(role));
         Ok(Self {
             planning: needed(flags.planning, "planning")?,
             bones: needed(flags.bones, "bones")?,
-            fraction: flags.fraction.map(|f| needed(f, "fraction")).transpose()?,
             labels: either(flags.labels, "labels", recorded),
             organs: either(flags.organs, "organs", recorded),
             skeleton: either(flags.skeleton, "skeleton", recorded),
@@ -63,8 +52,8 @@ impl Inputs {
         })
     }
 
-    /// Reads the files; those that a report recorded are checked against its checksums. Without a fraction CT the case
-    /// has an empty image in its place.
+    /// Reads the files; those that a report recorded are checked against its checksums. The case has an empty image in
+    /// place of a fraction.
     pub(super) fn load(&self, recorded: &[RecordedInput], runtime: &Runtime) -> Result<Case> {
         runtime.stage("read", || {
             let planning = io::read_image(&self.planning)?;
@@ -73,7 +62,6 @@ impl Inputs {
                 let odd = organs::add(&mut bones.value, path)?;
                 bones.warnings.extend(odd);
             }
-            let fraction = self.fraction.as_deref().map(io::read_image).transpose()?;
             let landmarks = self.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
             let bone_landmarks =
                 self.bone_landmarks.as_deref().map(io::read_bone_landmarks).transpose()?.unwrap_or_default();
@@ -82,7 +70,6 @@ impl Inputs {
                 None => None,
             };
             let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
-            inputs.extend(fraction.as_ref().map(|f| read("fraction", f)));
             for (role, path) in [
                 ("labels", &self.labels),
                 ("organs", &self.organs),
@@ -93,19 +80,63 @@ impl Inputs {
                 inputs.extend(path.as_deref().map(|p| named(role, p)).transpose()?);
             }
             let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings].concat();
-            warnings.extend(fraction.iter().flat_map(|f| f.warnings.iter().cloned()));
             warnings.extend(changed(&inputs, recorded));
             let nothing = Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0);
             Ok(Case {
                 planning: planning.value,
                 bones: bones.value,
-                fraction: fraction.map_or(nothing, |f| f.value),
+                fraction: nothing,
                 landmarks,
                 bone_landmarks,
                 skeleton,
                 warnings,
                 inputs,
             })
+        })
+    }
+}
+
+/// That a file is missing which the task needs.
+pub(super) fn missing(role: &str) -> Error {
+    Error::usage(format!("no {role} file is given"), format!("add --{role} FILE; a TOML of settings names no inputs"))
+}
+
+/// The planning side of a case, to which one fraction after the other is added.
+pub(super) struct PlanningSide {
+    pub(super) case: Case,
+    warnings: Vec<Warning>,
+    inputs: Vec<InputFile>,
+}
+
+impl PlanningSide {
+    /// Of a case without a fraction.
+    pub(super) fn new(case: Case) -> Self {
+        Self { warnings: case.warnings.clone(), inputs: case.inputs.clone(), case }
+    }
+
+    /// Reads a fraction, and landmarks of planning and this fraction, in place of those before.
+    pub(super) fn take(
+        &mut self,
+        fraction: &Path,
+        landmarks: Option<&Path>,
+        recorded: &[RecordedInput],
+        runtime: &Runtime,
+    ) -> Result<()> {
+        runtime.stage("read the fraction", || {
+            let image = io::read_image(fraction)?;
+            let mut own = vec![read("fraction", &image)];
+            if let Some(path) = landmarks {
+                self.case.landmarks = io::read_landmarks(path)?;
+                own.push(named("landmarks", path)?);
+            }
+            let found = changed(&own, recorded);
+            // Behind planning CT and bones.
+            self.case.inputs.clone_from(&self.inputs);
+            let at = self.case.inputs.len().min(2);
+            self.case.inputs.splice(at..at, own);
+            self.case.warnings = [self.warnings.as_slice(), &image.warnings, &found].concat();
+            self.case.fraction = image.value;
+            Ok(())
         })
     }
 }

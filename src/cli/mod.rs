@@ -1,6 +1,7 @@
 //! Rank 9: arguments and terminal. One file per verb.
 
 pub mod args;
+pub mod bench;
 mod demo;
 pub mod dose;
 pub mod evaluate;
@@ -35,6 +36,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Study(args) => study::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
+        Verb::Bench(args) => bench::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

@@ -99,7 +99,6 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let flags = Flags {
         planning: &args.planning,
         bones: &args.bones,
-        fraction: None,
         labels: &args.labels,
         organs: &args.organs.organs,
         skeleton: &args.skeleton,

@@ -1,25 +1,78 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs};
-use super::inputs::{Flags, Inputs};
+use super::inputs::{Flags, Inputs, PlanningSide, either, missing};
 use super::terminal::Terminal;
-use crate::config::{Config, ConfigFile, Preset};
+use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, Stored, WriteOptions};
-use crate::pipeline::{Case, Outcome, register};
+use crate::pipeline::{Case, Outcome, Planning, memory_estimate, register, register_fraction};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, OutputFile, Run};
 use crate::runtime::Runtime;
-use std::path::Path;
+use crate::volume::region::RegionOptions;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
-/// Registers the case that the arguments name and writes the results; returns the table (or JSON) for the terminal.
+/// Registers the fractions that the arguments name and writes the results; returns the table (or JSON) for the terminal.
 ///
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
-    let mut config = settings(&file, &args.run)?;
+    let config = config_of(args, &file)?;
+    let fractions = fractions(args, &file)?;
+    let flags = Flags {
+        planning: &args.planning,
+        bones: &args.bones,
+        labels: &args.labels,
+        organs: &args.organs.organs,
+        skeleton: &args.skeleton,
+        // Read with their fraction.
+        landmarks: &None,
+        bone_landmarks: &args.bone_landmarks,
+    };
+    let mut recorded = file.inputs.clone();
+    let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    let mut side = PlanningSide::new(inputs.load(&recorded, &runtime)?);
+    let mut planning = None;
+    let mut texts = Vec::new();
+    for one in &fractions {
+        if planning.is_some() {
+            runtime.restart();
+        }
+        side.take(&one.file, one.landmarks.as_deref(), &file.inputs, &runtime)?;
+        let expected = memory_estimate(side.case.planning.grid(), side.case.fraction.grid(), &config);
+        runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+        within_memory(expected, args.max_memory)?;
+        let planning = match &planning {
+            Some(planning) => planning,
+            None => planning.insert(Planning::new(&side.case, &config, &runtime)?),
+        };
+        if fractions.len() > 1 {
+            runtime.progress().note(&format!("fraction {}", one.name));
+        }
+        let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
+        let out = if fractions.len() > 1 { args.out.join(&one.name) } else { args.out.clone() };
+        open_folder(&out)?;
+        texts.push(write_run(&side.case, outcome, &config, &runtime, &out, args.run.json)?);
+    }
+    Ok(match (texts.len(), args.run.json) {
+        (1, _) => texts.swap_remove(0),
+        (_, true) => format!("[\n{}\n]", texts.join(",\n")),
+        (_, false) => {
+            let named = fractions.iter().zip(&texts).map(|(one, text)| format!("{}\n{text}", one.name));
+            named.collect::<Vec<_>>().join("\n\n")
+        }
+    })
+}
+
+/// The settings of file and flags.
+fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
+    let mut config = settings(file, &args.run)?;
     if let Some(r#use) = args.bone_landmarks_use {
         config.fit.bone_landmarks = match r#use {
             LandmarkUseName::Start => LandmarkUse::Start,
@@ -27,21 +80,80 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         };
     }
     args.organs.apply(&mut config)?;
-    let flags = Flags {
-        planning: &args.planning,
-        bones: &args.bones,
-        fraction: Some(&args.fraction),
-        labels: &args.labels,
-        organs: &args.organs.organs,
-        skeleton: &args.skeleton,
-        landmarks: &args.landmarks,
-        bone_landmarks: &args.bone_landmarks,
+    if let Some(text) = &args.roi {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+        let corners = numbers.and_then(|n| <[f64; 6]>::try_from(n).ok());
+        let label = corners.is_none().then(|| text.clone());
+        config.region = RegionOptions { label, box_mm: corners, ..config.region };
+        if let Some(problem) = config.region.problem() {
+            return Err(Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1"));
+        }
+    }
+    Ok(config)
+}
+
+/// One fraction of the run.
+struct Fraction {
+    /// Its folder inside the output folder.
+    name: String,
+    file: PathBuf,
+    landmarks: Option<PathBuf>,
+}
+
+/// The fractions that the arguments name, else the one of the recorded run.
+fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
+    let files = match args.fraction.as_slice() {
+        [] => vec![either(&None, "fraction", &file.inputs).ok_or_else(|| missing("fraction"))?],
+        files => files.to_vec(),
     };
-    let inputs = Inputs::new(&flags, &file.inputs)?;
-    open_folder(&args.out)?;
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
-    let case = inputs.load(&file.inputs, &runtime)?;
-    finish(&case, &config, &runtime, &args.out, args.run.json)
+    let landmarks: Vec<Option<PathBuf>> = match args.landmarks.as_slice() {
+        [] if files.len() == 1 => vec![either(&None, "landmarks", &file.inputs)],
+        [] => vec![None; files.len()],
+        some if some.len() == files.len() => some.iter().cloned().map(Some).collect(),
+        some => {
+            return Err(Error::usage(
+                format!("{} files of landmarks are given for {} fractions", some.len(), files.len()),
+                "give --landmarks once for each --fraction, in their order, or not at all",
+            ));
+        }
+    };
+    if files.len() > 1 && args.bone_landmarks.is_some() {
+        return Err(Error::usage(
+            "--bone-landmarks belong to one fraction, and several are given",
+            "register the fractions one by one",
+        ));
+    }
+    let stem = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.split('.').next().unwrap_or_default().to_owned()
+    };
+    let mut names: Vec<String> = files.iter().map(stem).collect();
+    let distinct: BTreeSet<&String> = names.iter().collect();
+    if distinct.len() < names.len() || names.iter().any(String::is_empty) {
+        names = (1..=files.len()).map(|n| n.to_string()).collect();
+    }
+    let all = names.into_iter().zip(files).zip(landmarks);
+    Ok(all.map(|((name, file), landmarks)| Fraction { name, file, landmarks }).collect())
+}
+
+/// Takes a role out of recorded inputs.
+fn without(recorded: &mut Vec<RecordedInput>, role: &str) -> Vec<RecordedInput> {
+    recorded.retain(|i| i.role != role);
+    recorded.clone()
+}
+
+/// Refuses a run that is expected to need more than is allowed.
+fn within_memory(expected: u64, most_gb: Option<f64>) -> Result<()> {
+    match most_gb {
+        Some(most) if expected as f64 > most * 1e9 => Err(Error::usage(
+            format!(
+                "the run is expected to need {:.1} GB of memory, more than --max-memory {most}",
+                expected as f64 / 1e9
+            ),
+            "allow more, name a region with --roi, or resample the scans to larger voxels",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Registers a case and writes everything into `out`; shared with `demo`.
@@ -52,13 +164,15 @@ pub(super) fn finish(case: &Case, config: &Config, runtime: &Runtime, out: &Path
 
 /// Writes an outcome with its report into `out`; shared with `pose`.
 pub(super) fn write_run(
-    case: &Case,
+    whole: &Case,
     outcome: Outcome,
     config: &Config,
     runtime: &Runtime,
     out: &Path,
     json: bool,
 ) -> Result<String> {
+    let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
+    let case = part.as_deref().unwrap_or(whole);
     let outputs = runtime.stage("write", || write_outputs(out, &outcome, config))?;
     let run = Run {
         command: std::env::args().collect::<Vec<_>>().join(" "),

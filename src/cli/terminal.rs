@@ -88,6 +88,17 @@ impl Progress for Terminal {
         });
     }
 
+    fn note(&self, text: &str) {
+        self.update(|shown| match &mut shown.lines {
+            Lines::Screen => {
+                let bar = live_line(text);
+                bar.set_style(style("  {prefix}"));
+                bar.finish();
+            }
+            lines => lines.write(text),
+        });
+    }
+
     fn finish(&self, seconds: f64) {
         self.update(|shown| match shown.bar.take() {
             Some(bar) => {

@@ -12,6 +12,7 @@ use crate::field::{FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use crate::refine::RefineOptions;
 use crate::skeleton::SlidingOptions;
+use crate::volume::region::RegionOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -34,6 +35,8 @@ pub struct Config {
     pub chainmail: ChainmailOptions,
     /// Refining soft tissue by the images.
     pub refine: RefineOptions,
+    /// Where results are wanted.
+    pub region: RegionOptions,
     /// Inverting the field.
     pub invert: InvertOptions,
     /// Bringing the planning CT onto the fraction grid.
@@ -228,6 +231,7 @@ impl Config {
             self.sliding.problem(),
             (self.soft_tissue != SoftTissue::ChainMail && !self.chainmail.volume_change.is_empty())
                 .then(|| "chainmail.volume_change needs soft_tissue = \"chain-mail\"".to_owned()),
+            self.region.problem(),
             within("refine.weight", r.weight, 0.0, 1e6),
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),

@@ -1,7 +1,6 @@
 //! There and back, and round a triangle: do fields of several directions agree with each other?
 
 use super::pair::{displacement, per_voxel};
-use super::summary;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
@@ -82,7 +81,7 @@ fn measure(mask: &Mask, distance: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -
         })
         .collect();
     let outside = planes.iter().map(|p| p.1).sum();
-    Consistency { distance_mm: summary(planes.into_iter().flat_map(|p| p.0).collect()), outside }
+    Consistency { distance_mm: Summary::of_singles(planes.into_iter().flat_map(|p| p.0).collect()), outside }
 }
 
 #[cfg(test)]

@@ -6,9 +6,13 @@
 use super::{Surface, weighted_percentile};
 use crate::error::{Error, Result};
 use crate::volume::LabelMap;
+use crate::volume::region::part;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::ops::Range;
 
 /// Agreement of two delineations, `a` mapped and `b` reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,8 +42,29 @@ pub struct ContourDistances {
     pub hausdorff_mm: f64,
 }
 
-/// Voxels and sum of positions of each label.
-type Moments = (usize, Vector3<f64>);
+/// What is known of a label before its surface is looked at.
+#[derive(Clone)]
+struct Moments {
+    voxels: usize,
+    /// Sum of positions, LPS mm.
+    sum: Vector3<f64>,
+    /// Voxel box around it.
+    around: [Range<usize>; 3],
+}
+
+impl Moments {
+    fn centre(&self) -> Vector3<f64> {
+        self.sum / self.voxels as f64
+    }
+
+    /// Its surface, from the box around it and the voxels next to that: most labels are small parts of the grid.
+    fn surface(&self, map: &LabelMap, label: u16) -> Option<Surface> {
+        let size = map.volume.grid().size();
+        let range =
+            std::array::from_fn(|a| self.around[a].start.saturating_sub(1)..(self.around[a].end + 1).min(size[a]));
+        Surface::of(&part(&map.volume, &range).ok()?, |v| v == label)
+    }
+}
 
 /// Agreement of each structure whose name occurs in both maps, which share a grid. Sorted by the reference's labels.
 ///
@@ -76,17 +101,19 @@ pub fn compare(mapped: &LabelMap, reference: &LabelMap) -> Result<Vec<ContourMet
     }
     let voxel_ml = reference.volume.grid().voxel_volume() / 1000.0;
     let measure = |(a, b, name): &(u16, u16, &String)| {
-        let (na, nb) = (of_a[usize::from(*a)], of_b[usize::from(*b)]);
-        let distances = (na.0 > 0 && nb.0 > 0).then(|| {
-            let centre_of_mass_mm = (na.1 / na.0 as f64 - nb.1 / nb.0 as f64).norm();
-            let surfaces = (Surface::of(&mapped.volume, |v| v == *a)?, Surface::of(&reference.volume, |v| v == *b)?);
+        let (of_a, of_b) = (of_a.get(a), of_b.get(b));
+        let count = |m: Option<&Moments>| m.map_or(0, |m| m.voxels);
+        let (na, nb) = (count(of_a), count(of_b));
+        let distances = of_a.zip(of_b).map(|(of_a, of_b)| {
+            let centre_of_mass_mm = (of_a.centre() - of_b.centre()).norm();
+            let surfaces = (of_a.surface(mapped, *a)?, of_b.surface(reference, *b)?);
             Some(ContourDistances { centre_of_mass_mm, ..distances(&surfaces.0, &surfaces.1) })
         });
         ContourMetrics {
             name: (*name).clone(),
-            mapped_ml: na.0 as f64 * voxel_ml,
-            reference_ml: nb.0 as f64 * voxel_ml,
-            dice: 2.0 * both[usize::from(*b)] as f64 / ((na.0 + nb.0).max(1)) as f64,
+            mapped_ml: na as f64 * voxel_ml,
+            reference_ml: nb as f64 * voxel_ml,
+            dice: 2.0 * both[usize::from(*b)] as f64 / ((na + nb).max(1)) as f64,
             distances: distances.flatten(),
         }
     };
@@ -111,13 +138,43 @@ pub fn distances(a: &Surface, b: &Surface) -> ContourDistances {
     }
 }
 
-fn moments(map: &LabelMap) -> Vec<Moments> {
+/// Of every label that occurs; planes are looked at in parallel and added in their order.
+fn moments(map: &LabelMap) -> BTreeMap<u16, Moments> {
     let grid = map.volume.grid();
-    let mut all = vec![(0usize, Vector3::zeros()); usize::from(u16::MAX) + 1];
-    for (l, label) in map.volume.data().iter().enumerate().filter(|(_, l)| **l > 0) {
-        let sum = &mut all[usize::from(*label)];
-        sum.0 += 1;
-        sum.1 += grid.centre(grid.voxel(l)).coords;
+    let [nx, ny, _] = grid.size();
+    let planes: Vec<BTreeMap<u16, Moments>> = map
+        .volume
+        .data()
+        .par_chunks(nx * ny)
+        .enumerate()
+        .map(|(k, labels)| {
+            let mut found: BTreeMap<u16, Moments> = BTreeMap::new();
+            for (n, label) in labels.iter().enumerate().filter(|(_, l)| **l > 0) {
+                let at = [n % nx, n / nx, k];
+                let empty = Moments { voxels: 0, sum: Vector3::zeros(), around: at.map(|c| c..c + 1) };
+                let m = found.entry(*label).or_insert(empty);
+                m.voxels += 1;
+                m.sum += grid.centre(at).coords;
+                m.around = std::array::from_fn(|a| m.around[a].start.min(at[a])..m.around[a].end.max(at[a] + 1));
+            }
+            found
+        })
+        .collect();
+    let mut all: BTreeMap<u16, Moments> = BTreeMap::new();
+    for (label, part) in planes.into_iter().flatten() {
+        match all.entry(label) {
+            Entry::Vacant(entry) => {
+                entry.insert(part);
+            }
+            Entry::Occupied(mut entry) => {
+                let m = entry.get_mut();
+                m.voxels += part.voxels;
+                m.sum += part.sum;
+                m.around = std::array::from_fn(|a| {
+                    m.around[a].start.min(part.around[a].start)..m.around[a].end.max(part.around[a].end)
+                });
+            }
+        }
     }
     all
 }

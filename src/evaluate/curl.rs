@@ -1,6 +1,5 @@
 //! Curl of a displacement field: how much it turns tissue on the spot.
 
-use super::summary;
 use crate::stats::Summary;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
@@ -44,7 +43,7 @@ pub fn evaluate(field: &Volume<[f32; 3]>, mask: &Mask) -> CurlReport {
         .collect();
     let all = planes.concat();
     let above_5 = all.iter().filter(|c| f64::from(**c) > UNPHYSICAL).count();
-    CurlReport { magnitude: summary(all), above_5 }
+    CurlReport { magnitude: Summary::of_singles(all), above_5 }
 }
 
 /// The curl of a field with this derivative (row: component, column: direction).

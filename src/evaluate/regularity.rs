@@ -2,10 +2,10 @@
 
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, Cell, JacobianReport, JacobianStats};
-use super::summary;
 use crate::field::{PushField, digital_folds, jacobian as jacobian_map};
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -120,15 +120,18 @@ pub fn evaluate(
     }
     folds.folded_ml = folds.folded as f64 * cell_ml;
     let mut histograms = vec![JacobianHistogram::of("tissue", &body, cell_ml)];
-    let mut per_structure = Vec::new();
-    for (name, values) in structures.map(|s| cells_by_structure(&map, s)).unwrap_or_default() {
-        histograms.push(JacobianHistogram::of(&name, &values, cell_ml));
-        per_structure.push((name, jacobian::stats(values)));
-    }
+    let measured: Vec<_> = structures
+        .map(|s| cells_by_structure(&map, s))
+        .unwrap_or_default()
+        .into_par_iter()
+        .map(|(name, values)| (JacobianHistogram::of(&name, &values, cell_ml), (name, jacobian::stats(values))))
+        .collect();
+    let (of_structures, per_structure): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
+    histograms.extend(of_structures);
     let length = |u: &[f32; 3]| (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).sqrt();
     let lengths = field.displacement.data().iter().zip(tissue.data()).filter(|(_, t)| **t).map(|(u, _)| length(u));
     let regularity = Regularity {
-        displacement_mm: summary(lengths.collect()),
+        displacement_mm: Summary::of_singles(lengths.collect()),
         jacobian: report,
         structures: per_structure,
         histograms,
@@ -145,16 +148,24 @@ fn cells_by_structure(map: &Volume<f32>, structures: &LabelMap) -> Vec<(String, 
     let [sx, sy, sz] = grid.strides();
     let corners = [sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
     let labels = structures.volume.data();
-    let mut by_label: BTreeMap<u16, Vec<f32>> = BTreeMap::new();
-    for k in 0..nk - 1 {
-        for j in 0..nj - 1 {
-            for l in grid.linear([0, j, k])..grid.linear([0, j, k]) + ni - 1 {
-                let label = labels[l];
-                if label > 0 && corners.iter().all(|c| labels[l + c] == label) {
-                    by_label.entry(label).or_default().push(map.data()[l]);
+    let planes: Vec<BTreeMap<u16, Vec<f32>>> = (0..nk - 1)
+        .into_par_iter()
+        .map(|k| {
+            let mut found: BTreeMap<u16, Vec<f32>> = BTreeMap::new();
+            for j in 0..nj - 1 {
+                for l in grid.linear([0, j, k])..grid.linear([0, j, k]) + ni - 1 {
+                    let label = labels[l];
+                    if label > 0 && corners.iter().all(|c| labels[l + c] == label) {
+                        found.entry(label).or_default().push(map.data()[l]);
+                    }
                 }
             }
-        }
+            found
+        })
+        .collect();
+    let mut by_label: BTreeMap<u16, Vec<f32>> = BTreeMap::new();
+    for (label, values) in planes.into_iter().flatten() {
+        by_label.entry(label).or_default().extend(values);
     }
     let name = |label: u16| structures.names.get(&label).cloned().unwrap_or_else(|| label.to_string());
     by_label.into_iter().map(|(label, values)| (name(label), values)).collect()

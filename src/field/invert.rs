@@ -1,10 +1,12 @@
 //! Push to pull: for every fraction voxel y the v with v + u(y + v) = 0.
 //!
 //! Where tissue comes to lie, the deformed mesh of the planning voxels gives the pre-image of its piecewise linear map,
-//! however large the motion; elsewhere a scattered, coarse guess does. The fixed point v <- -u(y + v) (Chen et al. 2008)
-//! then converges fast where the field changes slowly; where it does not, Newton steps with the local gradient take over.
+//! however large the motion, and a mesh as coarse as the chain mail comes close enough to it; elsewhere a scattered guess
+//! does. From there Newton's method converges in two steps (`newton`). Where it does not, near folds and bones that slide, the
+//! fixed point v <- -u(y + v) (Chen et al. 2008) takes over, with shortened Newton steps where it stalls.
 
-use super::tetrahedra::Mesh;
+use super::newton::{Sampler, thinned};
+use super::tetrahedra::{Drop, Mesh};
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
@@ -54,8 +56,9 @@ const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.
 const MOST_GUESSES: f64 = 1e7;
 
-/// Iteration limit where no tissue comes to lie: the continued field outside tissue may have no inverse at all.
-const AIR_ITERATIONS: usize = 10;
+/// Iteration limit of the quick search, which is all that there is where no tissue comes to lie: the continued field outside
+/// tissue may have no inverse at all.
+const QUICK_ITERATIONS: usize = 10;
 
 /// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
 struct Continued<'a> {
@@ -109,8 +112,9 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
     let mut known: Vec<Option<[f32; 3]>> =
         sums.iter().map(|s| (s[0] > 0.0).then(|| [1, 2, 3].map(|a| (s[a] / s[0]) as f32))).collect();
     let mut layer: Vec<usize> = (0..known.len()).filter(|&n| known[n].is_some()).collect();
+    let mut found = vec![([0f32; 3], 0f32); grid.len()];
     while !layer.is_empty() {
-        let mut found: std::collections::BTreeMap<usize, ([f32; 3], f32)> = std::collections::BTreeMap::new();
+        let mut next = Vec::new();
         for &n in &layer {
             let Some(u) = known[n] else { continue };
             let at = grid.voxel(n);
@@ -121,17 +125,22 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
                     m[a] = c;
                     let m = grid.linear(m);
                     if known[m].is_none() {
-                        let e = found.entry(m).or_insert(([0.0; 3], 0.0));
+                        let e = &mut found[m];
+                        if e.1 <= 0.0 {
+                            next.push(m);
+                        }
                         e.0 = std::array::from_fn(|a| e.0[a] + u[a]);
                         e.1 += 1.0;
                     }
                 }
             }
         }
-        layer = found.keys().copied().collect();
-        for (n, (sum, count)) in found {
+        next.sort_unstable();
+        for &n in &next {
+            let (sum, count) = found[n];
             known[n] = Some(sum.map(|v| v / count));
         }
+        layer = next;
     }
     Volume::new(grid, known.into_iter().map(Option::unwrap_or_default).collect())
 }
@@ -206,11 +215,18 @@ impl<'a> Inverse<'a> {
     /// Only for internal inconsistency of grids.
     pub fn new(field: &'a Volume<[f32; 3]>, options: &InvertOptions) -> Result<Self> {
         let grid = field.grid();
-        let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
-        let [low, high] = field.data().iter().enumerate().fold(start, |[low, high], (n, u)| {
-            let moved = grid.centre(grid.voxel(n)).coords + Vector3::from(u.map(f64::from));
-            [low.inf(&moved), high.sup(&moved)]
-        });
+        let start = || [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+        let [nx, ny, _] = grid.size();
+        let of_row = |(row, u): (usize, &[[f32; 3]])| {
+            let first = grid.centre([0, row % ny, row / ny]).coords;
+            let along: Vector3<f64> = grid.step().column(0).into_owned();
+            u.iter().enumerate().fold(start(), |[low, high], (i, u)| {
+                let moved = first + along * i as f64 + Vector3::from(u.map(f64::from));
+                [low.inf(&moved), high.sup(&moved)]
+            })
+        };
+        let rows = field.data().par_chunks(nx).enumerate().map(of_row);
+        let [low, high] = rows.reduce(start, |a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])]);
         // A field that throws voxels far away gets a coarser guess, not one without bounds.
         let step = GUESS_MM.max(((high - low).product() / MOST_GUESSES).cbrt());
         let size = std::array::from_fn(|a| ((high[a] - low[a]) / step).ceil() as usize + 1);
@@ -235,47 +251,92 @@ impl<'a> Inverse<'a> {
     }
 }
 
+/// Planes of the fraction that are drawn and inverted together.
+const SLAB: usize = 2;
+/// Spacing of the mesh that gives the start, mm: that of the chain mail's elements, between which the field is smooth.
+const START_MM: f64 = 3.0;
+
+/// What was found in a slab.
+#[derive(Default)]
+struct Tally {
+    residuals: Vec<f32>,
+    unconverged: usize,
+    tissue: usize,
+    worst: f64,
+    outside: usize,
+}
+
 /// Inverts a push field on the fraction grid. The report's `multiple` is left at 0: it needs the folded cells.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
 pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Result<(PullField, InverseReport)> {
-    let field = Continued::new(&push.displacement);
-    let guess = guess(&push.displacement, fraction)?;
-    let tissue = Mesh::new(push, |v| push.displacement.data()[v], true, fraction).draw();
-    let planning = push.displacement.grid();
-    let [nx, ny, nz] = fraction.size();
-    let plane = nx * ny;
+    let (guess, thin) = rayon::join(|| guess(&push.displacement, fraction), || thinned(push, START_MM));
+    let (guess, thin) = (guess?, thin?);
+    let search = Search {
+        push,
+        robust: Continued::new(&push.displacement),
+        quick: Sampler::new(&push.displacement),
+        guess: Sampler::new(&guess),
+        mesh: Mesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
+        fraction,
+        options,
+    };
+    let plane = fraction.size()[0] * fraction.size()[1];
     let mut v = vec![[0f32; 3]; fraction.len()];
     let mut inside = vec![false; fraction.len()];
-    struct Tally {
-        residuals: Vec<f32>,
-        unconverged: usize,
-        tissue: usize,
-        worst: f64,
-        outside: usize,
-    }
     let tallies: Vec<Tally> = v
-        .par_chunks_mut(plane)
-        .zip(inside.par_chunks_mut(plane))
+        .par_chunks_mut(SLAB * plane)
+        .zip(inside.par_chunks_mut(SLAB * plane))
         .enumerate()
-        .map(|(k, (v, inside))| {
-            let mut t = Tally { residuals: Vec::new(), unconverged: 0, tissue: 0, worst: 0.0, outside: 0 };
-            for n in 0..plane {
-                let y = fraction.centre([n % nx, n / nx, k]);
-                let drawn = &tissue[k * plane + n];
-                let (start, most) = if drawn.rank > 0 {
-                    (-Vector3::from(drawn.value.map(f64::from)), options.max_iterations)
-                } else {
-                    let coarse = trilinear_vector(&guess, &guess.grid().index(&y)).unwrap_or_default();
-                    (coarse, options.max_iterations.min(AIR_ITERATIONS))
-                };
-                let (d, residual, converged) = solve(&y.coords, start, &field, (options.tolerance_mm, most));
-                let at = planning.index(&(y + d));
+        .map_init(Vec::new, |drawn, (slab, (v, inside))| {
+            drawn.clear();
+            drawn.resize(v.len(), Drop::default());
+            search.mesh.draw_slab(slab * SLAB, drawn);
+            search.slab(slab * SLAB, drawn, v, inside)
+        })
+        .collect();
+    let report = InverseReport {
+        unconverged: tallies.iter().map(|t| t.unconverged).sum(),
+        unconverged_tissue: tallies.iter().map(|t| t.tissue).sum(),
+        unconverged_max_mm: tallies.iter().map(|t| t.worst).fold(0.0, f64::max),
+        multiple: 0,
+        outside: tallies.iter().map(|t| t.outside).sum(),
+        voxels: fraction.len(),
+        residual_mm: Summary::of_singles(tallies.into_iter().flat_map(|t| t.residuals).collect()),
+    };
+    let pull =
+        PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
+    Ok((pull, report))
+}
+
+/// Everything that the inversion of a voxel needs.
+struct Search<'a, V> {
+    push: &'a PushField,
+    robust: Continued<'a>,
+    quick: Sampler<'a>,
+    guess: Sampler<'a>,
+    mesh: Mesh<'a, V>,
+    fraction: &'a Grid,
+    options: &'a InvertOptions,
+}
+
+impl<V> Search<'_, V> {
+    /// Inverts the planes from `first` on.
+    fn slab(&self, first: usize, drawn: &[Drop<3>], v: &mut [[f32; 3]], inside: &mut [bool]) -> Tally {
+        let [nx, ny, _] = self.fraction.size();
+        let planning = self.push.displacement.grid();
+        let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
+        let mut t = Tally::default();
+        for (row, drawn) in drawn.chunks(nx).enumerate() {
+            let start = self.fraction.centre([0, row % ny, first + row / ny]).coords;
+            for (i, drawn) in drawn.iter().enumerate() {
+                let y = start + along * i as f64;
+                let (d, residual, converged) = self.voxel(&y, drawn);
+                let at = planning.index(&Point3::from(y + d));
                 let within = planning.contains(&at);
-                let tissue = within
-                    && push.computed.data()
-                        [planning.linear([at.x.round() as usize, at.y.round() as usize, at.z.round() as usize])];
+                let tissue = within && self.tissue(&at);
+                let n = row * nx + i;
                 v[n] = [d.x as f32, d.y as f32, d.z as f32];
                 inside[n] = within;
                 t.outside += usize::from(!within);
@@ -289,23 +350,32 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
                     _ => {}
                 }
             }
-            t
-        })
-        .collect();
-    debug_assert_eq!(tallies.len(), nz);
-    let residuals: Vec<f64> = tallies.iter().flat_map(|t| t.residuals.iter().map(|&r| f64::from(r))).collect();
-    let report = InverseReport {
-        residual_mm: Summary::of(&residuals),
-        unconverged: tallies.iter().map(|t| t.unconverged).sum(),
-        unconverged_tissue: tallies.iter().map(|t| t.tissue).sum(),
-        unconverged_max_mm: tallies.iter().map(|t| t.worst).fold(0.0, f64::max),
-        multiple: 0,
-        outside: tallies.iter().map(|t| t.outside).sum(),
-        voxels: fraction.len(),
-    };
-    let pull =
-        PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
-    Ok((pull, report))
+        }
+        t
+    }
+
+    /// Whether the model computed the planning voxel nearest to an index inside the grid.
+    fn tissue(&self, at: &Vector3<f64>) -> bool {
+        let near = [at.x, at.y, at.z].map(|c| (c + 0.5) as u32 as usize);
+        self.push.computed.data()[self.push.computed.grid().linear(near)]
+    }
+
+    /// One voxel: quickly from a good start, patiently where that fails.
+    #[inline(always)]
+    fn voxel(&self, y: &Vector3<f64>, drawn: &Drop<3>) -> (Vector3<f64>, f64, bool) {
+        let tolerance = self.options.tolerance_mm;
+        let held = drawn.rank > 0;
+        let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value([y.x, y.y, y.z]) };
+        let most = self.options.max_iterations;
+        let found = self.quick.invert(y, start, (tolerance, most.min(QUICK_ITERATIONS)));
+        if found.2 {
+            return found;
+        }
+        let at = self.push.displacement.grid().index(&Point3::from(y + found.0));
+        let tissue = held || (self.push.displacement.grid().contains(&at) && self.tissue(&at));
+        let patient = if tissue { solve(y, start, &self.robust, (tolerance, most)) } else { found };
+        if patient.1 < found.1 { patient } else { found }
+    }
 }
 
 #[cfg(test)]

@@ -4,27 +4,34 @@
 //! Its deformed volume is the sum of 5 tetrahedra (thesis 4.2.5 and 4.3.2). A cube falls apart into 5 tetrahedra in
 //! two ways, mirror images of each other; alternate cells use alternate ways, so that neighbours cut their common face
 //! along the same diagonal and the tetrahedra fill space without gap or overlap.
+//!
+//! Cells of one cut are computed [`LANES`] at a time: a row is split into its even and its odd voxels.
 
 use super::PushField;
+use super::lanes::{LANES, Lanes};
 use crate::volume::{Mask, Volume};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
 pub const FOLDED: f32 = -1.0;
 
-/// The 12 deformed edges of a cell, mm, each in the sense of growing index: `edges[a][m]` runs along axis `a`; bits 0
+/// A vector of each of [`LANES`] cells, mm.
+type Vectors = [Lanes; 3];
+
+/// The 12 deformed edges of cells, mm, each in the sense of growing index: `edges[a][m]` runs along axis `a`; bits 0
 /// and 1 of `m` say whether it lies high along the other two axes, lower axis first.
-type Edges = [[Vector3<f64>; 4]; 3];
+type Edges = [[Vectors; 4]; 3];
 
 /// V_deformed / V_initial of each cell of the planning grid.
 ///
 /// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
 /// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
 pub fn jacobian(push: &PushField) -> Volume<f32> {
-    each_cell(push, 1.0, |edges, even, inverse_volume| {
-        let (total, positive) = five_tetrahedra(edges, even, inverse_volume);
-        if positive { (total / 6.0) as f32 } else { FOLDED }
+    let volume = push.displacement.grid().step().determinant();
+    each_cell(push, 1.0, |edges, even| {
+        let (total, least) = five_tetrahedra(edges, even, volume);
+        std::array::from_fn(|l| if least.0[l] > 0.0 { (f64::from(total.0[l]) / (6.0 * volume)) as f32 } else { FOLDED })
     })
 }
 
@@ -37,102 +44,171 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
 /// are the central tetrahedra of both ways to cut a cell. Here they are gathered by cell instead of by voxel: a cell
 /// fails when any of its own 10 tetrahedra is not positive. Over an image that is the same set of determinants.
 pub fn digital_folds(push: &PushField) -> Mask {
-    each_cell(push, false, |edges, _, inverse_volume| {
-        let positive = |even| five_tetrahedra(edges, even, inverse_volume).1;
-        !(positive(true) && positive(false))
+    let volume = push.displacement.grid().step().determinant();
+    each_cell(push, false, |edges, _| {
+        let [even, odd] = [true, false].map(|even| five_tetrahedra(edges, even, volume).1);
+        std::array::from_fn(|l| !(even.0[l] > 0.0 && odd.0[l] > 0.0))
     })
 }
 
-/// Six times the relative volume of a cell, and whether all of its 5 tetrahedra are positive.
+/// Six times the volume of cells, cubic mm, and of their 5 tetrahedra's volumes the least, in the sense of storage: not
+/// positive where a tetrahedron is turned inside out.
 ///
-/// `inverse_volume` is 1 over the signed volume of an undeformed cell; its sign takes handedness of storage out.
-/// `even` cuts off corners 000, 110, 101 and 011, the other way the other four.
-fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, inverse_volume: f64) -> (f64, bool) {
-    let det = |a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>| {
-        let minors = [a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x];
-        (minors[0] * c.x + minors[1] * c.y + minors[2] * c.z) * inverse_volume
+/// The sign of `volume`, that of an undeformed cell, takes handedness of storage out. `even` cuts off corners 000, 110, 101
+/// and 011, the other way the other four.
+#[inline(always)]
+fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, volume: f64) -> (Lanes, Lanes) {
+    let sense = Lanes::all(volume.signum() as f32);
+    let det = |a: &Vectors, b: &Vectors, c: &Vectors| {
+        let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+        minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2]
     };
-    // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1; the
+    let plus = |a: &Vectors, b: &Vectors| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    let minus = |a: &Vectors, b: &Vectors| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1 volume; the
     // central tetrahedron, spanned by diagonals of the faces, has +2.
-    let (corners, centre) = if even {
-        let corners = [
+    let all = if even {
+        [
             det(&ex[0], &ey[0], &ez[0]),
             det(&ex[1], &ey[1], &ez[3]),
             det(&ex[2], &ey[3], &ez[1]),
             det(&ex[3], &ey[2], &ez[2]),
-        ];
-        (corners, det(&(ey[0] - ex[0]), &(ez[0] - ex[0]), &(ey[1] + ez[3])))
+            det(&minus(&ey[0], &ex[0]), &minus(&ez[0], &ex[0]), &plus(&ey[1], &ez[3])),
+        ]
     } else {
-        let corners = [
+        [
             det(&ex[0], &ey[1], &ez[1]),
             det(&ex[1], &ey[0], &ez[2]),
             det(&ex[2], &ey[2], &ez[0]),
             det(&ex[3], &ey[3], &ez[3]),
-        ];
-        (corners, det(&(ex[0] + ey[1]), &(ey[0] + ez[2]), &(ex[0] + ez[1])))
+            det(&plus(&ex[0], &ey[1]), &plus(&ey[0], &ez[2]), &plus(&ex[0], &ez[1])),
+        ]
     };
-    let [a, b, c, d] = corners;
-    (a + b + c + d + centre, (a > 0.0) & (b > 0.0) & (c > 0.0) & (d > 0.0) & (centre > 0.0))
+    let [a, b, c, d, centre] = all;
+    let least = all.map(|v| v * sense).into_iter().reduce(Lanes::min).unwrap_or(sense);
+    (a + b + c + d + centre, least)
 }
 
-/// `value(edges, even, 1 / undeformed volume)` of every cell with a computed corner, `unmeasured` elsewhere.
-fn each_cell<T: Copy + Send>(
+/// `value(edges, even)` of every cell with a computed corner, `unmeasured` elsewhere.
+fn each_cell<T: Copy + Default + Send + Sync>(
     push: &PushField,
     unmeasured: T,
-    value: impl Fn(&Edges, bool, f64) -> T + Sync,
+    value: impl Fn(&Edges, bool) -> [T; LANES] + Sync,
 ) -> Volume<T> {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
-    let inverse_volume = grid.step().determinant().recip();
-    let mut out = Volume::filled(grid.clone(), unmeasured);
-    out.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {
-        for (j, cells) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
-            let rows = Rows::new(push, [j, k]);
-            for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
-                if rows.computed(i) {
-                    *cell = value(&rows.edges(i), (i + j + k) % 2 == 0, inverse_volume);
+    let mut out = vec![T::default(); grid.len()];
+    out.par_chunks_mut(ni * nj).enumerate().for_each_init(
+        || Rows::new(ni, grid.step()),
+        |rows, (k, plane)| {
+            plane.fill(unmeasured);
+            if k + 1 == nk {
+                return;
+            }
+            for (j, cells) in plane.chunks_mut(ni).take(nj - 1).enumerate() {
+                rows.advance(push, j, k);
+                rows.each(cells, j + k, unmeasured, &value);
+            }
+        },
+    );
+    Volume::new(grid.clone(), out).expect("one value per voxel")
+}
+
+/// Displacements of a row of voxels, component by component, even voxels apart from odd ones, with room at the end.
+type Split = [[Vec<f32>; 2]; 3];
+
+/// The four rows of voxels that hold the corners of a row of cells: low or high along `j` (bit 0) and `k` (bit 1).
+struct Rows {
+    u: [Split; 4],
+    /// Whether any of the four voxels at a place in the rows was computed.
+    computed: Vec<bool>,
+    /// Row and plane that the rows stand at.
+    at: Option<[usize; 2]>,
+    step: [[Lanes; 3]; 3],
+}
+
+impl Rows {
+    fn new(ni: usize, step: &Matrix3<f64>) -> Self {
+        let half = ni / 2 + LANES + 1;
+        Self {
+            u: std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; half]))),
+            computed: vec![false; 2 * half],
+            at: None,
+            step: [0, 1, 2].map(|a| [0, 1, 2].map(|c| Lanes::all(step[(c, a)] as f32))),
+        }
+    }
+
+    /// Takes up the corners of the row of cells (j, k).
+    fn advance(&mut self, push: &PushField, j: usize, k: usize) {
+        let grid = push.displacement.grid();
+        let ni = grid.size()[0];
+        let start = |m: usize| grid.linear([0, j + (m & 1), k + (m >> 1)]);
+        if self.at == Some([j.wrapping_sub(1), k]) {
+            self.u.swap(0, 1);
+            self.u.swap(2, 3);
+        } else {
+            (0..2).for_each(|m| split(&push.displacement.data()[start(2 * m)..][..ni], &mut self.u[2 * m]));
+        }
+        (0..2).for_each(|m| split(&push.displacement.data()[start(2 * m + 1)..][..ni], &mut self.u[2 * m + 1]));
+        self.at = Some([j, k]);
+        let [a, b, c, d] = [0, 1, 2, 3].map(|m| &push.computed.data()[start(m)..][..ni]);
+        for (i, computed) in self.computed[..ni].iter_mut().enumerate() {
+            *computed = a[i] | b[i] | c[i] | d[i];
+        }
+    }
+
+    /// Values of a row of cells; `sum` of its j and k tells the cut of its first cell.
+    fn each<T: Copy>(&self, cells: &mut [T], sum: usize, unmeasured: T, value: &impl Fn(&Edges, bool) -> [T; LANES]) {
+        let last = cells.len() - 1;
+        for first in (0..last).step_by(2 * LANES) {
+            if !self.computed[first..=first + 2 * LANES].contains(&true) {
+                continue;
+            }
+            for odd in 0..2 {
+                let found = value(&self.edges(first / 2, odd), (sum + odd).is_multiple_of(2));
+                for (l, found) in found.into_iter().enumerate() {
+                    let i = first + 2 * l + odd;
+                    if i < last {
+                        let any = self.computed[i] | self.computed[i + 1];
+                        cells[i] = if any { found } else { unmeasured };
+                    }
                 }
             }
         }
-    });
-    out
-}
+    }
 
-/// The four rows of voxels that hold the corners of a row of cells: low or high along `j` (bit 0) and `k` (bit 1).
-struct Rows<'a> {
-    u: [&'a [[f32; 3]]; 4],
-    computed: [&'a [bool]; 4],
-    step: Matrix3<f64>,
-}
-
-impl<'a> Rows<'a> {
-    fn new(push: &'a PushField, [j, k]: [usize; 2]) -> Self {
-        let grid = push.displacement.grid();
-        let range = |m: usize| {
-            let start = grid.linear([0, j + (m & 1), k + (m >> 1)]);
-            start..start + grid.size()[0]
+    /// Deformed edges of the cells `2 (m + lane) + odd`.
+    #[inline(always)]
+    fn edges(&self, m: usize, odd: usize) -> Edges {
+        let at = |high: usize| -> [Vectors; 4] {
+            let (part, from) = ((odd + high) % 2, m + usize::from(odd + high == 2));
+            std::array::from_fn(|row| std::array::from_fn(|c| Lanes::of(&self.u[row][c][part][from..])))
         };
-        Self {
-            u: std::array::from_fn(|m| &push.displacement.data()[range(m)]),
-            computed: std::array::from_fn(|m| &push.computed.data()[range(m)]),
-            step: *grid.step(),
+        let (low, high) = (at(0), at(1));
+        let edge = |a: usize, from: &Vectors, to: &Vectors| -> Vectors {
+            std::array::from_fn(|c| self.step[a][c] + (to[c] - from[c]))
+        };
+        let ex = std::array::from_fn(|m| edge(0, &low[m], &high[m]));
+        let pairs = |a: usize, [p, q, r, s]: [usize; 4]| {
+            [
+                edge(a, &low[p], &low[q]),
+                edge(a, &high[p], &high[q]),
+                edge(a, &low[r], &low[s]),
+                edge(a, &high[r], &high[s]),
+            ]
+        };
+        [ex, pairs(1, [0, 1, 2, 3]), pairs(2, [0, 2, 1, 3])]
+    }
+}
+
+/// Splits a row of displacements.
+fn split(row: &[[f32; 3]], to: &mut Split) {
+    for (odd, row) in [row, row.get(1..).unwrap_or_default()].into_iter().enumerate() {
+        for (n, u) in row.iter().step_by(2).enumerate() {
+            for c in 0..3 {
+                to[c][odd][n] = u[c];
+            }
         }
-    }
-
-    /// Whether the displacement at any corner of cell `i` was computed.
-    fn computed(&self, i: usize) -> bool {
-        self.computed.iter().any(|row| row[i] || row[i + 1])
-    }
-
-    /// Deformed edges of cell `i`.
-    fn edges(&self, i: usize) -> Edges {
-        let at = |i: usize| self.u.map(|row| Vector3::from(row[i].map(f64::from)));
-        let (low, high) = (at(i), at(i + 1));
-        let [sx, sy, sz] = [0, 1, 2].map(|a| self.step.column(a).into_owned());
-        let ex = std::array::from_fn(|m| sx + high[m] - low[m]);
-        let ey = [sy + low[1] - low[0], sy + high[1] - high[0], sy + low[3] - low[2], sy + high[3] - high[2]];
-        let ez = [sz + low[2] - low[0], sz + high[2] - high[0], sz + low[3] - low[1], sz + high[3] - high[1]];
-        [ex, ey, ez]
     }
 }
 
@@ -141,7 +217,7 @@ impl<'a> Rows<'a> {
 mod tests {
     use super::*;
     use crate::geometry::Grid;
-    use nalgebra::{Point3, Rotation3};
+    use nalgebra::{Point3, Rotation3, Vector3};
     use proptest::prelude::*;
 
     /// A push field that takes each point `x` of `grid` to `map(x)`.

@@ -4,7 +4,7 @@
 //! wins nowhere, because it is smaller than a voxel or falls between voxels, takes the voxels where its share is
 //! greatest, as many as its shares add up to and at least one: small structures survive.
 
-use super::warp::pulled;
+use super::warp::{Corner, Hull, Place, pulled, walked};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
@@ -23,10 +23,22 @@ const MOST_SAMPLES: usize = 8;
 pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelMap> {
     let map = &labels.volume;
     let offsets = offsets(v.grid(), map.grid());
-    let values = pulled(v, map.grid(), |index| {
-        let shares = Shares::at(map, index, &offsets);
-        shares.list().iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |s| s.0)
-    });
+    let greatest =
+        |shares: &[(u16, f64)]| shares.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |s| s.0);
+    let values = if offsets.len() == 1 {
+        let hull = Hull::new(map.grid());
+        walked(v, map.grid(), |place| {
+            let Some(corner) = hull.corner(place) else { return 0 };
+            let labels = around(map, &corner, &hull);
+            if labels.iter().all(|l| *l == labels[0]) {
+                return labels[0];
+            }
+            let (votes, kinds) = tally(labels, corner.t.map(f64::from));
+            greatest(&votes[..kinds])
+        })
+    } else {
+        pulled(v, map.grid(), |index| greatest(Shares::at(map, index, &offsets).list()))
+    };
     let mut out = LabelMap { volume: Volume::new(v.grid().clone(), values)?, names: labels.names.clone() };
     rescue(v, labels, &offsets, &mut out);
     Ok(out)
@@ -90,24 +102,32 @@ fn corners(map: &Volume<u16>, index: &Vector3<f64>) -> ([(u16, f64); 8], usize) 
     if !grid.contains(index) {
         return (votes, 0);
     }
-    let size = grid.size();
-    let strides = grid.strides();
-    let low: [usize; 3] = [0, 1, 2].map(|a| (index[a] as usize).min(size[a] - 1));
-    let up = [0, 1, 2].map(|a| if low[a] + 1 < size[a] { strides[a] } else { 0 });
-    let first = grid.linear(low);
-    let labels: [u16; 8] = std::array::from_fn(|c| {
-        map.data()[first + (0..3).map(|a| if c >> a & 1 == 1 { up[a] } else { 0 }).sum::<usize>()]
-    });
+    let low = index.map(f64::floor);
+    let place = Place { low: [0, 1, 2].map(|a| low[a] as i32), t: [0, 1, 2].map(|a| (index[a] - low[a]) as f32) };
+    let hull = Hull::new(grid);
+    let Some(corner) = hull.corner(place) else { return (votes, 0) };
+    let labels = around(map, &corner, &hull);
     if labels.iter().all(|l| *l == labels[0]) {
         votes[0] = (labels[0], 1.0);
         return (votes, 1);
     }
+    tally(labels, corner.t.map(f64::from))
+}
+
+/// The labels at the eight corners.
+#[inline(always)]
+fn around(map: &Volume<u16>, corner: &Corner, hull: &Hull) -> [u16; 8] {
+    let [x, y, z] = hull.up;
+    let at = |n: usize| map.data().get(corner.base + n).copied().unwrap_or_default();
+    [at(0), at(x), at(y), at(x + y), at(z), at(x + z), at(y + z), at(x + y + z)]
+}
+
+/// Labels with the sum of their trilinear weights, and how many there are.
+fn tally(labels: [u16; 8], t: [f64; 3]) -> ([(u16, f64); 8], usize) {
+    let mut votes = [(0u16, 0f64); 8];
     let mut kinds = 0;
     for (c, label) in labels.into_iter().enumerate() {
-        let weight = (0..3).fold(1.0, |w, a| {
-            let t = index[a] - low[a] as f64;
-            w * if c >> a & 1 == 1 { t } else { 1.0 - t }
-        });
+        let weight = (0..3).fold(1.0, |w, a| w * if c >> a & 1 == 1 { t[a] } else { 1.0 - t[a] });
         match votes[..kinds].iter_mut().find(|v| v.0 == label) {
             Some(v) => v.1 += weight,
             None => {

@@ -64,6 +64,12 @@ pub(super) struct Drop<const N: usize> {
     pub(super) count: u8,
 }
 
+impl<const N: usize> Default for Drop<N> {
+    fn default() -> Self {
+        Self { value: [0.0; N], rank: 0, count: 0 }
+    }
+}
+
 /// The mesh in indices of a target grid.
 pub(super) struct Mesh<'a, V> {
     push: &'a PushField,
@@ -116,7 +122,7 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
         let plane = self.target.size()[0] * self.target.size()[1];
         // Slabs do not change the result: every voxel sees the cells in the same order.
         let slab = self.target.size()[2].div_ceil(4 * rayon::current_num_threads()).max(1);
-        let mut out = vec![Drop { value: [0.0; N], rank: 0, count: 0 }; self.target.len()];
+        let mut out = vec![Drop::default(); self.target.len()];
         out.par_chunks_mut(slab * plane).enumerate().for_each(|(n, part)| self.draw_slab(n * slab, part));
         out
     }
@@ -137,7 +143,7 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
     }
 
     /// Draws all cells into the planes of `part`, the first of which is plane `first` of the target.
-    fn draw_slab(&self, first: usize, part: &mut [Drop<N>]) {
+    pub(super) fn draw_slab(&self, first: usize, part: &mut [Drop<N>]) {
         let own = self.push.displacement.grid();
         let [ni, nj, nk] = own.size();
         let planes = part.len() / (self.target.size()[0] * self.target.size()[1]);

@@ -1,6 +1,7 @@
 //! Rank 5: the pose of the skeleton that best explains the fraction CT.
 
 pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
+pub use planning::BoneSamples;
 pub use schedule::fit_pose;
 pub use similarity::Measure;
 
@@ -38,6 +39,7 @@ pub struct BoneFit {
 }
 mod given;
 mod lie;
+mod planning;
 mod prior;
 mod problem;
 mod samples;

@@ -1,9 +1,10 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
 use super::given::{GivenMotion, given};
+use super::planning::{BoneSamples, Drawn};
 use super::prior::{limit_excess, relative};
 use super::problem::{Body, End, Link, PoseProblem};
-use super::samples::{Samples, candidates, draw};
+use super::samples::Samples;
 use super::similarity::Evaluation;
 use super::solver::{Solution, solve};
 use super::start::common_motion;
@@ -13,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::{DMatrix, Matrix3, Point3};
 
@@ -44,34 +45,20 @@ const MOST_SD_MM: f64 = 1.5;
 const LEAST_FOUND: f64 = 0.3;
 
 /// Both images at one resolution, with each bone's samples.
-struct Level {
-    /// Blur (sigma, mm) and samples per bone.
-    resolution: (f64, usize),
+struct Level<'a> {
+    drawn: &'a Drawn,
     fraction: Tissue,
-    bones: Vec<Samples>,
-    /// A small sample of all bones as one.
-    all: Samples,
     /// Bones whose image takes no part: they follow their joints.
     dropped: Vec<bool>,
 }
 
-/// Samples of all bones together that the search of the couch shift looks at.
-const START_SAMPLES: usize = 1500;
-
-impl Level {
-    fn new(planning: &Volume<f32>, fraction: &Volume<f32>, lists: &[Vec<u32>], resolution: (f64, usize)) -> Self {
-        let (sigma, most) = resolution;
-        let blurred = Tissue::blurred(planning, sigma);
-        let draw = |l: &[u32], most| draw(l, planning.grid(), &blurred, most);
-        let mut all: Vec<u32> = lists.iter().flatten().copied().collect();
-        all.sort_unstable();
-        Self {
-            resolution,
-            fraction: Tissue::blurred(fraction, sigma),
-            bones: lists.iter().map(|l| draw(l, most)).collect(),
-            all: draw(&all, START_SAMPLES),
-            dropped: vec![false; lists.len()],
-        }
+impl<'a> Level<'a> {
+    fn new(samples: &'a BoneSamples, fraction: &Volume<f32>, resolution: (f64, usize)) -> Result<Self> {
+        let drawn = samples
+            .at(resolution)
+            .ok_or_else(|| Error::Internal(format!("no samples at blur and number {resolution:?}")))?;
+        let dropped = vec![false; drawn.bones.len()];
+        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), dropped })
     }
 }
 
@@ -86,8 +73,8 @@ struct Fitter<'a> {
 
 /// Fits the pose of the skeleton to the fraction CT.
 ///
-/// `planning` and `labels` share a grid; HU; the two images may have any offset. Bones outside the fraction's
-/// field of view follow their joints. `start` (one per bone) takes the place of the search for the couch shift and of the
+/// `samples` are the skeleton's bones in the planning CT, drawn with the same options; the two images (HU) may have any
+/// offset. Bones outside the fraction's field of view follow their joints. `start` (one per bone) takes the place of the search for the couch shift and of the
 /// first guess of each bone: the image then refines it.
 ///
 /// # Errors
@@ -95,17 +82,15 @@ struct Fitter<'a> {
 /// in the end.
 pub fn fit_pose(
     skeleton: &Skeleton,
-    planning: &Volume<f32>,
-    labels: &LabelMap,
+    samples: &BoneSamples,
     fraction: &Volume<f32>,
     start: Option<&[Option<GivenMotion>]>,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FitResult> {
-    let lists = candidates(skeleton, labels);
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
-    let mut level = Level::new(planning, fraction, &lists, (options.start_blur_mm, START_SAMPLES));
+    let mut level = Level::new(samples, fraction, BoneSamples::start(options))?;
     let fitter = Fitter::new(skeleton, options, &level);
     let (common, share, mut transforms) = match start {
         Some(known) => {
@@ -113,21 +98,21 @@ pub fn fit_pose(
             (placed.common, 1.0, placed.transforms)
         }
         None => {
-            let (common, share) = common_motion(&level.all, &level.fraction, options.measure)?;
+            let (common, share) = common_motion(&level.drawn.all, &level.fraction, options.measure)?;
             (common, share, vec![common; skeleton.bones.len()])
         }
     };
     let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
     for (n, &resolution) in options.outward.iter().enumerate() {
         progress.step(1 + n, steps, "bone by bone");
-        level = Level::new(planning, fraction, &lists, resolution);
+        level = Level::new(samples, fraction, resolution)?;
         fitter.outwards(&level, &mut transforms, &mut stops, n == 0 && start.is_none())?;
     }
     let mut last = None;
     for (n, &resolution) in options.levels.iter().enumerate() {
         progress.step(1 + options.outward.len() + n, steps, "all bones");
-        if level.resolution != resolution {
-            level = Level::new(planning, fraction, &lists, resolution);
+        if level.drawn.resolution != resolution {
+            level = Level::new(samples, fraction, resolution)?;
         }
         let mut solution = fitter.together(&level, &mut transforms)?;
         if fitter.drop_unexplained(&mut level, &mut transforms, &solution.curvature) {
@@ -166,10 +151,10 @@ pub fn fit_pose(
 }
 
 impl<'a> Fitter<'a> {
-    fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level) -> Self {
+    fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'_>) -> Self {
         let mut centres = Vec::new();
         let mut radii = Vec::new();
-        for s in &level.bones {
+        for s in &level.drawn.bones {
             let n = s.points.len().max(1) as f64;
             let c = Point3::from(s.points.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>() / n);
             radii.push((s.points.iter().map(|p| (p - c).norm_squared()).sum::<f64>() / n).sqrt().max(1.0));
@@ -179,14 +164,14 @@ impl<'a> Fitter<'a> {
         Self { skeleton, options, centres, radii, nothing }
     }
 
-    fn body<'b>(&'b self, level: &'b Level, bone: usize, base: Rigid) -> Body<'b> {
-        let samples = if level.dropped[bone] { &self.nothing } else { &level.bones[bone] };
+    fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
+        let samples = if level.dropped[bone] { &self.nothing } else { &level.drawn.bones[bone] };
         Body { samples, base, centre: self.centres[bone], radius: self.radii[bone] }
     }
 
-    fn evaluate(&self, level: &Level, transforms: &[Rigid]) -> Vec<Evaluation> {
+    fn evaluate(&self, level: &Level<'_>, transforms: &[Rigid]) -> Vec<Evaluation> {
         let own = |b: usize| Body {
-            samples: &level.bones[b],
+            samples: &level.drawn.bones[b],
             base: transforms[b],
             centre: self.centres[b],
             radius: self.radii[b],
@@ -199,11 +184,11 @@ impl<'a> Fitter<'a> {
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
     ///
     /// `fresh`: nothing is placed yet, bones take over their neighbour's motion; else each starts where it is.
-    fn outwards(&self, level: &Level, transforms: &mut [Rigid], stops: &mut [String], fresh: bool) -> Result<()> {
+    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [String], fresh: bool) -> Result<()> {
         let n = transforms.len();
         let bones = &self.skeleton.bones;
         let now = self.evaluate(level, transforms);
-        let weight = |b: usize, e: &Evaluation| level.bones[b].volume_mm3 * e.visible * e.explained.max(0.0);
+        let weight = |b: usize, e: &Evaluation| level.drawn.bones[b].volume_mm3 * e.visible * e.explained.max(0.0);
         let root =
             (0..n).max_by(|&a, &b| weight(a, &now[a]).total_cmp(&weight(b, &now[b])).then(b.cmp(&a))).unwrap_or(0);
         let mut placed = vec![false; n];
@@ -231,7 +216,7 @@ impl<'a> Fitter<'a> {
                         fraction: Some(&level.fraction),
                         measure: self.options.measure,
                     };
-                    (level.bones[b].volume_mm3 * p.similarities(&[t], false)[0].visible, b, o)
+                    (level.drawn.bones[b].volume_mm3 * p.similarities(&[t], false)[0].visible, b, o)
                 })
                 .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
                 .map(|(_, b, o)| (b, o));
@@ -240,7 +225,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// Takes the samples from bones that the image does not explain and puts them back to their parent's motion.
-    fn drop_unexplained(&self, level: &mut Level, transforms: &mut [Rigid], curvature: &DMatrix<f64>) -> bool {
+    fn drop_unexplained(&self, level: &mut Level<'_>, transforms: &mut [Rigid], curvature: &DMatrix<f64>) -> bool {
         let sd = deviations(curvature);
         let mut any = false;
         for (b, e) in self.evaluate(level, transforms).iter().enumerate() {
@@ -261,7 +246,7 @@ impl<'a> Fitter<'a> {
     /// With `search`, a bone that ends up doubtful is started again from places around, and the least cost wins.
     fn place<'b>(
         &'b self,
-        level: &'b Level,
+        level: &'b Level<'_>,
         bone: usize,
         start: Rigid,
         links: impl Fn() -> Vec<Link<'b>>,
@@ -317,7 +302,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// All bones and all joints at once.
-    fn together(&self, level: &Level, transforms: &mut Vec<Rigid>) -> Result<Solution> {
+    fn together(&self, level: &Level<'_>, transforms: &mut Vec<Rigid>) -> Result<Solution> {
         let make = || PoseProblem {
             bodies: (0..transforms.len()).map(|b| self.body(level, b, transforms[b])).collect(),
             links: self

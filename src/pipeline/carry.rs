@@ -3,7 +3,6 @@
 use super::contact;
 use super::study::CARRYING;
 use super::{Case, Outcome, VolumeReached};
-use crate::body;
 use crate::chainmail::{
     self, ImagePull, Initiators, Lattice, Organs, Propagation, Tissue, VolumeChange, check_links, propagate,
 };
@@ -90,6 +89,7 @@ pub(super) fn carry_out(
         regions,
         warnings,
         stages: runtime.times(),
+        part: None,
     })
 }
 
@@ -117,13 +117,20 @@ fn missed(v: &VolumeReached) -> Option<Warning> {
     })
 }
 
-/// Both images, to refine soft tissue by, unless the settings switch that off.
-pub(super) fn images(case: &Case, body: &Mask, config: &Config, runtime: &Runtime) -> Result<Option<Images>> {
+/// Both images, to refine soft tissue by, unless the settings switch that off. `fraction_body` finds the patient in the
+/// fraction CT.
+pub(super) fn images(
+    case: &Case,
+    body: &Mask,
+    fraction_body: impl FnOnce() -> Result<Mask> + Send,
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<Option<Images>> {
     if config.refine.weight <= 0.0 || config.soft_tissue != SoftTissue::ChainMail {
         return Ok(None);
     }
     runtime.stage("compare images", || {
-        let fraction_body = body::find(&case.fraction, None, &config.body)?;
+        let fraction_body = fraction_body()?;
         Ok(Some(Images::new((&case.planning, body), (&case.fraction, &fraction_body), &config.refine)))
     })
 }

@@ -1,5 +1,6 @@
 //! What a registration found.
 
+use super::Case;
 use crate::chainmail::LinkReport;
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
@@ -72,6 +73,8 @@ pub struct Outcome {
     pub warnings: Vec<Warning>,
     /// Regions of influence, when the settings ask for them: the label of the bone that reaches each voxel first.
     pub regions: Option<LabelMap>,
+    /// The part of the case that was carried on, when the settings name a region: everything on a grid lies on its grids.
+    pub part: Option<Box<Case>>,
     /// Wall time of each stage.
     pub stages: Vec<StageTime>,
 }

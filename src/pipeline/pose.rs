@@ -1,7 +1,8 @@
 //! Moving the skeleton by hand: an artificial CT in another posture (thesis 6.2.2).
 
 use super::carry::{OUTSIDE_HU, carry_out};
-use super::register::{check_image, check_labels, fit_warnings, prepare};
+use super::planning::Patient;
+use super::register::{check_image, fit_warnings};
 use super::{Case, Outcome};
 use crate::config::Config;
 use crate::error::{Error, Result};
@@ -37,11 +38,10 @@ pub fn pose(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Case, Outcome)> {
-    check_labels(&case)?;
     check_image("planning CT", &case.planning)?;
-    let (mut warnings, skeleton, body) = prepare(&case, config, runtime)?;
+    let Patient { skeleton, body, warnings } = Patient::new(&case, config, runtime)?;
     let fit = given(&skeleton, &known(&case, &skeleton, motion)?)?;
-    warnings.extend(fit_warnings(&fit));
+    let warnings = [case.warnings.as_slice(), &warnings, &fit_warnings(&fit)].concat();
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
     let outcome = carry_out(&case, &target, (skeleton, body, fit), None, warnings, config, runtime)?;

@@ -1,15 +1,17 @@
 //! The registration: one call per stage.
 
 use super::carry::{carry_out, images};
-use super::uncertainty;
-use super::{Case, Outcome};
+use super::planning::{Patient, Planning};
+use super::region::cut;
+use super::{Case, Outcome, uncertainty};
 use crate::body;
-use crate::chainmail::{Organs, organ_label};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::fit::{FitResult, LandmarkUse, fit_pose, from_landmarks, given};
+use crate::fit::{FitResult, fit_pose, from_landmarks, given};
+use crate::geometry::Grid;
+use crate::refine::Images;
 use crate::runtime::Runtime;
-use crate::skeleton::{self, Skeleton};
+use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
 
@@ -18,31 +20,52 @@ use crate::warning::Warning;
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    check_labels(case)?;
-    check_image("planning CT", &case.planning)?;
+    register_fraction(case, &Planning::new(case, config, runtime)?, config, runtime)
+}
+
+/// Registers a case whose planning side is prepared, by itself or for another fraction, with the same settings.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runtime: &Runtime) -> Result<Outcome> {
     check_image("fraction CT", &case.fraction)?;
-    let (mut warnings, skeleton, body) = prepare(case, config, runtime)?;
+    let Patient { skeleton, body, warnings } = &planning.patient;
     let placed = match case.bone_landmarks.as_slice() {
         [] => None,
-        landmarks => Some(from_landmarks(&skeleton, landmarks)?),
+        landmarks => Some(from_landmarks(skeleton, landmarks)?),
     };
-    let fit = runtime.stage("fit skeleton", || match &placed {
-        Some(known) if config.fit.bone_landmarks == LandmarkUse::Replace => given(&skeleton, known),
-        start => fit_pose(
-            &skeleton,
-            &case.planning,
-            &case.bones,
-            &case.fraction,
-            start.as_deref(),
-            &config.fit,
-            runtime.progress(),
-        ),
+    let fit = runtime.stage("fit skeleton", || match (&planning.samples, &placed) {
+        (Some(samples), start) => {
+            fit_pose(skeleton, samples, &case.fraction, start.as_deref(), &config.fit, runtime.progress())
+        }
+        (None, Some(known)) => given(skeleton, known),
+        (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     })?;
-    warnings.extend(fit.warnings.iter().cloned());
-    warnings.extend(fit_warnings(&fit));
-    let images = images(case, &body, config, runtime)?;
-    let mut outcome =
-        carry_out(case, case.fraction.grid(), (skeleton, body, fit), images.as_ref(), warnings, config, runtime)?;
+    let warnings = [&case.warnings, warnings, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    if config.region.is_some() {
+        let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
+        let fraction_body = || Ok(part_of_body(&body::find(&case.fraction, None, &config.body)?, part.fraction.grid()));
+        let images = images(&part, &body, fraction_body, config, runtime)?;
+        let moved = (skeleton.clone(), body, fit);
+        let outcome = carried(&part, moved, images.as_ref(), warnings, config, runtime)?;
+        return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
+    }
+    let fraction_body = || body::find(&case.fraction, None, &config.body);
+    let images = images(case, body, fraction_body, config, runtime)?;
+    let moved = (skeleton.clone(), body.clone(), fit);
+    carried(case, moved, images.as_ref(), warnings, config, runtime)
+}
+
+/// Carries the bones' motion out, with a map of how far the result may be trusted.
+fn carried(
+    case: &Case,
+    moved: (Skeleton, Mask, FitResult),
+    images: Option<&Images>,
+    warnings: Vec<Warning>,
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<Outcome> {
+    let mut outcome = carry_out(case, case.fraction.grid(), moved, images, warnings, config, runtime)?;
     if config.output.uncertainty {
         let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, images.is_some(), config))?;
         outcome.uncertainty = Some(map);
@@ -51,19 +74,13 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     Ok(outcome)
 }
 
-/// What every way to move the bones begins with: the skeleton and the patient.
-pub(super) fn prepare(case: &Case, config: &Config, runtime: &Runtime) -> Result<(Vec<Warning>, Skeleton, Mask)> {
-    let mut warnings = case.warnings.clone();
-    let (skeleton, built) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
-    // Wrong names are found before the long work begins.
-    let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
-    Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
-    for change in &config.chainmail.volume_change {
-        organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
-    }
-    warnings.extend(built);
-    let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
-    Ok((warnings, skeleton, body))
+/// A mask on a part of its grid.
+fn part_of_body(body: &Mask, grid: &Grid) -> Mask {
+    let whole = body.grid();
+    Volume::from_fn(grid.clone(), |n| {
+        let at = whole.index(&grid.centre(grid.voxel(n))).map(f64::round);
+        *body.at([0, 1, 2].map(|a| at[a] as usize))
+    })
 }
 
 /// The labels lie on the planning grid.
@@ -102,22 +119,6 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>) -> Result<()> {
         return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
     }
     Ok(())
-}
-
-/// The user's skeleton, or the one that the labels give.
-fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
-    let built = skeleton::build(&case.bones)?;
-    let mut warnings = built.warnings;
-    let ignored: Vec<&str> =
-        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.names_organ(n)).collect();
-    if !ignored.is_empty() {
-        let list = ignored.join(", ");
-        warnings.push(Warning::new(
-            "labels-ignored",
-            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
-        ));
-    }
-    Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }
 
 /// Bones that the user should look at.

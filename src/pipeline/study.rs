@@ -1,8 +1,9 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
 use super::carry::{carry_out, images};
-use super::register::{check_labels, prepare};
+use super::planning::Patient;
 use super::{Case, Outcome};
+use crate::body;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
@@ -16,8 +17,8 @@ pub const CARRYING: &str = "propagate to soft tissue";
 /// # Errors
 /// [`Error::Input`] when the case does not fit the motion.
 pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    check_labels(case)?;
-    let (warnings, skeleton, body) = prepare(case, config, runtime)?;
+    let Patient { skeleton, body, warnings } = Patient::new(case, config, runtime)?;
+    let warnings = [case.warnings.as_slice(), &warnings].concat();
     let same =
         skeleton.bones.len() == fit.bones.len() && skeleton.bones.iter().zip(&fit.bones).all(|(a, b)| a.name == b.name);
     if !same {
@@ -28,6 +29,10 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
         ));
     }
     let seen = case.inputs.iter().any(|i| i.role == "fraction");
-    let images = if seen { images(case, &body, config, runtime)? } else { None };
+    let images = if seen {
+        images(case, &body, || body::find(&case.fraction, None, &config.body), config, runtime)?
+    } else {
+        None
+    };
     carry_out(case, case.fraction.grid(), (skeleton, body, fit.clone()), images.as_ref(), warnings, config, runtime)
 }

@@ -99,6 +99,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let mut jacobian_report = jacobians::evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
     jacobian_report.contact = jacobians::stats(vec![0.9, -1.0, 1.1]);
     let outcome = Outcome {
+        part: None,
         skeleton: Skeleton { bones: skeleton() },
         pose: Default::default(),
         couch_shift: offset,

@@ -6,6 +6,7 @@ mod cubic;
 pub mod distance;
 mod interpolate;
 pub mod label;
+pub mod region;
 mod smooth;
 
 pub use cubic::cubic;

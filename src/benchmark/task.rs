@@ -1,0 +1,197 @@
+//! What is timed: one hot path each, with the bytes that it must move at least.
+
+use super::Scene;
+use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs, propagate, spread};
+use crate::error::{Error, Result};
+use crate::evaluate::jacobian as characteristics;
+use crate::field::{FieldFormat, InvertOptions, invert, jacobian, warp_image, warp_labels};
+use crate::io;
+use crate::progress::Silent;
+use serde::{Deserialize, Serialize};
+use std::hint::black_box;
+
+/// Bytes of a displacement.
+const VECTOR: usize = 12;
+
+/// One hot path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Task {
+    /// Elements at every voxel from the CT.
+    Elements,
+    /// One wave from all bones over every voxel, and the displacements that it brings.
+    Prioritised,
+    /// One wave per bone over every voxel, round fronts, nothing pruned, weights t^-4.
+    Superposition,
+    /// The default waves: elements at 3 mm, pruned.
+    Waves,
+    /// The default propagation without images.
+    Propagation,
+    /// The default propagation with both images.
+    PropagationWithImages,
+    /// The inverse to 1e-3 mm.
+    Invert,
+    /// The planning CT on the fraction grid.
+    Resample,
+    /// Bone labels on the fraction grid.
+    Labels,
+    /// The Jacobian map.
+    Jacobian,
+    /// The characteristics of the Jacobian map by tissue and bone, digital folds included.
+    Characteristics,
+    /// The planning CT from a compressed NIfTI file.
+    Read,
+    /// The field to a NIfTI file at the default compression.
+    Write,
+}
+
+impl Task {
+    /// All tasks.
+    pub const ALL: [Self; 13] = [
+        Self::Elements,
+        Self::Prioritised,
+        Self::Superposition,
+        Self::Waves,
+        Self::Propagation,
+        Self::PropagationWithImages,
+        Self::Invert,
+        Self::Resample,
+        Self::Labels,
+        Self::Jacobian,
+        Self::Characteristics,
+        Self::Read,
+        Self::Write,
+    ];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Elements => "elements",
+            Self::Prioritised => "prioritised",
+            Self::Superposition => "superposition",
+            Self::Waves => "waves",
+            Self::Propagation => "propagation",
+            Self::PropagationWithImages => "propagation-with-images",
+            Self::Invert => "invert",
+            Self::Resample => "resample",
+            Self::Labels => "labels",
+            Self::Jacobian => "jacobian",
+            Self::Characteristics => "characteristics",
+            Self::Read => "read",
+            Self::Write => "write",
+        }
+    }
+
+    /// What it does, in a line.
+    pub fn what(self) -> &'static str {
+        match self {
+            Self::Elements => "elements of the chain mail at every voxel",
+            Self::Prioritised => "one wave from all bones over every voxel, with displacements",
+            Self::Superposition => "a wave of each bone over every voxel, nothing pruned",
+            Self::Waves => "the default waves: elements at 3 mm, pruned",
+            Self::Propagation => "the default propagation without images",
+            Self::PropagationWithImages => "the default propagation with images",
+            Self::Invert => "the inverse to 1e-3 mm",
+            Self::Resample => "the planning CT on the fraction grid",
+            Self::Labels => "the bone labels on the fraction grid",
+            Self::Jacobian => "the Jacobian map",
+            Self::Characteristics => "Jacobian characteristics by tissue and bone",
+            Self::Read => "the planning CT from int16 .nii.gz",
+            Self::Write => "the field to .nii.gz, level 2",
+        }
+    }
+
+    /// Time that it should take at most on two cores at full size, s.
+    pub fn target(self) -> Option<f64> {
+        match self {
+            Self::Prioritised | Self::Invert => Some(1.0),
+            Self::Superposition => Some(15.0),
+            Self::Waves => Some(3.0),
+            Self::Resample => Some(0.15),
+            Self::Jacobian => Some(0.1),
+            _ => None,
+        }
+    }
+
+    /// Voxels that it works on, and bytes that it must read and write at least.
+    pub fn work(self, scene: &Scene) -> (usize, u64) {
+        let planning = scene.phantom.planning.grid().len();
+        let fraction = scene.phantom.fraction.grid().len();
+        let bones = scene.phantom.skeleton.bones.len();
+        let (hu, label, flag) = (4, 2, 1);
+        let (voxels, bytes) = match self {
+            Self::Elements => (planning, planning * (hu + label + flag) + scene.active * VECTOR),
+            // Material in, displacement out.
+            Self::Prioritised => (scene.active, scene.active * (4 + VECTOR)),
+            // A time per bone and voxel is written and read once.
+            Self::Superposition => (scene.active, scene.active * (bones * 8 + VECTOR)),
+            Self::Waves | Self::Propagation | Self::PropagationWithImages => {
+                (scene.active, planning * (hu + label + flag + VECTOR))
+            }
+            Self::Invert => (fraction, planning * VECTOR + fraction * (VECTOR + flag)),
+            Self::Resample => (fraction, planning * hu + fraction * (VECTOR + hu)),
+            Self::Labels => (fraction, planning * label + fraction * (VECTOR + label)),
+            Self::Jacobian => (planning, planning * (VECTOR + flag + hu)),
+            Self::Characteristics => (planning, planning * (VECTOR + hu + label + flag)),
+            // The file's int16 in, single precision out.
+            Self::Read => (planning, planning * (2 + hu)),
+            Self::Write => (planning, planning * VECTOR),
+        };
+        (voxels, bytes as u64)
+    }
+
+    /// Runs it once.
+    pub(super) fn run(self, scene: &Scene) -> Result<()> {
+        let options = ChainmailOptions::default();
+        let (tissue, bones) = scene.chainmail(&options);
+        let voxelwise = |combination| {
+            let lattice = scene.lattice.as_ref().ok_or_else(|| Error::Internal("no elements at every voxel".into()))?;
+            let options = ChainmailOptions { combination, prune_ratio: 0.0, ..ChainmailOptions::default() };
+            black_box(spread(lattice, &bones, &options));
+            Ok::<_, Error>(())
+        };
+        let fraction = scene.phantom.fraction.grid();
+        match self {
+            Self::Elements => {
+                black_box(Lattice::new(&tissue, &options.material, &Organs::default(), 0.0));
+            }
+            Self::Prioritised => voxelwise(Combination::Prioritisation)?,
+            Self::Superposition => voxelwise(Combination::Superposition)?,
+            Self::Waves => {
+                let lattice = Lattice::new(&tissue, &options.material, &Organs::default(), options.spacing_mm);
+                black_box(spread(&lattice, &bones, &options));
+            }
+            Self::Propagation => {
+                black_box(propagate(&tissue, &bones, &options, None, &Silent)?);
+            }
+            Self::PropagationWithImages => {
+                let images = scene.images.as_ref().map(|i| i as &dyn ImagePull);
+                black_box(propagate(&tissue, &bones, &options, images, &Silent)?);
+            }
+            Self::Invert => {
+                black_box(invert(&scene.push, fraction, &InvertOptions::default())?);
+            }
+            Self::Resample => {
+                black_box(warp_image(&scene.pull, &scene.phantom.planning, -1000.0)?);
+            }
+            Self::Labels => {
+                black_box(warp_labels(&scene.pull, &scene.phantom.bones)?);
+            }
+            Self::Jacobian => {
+                black_box(jacobian(&scene.push));
+            }
+            Self::Characteristics => {
+                let map = jacobian(&scene.push);
+                let inside = characteristics::tissue(&scene.phantom.body, &scene.phantom.planning);
+                let rigid: Vec<(u16, String)> =
+                    scene.phantom.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+                black_box(characteristics::evaluate(&scene.push, &map, &inside, &scene.phantom.bones, &rigid, &[]));
+            }
+            Self::Read => {
+                black_box(io::read_image(&scene.planning_file)?);
+            }
+            Self::Write => io::write_push(&scene.field_file, &scene.push, FieldFormat::Nifti, 2)?,
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,105 @@
+//! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
+//! row, along which a rigid motion's displacement is linear.
+
+use super::arrival::{Arrival, Medium, Nothing};
+use super::blend::{FirstWave, every_node, weight};
+use super::carry::Initiators;
+use super::engine::Source;
+use super::front::{FrontRules, TICKS};
+use super::lattice::{Lattice, Node};
+use super::options::{ChainmailOptions, Combination};
+use crate::geometry::Rigid;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// As [`super::spread`].
+pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+    let medium = Medium::new(lattice, FrontRules::of(options));
+    match options.combination {
+        Combination::Superposition => superpose(&medium, lattice, bones, options),
+        Combination::Prioritisation => {
+            let wave = medium.owners(Source::AnyBone);
+            every_node(lattice, bones, |_, voxel| {
+                let cell = medium.cell(voxel);
+                wave.time(cell)?;
+                let x = lattice.grid.centre(voxel);
+                let u = bones.transforms[usize::from(wave.notes.0[cell])] * x - x;
+                Some([u.x as f32, u.y as f32, u.z as f32])
+            })
+        }
+    }
+}
+
+/// As [`super::first_wave`].
+pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> FirstWave {
+    let medium = Medium::new(lattice, FrontRules::of(options));
+    let wave = medium.ordered(Source::AnyBone);
+    let node = |cell: usize| lattice.grid.linear(medium.voxel(cell));
+    let (mut time, mut owner) = (vec![f64::INFINITY; lattice.node.len()], vec![None; lattice.node.len()]);
+    for &n in &lattice.active {
+        let n = n as usize;
+        let cell = medium.cell(lattice.grid.voxel(n));
+        (time[n], owner[n]) = match lattice.node[n] {
+            Node::Bone(b) => (0.0, Some(b)),
+            _ => match wave.time(cell) {
+                Some(t) => (f64::from(t) / TICKS, Some(wave.notes.0.0[cell])),
+                None => continue,
+            },
+        };
+    }
+    let processed = wave.notes.1.iter().map(|&cell| node(cell as usize));
+    let order = processed.filter(|&n| lattice.node[n] == Node::Soft).map(|n| n as u32).collect();
+    FirstWave { order, time, owner, angle: Vec::new() }
+}
+
+/// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
+fn superpose(
+    medium: &Medium,
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+) -> Vec<Option<[f32; 3]>> {
+    let [nx, ny, _] = medium.size();
+    let latest =
+        (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio));
+    let mut sums = vec![[0f64; 4]; medium.len()];
+    let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
+    for group in present.chunks(rayon::current_num_threads().max(1)) {
+        let waves: Vec<(&Rigid, Arrival<Nothing>)> = group
+            .par_iter()
+            .map(|&b| (&bones.transforms[usize::from(b)], medium.times(Source::Bone(b), latest.as_deref())))
+            .collect();
+        sums.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
+            for (motion, wave) in &waves {
+                add_row(medium, lattice, (motion, wave), (row % ny, row / ny), options.exponent, sums);
+            }
+        });
+    }
+    every_node(lattice, bones, |_, voxel| {
+        let s = sums[medium.cell(voxel)];
+        (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
+    })
+}
+
+/// Adds a wave's weights and weighted displacements along a row of cells.
+fn add_row(
+    medium: &Medium,
+    lattice: &Lattice,
+    (motion, wave): (&Rigid, &Arrival<Nothing>),
+    (j, k): (usize, usize),
+    exponent: f64,
+    sums: &mut [[f64; 4]],
+) {
+    let low = medium.low();
+    let x = lattice.grid.centre([low[0], low[1] + j, low[2] + k]);
+    let step: Vector3<f64> = lattice.grid.step().column(0).into_owned();
+    let (first, along) = (motion * x - x, motion.rotation * step - step);
+    let start = sums.len() * (j + medium.size()[1] * k);
+    for (i, s) in sums.iter_mut().enumerate() {
+        let Some(time) = wave.time(start + i) else { continue };
+        let w = weight(time, exponent);
+        let u = first + along * i as f64;
+        s[0] += w;
+        (0..3).for_each(|a| s[1 + a] += w * u[a]);
+    }
+}

@@ -1,0 +1,80 @@
+//! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
+
+use super::Case;
+use super::register::{check_image, check_labels};
+use crate::body;
+use crate::chainmail::{Organs, organ_label};
+use crate::config::Config;
+use crate::error::Result;
+use crate::fit::{BoneSamples, LandmarkUse};
+use crate::runtime::Runtime;
+use crate::skeleton::{self, Skeleton};
+use crate::volume::Mask;
+use crate::warning::Warning;
+
+/// What every way to move the bones begins with: the skeleton and the patient.
+#[derive(Debug, Clone)]
+pub(super) struct Patient {
+    pub(super) skeleton: Skeleton,
+    /// Inside of the skin in the planning CT.
+    pub(super) body: Mask,
+    /// What was found on the way.
+    pub(super) warnings: Vec<Warning>,
+}
+
+impl Patient {
+    /// Finds skeleton and patient in the planning side of a case.
+    pub(super) fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
+        check_labels(case)?;
+        let (skeleton, warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+        // Wrong names are found before the long work begins.
+        let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
+        Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
+        for change in &config.chainmail.volume_change {
+            organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
+        }
+        let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
+        Ok(Self { skeleton, body, warnings })
+    }
+}
+
+/// The planning side of a registration. Results are the same bits whether fractions share one or each has its own.
+#[derive(Debug, Clone)]
+pub struct Planning {
+    pub(super) patient: Patient,
+    /// Each bone's look in the planning CT; `None` where landmarks alone place the bones.
+    pub(super) samples: Option<BoneSamples>,
+}
+
+impl Planning {
+    /// Prepares the planning side of a case; its fraction plays no part.
+    ///
+    /// # Errors
+    /// [`crate::Error::Input`] when planning CT and labels do not fit each other.
+    pub fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
+        check_image("planning CT", &case.planning)?;
+        let patient = Patient::new(case, config, runtime)?;
+        let by_landmarks = !case.bone_landmarks.is_empty() && config.fit.bone_landmarks == LandmarkUse::Replace;
+        let samples = (!by_landmarks).then(|| {
+            let draw = || BoneSamples::new(&patient.skeleton, &case.planning, &case.bones, &config.fit);
+            runtime.stage("sample bones", draw)
+        });
+        Ok(Self { patient, samples })
+    }
+}
+
+/// The user's skeleton, or the one that the labels give.
+fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
+    let built = skeleton::build(&case.bones)?;
+    let mut warnings = built.warnings;
+    let ignored: Vec<&str> =
+        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.names_organ(n)).collect();
+    if !ignored.is_empty() {
+        let list = ignored.join(", ");
+        warnings.push(Warning::new(
+            "labels-ignored",
+            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
+        ));
+    }
+    Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
+}

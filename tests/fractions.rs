@@ -1,0 +1,105 @@
+//! Several fractions of one patient share the planning side, a region of interest is a part of the whole, and a run that
+//! needs too much memory does not begin.
+
+#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
+mod support;
+
+use aventail::io;
+use aventail::volume::{region::voxels_of_box, trilinear_vector};
+use nalgebra::{Point3, Vector3};
+use std::fs;
+use std::path::{Path, PathBuf};
+use support::{Register, aventail, files_below, folder, phantom};
+
+/// The second fraction of the coarse phantom.
+fn second() -> PathBuf {
+    phantom().planning.parent().expect("the file lies in a folder").join("fraction_2/fraction_ct.nii.gz")
+}
+
+fn stages(out: &Path) -> Vec<String> {
+    let report: serde_json::Value =
+        serde_json::from_slice(&fs::read(out.join("report.json")).expect("the report was written"))
+            .expect("it is JSON");
+    let stages = report["stages"].as_array().expect("stages are listed");
+    stages.iter().map(|s| s["stage"].as_str().expect("a stage has a name").to_owned()).collect()
+}
+
+#[test]
+fn fractions_share_planning_and_give_the_bits_of_single_runs() {
+    let both = Register::phantom("both").with("--fraction", second()).flag("-q");
+    both.command().assert().success();
+    let alone = Register::phantom("alone").fraction(second()).flag("-q");
+    alone.command().assert().success();
+    // Both files have the same name, so the folders are numbered.
+    let shared = both.out.join("2");
+    let names = files_below(&alone.out);
+    assert!(names.len() > 12 && files_below(&shared) == names, "{names:?}");
+    for name in names.iter().filter(|n| !["report.json", "report.html"].contains(&n.as_str())) {
+        assert_eq!(fs::read(alone.out.join(name)).unwrap(), fs::read(shared.join(name)).unwrap(), "{name}");
+    }
+    let first = fs::read(both.out.join("1/planning_to_fraction.nii.gz")).unwrap();
+    assert_ne!(first, fs::read(shared.join("planning_to_fraction.nii.gz")).unwrap());
+    // What depends on planning alone was done once.
+    let (one, two) = (stages(&both.out.join("1")), stages(&shared));
+    for stage in ["build skeleton", "find the patient", "sample bones"] {
+        assert!(one.iter().any(|s| s == stage) && two.iter().all(|s| s != stage), "{stage}: {one:?} {two:?}");
+    }
+    assert!(two.iter().any(|s| s == "fit skeleton"), "{two:?}");
+}
+
+#[test]
+fn a_region_is_a_part_of_the_whole() {
+    let whole = Register::phantom("whole").flag("-q");
+    whole.command().assert().success();
+    let roi = Register::phantom("roi").with("--roi", "mandible").flag("-q");
+    roi.command().assert().success();
+    let field = |r: &Register| io::read_field(r.out.join("planning_to_fraction.nii.gz")).unwrap().value;
+    let (all, part) = (field(&whole), field(&roi));
+    assert!(part.data().len() * 3 < all.data().len(), "{:?} of {:?}", part.grid().size(), all.grid().size());
+    // In the box of the mandible itself the part agrees with the whole.
+    let labels = io::read_labels(&phantom().bones, None).unwrap().value;
+    let (label, _) = labels.names.iter().find(|(_, n)| *n == "mandible").expect("the phantom has a mandible");
+    let grid = labels.volume.grid();
+    let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+    let own = (0..grid.len()).filter(|&n| labels.volume.data()[n] == *label);
+    let [low, high] = own.fold(start, |[low, high], n| {
+        let x = grid.centre(grid.voxel(n)).coords;
+        [low.inf(&x), high.sup(&x)]
+    });
+    let range = voxels_of_box(grid, [Point3::from(low), Point3::from(high)], 0.0).expect("the box lies in the scan");
+    let (mut sum, mut n, mut worst) = (0.0, 0, 0.0f64);
+    for k in range[2].clone() {
+        for j in range[1].clone() {
+            for i in range[0].clone() {
+                let x = grid.centre([i, j, k]);
+                let a = trilinear_vector(&all, &all.grid().index(&x)).expect("inside");
+                let b = trilinear_vector(&part, &part.grid().index(&x)).expect("the part covers the box");
+                let apart = (a - b).norm();
+                (sum, n, worst) = (sum + apart, n + 1, worst.max(apart));
+            }
+        }
+    }
+    let mean = sum / f64::from(n);
+    println!("region against whole: mean {mean:.4} mm, worst {worst:.3} mm over {n} voxels");
+    // At 5 x 5 x 6 mm: the elements of the coarse spacings begin elsewhere, and tissue ends at the margin.
+    assert!(mean < 0.6, "{mean} mm");
+    let again = folder().join("roi_again");
+    let config = roi.out.join("report.json");
+    aventail().args(["register", "-q", "--config"]).arg(config).arg("--out").arg(&again).assert().success();
+    let name = "fraction_to_planning.nii.gz";
+    assert_eq!(fs::read(roi.out.join(name)).unwrap(), fs::read(again.join(name)).unwrap(), "the region is a setting");
+}
+
+#[test]
+fn what_cannot_be_is_refused_early() {
+    let refused = |register: Register, word: &str| {
+        let run = register.command().assert().code(2);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(message.contains(word) && message.contains("remedy"), "{message}");
+        assert_eq!(files_below(&register.out), [""; 0]);
+    };
+    refused(Register::phantom("m").with("--max-memory", "0.01"), "0.01");
+    refused(Register::phantom("r").with("--roi", "mandable"), "mandible");
+    refused(Register::phantom("b").with("--roi", "1,2,3,0,5,6"), "--roi");
+    refused(Register::phantom("l").with("--fraction", second()).with("--landmarks", &phantom().landmarks), "landmarks");
+}
