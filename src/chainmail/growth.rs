@@ -34,7 +34,7 @@ impl VolumeChange {
 }
 
 /// How often rest lengths are adapted at each spacing.
-const ADAPTATIONS: usize = 3;
+const ADAPTATIONS: usize = 6;
 /// Natural logarithm of the greatest change of a rest length: a factor of 3 either way.
 const GREATEST: f64 = 1.1;
 

@@ -22,7 +22,6 @@ use std::path::{Path, PathBuf};
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
-    let fractions = fractions(args, &file)?;
     let flags = Flags {
         planning: &args.planning,
         bones: &args.bones,
@@ -35,6 +34,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     };
     let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
+    let fractions = fractions(args, &file)?;
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let mut side = PlanningSide::new(inputs.load(&recorded, &runtime)?);

@@ -26,13 +26,12 @@ pub(super) struct Row {
     pub(super) values: [String; 10],
 }
 
-/// Rows of one table: each stage's, followed by what is published of it.
+/// Rows of one table: each finished stage's, followed by what is published of it.
 pub(super) fn rows(table: &StudyTable, records: &BTreeMap<String, StageRecord>) -> Vec<Row> {
     let mut out = Vec::new();
     for stage in &table.stages {
-        if let Some(record) = records.get(&stage.id) {
-            out.push(Row { name: stage.name.clone(), published: false, values: measured(record) });
-        }
+        let Some(record) = records.get(&stage.id) else { continue };
+        out.push(Row { name: stage.name.clone(), published: false, values: measured(record) });
         out.extend(stage.published.iter().map(|p| Row {
             name: p.patient.clone(),
             published: true,
