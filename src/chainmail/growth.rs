@@ -128,8 +128,7 @@ impl Organ {
     /// Mean relative volume of the organ's voxels by the lattice's cells that they lie in; cells with a corner outside
     /// tissue are left out.
     fn relative_volume(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<f64> {
-        let strides = lattice.grid.strides();
-        let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+        let corners = lattice.grid.cell_corners();
         let (mut sum, mut weight) = (0.0, 0.0);
         for (first, voxels) in &self.cells {
             let share = *voxels as f64;

@@ -1,7 +1,6 @@
 //! Folds that are left on the full grid, where voxels between elements and exact bones meet: the tissue around each
 //! settles anew by mechanics alone, voxel by voxel.
 
-use super::carry::Initiators;
 use super::lattice::{Lattice, Tissue};
 use super::material::Organs;
 use super::options::ChainmailOptions;
@@ -23,16 +22,14 @@ const REACH: usize = 3;
 const ROUNDS: usize = 15;
 
 /// Unfolds cells of the digital criterion (see [`digital_folds`]) that do not lie between bones; a cell that does not
-/// unfold stays as it is. Bones do not move.
+/// unfold stays as it is. Bones do not move; `turns` are their rotations.
 pub(super) fn mend(
     tissue: &Tissue<'_>,
-    bones: &Initiators<'_>,
+    turns: &[Matrix3<f64>],
     options: &ChainmailOptions,
     organs: &Organs,
     push: &mut PushField,
 ) {
-    let turns: Vec<Matrix3<f64>> =
-        bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
     for attempt in 0..options.mend {
         let cells = folded(tissue, push);
         if cells.is_empty() || cells.len() > MOST_CELLS {
@@ -46,7 +43,7 @@ pub(super) fn mend(
         for cells in blocks.values() {
             let [low, high] = bounds(cells.iter().map(|&c| grid.voxel(c)), grid.size());
             let lattice = Lattice::patch(tissue, &options.material, organs, low, high);
-            settle(&lattice, low, cells, &turns, (options, REACH * (attempt + 1)), push);
+            settle(&lattice, low, cells, turns, (options, REACH * (attempt + 1)), push);
         }
     }
 }
@@ -54,8 +51,7 @@ pub(super) fn mend(
 /// Folded cells of tissue that touch at most one bone.
 fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
     let grid = push.displacement.grid();
-    let strides = grid.strides();
-    let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+    let corners = grid.cell_corners();
     let folds = digital_folds(push);
     let mendable = |cell: usize| {
         let nodes = corners.map(|c| cell + c);

@@ -13,10 +13,10 @@ use super::relax::Relaxation;
 use super::untangle::{around, tangled};
 use crate::error::Result;
 use crate::field::PushField;
-use crate::geometry::Rigid;
+use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
 use crate::volume::{Volume, trilinear_vector};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// The propagation's result: the field, and the lattice with its displacements for the links' report.
@@ -41,8 +41,7 @@ pub fn propagate(
     progress: &dyn Progress,
 ) -> Result<Propagation> {
     let organs = organs(tissue, options)?;
-    let turns: Vec<Matrix3<f64>> =
-        bones.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let turns = rotation_matrices(bones.transforms);
     let mut growth = Growth::new(&options.volume_change, tissue)?;
     let steps = options.relaxation.len() + 2;
     // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
@@ -73,7 +72,7 @@ pub fn propagate(
     progress.step(steps - 1, steps, "all voxels");
     let coarse = Volume::new(lattice.grid.clone(), displacement)?;
     let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
-    mend(tissue, bones, options, &organs, &mut push);
+    mend(tissue, &turns, options, &organs, &mut push);
     Ok(Propagation { push, lattice, displacement: coarse.into_data() })
 }
 

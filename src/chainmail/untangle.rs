@@ -9,9 +9,8 @@ use rayon::prelude::*;
 ///
 /// The volumes at the 8 corners are those of the one-sided finite differences (Liu et al., Int. J. Comput. Vis. 2024).
 pub fn tangled(lattice: &Lattice, u: &[[f32; 3]], nodes: &[u32], least: f64) -> Vec<u32> {
-    let strides = lattice.grid.strides();
     let Some(inverse) = lattice.grid.step().try_inverse() else { return Vec::new() };
-    let corners: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
+    let corners = lattice.grid.cell_corners();
     nodes
         .par_iter()
         .copied()

@@ -107,8 +107,7 @@ pub fn evaluate(
 /// corners that carry the label. `None` where no cell does or all are folded.
 pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Option<f64> {
     let grid = map.grid();
-    let [sx, sy, sz] = grid.strides();
-    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let corners = grid.cell_corners();
     let size = grid.size();
     let data = labels.volume.data();
     let mut sums: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
@@ -203,8 +202,7 @@ fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16], sliding: &[([u16
     let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
     let grid = tissue.grid();
     let [ni, nj, nk] = grid.size();
-    let [sx, sy, sz] = grid.strides();
-    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let corners = grid.cell_corners();
     let (tissue, labels) = (tissue.data(), bones.volume.data());
     let mut kinds = Volume::filled(grid.clone(), Cell::Outside);
     kinds.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {

@@ -156,8 +156,7 @@ fn compare(e: &Evidence<'_>, grid: &Grid) -> Vec<Node> {
     let [low, high] = WINDOW_HU;
     let (planning, fraction, u) = (e.planning, e.fraction, &e.push.displacement);
     let labels = e.bones.volume.data();
-    let offsets: Vec<Vector3<f64>> =
-        (0..8).map(|c| grid.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 })).collect();
+    let offsets = grid.eighths();
     let node = |n: usize| {
         let x = grid.centre(grid.voxel(n));
         let Some(own) = voxel(planning.grid(), &x).map(|v| planning.grid().linear(v)) else {

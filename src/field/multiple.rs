@@ -5,31 +5,16 @@
 
 use super::PushField;
 use super::jacobian::FOLDED;
-use super::tetrahedra::{cut, voxels_inside};
+use super::tetrahedra::{Side, cover};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
-use nalgebra::{Matrix3, Vector3};
 
 /// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`.
 pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) -> Mask {
     let grid = push.displacement.grid();
     let mut out = Volume::filled(fraction.clone(), false);
     for (l, _) in map.data().iter().enumerate().filter(|(_, j)| **j <= FOLDED) {
-        let at = grid.voxel(l);
-        let corner = |c: usize| {
-            let voxel: [usize; 3] = std::array::from_fn(|a| at[a] + (c >> a & 1));
-            let u = Vector3::from(push.displacement.at(voxel).map(f64::from));
-            (grid.centre(voxel), fraction.index(&(grid.centre(voxel) + u)))
-        };
-        for t in cut(at) {
-            let p = t.map(corner);
-            let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
-            let moved = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
-            let handed = fraction.inverse_step().determinant().signum();
-            if moved.determinant() * handed * rest.signum() < 0.0 {
-                voxels_inside(fraction, &p.map(|c| c.1), &moved, |l| out.data_mut()[l] = true);
-            }
-        }
+        cover(push, grid.voxel(l), fraction, Side::Inverted, |voxel| out.data_mut()[voxel] = true);
     }
     out
 }

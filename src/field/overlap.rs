@@ -3,10 +3,10 @@
 //! ([`super::multiple_preimages`]).
 
 use super::PushField;
-use super::tetrahedra::{cut, voxels_inside};
+use super::tetrahedra::{Side, cover};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Spacing of the rough search, mm.
@@ -26,8 +26,7 @@ pub fn overlaps(push: &PushField, body: &Mask, fraction: &Grid) -> Mask {
     let Some(suspects) = suspects else { return out };
     let grid = body.grid();
     let [ni, nj, nk] = grid.size();
-    let [sx, sy, sz] = grid.strides();
-    let corners = [0, sx, sy, sx + sy, sz, sz + sx, sz + sy, sz + sx + sy];
+    let corners = grid.cell_corners();
     let mut hits: Vec<(usize, usize)> = (0..nk - 1)
         .into_par_iter()
         .flat_map_iter(|k| {
@@ -37,7 +36,7 @@ pub fn overlaps(push: &PushField, body: &Mask, fraction: &Grid) -> Mask {
                     let l = grid.linear([i, j, k]);
                     let near = || nearest(&rough, &moved(push, l)).is_some_and(|at| suspects.data()[at]);
                     if corners.iter().all(|c| body.data()[l + c]) && near() {
-                        cover(push, [i, j, k], fraction, |voxel| hits.push((voxel, l)));
+                        cover(push, [i, j, k], fraction, Side::Upright, |voxel| hits.push((voxel, l)));
                     }
                 }
             }
@@ -119,24 +118,6 @@ fn apart(body: &Mask, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     // Between two voxels of the grid a line does not leave it.
     let at = |n: usize| (from + step * n as f64).map(|c| c.round().max(0.0));
     (1..steps as usize).map(at).any(|v| !body.at([v.x as usize, v.y as usize, v.z as usize]))
-}
-
-/// Calls `hit` with each fraction voxel inside an upright tetrahedron of the moved cell.
-fn cover(push: &PushField, at: [usize; 3], fraction: &Grid, mut hit: impl FnMut(usize)) {
-    let grid = push.displacement.grid();
-    let corner = |c: usize| {
-        let l = grid.linear(std::array::from_fn(|a| at[a] + (c >> a & 1)));
-        (grid.centre(grid.voxel(l)), fraction.index(&moved(push, l)))
-    };
-    let handed = fraction.inverse_step().determinant().signum();
-    for t in cut(at) {
-        let p = t.map(corner);
-        let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
-        let edges = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
-        if edges.determinant() * handed * rest.signum() > 0.0 {
-            voxels_inside(fraction, &p.map(|c| c.1), &edges, &mut hit);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -21,12 +21,7 @@ pub(super) fn cut([i, j, k]: [usize; 3]) -> &'static [[usize; 4]; 5] {
 
 /// Calls `hit` with each voxel of a grid inside a tetrahedron, given by its corners' continuous indices and the edges
 /// from the first corner as columns.
-pub(super) fn voxels_inside(
-    grid: &Grid,
-    corners: &[Vector3<f64>; 4],
-    edges: &Matrix3<f64>,
-    mut hit: impl FnMut(usize),
-) {
+fn voxels_inside(grid: &Grid, corners: &[Vector3<f64>; 4], edges: &Matrix3<f64>, mut hit: impl FnMut(usize)) {
     let Some(inverse) = edges.try_inverse() else { return };
     let size = grid.size();
     let range = |a: usize| {
@@ -42,6 +37,35 @@ pub(super) fn voxels_inside(
                     hit(grid.linear([i, j, k]));
                 }
             }
+        }
+    }
+}
+
+/// Which tetrahedra of a moved cell are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    /// Those that kept their orientation.
+    Upright,
+    /// Those turned inside out.
+    Inverted,
+}
+
+/// Calls `hit` with each fraction voxel inside a tetrahedron of one side of the moved cell that begins at `at`.
+pub(super) fn cover(push: &PushField, at: [usize; 3], fraction: &Grid, side: Side, mut hit: impl FnMut(usize)) {
+    let grid = push.displacement.grid();
+    let corner = |c: usize| {
+        let voxel: [usize; 3] = std::array::from_fn(|a| at[a] + (c >> a & 1));
+        let u = Vector3::from(push.displacement.at(voxel).map(f64::from));
+        (grid.centre(voxel), fraction.index(&(grid.centre(voxel) + u)))
+    };
+    let handed = fraction.inverse_step().determinant().signum();
+    for t in cut(at) {
+        let p = t.map(corner);
+        let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
+        let edges = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
+        let sense = edges.determinant() * handed * rest.signum();
+        if (sense > 0.0 && side == Side::Upright) || (sense < 0.0 && side == Side::Inverted) {
+            voxels_inside(fraction, &p.map(|c| c.1), &edges, &mut hit);
         }
     }
 }

@@ -161,6 +161,16 @@ impl Grid {
     pub fn contains(&self, index: &Vector3<f64>) -> bool {
         (0..3).all(|a| index[a] >= 0.0 && index[a] <= (self.size[a] - 1) as f64)
     }
+    /// Distances in storage from a voxel to the eight corners of the cell that begins there; bit `a` of the position says
+    /// whether the corner lies high along axis `a`.
+    pub fn cell_corners(&self) -> [usize; 8] {
+        let [i, j, k] = self.strides();
+        [0, i, j, i + j, k, i + k, j + k, i + j + k]
+    }
+    /// From a voxel's centre to the middles of its eight parts, mm.
+    pub fn eighths(&self) -> [Vector3<f64>; 8] {
+        std::array::from_fn(|c| self.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 }))
+    }
     /// The eight corner voxels' centres.
     pub fn corners(&self) -> [Point3<f64>; 8] {
         std::array::from_fn(|c| {

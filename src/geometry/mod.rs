@@ -5,4 +5,4 @@ mod rigid;
 pub mod stencil;
 
 pub use grid::Grid;
-pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg};
+pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg, rotation_matrices};

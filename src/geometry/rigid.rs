@@ -22,6 +22,11 @@ pub fn rigid_from_matrix(m: &Matrix4<f64>) -> Option<Rigid> {
     Some(Rigid::from_parts(Translation3::new(m[(0, 3)], m[(1, 3)], m[(2, 3)]), q))
 }
 
+/// The rotation of each transform as a matrix.
+pub fn rotation_matrices(transforms: &[Rigid]) -> Vec<Matrix3<f64>> {
+    transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect()
+}
+
 /// Angle of a transform's rotation in degrees.
 pub fn rotation_angle_deg(t: &Rigid) -> f64 {
     t.rotation.angle().to_degrees()

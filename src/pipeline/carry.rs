@@ -4,7 +4,7 @@ use super::contact;
 use super::study::CARRYING;
 use super::{Case, Outcome, VolumeReached};
 use crate::chainmail::{
-    self, ImagePull, Initiators, Lattice, Organs, Propagation, Tissue, VolumeChange, check_links, propagate,
+    self, ImagePull, Initiators, Lattice, Propagation, Tissue, VolumeChange, check_links, propagate,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::evaluate;
 use crate::field::{self, PushField, Resampling};
 use crate::fit::FitResult;
-use crate::geometry::{Grid, Rigid};
+use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::refine::Images;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
@@ -35,7 +35,7 @@ pub(super) fn carry_out(
 ) -> Result<Outcome> {
     let (propagation, regions) =
         runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, images, config, runtime))?;
-    let turns: Vec<_> = fit.transforms.iter().map(|t| t.rotation.to_rotation_matrix().into_inner()).collect();
+    let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;
     let (pull, mut inverse) = runtime.stage("invert", || field::invert(&push, target, &config.invert))?;
@@ -177,7 +177,7 @@ pub(super) fn soft_tissue(
         SoftTissue::NearestBone => nearest_bone(&tissue, &bones)?,
     };
     // The chain mail that such a field would stretch, so that its links can be judged alike.
-    let organs = Organs::new(&config.chainmail.organs, &case.bones, |l| bone_of_label[usize::from(l)].is_some())?;
+    let organs = chainmail::organs(&tissue, &config.chainmail)?;
     let lattice = Lattice::new(&tissue, &config.chainmail.material, &organs, config.chainmail.spacing_mm);
     let at = |n: usize| {
         let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&lattice.rest(n)));

@@ -24,7 +24,7 @@ pub(super) struct Level<'a> {
     /// Soft elements, ascending.
     soft: Vec<u32>,
     /// Points per element.
-    offsets: Vec<Vector3<f64>>,
+    offsets: [Vector3<f64>; 8],
     /// Planning value and gradient (HU, HU/mm) at each point of each soft element; no number outside the image.
     planning: Vec<[f32; 4]>,
     weight: f64,
@@ -51,9 +51,7 @@ impl<'a> Level<'a> {
         let sigma = (options.blur * mean).max(options.least_blur_mm);
         let (planning, fraction) = (gaussian(planning, sigma), gaussian(fraction, sigma));
         let soft: Vec<u32> = lattice.soft().collect();
-        let offsets: Vec<Vector3<f64>> = (0..8)
-            .map(|c| lattice.grid.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 }))
-            .collect();
+        let offsets = lattice.grid.eighths();
         let values = soft
             .par_iter()
             .flat_map_iter(|&n| {

@@ -1,6 +1,6 @@
 //! `evaluation.html`: one self-contained page. Marks stand beside figures; the reviewer's fields stay blank.
 
-use super::super::html::review;
+use super::super::html::{head, review};
 use super::super::numbers::utc;
 use super::figures::{PARTS, rows};
 use super::text::marks;
@@ -17,12 +17,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
     html! {
         (DOCTYPE)
         html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "aventail evaluate: " (names.join(", ")) }
-                style { (PreEscaped(include_str!("../html/report.css"))) (PreEscaped(MARKS)) }
-            }
+            (head(&format!("aventail evaluate: {}", names.join(", ")), MARKS))
             body {
                 header {
                     p.brand { "aventail \u{b7} evaluation of displacement fields" }

@@ -10,6 +10,18 @@ use super::pictures::Picture;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+/// Head of any of our pages: its title, the common styles and `more` of them.
+pub(super) fn head(title: &str, more: &str) -> Markup {
+    html! {
+        head {
+            meta charset="utf-8";
+            meta name="viewport" content="width=device-width, initial-scale=1";
+            title { (title) }
+            style { (PreEscaped(include_str!("report.css"))) (PreEscaped(more)) }
+        }
+    }
+}
+
 /// The page of a run; everything it needs is inside.
 pub fn page(report: &Report, pictures: &[Picture]) -> String {
     let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
@@ -18,12 +30,7 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
     html! {
         (DOCTYPE)
         html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "aventail: " (title) }
-                style { (PreEscaped(include_str!("report.css"))) }
-            }
+            (head(&format!("aventail: {title}"), ""))
             body {
                 (summary::header(report, &title))
                 (summary::cards(report))

@@ -1,9 +1,10 @@
 //! `study.html`: the tables with each stage's pictures beside it, which lie in the folder `pictures`.
 
+use super::super::html::head;
 use super::rows::{COLUMNS, rows};
 use super::{SHOWN, StageRecord};
 use crate::config::StudyPlan;
-use maud::{DOCTYPE, PreEscaped, html};
+use maud::{DOCTYPE, html};
 use std::collections::{BTreeMap, HashSet};
 
 pub(super) fn page(title: &str, plan: &StudyPlan, records: &BTreeMap<String, StageRecord>) -> String {
@@ -11,12 +12,7 @@ pub(super) fn page(title: &str, plan: &StudyPlan, records: &BTreeMap<String, Sta
     html! {
         (DOCTYPE)
         html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "aventail: " (title) }
-                style { (PreEscaped(include_str!("../html/report.css"))) }
-            }
+            (head(&format!("aventail: {title}"), ""))
             body {
                 header { p.brand { "aventail \u{b7} study of the model's stages" } h1 { (title) } }
                 p.note {
