@@ -198,3 +198,52 @@ fn motions_that_make_no_sense_are_refused() {
     refused("r6", &["--bone-landmarks", text(&file("few.csv", few))], 4, &["skull", "1 landmarks"]);
     refused("r7", &["--pose", text(&wing), "--margin=-3"], 2, &["--margin"]);
 }
+
+#[test]
+fn a_study_of_a_posture_runs_its_stages_once_and_says_what_they_do() {
+    let (case, _) = lifted();
+    let plan = folder().join("plan.toml");
+    fs::write(
+        &plan,
+        r#"[[table]]
+title = "Two ways to carry"
+source = "a test"
+stage = [
+    { id = "nearest", name = "rigid", settings = { preset = "thesis", soft_tissue = "nearest-bone" } },
+    { id = "first", name = "chain mail", settings = { preset = "thesis", chainmail = { combination = "prioritisation" } }, published = [
+        { patient = "patient 2", folded = 7.8, residual_mean = 0.81, time = "0:34" },
+    ] },
+]
+"#,
+    )
+    .unwrap();
+    let out = folder().join("study");
+    let study = || {
+        let mut command = aventail();
+        command.args(["study", "--case", text(case), "--plan", text(&plan), "--out", text(&out)]);
+        String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+    };
+    let table = study();
+    let files = files_below(&out);
+    for file in ["study.html", "study.md", "study.csv", "stages/nearest.json", "stages/first.json"] {
+        assert!(files.iter().any(|f| f == file), "{file} is not among {files:?}");
+    }
+    assert!(table.contains("| *patient 2* | *7.8* |") && table.contains("*0:34 min*"), "{table}");
+    let rows = fs::read_to_string(out.join("study.csv")).unwrap();
+    let stage = |id: &str| -> serde_json::Value {
+        serde_json::from_slice(&fs::read(out.join(format!("stages/{id}.json"))).unwrap()).unwrap()
+    };
+    assert!(rows.lines().count() >= 3 && rows.contains("chain mail"), "{rows}");
+    // Every stage carries the same bones exactly; what lies between them is its own.
+    assert_ne!(stage("nearest")["jacobian"], stage("first")["jacobian"]);
+    assert_ne!(stage("nearest")["settings"], stage("first")["settings"]);
+    // A second call finds both stages done, and writes the same tables.
+    let before = fs::metadata(out.join("stages/first.json")).unwrap().modified().unwrap();
+    assert_eq!(study(), table);
+    assert_eq!(fs::metadata(out.join("stages/first.json")).unwrap().modified().unwrap(), before);
+    // What is no finished run is refused before anything is written.
+    let nowhere = folder().join("no_study");
+    let refused = aventail().args(["study", "--case", text(folder()), "--out", text(&nowhere)]).assert().code(3);
+    let message = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(message.contains("report.json") && message.contains("finished"), "{message}");
+}
