@@ -33,10 +33,10 @@ fn fields(c: &mut Criterion) {
         let voxels = phantom.planning.grid().len();
         group.throughput(Throughput::Elements(voxels as u64));
         let grid = phantom.fraction.grid();
-        let (pull, _) = invert(&truth, grid, &InvertOptions::default()).expect("grids agree");
+        let (pull, _) = invert(&truth, grid, None, &InvertOptions::default()).expect("grids agree");
         group.bench_with_input(BenchmarkId::new("jacobian", voxels), &truth, |b, f| b.iter(|| jacobian(f)));
         group.bench_with_input(BenchmarkId::new("invert to 1e-3 mm", voxels), &truth, |b, f| {
-            b.iter(|| invert(f, grid, &InvertOptions::default()));
+            b.iter(|| invert(f, grid, None, &InvertOptions::default()));
         });
         group.bench_with_input(BenchmarkId::new("resample", voxels), &pull, |b, f| {
             b.iter(|| warp_image(f, &phantom.planning, -1000.0));
@@ -58,7 +58,7 @@ fn inverse(c: &mut Criterion) {
     for tolerance_mm in [1e-1, 1e-2, 1e-3] {
         let options = InvertOptions { tolerance_mm, ..InvertOptions::default() };
         group.bench_with_input(BenchmarkId::new("tolerance mm", tolerance_mm), &options, |b, o| {
-            b.iter(|| invert(&truth, grid, o));
+            b.iter(|| invert(&truth, grid, None, o));
         });
     }
     group.finish();

@@ -94,7 +94,7 @@ impl Scene {
         let options = ChainmailOptions::default();
         let (tissue, bones) = parts(&phantom, &bone_of_label, &centroids, &options);
         let push = propagate(&tissue, &bones, &options, None, &Silent)?.push;
-        let (pull, _) = invert(&push, phantom.fraction.grid(), &InvertOptions::default())?;
+        let (pull, _) = invert(&push, phantom.fraction.grid(), None, &InvertOptions::default())?;
         let needs = |wanted: &[Task]| tasks.iter().any(|t| wanted.contains(t));
         let lattice = needs(&[Task::Prioritised, Task::Superposition])
             .then(|| Lattice::new(&tissue, &options.material, &Organs::default(), 0.0));

@@ -169,7 +169,7 @@ impl Task {
                 black_box(propagate(&tissue, &bones, &options, images, &Silent)?);
             }
             Self::Invert => {
-                black_box(invert(&scene.push, fraction, &InvertOptions::default())?);
+                black_box(invert(&scene.push, fraction, None, &InvertOptions::default())?);
             }
             Self::Resample => {
                 black_box(warp_image(&scene.pull, &scene.phantom.planning, -1000.0)?);

@@ -236,7 +236,7 @@ impl Config {
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),
             within("refine.blur", r.blur, 0.0, 10.0),
-            within("refine.least_blur_mm", r.least_blur_mm, 0.0, 50.0),
+            within("refine.least_blur", r.least_blur, 0.0, 10.0),
             within("refine.robust", r.robust, 0.1, 1e6),
             within(
                 "refine.window_hu, its lower end",

@@ -66,14 +66,14 @@ impl FieldPair {
             (Some(u), None) => {
                 let push = as_push(u);
                 let to = fraction.unwrap_or(push.displacement.grid()).clone();
-                let (pull, report) = invert(&push, &to, &options)?;
+                let (pull, report) = invert(&push, &to, None, &options)?;
                 Some(Self { push, pull, given: vec![Direction::PlanningToFraction], inversion: Some(report) })
             }
             (None, Some(v)) => {
                 // The inverse of a pull field is found as that of a push field: the roles of the images change.
                 let from = as_push(v);
                 let to = planning.unwrap_or(from.displacement.grid()).clone();
-                let (back, report) = invert(&from, &to, &options)?;
+                let (back, report) = invert(&from, &to, None, &options)?;
                 let push = PushField { displacement: back.displacement, computed: back.inside };
                 let pull = as_pull(from.displacement);
                 Some(Self { push, pull, given: vec![Direction::FractionToPlanning], inversion: Some(report) })

@@ -5,7 +5,9 @@
 //! does. From there Newton's method converges in two steps (`newton`). Where it does not, near folds and bones that slide, the
 //! fixed point v <- -u(y + v) (Chen et al. 2008) takes over, with shortened Newton steps where it stalls.
 
+use super::bones::MovedBones;
 use super::newton::{Sampler, thinned};
+use super::search::{Search, Tally};
 use super::tetrahedra::{Drop, Mesh};
 use super::{PullField, PushField};
 use crate::error::Result;
@@ -41,6 +43,8 @@ pub struct InverseReport {
     pub unconverged: usize,
     /// Of those, voxels whose last pre-image is patient tissue.
     pub unconverged_tissue: usize,
+    /// Of those, voxels that the nearest answer misses by more than a voxel: the pull field leads out of the planning scan there.
+    pub strayed: usize,
     /// Largest residual of an unconverged voxel, mm.
     pub unconverged_max_mm: f64,
     /// Voxels with more than one pre-image (where the push field folds).
@@ -56,12 +60,8 @@ const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.
 const MOST_GUESSES: f64 = 1e7;
 
-/// Iteration limit of the quick search, which is all that there is where no tissue comes to lie: the continued field outside
-/// tissue may have no inverse at all.
-const QUICK_ITERATIONS: usize = 10;
-
 /// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
-struct Continued<'a> {
+pub(super) struct Continued<'a> {
     u: &'a Volume<[f32; 3]>,
     last: Vector3<f64>,
 }
@@ -146,7 +146,7 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
 }
 
 /// Iterates one voxel; returns v, its residual (mm) and whether it converged.
-fn solve(
+pub(super) fn solve(
     y: &Vector3<f64>,
     start: Vector3<f64>,
     field: &Continued<'_>,
@@ -256,21 +256,17 @@ const SLAB: usize = 2;
 /// Spacing of the mesh that gives the start, mm: that of the chain mail's elements, between which the field is smooth.
 const START_MM: f64 = 3.0;
 
-/// What was found in a slab.
-#[derive(Default)]
-struct Tally {
-    residuals: Vec<f32>,
-    unconverged: usize,
-    tissue: usize,
-    worst: f64,
-    outside: usize,
-}
-
-/// Inverts a push field on the fraction grid. The report's `multiple` is left at 0: it needs the folded cells.
+/// Inverts a push field on the fraction grid. Where the field does move given bones rigidly, their voxels are theirs, whatever
+/// is folded over them. The report's `multiple` is left at 0: it needs the folded cells.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Result<(PullField, InverseReport)> {
+pub fn invert(
+    push: &PushField,
+    fraction: &Grid,
+    bones: Option<&MovedBones<'_>>,
+    options: &InvertOptions,
+) -> Result<(PullField, InverseReport)> {
     let (guess, thin) = rayon::join(|| guess(&push.displacement, fraction), || thinned(push, START_MM));
     let (guess, thin) = (guess?, thin?);
     let search = Search {
@@ -279,6 +275,7 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
         quick: Sampler::new(&push.displacement),
         guess: Sampler::new(&guess),
         mesh: Mesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
+        bones,
         fraction,
         options,
     };
@@ -289,16 +286,22 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
         .par_chunks_mut(SLAB * plane)
         .zip(inside.par_chunks_mut(SLAB * plane))
         .enumerate()
-        .map_init(Vec::new, |drawn, (slab, (v, inside))| {
+        .map_init(Default::default, |(drawn, owner): &mut (Vec<_>, Vec<_>), (slab, (v, inside))| {
             drawn.clear();
             drawn.resize(v.len(), Drop::default());
             search.mesh.draw_slab(slab * SLAB, drawn);
-            search.slab(slab * SLAB, drawn, v, inside)
+            owner.clear();
+            owner.resize(v.len(), 0);
+            if let Some(bones) = bones {
+                bones.paint(slab * SLAB, owner);
+            }
+            search.slab(slab * SLAB, (drawn, owner), v, inside)
         })
         .collect();
     let report = InverseReport {
         unconverged: tallies.iter().map(|t| t.unconverged).sum(),
         unconverged_tissue: tallies.iter().map(|t| t.tissue).sum(),
+        strayed: tallies.iter().map(|t| t.strayed).sum(),
         unconverged_max_mm: tallies.iter().map(|t| t.worst).fold(0.0, f64::max),
         multiple: 0,
         outside: tallies.iter().map(|t| t.outside).sum(),
@@ -308,74 +311,6 @@ pub fn invert(push: &PushField, fraction: &Grid, options: &InvertOptions) -> Res
     let pull =
         PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
     Ok((pull, report))
-}
-
-/// Everything that the inversion of a voxel needs.
-struct Search<'a, V> {
-    push: &'a PushField,
-    robust: Continued<'a>,
-    quick: Sampler<'a>,
-    guess: Sampler<'a>,
-    mesh: Mesh<'a, V>,
-    fraction: &'a Grid,
-    options: &'a InvertOptions,
-}
-
-impl<V> Search<'_, V> {
-    /// Inverts the planes from `first` on.
-    fn slab(&self, first: usize, drawn: &[Drop<3>], v: &mut [[f32; 3]], inside: &mut [bool]) -> Tally {
-        let [nx, ny, _] = self.fraction.size();
-        let planning = self.push.displacement.grid();
-        let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
-        let mut t = Tally::default();
-        for (row, drawn) in drawn.chunks(nx).enumerate() {
-            let start = self.fraction.centre([0, row % ny, first + row / ny]).coords;
-            for (i, drawn) in drawn.iter().enumerate() {
-                let y = start + along * i as f64;
-                let (d, residual, converged) = self.voxel(&y, drawn);
-                let at = planning.index(&Point3::from(y + d));
-                let within = planning.contains(&at);
-                let tissue = within && self.tissue(&at);
-                let n = row * nx + i;
-                v[n] = [d.x as f32, d.y as f32, d.z as f32];
-                inside[n] = within;
-                t.outside += usize::from(!within);
-                match (converged, tissue) {
-                    (true, true) => t.residuals.push(residual as f32),
-                    (false, _) => {
-                        t.unconverged += 1;
-                        t.tissue += usize::from(tissue);
-                        t.worst = t.worst.max(residual);
-                    }
-                    _ => {}
-                }
-            }
-        }
-        t
-    }
-
-    /// Whether the model computed the planning voxel nearest to an index inside the grid.
-    fn tissue(&self, at: &Vector3<f64>) -> bool {
-        let near = [at.x, at.y, at.z].map(|c| (c + 0.5) as u32 as usize);
-        self.push.computed.data()[self.push.computed.grid().linear(near)]
-    }
-
-    /// One voxel: quickly from a good start, patiently where that fails.
-    #[inline(always)]
-    fn voxel(&self, y: &Vector3<f64>, drawn: &Drop<3>) -> (Vector3<f64>, f64, bool) {
-        let tolerance = self.options.tolerance_mm;
-        let held = drawn.rank > 0;
-        let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value([y.x, y.y, y.z]) };
-        let most = self.options.max_iterations;
-        let found = self.quick.invert(y, start, (tolerance, most.min(QUICK_ITERATIONS)));
-        if found.2 {
-            return found;
-        }
-        let at = self.push.displacement.grid().index(&Point3::from(y + found.0));
-        let tissue = held || (self.push.displacement.grid().contains(&at) && self.tissue(&at));
-        let patient = if tissue { solve(y, start, &self.robust, (tolerance, most)) } else { found };
-        if patient.1 < found.1 { patient } else { found }
-    }
 }
 
 #[cfg(test)]
@@ -398,7 +333,7 @@ mod tests {
         let shift = Vector3::new(7.0, -3.0, 2.0);
         let push = push(|x| turn * x + shift - x);
         let fraction = Grid::axis_aligned([20, 20, 10], [2.5, 2.5, 3.0], [-18.0, -27.0, -12.0]).unwrap();
-        let (pull, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        let (pull, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
         assert_eq!(report.unconverged, 0);
         for (n, v) in pull.displacement.data().iter().enumerate() {
             let y = fraction.centre(fraction.voxel(n)).coords;
@@ -420,7 +355,7 @@ mod tests {
         });
         let grid = push.displacement.grid().clone();
         push.computed = Volume::from_fn(grid.clone(), |l| rod(&grid.centre(grid.voxel(l)).coords));
-        let (pull, _) = invert(&push, &grid, &InvertOptions::default()).unwrap();
+        let (pull, _) = invert(&push, &grid, None, &InvertOptions::default()).unwrap();
         let mut inside = 0;
         for (n, v) in pull.displacement.data().iter().enumerate() {
             let y = grid.centre(grid.voxel(n)).coords;
@@ -431,13 +366,22 @@ mod tests {
             }
         }
         assert!(inside > 500);
+        // Nor is the rod seen where it does not come to lie, although the quick search ends in it here and there.
+        let rank = |x: &Vector3<f64>| turn.inverse() * x;
+        for (n, v) in pull.displacement.data().iter().enumerate() {
+            let y = grid.centre(grid.voxel(n)).coords;
+            let far = (rank(&y).y.abs() - 5.0).max(rank(&y).x.abs() - 24.0) > 6.0;
+            let shown = y + Vector3::from(v.map(f64::from));
+            let deep = (5.0 - shown.y.abs()).min(24.0 - shown.x.abs()) > 3.0 && shown.z.abs() < 24.0;
+            assert!(!(far && deep), "{y:?} shows {shown:?}");
+        }
     }
 
     #[test]
     fn a_wavy_field_converges_below_tolerance() {
         let push = push(|x| Vector3::new(4.0 * (x.y / 9.0).sin(), 3.0 * (x.x / 11.0).cos(), 2.0 * (x.x / 8.0).sin()));
         let fraction = push.displacement.grid().clone();
-        let (_, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        let (_, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
         assert_eq!(report.unconverged, 0);
         assert!(report.residual_mm.max < 1e-3 && report.residual_mm.n > 10_000);
     }
@@ -447,7 +391,7 @@ mod tests {
         // x + u(x) runs back over itself: slope of u is below -1 in the middle.
         let push = push(|x| Vector3::new(-12.0 * (x.x / 6.0).tanh(), 0.0, 0.0));
         let fraction = push.displacement.grid().clone();
-        let (pull, report) = invert(&push, &fraction, &InvertOptions::default()).unwrap();
+        let (pull, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
         assert!(pull.displacement.data().iter().flatten().all(|v| v.is_finite()));
         assert_eq!(report.voxels, fraction.len());
         assert!(report.residual_mm.max < 1e-3);

@@ -1,5 +1,6 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
+mod bones;
 mod chain;
 mod contour;
 mod density;
@@ -12,9 +13,11 @@ mod multiple;
 mod newton;
 mod overlap;
 mod scatter;
+mod search;
 mod tetrahedra;
 mod warp;
 
+pub use bones::MovedBones;
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
 pub use contour::resample_contours;
 pub use density::{Scaled, scale_by_volume};

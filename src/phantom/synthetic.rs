@@ -227,7 +227,8 @@ mod tests {
         for formula in &ALL[..4] {
             let object = TestObject::new(*formula, [4.0, 4.0, 4.0]).unwrap();
             let exact = &object.deformed.as_ref().unwrap().pull;
-            let (pull, report) = invert(&object.push, exact.displacement.grid(), &InvertOptions::default()).unwrap();
+            let (pull, report) =
+                invert(&object.push, exact.displacement.grid(), None, &InvertOptions::default()).unwrap();
             assert_eq!(report.unconverged_tissue, 0);
             // Between voxels the push field is linear, the formula is not: only the swirl shows the difference.
             let bound = if *formula == Formula::Swirl { 0.15 } else { 2e-3 };

@@ -10,7 +10,7 @@ use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
 use crate::evaluate;
-use crate::field::{self, PushField, Resampling};
+use crate::field::{self, MovedBones, PushField, Resampling};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::refine::Images;
@@ -38,7 +38,11 @@ pub(super) fn carry_out(
     let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;
-    let (pull, mut inverse) = runtime.stage("invert", || field::invert(&push, target, &config.invert))?;
+    let (pull, mut inverse) = runtime.stage("invert", || {
+        let motions = skeleton.bones.iter().map(|b| b.label).zip(fit.transforms.iter().copied());
+        let bones = MovedBones::new(&case.bones, motions, target);
+        field::invert(&push, target, Some(&bones), &config.invert)
+    })?;
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         let image = match config.resampling {
             Resampling::PullBack => field::warp_image(&pull, &case.planning, OUTSIDE_HU)?,
@@ -239,8 +243,9 @@ fn field_warnings(
         out.push(Warning::new(
             "inverse",
             format!(
-                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm)",
-                inverse.unconverged_tissue, inverse.unconverged_max_mm
+                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm); {} of them, missed by more \
+                 than a voxel, show nothing of the planning scan",
+                inverse.unconverged_tissue, inverse.unconverged_max_mm, inverse.strayed
             ),
         ));
     }

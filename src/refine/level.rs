@@ -33,6 +33,11 @@ pub(super) struct Level<'a> {
     reach: f64,
 }
 
+/// Edge of the cube with the volume of a cell.
+fn mean_edge(spacing: &[f64; 3]) -> f64 {
+    spacing.iter().product::<f64>().cbrt()
+}
+
 /// A fraction value with its gradient at a point, if it lies in the image.
 fn sample(image: &Volume<f32>, at: &nalgebra::Point3<f64>) -> Option<(f64, Vector3<f64>)> {
     let (value, slope) = cubic(image, &image.grid().index(at))?;
@@ -47,8 +52,9 @@ impl<'a> Level<'a> {
         options: &RefineOptions,
     ) -> Self {
         let spacing = lattice.grid.spacing();
-        let mean = spacing.iter().product::<f64>().cbrt();
-        let sigma = (options.blur * mean).max(options.least_blur_mm);
+        let mean = mean_edge(&spacing);
+        let voxel = mean_edge(&planning.grid().spacing()).max(mean_edge(&fraction.grid().spacing()));
+        let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let (planning, fraction) = (gaussian(planning, sigma), gaussian(fraction, sigma));
         let soft: Vec<u32> = lattice.soft().collect();
         let offsets = lattice.grid.eighths();

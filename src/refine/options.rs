@@ -14,8 +14,8 @@ pub struct RefineOptions {
     pub rounds: usize,
     /// Blur (sigma) of both images, as a share of the elements' spacing.
     pub blur: f64,
-    /// Least blur (sigma), mm.
-    pub least_blur_mm: f64,
+    /// Least blur (sigma), as a share of the voxels' mean edge.
+    pub least_blur: f64,
     /// HU below and above which all is alike: air and bone are the model's and the skeleton's business.
     pub window_hu: [f32; 2],
     /// Differences beyond this many times the noise count less (Huber).
@@ -24,14 +24,6 @@ pub struct RefineOptions {
 
 impl Default for RefineOptions {
     fn default() -> Self {
-        Self {
-            weight: 1.0,
-            passes: 8,
-            rounds: 8,
-            blur: 0.2,
-            least_blur_mm: 0.5,
-            window_hu: [-250.0, 300.0],
-            robust: 2.0,
-        }
+        Self { weight: 1.0, passes: 8, rounds: 8, blur: 0.2, least_blur: 0.4, window_hu: [-250.0, 300.0], robust: 2.0 }
     }
 }

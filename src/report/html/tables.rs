@@ -265,6 +265,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                     tr { td { "Voxels measured" } td.n { (count(r.n)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
                     tr { td { "Not converged, in tissue" } td.n { (share(inverse.unconverged_tissue)) } }
+                    tr { td { "Of those, shown as outside the planning scan" } td.n { (inverse.strayed) } }
                     tr { td { "Worst residual where not converged" } td.n { (format!("{:.2} mm", inverse.unconverged_max_mm)) } }
                     tr { td { "More than one pre-image" } td.n { (share(inverse.multiple)) } }
                     tr { td { "Pre-image outside the planning scan" } td.n { (share(inverse.outside)) } }
