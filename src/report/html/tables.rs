@@ -130,7 +130,7 @@ pub(super) fn trust(report: &Report) -> Markup {
         div {
             p.note {
                 "One standard deviation: about two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
-                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.7) and is too small by a third where tissue "
+                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6) and is too small by a third where tissue "
                 "moves on its own at random."
             }
             table {
