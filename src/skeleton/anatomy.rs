@@ -259,10 +259,10 @@ pub fn ranges(kind: Kind) -> Ranges {
              rotation estimated",
         ),
         Kind::Rib(..) => (
-            both([5.0, 5.0, 2.5]),
+            both([10.0, 10.0, 5.0]),
             [2.0; 3],
-            "Wilson TA et al. J Physiol 530 (2001) 319: ribs turn by about 10 degrees over the vital capacity, half of it to \
-             either side; shift estimated",
+            "Wilson TA et al. J Physiol 530 (2001) 319: ribs turn by about 10 degrees over the vital capacity; shift \
+             estimated",
         ),
         Kind::Clavicle(_) => (
             both([50.0, 40.0, 30.0]),
