@@ -2,11 +2,12 @@
 //! over a bone takes its place.
 
 use crate::geometry::{Grid, Rigid};
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, Volume, region::voxels_of_box};
 use nalgebra::{Point3, Vector3};
+use std::ops::Range;
 
-/// Index ranges of a box of voxels, low and high included.
-type Range = [[usize; 2]; 3];
+/// Lowest and highest voxel of a box.
+type Corners = [[usize; 3]; 2];
 
 /// Bones of the planning frame with their rigid motions, to be found in a fraction grid.
 pub struct MovedBones<'a> {
@@ -20,7 +21,7 @@ struct Moved {
     label: u16,
     back: Rigid,
     /// Where it can lie in the fraction grid.
-    range: Range,
+    range: [Range<usize>; 3],
 }
 
 impl<'a> MovedBones<'a> {
@@ -41,14 +42,14 @@ impl<'a> MovedBones<'a> {
         let planes = owner.len() / (nx * ny);
         let planning = self.labels.grid();
         for (n, bone) in self.bones.iter().enumerate() {
-            let [[i0, i1], [j0, j1], [k0, k1]] = bone.range;
+            let [i, j, k] = &bone.range;
             let along: Vector3<f64> =
                 planning.inverse_step() * (bone.back.rotation * self.fraction.step().column(0).into_owned());
-            for k in k0.max(first)..(k1 + 1).min(first + planes) {
-                for j in j0..=j1 {
-                    let start = planning.index(&(bone.back * self.fraction.centre([i0, j, k])));
+            for k in k.start.max(first)..k.end.min(first + planes) {
+                for j in j.clone() {
+                    let start = planning.index(&(bone.back * self.fraction.centre([i.start, j, k])));
                     let row = nx * (j + ny * (k - first));
-                    for (step, own) in owner[row + i0..=row + i1].iter_mut().enumerate() {
+                    for (step, own) in owner[row + i.start..row + i.end].iter_mut().enumerate() {
                         if *own == 0 && self.within(bone.label, &(start + along * step as f64)) {
                             *own = n as u16 + 1;
                         }
@@ -66,52 +67,39 @@ impl<'a> MovedBones<'a> {
 
     fn within(&self, label: u16, index: &Vector3<f64>) -> bool {
         let grid = self.labels.grid();
-        let (size, strides) = (grid.size(), grid.strides());
+        let size = grid.size();
         if !(0..3).all(|a| index[a] >= 0.0 && index[a] < size[a] as f64 - 1.0) {
             return false;
         }
         let low = grid.linear([0, 1, 2].map(|a| index[a] as usize));
-        (0..8).all(|c| {
-            let corner = (0..3).filter(|a| c >> a & 1 == 1).map(|a| strides[a]).sum::<usize>();
-            self.labels.data()[low + corner] == label
-        })
+        grid.cell_corners().iter().all(|corner| self.labels.data()[low + corner] == label)
     }
 }
 
 /// The box of voxels of every label.
-fn boxes(labels: &Volume<u16>) -> Vec<Option<Range>> {
+fn boxes(labels: &Volume<u16>) -> Vec<Option<Corners>> {
     let [nx, ny, _] = labels.grid().size();
-    let mut out: Vec<Option<Range>> = vec![None; usize::from(labels.data().iter().copied().max().unwrap_or(0)) + 1];
+    let mut out: Vec<Option<Corners>> = vec![None; usize::from(labels.data().iter().copied().max().unwrap_or(0)) + 1];
     for (row, line) in labels.data().chunks(nx).enumerate() {
         for (i, &label) in line.iter().enumerate().filter(|(_, l)| **l > 0) {
             let at = [i, row % ny, row / ny];
-            let range = out[usize::from(label)].get_or_insert(at.map(|c| [c, c]));
-            for (r, c) in range.iter_mut().zip(at) {
-                *r = [r[0].min(c), r[1].max(c)];
+            let [low, high] = out[usize::from(label)].get_or_insert([at; 2]);
+            for a in 0..3 {
+                (low[a], high[a]) = (low[a].min(at[a]), high[a].max(at[a]));
             }
         }
     }
     out
 }
 
-/// The box of fraction voxels that a moved box of planning voxels can reach.
-fn landed(range: &Range, motion: &Rigid, planning: &Grid, fraction: &Grid) -> Option<Range> {
+/// The fraction voxels that a moved box of planning voxels can reach.
+fn landed(corners: &Corners, motion: &Rigid, planning: &Grid, fraction: &Grid) -> Option<[Range<usize>; 3]> {
     let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
     let [low, high] = (0..8).fold(start, |[low, high], c| {
-        let corner: [usize; 3] = std::array::from_fn(|a| range[a][c >> a & 1]);
-        let index = fraction.index(&(motion * planning.centre(corner)));
-        [low.inf(&index), high.sup(&index)]
+        let x = motion * planning.centre(std::array::from_fn(|a| corners[c >> a & 1][a]));
+        [low.inf(&x.coords), high.sup(&x.coords)]
     });
-    let mut out = Range::default();
-    for (a, out) in out.iter_mut().enumerate() {
-        let last = fraction.size()[a] as f64 - 1.0;
-        let (low, high) = (low[a].floor().max(0.0), high[a].ceil().min(last));
-        if low > high {
-            return None;
-        }
-        *out = [low as usize, high as usize];
-    }
-    Some(out)
+    voxels_of_box(fraction, [low.into(), high.into()], 0.0)
 }
 
 #[cfg(test)]

@@ -367,10 +367,10 @@ mod tests {
         }
         assert!(inside > 500);
         // Nor is the rod seen where it does not come to lie, although the quick search ends in it here and there.
-        let rank = |x: &Vector3<f64>| turn.inverse() * x;
         for (n, v) in pull.displacement.data().iter().enumerate() {
             let y = grid.centre(grid.voxel(n)).coords;
-            let far = (rank(&y).y.abs() - 5.0).max(rank(&y).x.abs() - 24.0) > 6.0;
+            let truth = turn.inverse() * y;
+            let far = (truth.y.abs() - 5.0).max(truth.x.abs() - 24.0) > 6.0;
             let shown = y + Vector3::from(v.map(f64::from));
             let deep = (5.0 - shown.y.abs()).min(24.0 - shown.x.abs()) > 3.0 && shown.z.abs() < 24.0;
             assert!(!(far && deep), "{y:?} shows {shown:?}");

@@ -88,7 +88,7 @@ impl<V> Search<'_, V> {
         self.push.computed.data()[self.push.computed.grid().linear(near)]
     }
 
-    /// The place a voxel outside the planning scan that is nearest to an index inside it.
+    /// The place one voxel outside the planning scan that is nearest to an index inside it.
     fn beyond(&self, at: &Vector3<f64>) -> Vector3<f64> {
         let grid = self.push.displacement.grid();
         let faces =
@@ -104,7 +104,7 @@ impl<V> Search<'_, V> {
     /// The pre-image inside a bone, if the field moves it as the bone moves.
     #[inline(always)]
     fn in_bone(&self, y: &Vector3<f64>, owner: u16) -> Option<(Vector3<f64>, f64, bool)> {
-        let v = self.bones.filter(|_| owner > 0)?.back(owner, y)?;
+        let v = self.bones?.back(owner, y)?;
         let x = y + v;
         let residual = (v + self.quick.value([x.x, x.y, x.z])).norm();
         (residual < self.options.tolerance_mm).then_some((v, residual, true))
