@@ -30,6 +30,6 @@ pub use lattice::{Lattice, Node, Tissue};
 pub use links::{LinkReport, check_links};
 pub use material::{Constraint, Knot, Material, MaterialName, Organs, organ_label};
 pub use options::{ChainmailOptions, Combination};
-pub use propagate::{Propagation, organs, propagate, regions};
+pub use propagate::{Propagation, elements, organs, propagate, regions};
 pub use pull::{Comparison, ImagePull, Pull};
 pub use relax::Elasticity;

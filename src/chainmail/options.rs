@@ -82,7 +82,7 @@ impl Default for ChainmailOptions {
             spacing_mm: 3.0,
             elasticity: Elasticity::Corotated,
             poisson: 0.38,
-            relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 20)],
+            relaxation: vec![(12.0, 40), (6.0, 30), (3.0, 8)],
             mend: 3,
             least_hu: -500.0,
         }

@@ -40,6 +40,25 @@ pub fn propagate(
     image: Option<&dyn ImagePull>,
     progress: &dyn Progress,
 ) -> Result<Propagation> {
+    let (lattice, coarse) = elements(tissue, bones, options, image, progress)?;
+    let steps = options.relaxation.len() + 2;
+    progress.step(steps - 1, steps, "all voxels");
+    let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
+    mend(tissue, &rotation_matrices(bones.transforms), options, &organs(tissue, options)?, &mut push);
+    Ok(Propagation { push, lattice, displacement: coarse.into_data() })
+}
+
+/// Carries the bones' motion to the elements alone: the lattice, and its displacements continued beyond the patient.
+///
+/// # Errors
+/// [`crate::Error::Usage`] when the options name an organ that the labels lack.
+pub fn elements(
+    tissue: &Tissue<'_>,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+    image: Option<&dyn ImagePull>,
+    progress: &dyn Progress,
+) -> Result<(Lattice, Volume<[f32; 3]>)> {
     let organs = organs(tissue, options)?;
     let turns = rotation_matrices(bones.transforms);
     let mut growth = Growth::new(&options.volume_change, tissue)?;
@@ -69,11 +88,8 @@ pub fn propagate(
     let known: Vec<Option<[f32; 3]>> =
         (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
     displacement = extend(&lattice, &known);
-    progress.step(steps - 1, steps, "all voxels");
-    let coarse = Volume::new(lattice.grid.clone(), displacement)?;
-    let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
-    mend(tissue, &turns, options, &organs, &mut push);
-    Ok(Propagation { push, lattice, displacement: coarse.into_data() })
+    let displacement = Volume::new(lattice.grid.clone(), displacement)?;
+    Ok((lattice, displacement))
 }
 
 /// Relative volume of a cell's corner below which (or above its inverse) images let go of its elements.

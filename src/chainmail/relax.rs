@@ -4,8 +4,9 @@
 
 use super::lattice::{Lattice, Node};
 use super::pull::Pull;
-use super::turn::{Lanes, Turn, add_scaled, nearest_rotation, scaled, strained};
-use nalgebra::Matrix3;
+use super::turn::{Lanes, Turn, WideTurn, add_scaled, narrow, nearest_rotation, scaled, strained, wide};
+use crate::geometry::{LANES, Wide, vectorised};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -25,17 +26,23 @@ pub enum Elasticity {
 /// Least play of a link, relative to its length: rigid material without a label is stiff, not infinitely so.
 const LEAST_PLAY: f32 = 0.03;
 
-/// One of the 26 (or 6) links: where it leads and what it is at rest.
-#[derive(Clone, Copy)]
-struct Link {
-    /// Plane offset: -1, 0, 1.
-    dk: isize,
-    /// Offset in the plane.
-    at: isize,
-    /// Rest vector, mm.
-    rest: Lanes,
-    /// Geometric weight: 1 / length^2, relative to the shortest link.
-    weight: f32,
+/// Something for each of the 26 links of an element: nine rows (k, then j) of three; the middle is the element itself.
+type Stencil<T> = [[T; 3]; 9];
+
+/// Offsets (j, k) of a stencil's rows.
+const ROWS: [(isize, isize); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+
+/// The links of a lattice.
+struct Links {
+    /// Rest vectors, mm.
+    rest: Stencil<Lanes>,
+    /// Geometric weights: 1 / length^2, relative to the shortest link; 0 where there is no link.
+    weight: Stencil<f32>,
+    /// Columns of the lattice's step, mm.
+    step: Turn,
+    /// Nodes in a row, and in a plane.
+    row: usize,
+    plane: usize,
 }
 
 /// The soft elements of one plane with what their links hold.
@@ -43,7 +50,9 @@ struct Plane {
     /// Position in the plane of each.
     soft: Vec<u32>,
     /// Stiffness of each of their links, 0 to what is outside.
-    stiffness: Vec<f32>,
+    stiffness: Vec<Stencil<f32>>,
+    /// Sum of the links' index offsets, by stiffness.
+    lean: Vec<[f32; 3]>,
     /// What the turned links add to the neighbours' displacements, and in the last lane the sum of stiffness.
     turned: Vec<Lanes>,
     /// Local rotation minus identity.
@@ -73,10 +82,10 @@ impl Halves {
 /// A relaxation in progress.
 pub struct Relaxation {
     u: Halves,
-    /// How the links of every node are turned and sheared at rest, minus identity; empty where links do not turn.
+    /// How much the turn and shear of every node's links move their ends per index step, mm; empty where links do not turn.
     turn: Vec<Turn>,
     planes: Vec<Plane>,
-    links: Vec<Link>,
+    links: Links,
     /// Share of a change of shape that links give way to.
     yielding: f32,
     /// Relative rest length of each node's links; empty where all are 1.
@@ -85,6 +94,10 @@ pub struct Relaxation {
 
 const OUTSIDE: f32 = -1.0;
 
+/// Steps of the local rotations in each round.
+const STEPS: usize = 2;
+/// An element goes this many times as far as to where its links would let it rest (successive over-relaxation).
+const OVER: f32 = 1.7;
 /// Sweeps over the elements after each fit of their rotations.
 const SWEEPS: usize = 2;
 
@@ -105,7 +118,7 @@ impl Relaxation {
         let size = lattice.grid.size();
         let plane = size[0] * size[1];
         let turning = elasticity == Elasticity::Corotated;
-        let links = links(lattice, turning);
+        let links = Links::new(lattice, turning);
         let softness = softness(lattice, elasticity);
         let planes = (0..size[2])
             .into_par_iter()
@@ -113,21 +126,12 @@ impl Relaxation {
                 let base = k * plane;
                 let soft: Vec<u32> =
                     (0..plane as u32).filter(|&n| lattice.node[base + n as usize] == Node::Soft).collect();
-                let mut stiffness = Vec::with_capacity(soft.len() * links.len());
-                let mut turned = Vec::with_capacity(soft.len());
-                let mut spread = Vec::with_capacity(soft.len());
-                for &n in &soft {
-                    let n = base + n as usize;
-                    let first = stiffness.len();
-                    stiffness.extend(links.iter().map(|l| {
-                        let other = softness[(n as isize + l.dk * plane as isize + l.at) as usize];
-                        link_stiffness(l, softness[n], other)
-                    }));
-                    turned.push([0.0, 0.0, 0.0, stiffness[first..].iter().sum()]);
-                    spread.push(inverse_spread(&links, &stiffness[first..]));
-                }
+                let stiffness: Vec<_> = soft.iter().map(|&n| links.stiffness(&softness, base + n as usize)).collect();
+                let turned = stiffness.iter().map(|w| [0.0, 0.0, 0.0, w.as_flattened().iter().sum()]).collect();
+                let spread = stiffness.iter().map(|w| links.inverse_spread(w)).collect();
+                let lean = stiffness.iter().map(lean).collect();
                 let rotation = vec![Turn::default(); soft.len()];
-                Plane { soft, stiffness, turned, rotation, spread, before: 0 }
+                Plane { soft, stiffness, lean, turned, rotation, spread, before: 0 }
             })
             .collect::<Vec<_>>();
         let mut parity = [Vec::new(), Vec::new()];
@@ -135,6 +139,7 @@ impl Relaxation {
             parity[k % 2].extend(u[k * plane..(k + 1) * plane].iter().map(|u| [u[0], u[1], u[2], 0.0]));
         }
         let turn = if turning { bone_turns(lattice, turns) } else { Vec::new() };
+        let turn = turn.iter().map(|t| links.per_step(t)).collect();
         let yielding = (3.0 * poisson / (1.0 + poisson)) as f32;
         let mut out = Self { u: Halves { parity, plane }, turn, planes, links, yielding, scale: Vec::new() };
         let mut before = 0;
@@ -190,41 +195,43 @@ impl Relaxation {
         let (own, other) = if parity == 0 { (even, &*odd) } else { (odd, &*even) };
         let (links, planes) = (&self.links, &self.planes);
         own.par_chunks_mut(plane).enumerate().for_each(|(h, u)| {
-            let k = 2 * h + parity;
-            let (p, region) = (&planes[k], &region.0[k]);
-            if region.is_empty() {
-                return;
-            }
-            // Soft elements never lie on the border, so both neighbouring planes exist.
-            let beside = |dk: isize| &other[(k as isize + dk) as usize / 2 * plane..][..plane];
-            let (below, above) = (beside(-1), beside(1));
-            for &s in region {
-                let s = s as usize;
-                let n = p.soft[s] as usize;
-                let stiffness = &p.stiffness[s * links.len()..][..links.len()];
-                let [x, y, z, total] = p.turned[s];
-                let mut sum = [x, y, z, 0.0];
-                for (l, &w) in links.iter().zip(stiffness) {
-                    let m = (n as isize + l.at) as usize;
-                    let q = match l.dk {
-                        -1 => below[m],
-                        0 => u[m],
-                        _ => above[m],
-                    };
-                    add_scaled(&mut sum, w, &q);
-                }
-                if total <= 0.0 {
-                    continue;
-                }
-                let sum = [sum[0], sum[1], sum[2]];
-                let settled = match pull {
-                    Some(pull) => pull.settle(p.before + s, total, sum),
-                    None => sum.map(|s| s / total),
-                };
-                for (u, new) in u[n].iter_mut().zip(settled) {
-                    *u = new;
-                }
-            }
+            vectorised(
+                #[inline(always)]
+                || {
+                    let k = 2 * h + parity;
+                    let (p, region) = (&planes[k], &region.0[k]);
+                    if region.is_empty() {
+                        return;
+                    }
+                    // Soft elements never lie on the border, so both neighbouring planes exist.
+                    let beside = |dk: isize| &other[(k as isize + dk) as usize / 2 * plane..][..plane];
+                    let (below, above) = (beside(-1), beside(1));
+                    for &s in region {
+                        let s = s as usize;
+                        let n = p.soft[s] as usize;
+                        let Some(rows) = links.around([below, &*u, above], n) else { continue };
+                        let [x, y, z, total] = p.turned[s];
+                        if total <= 0.0 {
+                            continue;
+                        }
+                        // The sums of the columns do not wait for each other; the element just updated comes last.
+                        let mut sums = [Lanes::default(); 3];
+                        for r in [0, 1, 2, 3, 5, 6, 7, 8, 4] {
+                            for c in 0..3 {
+                                add_scaled(&mut sums[2 - c], p.stiffness[s][r][2 - c], &rows[r][2 - c]);
+                            }
+                        }
+                        let sum = [(0, x), (1, y), (2, z)].map(|(l, own)| own + sums[1][l] + sums[2][l] + sums[0][l]);
+                        let settled = match pull {
+                            Some(pull) => pull.settle(p.before + s, total, sum),
+                            None => sum.map(|s| s * (1.0 / total)),
+                        };
+                        for (u, new) in u[n].iter_mut().zip(settled) {
+                            *u += OVER * (new - *u);
+                        }
+                    }
+                },
+            )
         });
     }
 
@@ -232,111 +239,219 @@ impl Relaxation {
     fn rotate(&mut self, region: &Region) {
         let (u, links, yielding, scale) = (&self.u, &self.links, self.yielding, &self.scale);
         self.turn.par_chunks_mut(u.plane).zip(&mut self.planes).enumerate().for_each(|(k, (turn, p))| {
-            for &s in &region.0[k] {
-                let s = s as usize;
-                let n = p.soft[s] as usize;
-                let own = u.plane(k)[n];
-                let mut moment = Turn::default();
-                for (l, &w) in links.iter().zip(&p.stiffness[s * links.len()..]) {
-                    let q = u.plane((k as isize + l.dk) as usize)[(n as isize + l.at) as usize];
-                    add_moment(&mut moment, w, &l.rest, &q, &own);
-                }
-                p.rotation[s] = nearest_rotation(&moment, &p.rotation[s]);
-                turn[n] = strained(&moment, &p.spread[s], &p.rotation[s], yielding);
-                if let Some(&scale) = scale.get(k * u.plane + n) {
-                    turn[n] = scaled(&turn[n], scale);
-                }
-            }
+            vectorised(
+                #[inline(always)]
+                || {
+                    if region.0[k].is_empty() {
+                        return;
+                    }
+                    let planes = [u.plane(k - 1), u.plane(k), u.plane(k + 1)];
+                    for batch in region.0[k].chunks(LANES) {
+                        let mut moments = [Turn::default(); LANES];
+                        let mut spread = [Wide::default(); 6];
+                        for (l, &s) in batch.iter().enumerate() {
+                            let n = p.soft[s as usize] as usize;
+                            if let Some(rows) = links.around(planes, n) {
+                                moments[l] = links.moment(&p.stiffness[s as usize], rows, &planes[1][n]);
+                            }
+                            spread.iter_mut().zip(p.spread[s as usize]).for_each(|(wide, own)| wide.0[l] = own);
+                        }
+                        let moments = wide(moments.iter());
+                        let last = wide(batch.iter().map(|&s| &p.rotation[s as usize]));
+                        let rotations = nearest_rotation(&moments, &last, STEPS);
+                        let strained = strained(&moments, &spread, &rotations, yielding);
+                        for (l, &s) in batch.iter().enumerate() {
+                            let n = p.soft[s as usize] as usize;
+                            p.rotation[s as usize] = narrow(&rotations, l);
+                            let own = narrow(&strained, l);
+                            turn[n] = links.per_step(&match scale.get(k * u.plane + n) {
+                                Some(&scale) => scaled(&own, scale),
+                                None => own,
+                            });
+                        }
+                    }
+                },
+            )
         });
     }
 
     /// What the links of the region's elements add to their neighbours' displacements, turned by the mean of both ends'
     /// rotations.
     fn turn_links(&mut self, region: &Region) {
-        let (turn, links, plane) = (&self.turn, &self.links, self.u.plane as isize);
+        let (turns, links, plane) = (&self.turn, &self.links, self.u.plane);
         self.planes.par_iter_mut().enumerate().for_each(|(k, p)| {
-            for &s in &region.0[k] {
-                let s = s as usize;
-                let n = k as isize * plane + p.soft[s] as isize;
-                let own = &turn[n as usize];
-                let mut sum = [0.0; 4];
-                for (l, &w) in links.iter().zip(&p.stiffness[s * links.len()..]) {
-                    let other = &turn[(n + l.dk * plane + l.at) as usize];
-                    // The rest vector leads to the neighbour; from there to here it is the opposite.
-                    for (c, rest) in l.rest[..3].iter().enumerate() {
-                        let half = -0.5 * w * rest;
-                        for (s, (a, b)) in sum.iter_mut().zip(own[c].iter().zip(&other[c])) {
-                            *s += half * (a + b);
-                        }
+            vectorised(
+                #[inline(always)]
+                || {
+                    if region.0[k].is_empty() {
+                        return;
                     }
-                }
-                p.turned[s] = [sum[0], sum[1], sum[2], p.turned[s][3]];
-            }
+                    let planes = [k - 1, k, k + 1].map(|k| &turns[k * plane..][..plane]);
+                    for &s in &region.0[k] {
+                        let s = s as usize;
+                        let n = p.soft[s] as usize;
+                        let Some(rows) = links.around(planes, n) else { continue };
+                        // Sums that do not wait for each other. A rest vector is the step times its index offset, whose components are
+                        // -1, 0 and 1.
+                        let mut sums = [Lanes::default(); 4];
+                        for ((w, t), (j, k)) in p.stiffness[s].iter().zip(rows).zip(ROWS) {
+                            add_scaled(&mut sums[0], -w[0], &t[0][0]);
+                            add_scaled(&mut sums[2], w[2], &t[2][0]);
+                            for (c, side) in [(1, j as f32), (2, k as f32)] {
+                                if side != 0.0 {
+                                    (0..3).for_each(|n| add_scaled(&mut sums[n], side * w[n], &t[n][c]));
+                                }
+                            }
+                        }
+                        for (own, lean) in planes[1][n].iter().zip(p.lean[s]) {
+                            add_scaled(&mut sums[3], lean, own);
+                        }
+                        let sum: [f32; 3] = std::array::from_fn(|l| sums[0][l] + sums[1][l] + sums[2][l] + sums[3][l]);
+                        // The rest vector leads to the neighbour; from there to here it is the opposite.
+                        p.turned[s] = [-0.5 * sum[0], -0.5 * sum[1], -0.5 * sum[2], p.turned[s][3]];
+                    }
+                },
+            )
         });
     }
 }
 
-/// Inverse of `sum w rest rest^T`; zero where the links leave a direction open.
-fn inverse_spread(links: &[Link], stiffness: &[f32]) -> [f32; 6] {
-    let mut m = Matrix3::zeros();
-    for (l, &w) in links.iter().zip(stiffness) {
-        let r = nalgebra::Vector3::new(l.rest[0], l.rest[1], l.rest[2]).cast::<f64>();
-        m += r * r.transpose() * f64::from(w);
-    }
-    let scale = m.trace() / 3.0;
-    match m.try_inverse() {
-        Some(i) if i.norm() * scale < 30.0 => {
-            [i[(0, 0)], i[(0, 1)], i[(0, 2)], i[(1, 1)], i[(1, 2)], i[(2, 2)]].map(|v| v as f32)
+impl Links {
+    /// 26 links where they turn, else 6.
+    fn new(lattice: &Lattice, turning: bool) -> Self {
+        let [row, columns, _] = lattice.grid.size();
+        let step = lattice.grid.step();
+        let shortest = lattice.links().iter().map(|l| l.norm()).fold(f64::MAX, f64::min);
+        let (mut rest, mut weight) = (Stencil::default(), Stencil::default());
+        for (r, (j, k)) in ROWS.into_iter().enumerate() {
+            for (c, i) in [-1isize, 0, 1].into_iter().enumerate() {
+                let offset = Vector3::new(i, j, k);
+                let vector = step * offset.cast::<f64>();
+                rest[r][c] = [vector.x as f32, vector.y as f32, vector.z as f32, 0.0];
+                weight[r][c] = match (turning, offset.abs().sum()) {
+                    (_, 0) => 0.0,
+                    (true, _) => (shortest / vector.norm()).powi(2) as f32,
+                    (false, 1) => 1.0,
+                    (false, _) => 0.0,
+                };
+            }
         }
-        _ => [0.0; 6],
+        Self { rest, weight, step: columns_of(step), row, plane: row * columns }
     }
+
+    /// Stiffness of the links of a node, 0 to what is outside.
+    fn stiffness(&self, softness: &[f32], node: usize) -> Stencil<f32> {
+        std::array::from_fn(|r| {
+            let (j, k) = ROWS[r];
+            let middle = node as isize + j * self.row as isize + k * self.plane as isize;
+            std::array::from_fn(|c| {
+                let other = softness[(middle + c as isize - 1) as usize];
+                let play = (0.5 * (softness[node] + other)).max(LEAST_PLAY);
+                if other < 0.0 { 0.0 } else { self.weight[r][c] / play }
+            })
+        })
+    }
+
+    /// What lies around node `n` of the second of three planes; `None` on the border.
+    #[inline(always)]
+    fn around<'a, T>(&self, planes: [&'a [T]; 3], n: usize) -> Option<[&'a [T; 3]; 9]> {
+        let row = |plane: &'a [T], first: usize| plane.get(first..)?.first_chunk::<3>();
+        let first = n.checked_sub(self.row + 1)?;
+        let of = |plane: &'a [T]| {
+            Some([row(plane, first)?, row(plane, first + self.row)?, row(plane, first + 2 * self.row)?])
+        };
+        let [[a, b, c], [d, e, f], [g, h, i]] = [of(planes[0])?, of(planes[1])?, of(planes[2])?];
+        Some([a, b, c, d, e, f, g, h, i])
+    }
+
+    /// Moment of the links, `sum w (rest + q - u) rest^T`, of an element at `u` with neighbours at `q`.
+    #[inline(always)]
+    fn moment(&self, stiffness: &Stencil<f32>, neighbours: [&[Lanes; 3]; 9], u: &Lanes) -> Turn {
+        // By index offsets first, whose components are -1, 0 and 1.
+        let mut by_offset = Turn::default();
+        for ((w, q), (rest, (j, k))) in stiffness.iter().zip(neighbours).zip(self.rest.iter().zip(ROWS)) {
+            let moved = |c: usize| -> Lanes { std::array::from_fn(|l| w[c] * (rest[c][l] + q[c][l] - u[l])) };
+            let [a, b, c] = [moved(0), moved(1), moved(2)];
+            let row: Lanes = std::array::from_fn(|l| a[l] + b[l] + c[l]);
+            for l in 0..4 {
+                by_offset[0][l] += c[l] - a[l];
+            }
+            for (column, side) in [(1, j), (2, k)] {
+                match side {
+                    1 => (0..4).for_each(|l| by_offset[column][l] += row[l]),
+                    -1 => (0..4).for_each(|l| by_offset[column][l] -= row[l]),
+                    _ => {}
+                }
+            }
+        }
+        let mut moment = Turn::default();
+        for (b, column) in moment.iter_mut().enumerate() {
+            (0..3).for_each(|c| add_scaled(column, self.step[c][b], &by_offset[c]));
+        }
+        moment
+    }
+
+    /// A turn times the lattice's step.
+    #[inline(always)]
+    fn per_step(&self, turn: &Turn) -> Turn {
+        let mut out = Turn::default();
+        for (column, step) in out.iter_mut().zip(&self.step) {
+            (0..3).for_each(|b| add_scaled(column, step[b], &turn[b]));
+        }
+        out
+    }
+
+    /// Inverse of `sum w rest rest^T`; zero where the links leave a direction open.
+    fn inverse_spread(&self, stiffness: &Stencil<f32>) -> [f32; 6] {
+        let mut m = Matrix3::zeros();
+        for (w, rest) in stiffness.as_flattened().iter().zip(self.rest.as_flattened()) {
+            let r = Vector3::new(rest[0], rest[1], rest[2]).cast::<f64>();
+            m += r * r.transpose() * f64::from(*w);
+        }
+        let scale = m.trace() / 3.0;
+        match m.try_inverse() {
+            Some(i) if i.norm() * scale < 30.0 => {
+                [i[(0, 0)], i[(0, 1)], i[(0, 2)], i[(1, 1)], i[(1, 2)], i[(2, 2)]].map(|v| v as f32)
+            }
+            _ => [0.0; 6],
+        }
+    }
+}
+
+/// Sum of the links' index offsets, by stiffness.
+fn lean(stiffness: &Stencil<f32>) -> [f32; 3] {
+    let mut out = [0.0; 3];
+    for (w, (j, k)) in stiffness.iter().zip(ROWS) {
+        let row = w[0] + w[1] + w[2];
+        out[0] += w[2] - w[0];
+        out[1] += j as f32 * row;
+        out[2] += k as f32 * row;
+    }
+    out
 }
 
 /// Local rotation of every node that `displacement` means; identity outside. `turns` are the bones' rotations.
 pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Vec<Matrix3<f64>> {
-    const ROUNDS: usize = 6;
-    let (links, softness) = (links(lattice, true), softness(lattice, Elasticity::Corotated));
-    let size = lattice.grid.size();
-    let plane = (size[0] * size[1]) as isize;
-    let lanes = |n: usize| [displacement[n][0], displacement[n][1], displacement[n][2], 0.0];
+    const STEPS: usize = 12;
+    let (links, softness) = (Links::new(lattice, true), softness(lattice, Elasticity::Corotated));
+    let u: Vec<Lanes> = displacement.iter().map(|u| [u[0], u[1], u[2], 0.0]).collect();
+    let moment = |&n: &u32| {
+        let n = n as usize;
+        let k = n / links.plane;
+        let planes = [k - 1, k, k + 1].map(|k| &u[k * links.plane..][..links.plane]);
+        let rows = links.around(planes, n % links.plane);
+        rows.map_or_else(Turn::default, |rows| links.moment(&links.stiffness(&softness, n), rows, &u[n]))
+    };
+    let soft: Vec<u32> = lattice.soft().collect();
+    let of_batch = |batch: &[u32]| {
+        let moments: Vec<Turn> = batch.iter().map(moment).collect();
+        let found = nearest_rotation(&wide(moments.iter()), &WideTurn::default(), STEPS);
+        (0..batch.len()).map(|l| narrow(&found, l)).collect::<Vec<_>>()
+    };
+    let found: Vec<Vec<Turn>> = soft.par_chunks(LANES).map(of_batch).collect();
     let mut out = bone_turns(lattice, turns);
-    out.par_iter_mut().enumerate().filter(|(n, _)| lattice.node[*n] == Node::Soft).for_each(|(n, turn)| {
-        let mut moment = Turn::default();
-        for l in &links {
-            let m = (n as isize + l.dk * plane + l.at) as usize;
-            add_moment(&mut moment, link_stiffness(l, softness[n], softness[m]), &l.rest, &lanes(m), &lanes(n));
-        }
-        (0..ROUNDS).for_each(|_| *turn = nearest_rotation(&moment, turn));
-    });
+    soft.iter().zip(found.iter().flatten()).for_each(|(&n, turn)| out[n as usize] = *turn);
     out.iter().map(|t| Matrix3::from_fn(|a, b| f64::from(t[b][a])) + Matrix3::identity()).collect()
-}
-
-/// Adds the moment of one link, `w (rest + q - u) rest^T`.
-fn add_moment(moment: &mut Turn, w: f32, rest: &Lanes, q: &Lanes, u: &Lanes) {
-    let mut moved = [0.0; 4];
-    for (m, ((q, u), r)) in moved.iter_mut().zip(q.iter().zip(u).zip(rest)) {
-        *m = w * (r + q - u);
-    }
-    for (column, &r) in moment.iter_mut().zip(rest) {
-        add_scaled(column, r, &moved);
-    }
-}
-
-/// The links of a lattice: 26 where they turn, else 6.
-fn links(lattice: &Lattice, turning: bool) -> Vec<Link> {
-    let size = lattice.grid.size();
-    let shortest = lattice.links().iter().map(|l| l.norm()).fold(f64::MAX, f64::min);
-    crate::geometry::stencil::NEIGHBOURS_26
-        .iter()
-        .zip(lattice.links())
-        .filter(|(o, _)| turning || o.iter().filter(|&&c| c != 0).count() == 1)
-        .map(|(o, rest)| Link {
-            dk: o[2] as isize,
-            at: o[0] as isize + o[1] as isize * size[0] as isize,
-            rest: [rest.x as f32, rest.y as f32, rest.z as f32, 0.0],
-            weight: if turning { ((shortest / rest.norm()).powi(2)) as f32 } else { 1.0 },
-        })
-        .collect()
 }
 
 /// Play of each node's material.
@@ -350,19 +465,17 @@ fn softness(lattice: &Lattice, elasticity: Elasticity) -> Vec<f32> {
     lattice.node.iter().zip(&lattice.constraint).map(of).collect()
 }
 
-/// Stiffness of a link between two nodes of given play.
-fn link_stiffness(link: &Link, a: f32, b: f32) -> f32 {
-    if b < 0.0 { 0.0 } else { link.weight / (0.5 * (a + b)).max(LEAST_PLAY) }
-}
-
 /// The bones' rotations minus identity on their nodes, none elsewhere.
 fn bone_turns(lattice: &Lattice, turns: &[Matrix3<f64>]) -> Vec<Turn> {
-    let column = |r: &Matrix3<f64>, c: usize| [r[(0, c)] as f32, r[(1, c)] as f32, r[(2, c)] as f32, 0.0];
-    let turns: Vec<Turn> =
-        turns.iter().map(|r| r - Matrix3::identity()).map(|r| [column(&r, 0), column(&r, 1), column(&r, 2)]).collect();
+    let turns: Vec<Turn> = turns.iter().map(|r| columns_of(&(r - Matrix3::identity()))).collect();
     let of = |n: &Node| match n {
         Node::Bone(b) => turns[usize::from(*b)],
         _ => Turn::default(),
     };
     lattice.node.iter().map(of).collect()
+}
+
+/// The columns of a matrix in lanes.
+fn columns_of(m: &Matrix3<f64>) -> Turn {
+    std::array::from_fn(|c| [m[(0, c)] as f32, m[(1, c)] as f32, m[(2, c)] as f32, 0.0])
 }

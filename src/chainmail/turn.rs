@@ -1,4 +1,7 @@
-//! Local rotations of the relaxation in single precision, four lanes wide so that the compiler can use vector registers.
+//! Local rotations of the relaxation in single precision. Sums over links take a vector in four lanes, rotations several
+//! elements at a time, so that the compiler can use vector registers.
+
+use crate::geometry::{LANES, Wide};
 
 /// A vector of three in four lanes; the last is free.
 pub(super) type Lanes = [f32; 4];
@@ -14,40 +17,79 @@ pub(super) fn add_scaled(sum: &mut Lanes, w: f32, a: &Lanes) {
     }
 }
 
-fn cross(a: &Lanes, b: &Lanes) -> Lanes {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0], 0.0]
+/// [`Turn`]s of several elements: components of each column.
+pub(super) type WideTurn = [WideVector; 3];
+
+type WideVector = [Wide; 3];
+
+/// The turns as one [`WideTurn`]; zeros where there are fewer than [`LANES`].
+#[inline(always)]
+pub(super) fn wide<'a>(turns: impl Iterator<Item = &'a Turn>) -> WideTurn {
+    let mut out = WideTurn::default();
+    for (l, turn) in turns.take(LANES).enumerate() {
+        for (wide, column) in out.iter_mut().zip(turn) {
+            (0..3).for_each(|a| wide[a].0[l] = column[a]);
+        }
+    }
+    out
 }
 
-fn dot(a: &Lanes, b: &Lanes) -> f32 {
+/// One of the turns.
+#[inline(always)]
+pub(super) fn narrow(turns: &WideTurn, lane: usize) -> Turn {
+    turns.each_ref().map(|c| [c[0].0[lane], c[1].0[lane], c[2].0[lane], 0.0])
+}
+
+#[inline(always)]
+fn cross(a: &WideVector, b: &WideVector) -> WideVector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+fn dot(a: &WideVector, b: &WideVector) -> Wide {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Rotation (minus identity) nearest to the matrix with columns `m`, two steps from the last one (Mueller et al. 2016,
-/// "A robust method to extract the rotational part of deformations"); each step is a Cayley transform, which needs no
+#[inline(always)]
+fn add(sum: &mut WideVector, w: Wide, a: &WideVector) {
+    for (s, a) in sum.iter_mut().zip(a) {
+        *s = *s + w * *a;
+    }
+}
+
+/// With the identity.
+#[inline(always)]
+fn whole(turn: &WideTurn) -> WideTurn {
+    let mut out = *turn;
+    (0..3).for_each(|c| out[c][c] = out[c][c] + Wide::all(1.0));
+    out
+}
+
+/// Rotations (minus identity) nearest to the matrices with columns `m`, `steps` steps from the last ones (Mueller et al.
+/// 2016, "A robust method to extract the rotational part of deformations"); each step is a Cayley transform, which needs no
 /// sine.
-pub(super) fn nearest_rotation(m: &Turn, last: &Turn) -> Turn {
+#[inline(always)]
+pub(super) fn nearest_rotation(m: &WideTurn, last: &WideTurn, steps: usize) -> WideTurn {
     let mut turn = *last;
-    for _ in 0..2 {
-        let (mut torque, mut grip) = ([0.0; 4], 1e-9);
-        for c in 0..3 {
-            let mut r = turn[c];
-            r[c] += 1.0;
-            add_scaled(&mut torque, 1.0, &cross(&r, &m[c]));
-            grip += dot(&r, &m[c]);
+    for _ in 0..steps {
+        let r = whole(&turn);
+        let (mut torque, mut grip) = (WideVector::default(), Wide::all(1e-9));
+        for (r, m) in r.iter().zip(m) {
+            add(&mut torque, Wide::all(1.0), &cross(r, m));
+            grip = grip + dot(r, m);
         }
         // Half the step's rotation vector, at most half a radian.
-        let length = dot(&torque, &torque).sqrt();
-        let scale = (0.5 / f32::abs(grip)).min(0.5 / length.max(f32::MIN_POSITIVE));
+        let half = Wide::all(0.5);
+        let length = dot(&torque, &torque).sqrt().max(Wide::all(f32::MIN_POSITIVE));
+        let scale = (half / grip.abs()).min(half / length);
         let half = torque.map(|t| t * scale);
-        let gain = 2.0 / (1.0 + dot(&half, &half));
-        for (c, turn) in turn.iter_mut().enumerate() {
-            let mut r = *turn;
-            r[c] += 1.0;
+        let gain = Wide::all(2.0) / (Wide::all(1.0) + dot(&half, &half));
+        for (turn, r) in turn.iter_mut().zip(&r) {
             // R' r = r + gain (h x r + h x (h x r))
-            let once = cross(&half, &r);
+            let once = cross(&half, r);
             let twice = cross(&half, &once);
             for a in 0..3 {
-                turn[a] += gain * (once[a] + twice[a]);
+                turn[a] = turn[a] + gain * (once[a] + twice[a]);
             }
         }
     }
@@ -64,31 +106,30 @@ pub(super) fn scaled(turn: &Turn, s: f32) -> Turn {
 /// Greatest strain that links give way to.
 const MOST_STRAIN: f32 = 0.3;
 
-/// Rotation (minus identity) with `share` of the strain without change of volume that the links' moment `m` shows;
-/// `spread` is the inverse of their second moment.
-pub(super) fn strained(m: &Turn, spread: &[f32; 6], rotation: &Turn, share: f32) -> Turn {
+/// Rotations (minus identity) with `share` of the strain without change of volume that the links' moments `m` show;
+/// `spread` is the inverse of their second moments, 0 where there is none.
+#[inline(always)]
+pub(super) fn strained(m: &WideTurn, spread: &[Wide; 6], rotation: &WideTurn, share: f32) -> WideTurn {
     let [xx, xy, xz, yy, yz, zz] = *spread;
-    if xx <= 0.0 || share <= 0.0 {
-        return *rotation;
-    }
     let columns = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
-    let mut r = *rotation;
-    (0..3).for_each(|c| r[c][c] += 1.0);
+    let r = whole(rotation);
     // F = m spread, then R^T F.
-    let mut e = [[0f32; 3]; 3];
+    let mut e = [WideVector::default(); 3];
     for (c, s) in columns.iter().enumerate() {
-        let mut f = [0.0; 4];
-        (0..3).for_each(|b| add_scaled(&mut f, s[b], &m[b]));
+        let mut f = WideVector::default();
+        (0..3).for_each(|b| add(&mut f, s[b], &m[b]));
         (0..3).for_each(|a| e[a][c] = dot(&r[a], &f));
     }
-    let mean = (e[0][0] + e[1][1] + e[2][2]) / 3.0;
-    let part = |a: usize, b: usize| 0.5 * (e[a][b] + e[b][a]) - if a == b { mean } else { 0.0 };
-    let (x, y, z, p, q, t) = (part(0, 0), part(1, 1), part(2, 2), part(0, 1), part(0, 2), part(1, 2));
-    let size = (x * x + y * y + z * z + 2.0 * (p * p + q * q + t * t)).sqrt();
-    let gain = share * (MOST_STRAIN / size.max(MOST_STRAIN));
+    let mean = (e[0][0] + e[1][1] + e[2][2]) * Wide::all(1.0 / 3.0);
+    let mixed = |a: usize, b: usize| (e[a][b] + e[b][a]) * Wide::all(0.5);
+    let (x, y, z, p, q, t) = (e[0][0] - mean, e[1][1] - mean, e[2][2] - mean, mixed(0, 1), mixed(0, 2), mixed(1, 2));
+    let size = (x * x + y * y + z * z + (p * p + q * q + t * t) * Wide::all(2.0)).sqrt();
+    // Without a second moment all components are 0, and so is what is added.
+    let most = Wide::all(MOST_STRAIN);
+    let gain = Wide::all(share) * (most / size.max(most));
     let mut out = *rotation;
-    for (c, d) in [[x, p, q], [p, y, t], [q, t, z]].iter().enumerate() {
-        (0..3).for_each(|b| add_scaled(&mut out[c], gain * d[b], &r[b]));
+    for (out, d) in out.iter_mut().zip([[x, p, q], [p, y, t], [q, t, z]]) {
+        (0..3).for_each(|b| add(out, gain * d[b], &r[b]));
     }
     out
 }
@@ -107,10 +148,8 @@ mod tests {
         for angle in [0.0, 1e-4, 0.3, 1.5, 3.0] {
             let turn = Rotation3::new(Vector3::new(0.6, -0.48, 0.64) * angle).into_inner();
             let stretch = Matrix3::new(1.3, 0.1, 0.0, 0.1, 0.8, 0.05, 0.0, 0.05, 1.1);
-            let mut found = Turn::default();
-            for _ in 0..400 {
-                found = nearest_rotation(&columns(&(turn * stretch)), &found);
-            }
+            let found = nearest_rotation(&wide([columns(&(turn * stretch))].iter()), &WideTurn::default(), 800);
+            let found = narrow(&found, 0);
             let found = Matrix3::from_fn(|a, b| f64::from(found[b][a])) + Matrix3::identity();
             assert!((found - turn).norm() < 2e-5, "{angle}: {}", (found - turn).norm());
             assert!((found.transpose() * found - Matrix3::identity()).norm() < 2e-5);

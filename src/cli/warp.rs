@@ -79,7 +79,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
                 runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
             } else {
                 let back = chain(&args.to, &args.from)?;
-                runtime.stage("resample", || map_volume(args, &back, input, out, &mut report))?;
+                map_volume(args, &back, (input, out), &runtime, &mut report)?;
             }
         }
         _ => {
@@ -214,41 +214,70 @@ fn map_contours(
     Ok(())
 }
 
-fn map_volume(args: &WarpArgs, back: &Chain<'_>, input: &Path, out: &Path, report: &mut Report) -> Result<()> {
+fn map_volume(
+    args: &WarpArgs,
+    back: &Chain<'_>,
+    (input, out): (&Path, &Path),
+    runtime: &Runtime,
+    report: &mut Report,
+) -> Result<()> {
     let Some(kind) = args.kind else {
         return Err(Error::usage(
             format!("{}: an image, labels and a dose need different interpolation", input.display()),
             "say which it is: --kind image, --kind labels or --kind dose",
         ));
     };
+    refuse_for_kind(args, kind)?;
     let grid = target(args, back, &args.to, &mut report.warnings)?;
-    let (v, mapped) = back.displacement_on(&grid)?;
-    if args.scale_by_jacobian && kind != VolumeKind::Image {
-        return Err(Error::usage(
-            "--scale-by-jacobian scales HU, and labels and doses have none",
-            "leave it out, or give --kind image; for a dose see `aventail dose map --method energy-mass`",
-        ));
-    }
     let description = format!("aventail warp {} to {}", args.from, args.to);
     let options = WriteOptions { description, ..WriteOptions::default() };
-    if kind == VolumeKind::Labels {
-        for (name, given) in [("--interpolation", args.interpolation.is_some()), ("--outside", args.outside.is_some())]
-        {
-            if given {
-                return Err(Error::usage(format!("{name} has no meaning for labels"), "leave it out"));
-            }
-        }
-        let labels = io::read_label_map(input, args.labels.as_deref())?;
+    let mapped = if kind == VolumeKind::Labels {
+        let labels = runtime.stage("read the input", || io::read_label_map(input, args.labels.as_deref()))?;
         report.warnings.extend(labels.warnings);
-        let warped = resample_labels(&v, &labels.value)?;
+        let (warped, mapped) = runtime.stage("resample", || {
+            let (v, mapped) = back.displacement_on(&grid)?;
+            Ok::<_, Error>((resample_labels(&v, &labels.value)?, mapped))
+        })?;
         report.notes.extend(label_notes(&labels.value, &warped));
-        io::write_labels(out, &warped, &options)?;
         report.kind = "labels";
+        runtime.stage("write", || io::write_labels(out, &warped, &options))?;
+        mapped
     } else {
-        scalar(args, kind, &v, io::read_image(input)?, (out, &options), report)?;
-    }
+        let image = runtime.stage("read the input", || io::read_image(input))?;
+        report.warnings.extend(image.warnings.iter().cloned());
+        let (warped, mapped) = runtime.stage("resample", || {
+            let (v, mapped) = back.displacement_on(&grid)?;
+            Ok::<_, Error>((scalar(args, kind, &v, &image, report)?, mapped))
+        })?;
+        // Whole numbers stay whole numbers, as scanners store them.
+        let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
+        let stored = if whole { Stored::Int16 } else { Stored::Float32 };
+        runtime.stage("write", || io::write_image(out, &warped, stored, &options))?;
+        mapped
+    };
     report.finish(back, mapped, out);
     Ok(())
+}
+
+/// Options that this kind of volume does not have.
+fn refuse_for_kind(args: &WarpArgs, kind: VolumeKind) -> Result<()> {
+    let refuse = |problem: &str, remedy: &str| Err(Error::usage(problem, remedy));
+    if args.scale_by_jacobian && kind != VolumeKind::Image {
+        return refuse(
+            "--scale-by-jacobian scales HU, and labels and doses have none",
+            "leave it out, or give --kind image; for a dose see `aventail dose map --method energy-mass`",
+        );
+    }
+    match kind {
+        VolumeKind::Labels if args.interpolation.is_some() => {
+            refuse("--interpolation has no meaning for labels", "leave it out")
+        }
+        VolumeKind::Labels if args.outside.is_some() => refuse("--outside has no meaning for labels", "leave it out"),
+        VolumeKind::Dose if args.outside.is_some() => {
+            refuse("--outside has no meaning for a dose: it is 0 there", "leave it out")
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Resamples an image or dose.
@@ -256,16 +285,15 @@ fn scalar(
     args: &WarpArgs,
     kind: VolumeKind,
     v: &Volume<[f32; 3]>,
-    image: Loaded<Volume<f32>>,
-    (out, options): (&Path, &WriteOptions),
+    image: &Loaded<Volume<f32>>,
     report: &mut Report,
-) -> Result<()> {
+) -> Result<Volume<f32>> {
     let interpolation = match args.interpolation {
         Some(InterpolationName::Cubic) => Interpolation::Cubic,
         _ => Interpolation::Linear,
     };
-    report.warnings.extend(image.warnings);
     if kind == VolumeKind::Image {
+        report.kind = "image";
         let mut warped = resample(v, &image.value, interpolation, args.outside.unwrap_or(-1000.0))?;
         if args.scale_by_jacobian {
             let done = scale_by_volume(&mut warped, v);
@@ -277,26 +305,24 @@ fn scalar(
                 report.warnings.push(Warning::new("not-scaled", message));
             }
         }
-        // Whole numbers stay whole numbers, as scanners store them.
-        let whole = image.header.datatype == "int16" && image.header.scaling.is_none();
-        report.kind = "image";
-        return io::write_image(out, &warped, if whole { Stored::Int16 } else { Stored::Float32 }, options);
+        return Ok(warped);
     }
-    if args.outside.is_some() {
-        return Err(Error::usage("--outside has no meaning for a dose: it is 0 there", "leave it out"));
-    }
-    let most = image.value.data().iter().copied().fold(0.0, f32::max);
-    if let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most) {
+    report.kind = "dose";
+    let [least, most] = image.value.extremes();
+    if least < -1e-3 * most
+        && let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most)
+    {
         let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
         let remedy = "a dose is nowhere negative: check the file, or warp it with --kind image";
         return Err(Error::input(image.path.display().to_string(), problem, remedy));
     }
     let mut warped = resample(v, &image.value, interpolation, 0.0)?;
-    warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
-    let peak = warped.data().iter().copied().fold(0.0, f32::max);
+    let [below, peak] = warped.extremes();
+    if below < 0.0 {
+        warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
+    }
     report.notes.push(format!("greatest dose {most:.3}, after mapping {peak:.3}"));
-    report.kind = "dose";
-    io::write_image(out, &warped, Stored::Float32, options)
+    Ok(warped)
 }
 
 /// Labels that changed their volume much, or are gone.

@@ -85,7 +85,7 @@ pub struct OutputOptions {
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { field_format: FieldFormat::Nifti, gzip_level: 2, regions: false, uncertainty: true }
+        Self { field_format: FieldFormat::Nifti, gzip_level: 1, regions: false, uncertainty: true }
     }
 }
 

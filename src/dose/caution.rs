@@ -29,7 +29,7 @@ pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
     let grid = dose.grid();
     let size = grid.size();
     let strides = grid.strides();
-    let most = f64::from(dose.data().iter().copied().fold(0.0, f32::max));
+    let most = f64::from(dose.extremes()[1].max(0.0));
     let gradient = |l: usize| {
         let v = grid.voxel(l);
         let by_index = [0, 1, 2].map(|a| {

@@ -26,7 +26,7 @@ const COUNTS: f32 = 0.1;
 pub fn difference(dose: &Volume<f32>, reference: &Volume<f32>) -> Result<(Volume<f32>, DoseDifference)> {
     let still = Volume::filled(reference.grid().clone(), [0f32; 3]);
     let dose = interpolate(dose, &still, reference.grid())?;
-    let least = COUNTS * reference.data().iter().copied().fold(0.0, f32::max);
+    let least = COUNTS * reference.extremes()[1].max(0.0);
     let map: Vec<f32> = dose.data().iter().zip(reference.data()).map(|(a, b)| a - b).collect();
     let counted: Vec<f64> = (map.iter().zip(dose.data()).zip(reference.data()))
         .filter(|((_, a), b)| **a > least || **b > least)

@@ -8,7 +8,7 @@
 //! Cells of one cut are computed [`LANES`] at a time: a row is split into its even and its odd voxels.
 
 use super::PushField;
-use super::lanes::{LANES, Lanes};
+use crate::geometry::{LANES, Wide};
 use crate::volume::{Mask, Volume};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub const FOLDED: f32 = -1.0;
 
 /// A vector of each of [`LANES`] cells, mm.
-type Vectors = [Lanes; 3];
+type Vectors = [Wide; 3];
 
 /// The 12 deformed edges of cells, mm, each in the sense of growing index: `edges[a][m]` runs along axis `a`; bits 0
 /// and 1 of `m` say whether it lies high along the other two axes, lower axis first.
@@ -57,8 +57,8 @@ pub fn digital_folds(push: &PushField) -> Mask {
 /// The sign of `volume`, that of an undeformed cell, takes handedness of storage out. `even` cuts off corners 000, 110, 101
 /// and 011, the other way the other four.
 #[inline(always)]
-fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, volume: f64) -> (Lanes, Lanes) {
-    let sense = Lanes::all(volume.signum() as f32);
+fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, volume: f64) -> (Wide, Wide) {
+    let sense = Wide::all(volume.signum() as f32);
     let det = |a: &Vectors, b: &Vectors, c: &Vectors| {
         let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
         minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2]
@@ -85,7 +85,7 @@ fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, volume: f64) -> (Lanes, Lan
         ]
     };
     let [a, b, c, d, centre] = all;
-    let least = all.map(|v| v * sense).into_iter().reduce(Lanes::min).unwrap_or(sense);
+    let least = all.map(|v| v * sense).into_iter().reduce(Wide::min).unwrap_or(sense);
     (a + b + c + d + centre, least)
 }
 
@@ -124,7 +124,7 @@ struct Rows {
     computed: Vec<bool>,
     /// Row and plane that the rows stand at.
     at: Option<[usize; 2]>,
-    step: [[Lanes; 3]; 3],
+    step: [[Wide; 3]; 3],
 }
 
 impl Rows {
@@ -134,7 +134,7 @@ impl Rows {
             u: std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; half]))),
             computed: vec![false; 2 * half],
             at: None,
-            step: [0, 1, 2].map(|a| [0, 1, 2].map(|c| Lanes::all(step[(c, a)] as f32))),
+            step: [0, 1, 2].map(|a| [0, 1, 2].map(|c| Wide::all(step[(c, a)] as f32))),
         }
     }
 
@@ -182,7 +182,7 @@ impl Rows {
     fn edges(&self, m: usize, odd: usize) -> Edges {
         let at = |high: usize| -> [Vectors; 4] {
             let (part, from) = ((odd + high) % 2, m + usize::from(odd + high == 2));
-            std::array::from_fn(|row| std::array::from_fn(|c| Lanes::of(&self.u[row][c][part][from..])))
+            std::array::from_fn(|row| std::array::from_fn(|c| Wide::of(&self.u[row][c][part][from..])))
         };
         let (low, high) = (at(0), at(1));
         let edge = |a: usize, from: &Vectors, to: &Vectors| -> Vectors {

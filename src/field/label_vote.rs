@@ -27,7 +27,7 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
         |shares: &[(u16, f64)]| shares.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |s| s.0);
     let values = if offsets.len() == 1 {
         let hull = Hull::new(map.grid());
-        walked(v, map.grid(), |place| {
+        let winner = |place| {
             let Some(corner) = hull.corner(place) else { return 0 };
             let labels = around(map, &corner, &hull);
             if labels.iter().all(|l| *l == labels[0]) {
@@ -35,7 +35,8 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
             }
             let (votes, kinds) = tally(labels, corner.t.map(f64::from));
             greatest(&votes[..kinds])
-        })
+        };
+        walked(v, map.grid(), winner)
     } else {
         pulled(v, map.grid(), |index| greatest(Shares::at(map, index, &offsets).list()))
     };

@@ -8,7 +8,6 @@ mod format;
 mod invert;
 mod jacobian;
 mod label_vote;
-mod lanes;
 mod multiple;
 mod newton;
 mod overlap;

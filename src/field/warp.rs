@@ -1,9 +1,8 @@
 //! Carrying images and labels through a pull field, and points through a push field.
 
-use super::lanes::LANES;
 use super::{PullField, PushField};
 use crate::error::Result;
-use crate::geometry::Grid;
+use crate::geometry::{Grid, LANES, vectorised};
 use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -31,7 +30,12 @@ pub fn resample(
     let values = match interpolation {
         Interpolation::Linear => {
             let linear = Linear::new(image);
-            walked(v, image.grid(), |place| linear.at(place).unwrap_or(outside))
+            walked(
+                v,
+                image.grid(),
+                #[inline(always)]
+                |place| linear.at(place).unwrap_or(outside),
+            )
         }
         Interpolation::Cubic => pulled(v, image.grid(), |index| cubic(image, index).map_or(outside, |v| v.0 as f32)),
     };
@@ -217,26 +221,31 @@ pub(super) fn walked<T: Send + Default + Clone>(
     let along: [[f32; LANES]; 3] = std::array::from_fn(|a| std::array::from_fn(|l| (step[(a, 0)] * l as f64) as f32));
     let mut out = vec![T::default(); grid.len()];
     out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
-        // Filled anew for each block; arrays that are handed round by value would be copied more often than computed.
-        let (mut u, mut low, mut t) = ([[0f32; LANES]; 3], [[0i32; LANES]; 3], [[0f32; LANES]; 3]);
-        for (n, (out, v)) in out.chunks_mut(LANES).zip(v.chunks(LANES)).enumerate() {
-            for (l, v) in v.iter().enumerate() {
-                (u[0][l], u[1][l], u[2][l]) = (v[0], v[1], v[2]);
-            }
-            let index = Vector3::new((n * LANES) as f64, (row % ny) as f64, (row / ny) as f64);
-            for a in 0..3 {
-                let start = (base[a] + (step.row(a) * index)[0]).clamp(-1e8, 1e8);
-                let whole = start.floor();
-                let (rest, whole, by) = ((start - whole) as f32, whole as i32, turn[a]);
-                for l in 0..LANES {
-                    let x = (rest + along[a][l]) + (by[0] * u[0][l] + by[1] * u[1][l] + by[2] * u[2][l]);
-                    (low[a][l], t[a][l]) = lower(x, whole);
+        vectorised(
+            #[inline(always)]
+            || {
+                // Filled anew for each block; arrays that are handed round by value would be copied more often than computed.
+                let (mut u, mut low, mut t) = ([[0f32; LANES]; 3], [[0i32; LANES]; 3], [[0f32; LANES]; 3]);
+                for (n, (out, v)) in out.chunks_mut(LANES).zip(v.chunks(LANES)).enumerate() {
+                    for (l, v) in v.iter().enumerate() {
+                        (u[0][l], u[1][l], u[2][l]) = (v[0], v[1], v[2]);
+                    }
+                    let index = Vector3::new((n * LANES) as f64, (row % ny) as f64, (row / ny) as f64);
+                    for a in 0..3 {
+                        let start = (base[a] + (step.row(a) * index)[0]).clamp(-1e8, 1e8);
+                        let whole = start.floor();
+                        let (rest, whole, by) = ((start - whole) as f32, whole as i32, turn[a]);
+                        for l in 0..LANES {
+                            let x = (rest + along[a][l]) + (by[0] * u[0][l] + by[1] * u[1][l] + by[2] * u[2][l]);
+                            (low[a][l], t[a][l]) = lower(x, whole);
+                        }
+                    }
+                    for (l, o) in out.iter_mut().enumerate() {
+                        *o = value(Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] });
+                    }
                 }
-            }
-            for (l, o) in out.iter_mut().enumerate() {
-                *o = value(Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] });
-            }
-        }
+            },
+        )
     });
     out
 }
@@ -244,11 +253,17 @@ pub(super) fn walked<T: Send + Default + Clone>(
 /// The lower voxel and the way from it; what is far off or no number comes to lie far outside.
 #[inline(always)]
 fn lower(x: f32, whole: i32) -> (i32, f32) {
+    // Added to a number below 2^22 this leaves the nearest whole number in the low bits: without a rounding instruction,
+    // which the oldest 64-bit machines lack, a cast costs several times as much.
+    const MAGIC: f32 = 12_582_912.0;
     let near = x.abs() < FAR;
     let held = if near { x } else { 0.0 };
-    let cut = held as i32;
-    let floor = cut - i32::from(cut as f32 > held);
-    (floor + if near { whole } else { -400_000_000 }, held - floor as f32)
+    let shifted = held + MAGIC;
+    let nearest = shifted - MAGIC;
+    let above = nearest > held;
+    let floor = nearest - if above { 1.0 } else { 0.0 };
+    let low = shifted.to_bits() as i32 - MAGIC.to_bits() as i32 - i32::from(above);
+    (low + if near { whole } else { -400_000_000 }, held - floor)
 }
 
 #[cfg(test)]

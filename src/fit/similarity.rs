@@ -17,7 +17,7 @@
 
 use super::samples::Samples;
 use super::tissue::Tissue;
-use crate::geometry::Rigid;
+use crate::geometry::{Rigid, vectorised};
 use crate::volume::cubic;
 use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -101,6 +101,7 @@ impl Sums {
     }
 }
 
+#[inline(always)]
 fn accumulate(
     points: &[Point3<f64>],
     values: &[f64],
@@ -169,7 +170,12 @@ pub fn evaluate(
         .points
         .par_chunks(CHUNK)
         .zip(samples.values.par_chunks(CHUNK))
-        .map(|(p, v)| accumulate(p, v, fraction, t, centre, derivatives))
+        .map(|(p, v)| {
+            vectorised(
+                #[inline(always)]
+                || accumulate(p, v, fraction, t, centre, derivatives),
+            )
+        })
         .collect();
     let mut s = Sums::zero();
     parts.iter().for_each(|p| s.add(p));

@@ -54,6 +54,7 @@ impl Tissue {
 
     /// Visibility of a continuous index and its derivative per index step: 1 in tissue, 0 in air and outside, with a
     /// ramp over the outermost voxel of the image and over the surface of the tissue.
+    #[inline(always)]
     pub fn visibility(&self, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (edge, edge_slope) = ramp(self.valid.grid().size(), index);
         if edge <= 0.0 {
@@ -76,32 +77,35 @@ fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
         .expect("blocks of a legal grid make a legal grid");
     let plane = size[0] * size[1];
     let (mut sum, mut share) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
-    sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate().for_each(|(k, (sum, share))| {
-        let mut count = vec![0f32; plane];
+    let of_plane = |tally: &mut Vec<[f32; 3]>, k: usize, (sum, share): (&mut [f32], &mut [f32])| {
+        tally.clear();
+        tally.resize(plane, [0.0; 3]);
         for fk in k * block[2]..((k + 1) * block[2]).min(fine.size()[2]) {
             for fj in 0..fine.size()[1] {
                 let start = fine.linear([0, fj, fk]);
                 let row = size[0] * (fj / block[1]);
                 for (fi, &v) in ct.data()[start..start + fine.size()[0]].iter().enumerate() {
-                    let n = row + fi / block[0];
-                    count[n] += 1.0;
+                    let [hu, tissue, all] = &mut tally[row + fi / block[0]];
+                    *all += 1.0;
                     if v > AIR_HU {
-                        sum[n] += v.min(METAL_HU);
-                        share[n] += 1.0;
+                        *hu += v.min(METAL_HU);
+                        *tissue += 1.0;
                     }
                 }
             }
         }
-        for ((s, m), c) in sum.iter_mut().zip(share).zip(&count) {
-            *s /= c;
-            *m /= c;
+        for ((s, m), [hu, tissue, all]) in sum.iter_mut().zip(share).zip(tally) {
+            (*s, *m) = (*hu / *all, *tissue / *all);
         }
-    });
+    };
+    let planes = sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate();
+    planes.for_each_init(Vec::new, |tally, (k, out)| of_plane(tally, k, out));
     let volume = |data| Volume::new(grid.clone(), data).expect("one value per block");
     (volume(sum), volume(share))
 }
 
 /// A ramp from 0 at the outermost voxel centres to 1 a voxel further in.
+#[inline(always)]
 fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let mut w = [1.0; 3];
     let mut d = [0.0; 3];
@@ -116,6 +120,7 @@ fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
 }
 
 /// Trilinear value and slope at an index strictly inside the image.
+#[inline(always)]
 fn trilinear_slope(v: &Volume<f32>, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let size = v.grid().size();
     let low: [usize; 3] = std::array::from_fn(|a| (index[a] as usize).min(size[a].saturating_sub(2)));

@@ -3,6 +3,8 @@
 mod grid;
 mod rigid;
 pub mod stencil;
+mod wide;
 
 pub use grid::Grid;
 pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg, rotation_matrices};
+pub use wide::{LANES, Wide, vectorised};

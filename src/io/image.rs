@@ -33,7 +33,7 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        Self { gzip_level: 2, description: "aventail".into() }
+        Self { gzip_level: 1, description: "aventail".into() }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::carry::bone_of_label;
 use super::{Case, Outcome};
-use crate::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
+use crate::chainmail::{self, ChainmailOptions, Initiators, Tissue};
 use crate::config::Config;
 use crate::error::Result;
 use crate::evaluate::jacobian::tissue;
@@ -52,7 +52,6 @@ fn bones_alone(case: &Case, outcome: &Outcome, options: &ChainmailOptions) -> Re
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
         relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
-        mend: 0,
         ..options.clone()
     };
     let bone_of_label = bone_of_label(&outcome.skeleton);
@@ -66,6 +65,5 @@ fn bones_alone(case: &Case, outcome: &Outcome, options: &ChainmailOptions) -> Re
     let transforms: Vec<Rigid> = outcome.bone_fits.iter().map(|b| b.transform).collect();
     let centroids: Vec<Point3<f64>> = outcome.skeleton.bones.iter().map(|b| b.centroid).collect();
     let bones = Initiators { transforms: &transforms, centroids: &centroids };
-    let alone = propagate(&tissue, &bones, &coarse, None, &Silent)?;
-    Volume::new(alone.lattice.grid, alone.displacement)
+    Ok(chainmail::elements(&tissue, &bones, &coarse, None, &Silent)?.1)
 }

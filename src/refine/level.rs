@@ -7,12 +7,16 @@
 
 use super::RefineOptions;
 use crate::chainmail::{Lattice, Pull};
+use crate::geometry::vectorised;
 use crate::volume::{Volume, cubic, gaussian};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// Least noise of a difference, HU.
 const LEAST_NOISE: f64 = 6.0;
+
+/// Every so many-th comparison tells how the grey values of the two scans agree.
+const THINNED: usize = 7;
 
 /// Farthest that one comparison may ask an element to move, in widths of the blur.
 const REACH: f64 = 2.0;
@@ -39,6 +43,7 @@ fn mean_edge(spacing: &[f64; 3]) -> f64 {
 }
 
 /// A fraction value with its gradient at a point, if it lies in the image.
+#[inline(always)]
 fn sample(image: &Volume<f32>, at: &nalgebra::Point3<f64>) -> Option<(f64, Vector3<f64>)> {
     let (value, slope) = cubic(image, &image.grid().index(at))?;
     Some((value, image.grid().inverse_step().transpose() * slope))
@@ -84,74 +89,77 @@ impl<'a> Level<'a> {
     /// The pull at the elements' displacements `u`.
     pub(super) fn pull(&self, u: &[[f32; 3]]) -> Pull {
         let m = self.offsets.len();
-        // Fraction value and gradient at each point.
-        let fraction: Vec<[f32; 4]> = self
-            .soft
-            .par_iter()
-            .flat_map_iter(|&n| {
-                let now = self.lattice.rest(n as usize) + Vector3::from(u[n as usize].map(f64::from));
-                self.offsets.iter().map(move |o| match sample(&self.fraction, &(now + o)) {
-                    Some((v, g)) => [v as f32, g.x as f32, g.y as f32, g.z as f32],
-                    None => [f32::NAN; 4],
-                })
+        let now = |s: usize| {
+            let n = self.soft[s] as usize;
+            self.lattice.rest(n) + Vector3::from(u[n].map(f64::from))
+        };
+        let grey: Vec<(f64, f64)> = (0..self.planning.len().div_ceil(THINNED))
+            .into_par_iter()
+            .filter_map(|t| {
+                let point = t * THINNED;
+                let p = self.planning[point][0];
+                let f = sample(&self.fraction, &(now(point / m) + self.offsets[point % m]))?.0;
+                (!p.is_nan()).then_some((f64::from(p), f))
             })
             .collect();
-        let (gain, offset, noise) = grey_values(&self.planning, &fraction);
+        let (gain, offset, noise) = grey_values(&grey);
         let limit = self.robust * noise;
         let scale = self.weight / (noise * noise) / m as f64;
-        let each: Vec<([f32; 6], [f32; 3])> = self
-            .soft
+        let (mut stiffness, mut towards) = (Vec::new(), Vec::new());
+        self.soft
             .par_iter()
             .enumerate()
             .map(|(s, &n)| {
-                let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
-                for (p, f) in self.planning[s * m..(s + 1) * m].iter().zip(&fraction[s * m..(s + 1) * m]) {
-                    if p[0].is_nan() || f[0].is_nan() {
-                        continue;
-                    }
-                    let r = f64::from(p[0]) - (gain * f64::from(f[0]) + offset);
-                    let j = Vector3::from_fn(|c, _| 0.5 * (gain * f64::from(f[c + 1]) + f64::from(p[c + 1])));
-                    let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
-                    b += j * (w * r);
-                    for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
-                        a[k] += w * j[x] * j[y];
-                    }
-                }
-                let now = u[n as usize].map(f64::from);
-                let [xx, xy, xz, yy, yz, zz] = a;
-                let asked = b.norm() / (xx + yy + zz).max(f64::MIN_POSITIVE);
-                if asked > self.reach {
-                    b *= self.reach / asked;
-                }
-                let towards = [
-                    b.x + xx * now[0] + xy * now[1] + xz * now[2],
-                    b.y + xy * now[0] + yy * now[1] + yz * now[2],
-                    b.z + xz * now[0] + yz * now[1] + zz * now[2],
-                ];
-                (a.map(|v| v as f32), towards.map(|v| v as f32))
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
+                        let here = now(s);
+                        for (p, o) in self.planning[s * m..(s + 1) * m].iter().zip(&self.offsets) {
+                            if p[0].is_nan() {
+                                continue;
+                            }
+                            let Some((f, slope)) = sample(&self.fraction, &(here + o)) else { continue };
+                            let r = f64::from(p[0]) - (gain * f + offset);
+                            let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
+                            let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
+                            b += j * (w * r);
+                            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate()
+                            {
+                                a[k] += w * j[x] * j[y];
+                            }
+                        }
+                        let now = u[n as usize].map(f64::from);
+                        let [xx, xy, xz, yy, yz, zz] = a;
+                        let asked = b.norm() / (xx + yy + zz).max(f64::MIN_POSITIVE);
+                        if asked > self.reach {
+                            b *= self.reach / asked;
+                        }
+                        let towards = [
+                            b.x + xx * now[0] + xy * now[1] + xz * now[2],
+                            b.y + xy * now[0] + yy * now[1] + yz * now[2],
+                            b.z + xz * now[0] + yz * now[1] + zz * now[2],
+                        ];
+                        (a.map(|v| v as f32), towards.map(|v| v as f32))
+                    },
+                )
             })
-            .collect();
-        let (stiffness, towards) = each.into_iter().unzip();
+            .unzip_into_vecs(&mut stiffness, &mut towards);
         Pull { stiffness, towards }
     }
 }
 
 /// Gain and offset of the fraction's grey values that fit planning best, and the noise of what is left: its median
-/// absolute value as a standard deviation. Outliers are left out in two rounds.
-fn grey_values(planning: &[[f32; 4]], fraction: &[[f32; 4]]) -> (f64, f64, f64) {
+/// absolute value as a standard deviation. Outliers are left out in two rounds. `pairs` are planning and fraction values.
+fn grey_values(pairs: &[(f64, f64)]) -> (f64, f64, f64) {
+    if pairs.is_empty() {
+        return (1.0, 0.0, LEAST_NOISE);
+    }
     let (mut gain, mut offset, mut noise) = (1.0, 0.0, f64::MAX);
     for _ in 0..3 {
         let limit = 3.0 * noise;
-        let pairs = || {
-            planning
-                .iter()
-                .zip(fraction)
-                .step_by(7)
-                .filter(|(p, f)| !p[0].is_nan() && !f[0].is_nan())
-                .map(|(p, f)| (f64::from(p[0]), f64::from(f[0])))
-        };
         let mut s = [0f64; 5];
-        for (p, f) in pairs().filter(|(p, f)| (p - gain * f - offset).abs() < limit) {
+        for (p, f) in pairs.iter().filter(|(p, f)| (p - gain * f - offset).abs() < limit) {
             s = [s[0] + 1.0, s[1] + f, s[2] + p, s[3] + f * f, s[4] + f * p];
         }
         let variance = s[3] - s[1] * s[1] / f64::max(s[0], 1.0);
@@ -159,10 +167,7 @@ fn grey_values(planning: &[[f32; 4]], fraction: &[[f32; 4]]) -> (f64, f64, f64) 
             gain = ((s[4] - s[1] * s[2] / s[0]) / variance).clamp(0.7, 1.4);
             offset = (s[2] - gain * s[1]) / s[0];
         }
-        let mut left: Vec<f64> = pairs().map(|(p, f)| (p - gain * f - offset).abs()).collect();
-        if left.is_empty() {
-            return (1.0, 0.0, LEAST_NOISE);
-        }
+        let mut left: Vec<f64> = pairs.iter().map(|(p, f)| (p - gain * f - offset).abs()).collect();
         let middle = left.len() / 2;
         noise = (1.4826 * *left.select_nth_unstable_by(middle, f64::total_cmp).1).max(LEAST_NOISE);
     }

@@ -24,6 +24,6 @@ pub struct RefineOptions {
 
 impl Default for RefineOptions {
     fn default() -> Self {
-        Self { weight: 1.0, passes: 8, rounds: 8, blur: 0.2, least_blur: 0.4, window_hu: [-250.0, 300.0], robust: 2.0 }
+        Self { weight: 1.0, passes: 8, rounds: 3, blur: 0.2, least_blur: 0.4, window_hu: [-250.0, 300.0], robust: 2.0 }
     }
 }

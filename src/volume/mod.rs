@@ -17,6 +17,7 @@ pub use smooth::gaussian;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use ndarray::{ArrayView3, ShapeBuilder};
+use rayon::prelude::*;
 
 /// Values on a [`Grid`], `i` fastest in storage.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,9 +86,48 @@ impl<T: Clone> Volume<T> {
     }
 }
 
+impl Volume<f32> {
+    /// Smallest and largest value; values that are no number are passed over.
+    pub fn extremes(&self) -> [f32; 2] {
+        const LANES: usize = 16;
+        const EMPTY: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+        let wider = |[low, high]: [f32; 2], [l, h]: [f32; 2]| [low.min(l), high.max(h)];
+        let of_part = |part: &[f32]| {
+            // Comparisons lane by lane become vector instructions; a fold of `f32::max` does not.
+            let (mut low, mut high) = ([EMPTY[0]; LANES], [EMPTY[1]; LANES]);
+            let (blocks, rest) = part.as_chunks::<LANES>();
+            for block in blocks {
+                for l in 0..LANES {
+                    low[l] = if block[l] < low[l] { block[l] } else { low[l] };
+                    high[l] = if block[l] > high[l] { block[l] } else { high[l] };
+                }
+            }
+            let lanes = low.into_iter().zip(high).map(|(l, h)| [l, h]);
+            lanes.chain(rest.iter().map(|&v| [v, v])).fold(EMPTY, wider)
+        };
+        self.data.par_chunks(1 << 16).map(of_part).reduce(|| EMPTY, wider)
+    }
+}
+
 impl Mask {
     /// Number of voxels that are set.
     pub fn count(&self) -> usize {
         self.data.iter().filter(|&&v| v).count()
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "values that are exact by construction")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn extremes_are_found_wherever_they_lie_and_past_what_is_no_number() {
+        let grid = Grid::axis_aligned([17, 11, 7], [1.0; 3], [0.0; 3]).unwrap();
+        for (low, high) in [(0, 1308), (1308, 0), (700, 16), (1307, 1306)] {
+            let mut v = Volume::from_fn(grid.clone(), |n| (n % 13) as f32);
+            (v.data_mut()[low], v.data_mut()[high], v.data_mut()[333]) = (-4.5, 99.25, f32::NAN);
+            assert_eq!(v.extremes(), [-4.5, 99.25]);
+        }
     }
 }

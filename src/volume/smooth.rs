@@ -1,20 +1,40 @@
 //! Gaussian smoothing with a width in mm, so that images on different grids are blurred alike.
 
 use super::Volume;
+use crate::geometry::vectorised;
 use rayon::prelude::*;
 
 /// Smooths with a Gaussian of standard deviation `sigma` mm along every axis; values are continued at the edges.
 ///
 /// An axis whose spacing exceeds three sigma is left as it is: the sampled kernel would be a single voxel.
 pub fn gaussian(volume: &Volume<f32>, sigma: f64) -> Volume<f32> {
-    let mut out = volume.clone();
-    for axis in 0..3 {
-        let kernel = kernel(sigma / volume.grid().spacing()[axis]);
-        if kernel.len() > 1 {
-            out = along(&out, axis, &kernel);
-        }
-    }
-    out
+    let [nx, ny, nz] = volume.grid().size();
+    let [across, down, through] = volume.grid().spacing().map(|s| kernel(sigma / s));
+    let plane = nx * ny;
+    let mut out = vec![0f32; volume.data().len()];
+    // Plane by plane, so that only the result is as large as the image: between planes first, the rest in the cache.
+    out.par_chunks_mut(plane).enumerate().for_each_init(Vec::new, |spare: &mut Vec<f32>, (k, out)| {
+        vectorised(
+            #[inline(always)]
+            || {
+                let source = |k: usize| &volume.data()[k * plane..][..plane];
+                sum_lines(out, &through, (k, nz), source);
+                if down.len() > 1 {
+                    spare.resize(plane, 0.0);
+                    for (j, row) in spare.chunks_mut(nx).enumerate() {
+                        sum_lines(row, &down, (j, ny), |j| &out[j * nx..][..nx]);
+                    }
+                    out.copy_from_slice(spare);
+                }
+                if across.len() > 1 {
+                    spare.clear();
+                    spare.extend_from_slice(out);
+                    out.chunks_mut(nx).zip(spare.chunks(nx)).for_each(|(row, from)| along_row(row, from, &across));
+                }
+            },
+        )
+    });
+    Volume::new(volume.grid().clone(), out).expect("same grid, same length")
 }
 
 /// Normalised half kernel, centre first, cut at three sigma.
@@ -28,35 +48,42 @@ fn kernel(sigma_voxels: f64) -> Vec<f32> {
     raw.iter().map(|v| (v / sum) as f32).collect()
 }
 
-/// Convolution along one axis, row by row, so that memory is read in storage order.
-fn along(volume: &Volume<f32>, axis: usize, kernel: &[f32]) -> Volume<f32> {
-    let [nx, ny, nz] = volume.grid().size();
-    let src = volume.data();
-    let mut out = vec![0f32; src.len()];
-    out.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
-        let (j, k) = (row % ny, row / ny);
-        if axis == 0 {
-            let from = &src[row * nx..(row + 1) * nx];
-            for (i, v) in line.iter_mut().enumerate() {
-                let mut sum = kernel[0] * from[i];
-                for (d, w) in kernel.iter().enumerate().skip(1) {
-                    sum += w * (from[i.saturating_sub(d)] + from[(i + d).min(nx - 1)]);
-                }
-                *v = sum;
-            }
+/// The convolution at line `at` of `count`; `line` gives the lines.
+///
+/// Memory that is fresh from the system must be written before it is read: else every page of it faults twice.
+#[inline(always)]
+fn sum_lines<'a>(out: &mut [f32], kernel: &[f32], (at, count): (usize, usize), line: impl Fn(usize) -> &'a [f32]) {
+    for (d, &w) in kernel.iter().enumerate() {
+        let (before, after) = (line(at.saturating_sub(d)), line((at + d).min(count - 1)));
+        if d == 0 {
+            out.iter_mut().zip(before).for_each(|(o, b)| *o = w * b);
         } else {
-            for (d, w) in kernel.iter().enumerate() {
-                for sign in if d == 0 { &[1i64][..] } else { &[-1, 1] } {
-                    let shift = |at: usize, n: usize| (at as i64 + sign * d as i64).clamp(0, n as i64 - 1) as usize;
-                    let other = if axis == 1 { shift(j, ny) + ny * k } else { j + ny * shift(k, nz) };
-                    for (v, s) in line.iter_mut().zip(&src[other * nx..(other + 1) * nx]) {
-                        *v += w * s;
-                    }
-                }
-            }
+            out.iter_mut().zip(before).zip(after).for_each(|((o, b), a)| *o += w * (b + a));
         }
-    });
-    Volume::new(volume.grid().clone(), out).expect("same grid, same length")
+    }
+}
+
+/// Convolution of a row.
+#[inline(always)]
+fn along_row(out: &mut [f32], from: &[f32], kernel: &[f32]) {
+    let (n, reach) = (from.len(), kernel.len() - 1);
+    let held = |i: usize| {
+        let pair = |(d, w): (usize, &f32)| w * (from[i.saturating_sub(d)] + from[(i + d).min(n - 1)]);
+        kernel[0] * from[i] + kernel.iter().enumerate().skip(1).map(pair).sum::<f32>()
+    };
+    if n <= 2 * reach {
+        out.iter_mut().enumerate().for_each(|(i, o)| *o = held(i));
+        return;
+    }
+    for i in (0..reach).chain(n - reach..n) {
+        out[i] = held(i);
+    }
+    let inner = &mut out[reach..n - reach];
+    inner.iter_mut().zip(&from[reach..]).for_each(|(o, f)| *o = kernel[0] * f);
+    for (d, w) in kernel.iter().enumerate().skip(1) {
+        let (before, after) = (&from[reach - d..], &from[reach + d..]);
+        inner.iter_mut().zip(before).zip(after).for_each(|((o, b), a)| *o += w * (b + a));
+    }
 }
 
 #[cfg(test)]

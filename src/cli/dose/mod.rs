@@ -274,7 +274,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
 fn compare(args: &CompareArgs) -> Result<String> {
     let mut ledger = Ledger::default();
     let (dose, reference) = (read_dose(&mut ledger, &args.dose)?, read_dose(&mut ledger, &args.reference)?);
-    let most = f64::from(reference.data().iter().copied().fold(0.0, f32::max));
+    let most = f64::from(reference.extremes()[1].max(0.0));
     let tolerance = args.tolerance.unwrap_or(0.03 * most);
     if !(tolerance.is_finite() && tolerance > 0.0 && args.limit > 0.0 && args.limit <= 100.0) {
         return Err(Error::usage(
