@@ -76,7 +76,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 8] = [
+    let verbs: [(&str, &[&str]); 9] = [
         (
             "register",
             &[
@@ -107,6 +107,7 @@ fn help_names_every_option_of_every_verb() {
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
         ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
+        ("curve", &["--planning", "--landmarks", "--plan", "--peers", "--out", "Examples:"]),
     ];
     for (verb, names) in verbs {
         let help = stdout(&aventail().args([verb, "--help"]).assert().success());
@@ -127,6 +128,7 @@ fn help_names_every_option_of_every_verb() {
         "skeleton",
         "inspect",
         "bench",
+        "curve",
         "completions",
         "Exit codes",
         "not a medical device",

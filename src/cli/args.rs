@@ -59,6 +59,9 @@ pub enum Verb {
     /// Time the hot paths on a scene of clinical size, beside what the memory allows
     #[command(after_help = super::bench::HELP)]
     Bench(super::bench::BenchArgs),
+    /// Draw error against run time over the settings that matter
+    #[command(after_help = super::curve::HELP)]
+    Curve(Box<super::curve::CurveArgs>),
     /// Print a completion script for your shell
     Completions {
         /// Which shell
@@ -154,6 +157,9 @@ pub struct RunArgs {
     /// Settings to start from
     #[arg(long, value_enum)]
     pub preset: Option<PresetName>,
+    /// Accuracy against run time; see `aventail curve`
+    #[arg(long, value_enum, conflicts_with = "preset")]
+    pub speed: Option<SpeedName>,
     /// Layout of the displacement fields
     #[arg(long = "dvf-format", alias = "field-format", value_enum, value_name = "FORMAT")]
     pub field_format: Option<FormatName>,
@@ -175,6 +181,17 @@ pub enum PresetName {
     Default,
     /// The final model of Bartelheimer's thesis
     Thesis,
+}
+
+/// Points on the curve of error against run time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SpeedName {
+    /// Coarser elements, no map of uncertainty (preset fast)
+    Fast,
+    /// What measures best for its time (preset default)
+    Balanced,
+    /// More comparisons of the images (preset accurate)
+    Accurate,
 }
 
 const WARP: &str = "\

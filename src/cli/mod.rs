@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod bench;
+pub mod curve;
 mod demo;
 pub mod dose;
 pub mod evaluate;
@@ -37,6 +38,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
         Verb::Bench(args) => bench::run(args),
+        Verb::Curve(args) => curve::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

@@ -1,6 +1,6 @@
 //! `aventail register`: load, run, write.
 
-use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs};
+use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
 use super::inputs::{Flags, Inputs, PlanningSide, either, missing};
 use super::terminal::Terminal;
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
@@ -199,7 +199,12 @@ pub(super) fn settings(file: &ConfigFile, args: &RunArgs) -> Result<Config> {
         PresetName::Default => Preset::Default,
         PresetName::Thesis => Preset::Thesis,
     });
-    let mut config = file.resolve(preset)?;
+    let speed = args.speed.map(|s| match s {
+        SpeedName::Fast => Preset::Fast,
+        SpeedName::Balanced => Preset::Default,
+        SpeedName::Accurate => Preset::Accurate,
+    });
+    let mut config = file.resolve(preset.or(speed))?;
     if let Some(format) = args.field_format {
         config.output.field_format = format.into();
     }

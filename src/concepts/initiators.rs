@@ -27,6 +27,7 @@ pub(super) fn weights() -> Figure {
     let series = [1.0, 2.0, 4.0, 8.0].iter().enumerate().map(|(colour, &n)| Series {
         name: format!("n = {n}"),
         colour,
+        marks: false,
         points: weight(n),
     });
     let curves = Curves { x: "time from the left initiator".into(), y: "its weight".into(), series: series.collect() };

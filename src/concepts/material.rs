@@ -26,6 +26,7 @@ fn curves(materials: &[(&str, &Material)], parts: &[(&str, usize)]) -> Curves {
             Series {
                 name: [*name, part_name].iter().filter(|s| !s.is_empty()).copied().collect::<Vec<_>>().join(" "),
                 colour: if materials.len() > 1 { 3 * n + part.min(1) } else { part },
+                marks: false,
                 points: grey.iter().map(|&g| [f64::from(g), f64::from(value(material.at(g)))]).collect(),
             }
         })

@@ -94,6 +94,8 @@ pub struct Series {
     pub colour: usize,
     /// Points from left to right.
     pub points: Vec<[f64; 2]>,
+    /// Whether each point is marked.
+    pub marks: bool,
 }
 
 impl Panel {

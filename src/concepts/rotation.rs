@@ -22,6 +22,7 @@ pub(super) fn decay() -> Figure {
         let series = TIPS.iter().enumerate().map(|(colour, &(at, degrees))| Series {
             name: format!("{degrees:.0}\u{b0} at {at} mm"),
             colour,
+            marks: false,
             points: decay_curve(at, degrees, carry),
         });
         let curves = Curves {

@@ -65,6 +65,10 @@ pub enum Preset {
     /// What measures best (docs/validation.md).
     #[default]
     Default,
+    /// Elements of 8 mm, fewer samples of the fit, no map of uncertainty.
+    Fast,
+    /// More comparisons of the images and rounds of relaxation.
+    Accurate,
     /// The final model of the thesis (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel.
     Thesis,
 }
@@ -95,6 +99,19 @@ impl Preset {
         let base = Config { preset: self, ..Config::default() };
         match self {
             Self::Default => base,
+            Self::Fast => Config {
+                chainmail: ChainmailOptions {
+                    spacing_mm: 8.0,
+                    relaxation: vec![(16.0, 30), (8.0, 20)],
+                    ..ChainmailOptions::default()
+                },
+                fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
+                output: OutputOptions { uncertainty: false, ..OutputOptions::default() },
+                ..base
+            },
+            Self::Accurate => {
+                Config { refine: RefineOptions { passes: 16, rounds: 5, ..RefineOptions::default() }, ..base }
+            }
             Self::Thesis => Config {
                 chainmail: ChainmailOptions::thesis(),
                 refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },
@@ -279,7 +296,7 @@ mod tests {
 
     #[test]
     fn every_complete_configuration_survives_a_round_trip() {
-        for preset in [Preset::Default, Preset::Thesis] {
+        for preset in [Preset::Default, Preset::Fast, Preset::Accurate, Preset::Thesis] {
             let settings = serde_json::to_value(preset.config()).unwrap().as_object().cloned().unwrap();
             let again = ConfigFile { settings, inputs: Vec::new() }.resolve(None).unwrap();
             assert_eq!(again, preset.config());

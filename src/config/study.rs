@@ -71,7 +71,18 @@ pub struct Published {
 /// The plan that makes the tables of the thesis again.
 const THESIS: &str = include_str!("../../data/study.toml");
 
+/// The plan of the curve of error against run time.
+const CURVE: &str = include_str!("../../data/curve.toml");
+
 impl StudyPlan {
+    /// Settings that cost time, each varied alone.
+    ///
+    /// # Errors
+    /// Never: a test resolves the shipped plan.
+    pub fn curve() -> Result<Self> {
+        Self::parse(CURVE).map_err(Error::Internal)
+    }
+
     /// Tables 3 to 11 of the thesis.
     ///
     /// # Errors
@@ -127,6 +138,15 @@ impl StudyPlan {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_shipped_curve_varies_settings_that_differ_from_the_default() {
+        let plan = StudyPlan::curve().unwrap();
+        for (stage, config) in plan.stages().unwrap() {
+            assert_eq!(config == Config::default(), stage.id == "default", "{}", stage.id);
+        }
+        assert!(plan.tables.iter().all(|t| t.stages.iter().any(|s| s.settings.is_empty())));
+    }
 
     #[test]
     fn the_shipped_plan_is_legal_and_has_the_tables_of_the_thesis() {

@@ -68,29 +68,38 @@ fn evidence(points: &[Vector3<f64>], values: &[f64], fraction: &Volume<f32>, shi
     -n / values.len() as f64 * (1.0 - covariance * covariance / (variance * contrast)).max(1e-4).ln()
 }
 
+/// Points that score every shift; those that do best are scored by all points.
+const SCOUTS: usize = 500;
+/// Shifts that are scored by all points.
+const FINALISTS: usize = 1000;
+
 /// Best shifts of the exhaustive search with their evidence, best first.
 fn search(samples: &Samples, fraction: &Volume<f32>) -> Vec<(f64, Vector3<f64>)> {
     let grid = fraction.grid();
     let indices: Vec<Vector3<f64>> = samples.points.iter().map(|p| grid.index(p)).collect();
+    let every = (indices.len() / SCOUTS).max(1);
+    let thinned = |n: usize| n.is_multiple_of(every);
+    let scouts: Vec<Vector3<f64>> = (0..indices.len()).filter(|&n| thinned(n)).map(|n| indices[n]).collect();
+    let seen: Vec<f64> = (0..indices.len()).filter(|&n| thinned(n)).map(|n| samples.values[n]).collect();
+    let score = |points: &[Vector3<f64>], values: &[f64], shift: &Vector3<f64>| {
+        vectorised(
+            #[inline(always)]
+            || evidence(points, values, fraction, &(grid.inverse_step() * shift)),
+        )
+    };
     let (low, count) = shift_range(&samples.points, fraction);
-    let mut scored: Vec<(f64, Vector3<f64>)> = (0..count[2] * count[1])
+    let mut scored: Vec<(f64, Vector3<f64>)> = (0..count[0] * count[1] * count[2])
         .into_par_iter()
-        .flat_map_iter(|row| {
-            let indices = &indices;
-            (0..count[0]).map(move |i| {
-                let step = Vector3::new(i as f64, (row % count[1]) as f64, (row / count[1]) as f64);
-                let shift = Vector3::from(low) + step * STEP_MM;
-                (
-                    vectorised(
-                        #[inline(always)]
-                        || evidence(indices, &samples.values, fraction, &(grid.inverse_step() * shift)),
-                    ),
-                    shift,
-                )
-            })
+        .map(|n| {
+            let at = [n % count[0], n / count[0] % count[1], n / count[0] / count[1]];
+            let shift = Vector3::from(low) + Vector3::from(at.map(|c| c as f64)) * STEP_MM;
+            (score(&scouts, &seen, &shift), shift)
         })
         .filter(|(share, _)| *share > 0.0)
         .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(FINALISTS);
+    scored.par_iter_mut().for_each(|(share, shift)| *share = score(&indices, &samples.values, shift));
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut best: Vec<(f64, Vector3<f64>)> = Vec::new();
     for s in scored {

@@ -3,6 +3,7 @@
 mod carry;
 mod case;
 mod contact;
+mod curve;
 mod dose;
 mod memory;
 mod outcome;
@@ -14,6 +15,7 @@ mod study;
 mod uncertainty;
 
 pub use case::{Case, InputFile};
+pub use curve::{CurvePoint, measure, phantom_case};
 pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use memory::memory_estimate;
 pub use outcome::{Outcome, VolumeReached};

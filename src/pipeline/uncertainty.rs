@@ -14,7 +14,7 @@ use nalgebra::Point3;
 use std::collections::BTreeMap;
 
 /// Spacing of the field of the bones alone, mm: it is compared with, not used.
-const ALONE_MM: f64 = 6.0;
+const ALONE_MM: f64 = 8.0;
 
 /// The map of a registration. `images` tells whether they took part in soft tissue.
 pub(super) fn of(

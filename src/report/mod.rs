@@ -9,6 +9,7 @@ mod chart;
 mod colour;
 mod concepts;
 mod csv;
+mod curve;
 pub mod dose;
 pub mod evaluation;
 #[cfg(test)]
@@ -24,6 +25,7 @@ mod transforms;
 
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
+pub use curve::{CurveEntry, Peer, write_curve};
 pub use html::page;
 pub use numbers::{OutputFile, Report, Run};
 pub use pictures::{Picture, draw};

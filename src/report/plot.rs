@@ -35,6 +35,9 @@ pub(super) fn draw(curves: &Curves, width: usize, height: usize) -> Canvas {
         for w in series.points.windows(2) {
             canvas.line([x(w[0][0]), y(w[0][1])], [x(w[1][0]), y(w[1][1])], 0.13 * size, colour);
         }
+        for p in series.points.iter().filter(|_| series.marks) {
+            canvas.ring([x(p[0]), y(p[1])], 0.3 * size, 0.2 * size, colour);
+        }
     }
     // Above the plot, where no line can be: the key, then the name of the vertical axis.
     for (n, series) in named.iter().enumerate() {
@@ -86,7 +89,7 @@ impl Axis {
 mod tests {
     use super::*;
     fn curves(points: &[[f64; 2]]) -> Curves {
-        let series = vec![Series { name: "a".into(), colour: 0, points: points.to_vec() }];
+        let series = vec![Series { name: "a".into(), colour: 0, points: points.to_vec(), marks: false }];
         Curves { x: "x".into(), y: "y".into(), series }
     }
 

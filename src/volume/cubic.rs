@@ -35,27 +35,31 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
     }
     let d = volume.data();
     let inner = at[0][3] == at[0][0] + 3;
-    let (mut value, mut gx, mut gy, mut gz) = (0f32, 0f32, 0f32, 0f32);
+    // Across the rows first, four voxels of a row at a time; along them last.
+    let (mut value, mut down, mut through) = ([0f32; 4], [0f32; 4], [0f32; 4]);
     for (kk, &k) in at[2].iter().enumerate() {
-        let (mut pv, mut px, mut py) = (0f32, 0f32, 0f32);
+        let (mut plane, mut slope) = ([0f32; 4], [0f32; 4]);
         for (jj, &j) in at[1].iter().enumerate() {
             let row = size[0] * (j + size[1] * k);
             let s = match d[row + at[0][0]..].first_chunk::<4>() {
                 Some(&s) if inner => s,
                 _ => at[0].map(|i| d[row + i]),
             };
-            let dot = |w: &[f32; 4]| w[0] * s[0] + w[1] * s[1] + w[2] * s[2] + w[3] * s[3];
-            let (v, g) = (dot(&w[0].0), dot(&w[0].1));
-            pv += w[1].0[jj] * v;
-            px += w[1].0[jj] * g;
-            py += w[1].1[jj] * v;
+            for l in 0..4 {
+                plane[l] += w[1].0[jj] * s[l];
+                slope[l] += w[1].1[jj] * s[l];
+            }
         }
-        value += w[2].0[kk] * pv;
-        gx += w[2].0[kk] * px;
-        gy += w[2].0[kk] * py;
-        gz += w[2].1[kk] * pv;
+        for l in 0..4 {
+            value[l] += w[2].0[kk] * plane[l];
+            down[l] += w[2].0[kk] * slope[l];
+            through[l] += w[2].1[kk] * plane[l];
+        }
     }
-    Some((f64::from(value), Vector3::new(gx.into(), gy.into(), gz.into())))
+    let along = |w: &[f32; 4], s: &[f32; 4]| w[0] * s[0] + w[1] * s[1] + w[2] * s[2] + w[3] * s[3];
+    let (w, dw) = (&w[0].0, &w[0].1);
+    let gradient = Vector3::new(along(dw, &value), along(w, &down), along(w, &through));
+    Some((f64::from(along(w, &value)), gradient.cast()))
 }
 
 #[cfg(test)]

@@ -1,0 +1,136 @@
+//! `aventail curve`: error against run time over the settings that matter.
+
+use super::inputs::{Flags, Inputs, PlanningSide};
+use super::register::{open_folder, progress};
+use crate::benchmark::SceneSize;
+use crate::config::StudyPlan;
+use crate::error::{Error, Result};
+use crate::phantom::Phantom;
+use crate::pipeline::{Case, measure, phantom_case};
+use crate::report::{CurveEntry, Peer, write_curve};
+use crate::runtime::Runtime;
+use clap::Args;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+pub(super) const HELP: &str = "\
+Every setting of the plan is registered anew, one after the other; the time is that of the registration in memory. The error is
+the mean distance of the landmarks from where they should be. Without a case of your own it is measured on the phantom, at
+20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md.
+
+--peers takes a table with the columns name, seconds, error_mm: other tools' results on the same case, drawn beside.
+
+Examples:
+  aventail curve --out curve
+  aventail curve --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz \\
+    --landmarks landmarks.csv --out curve";
+
+/// Options of `curve`.
+#[derive(Debug, Args)]
+pub struct CurveArgs {
+    /// Planning CT; without it the phantom is registered
+    #[arg(long, value_name = "FILE", requires_all = ["bones", "fraction", "landmarks"])]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on its grid
+    #[arg(long, value_name = "FILE", requires = "planning")]
+    pub bones: Option<PathBuf>,
+    /// Names of the labels
+    #[arg(long, value_name = "FILE", requires = "planning")]
+    pub labels: Option<PathBuf>,
+    /// Fraction CT
+    #[arg(long, value_name = "FILE", requires = "planning")]
+    pub fraction: Option<PathBuf>,
+    /// Points known in both scans, which tell the error
+    #[arg(long, value_name = "FILE", requires = "planning")]
+    pub landmarks: Option<PathBuf>,
+    /// Settings to run (TOML; data/curve.toml of the sources is the one that is built in)
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Other tools' results on the same case (CSV: name, seconds, error_mm)
+    #[arg(long, value_name = "FILE")]
+    pub peers: Option<PathBuf>,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Measures every setting and writes the curve; returns the table.
+///
+/// # Errors
+/// When a file cannot be read or written, or the plan's settings are not legal.
+pub fn run(args: &CurveArgs) -> Result<String> {
+    let plan = args.plan.as_deref().map_or_else(StudyPlan::curve, StudyPlan::read)?;
+    let stages = plan.stages()?;
+    let peers = args.peers.as_deref().map(read_peers).transpose()?.unwrap_or_default();
+    open_folder(&args.out)?;
+    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let (title, case) = load(args, &runtime)?;
+    let mut points = BTreeMap::new();
+    for (n, (stage, config)) in stages.iter().enumerate() {
+        runtime.progress().note(&format!("[{}/{}] {}", n + 1, stages.len(), stage.id));
+        points.insert(stage.id.as_str(), measure(&case, config, &runtime)?);
+    }
+    let mut entries = Vec::new();
+    for table in &plan.tables {
+        for stage in &table.stages {
+            if let Some(point) = points.get(stage.id.as_str()) {
+                entries.push(CurveEntry {
+                    series: table.title.clone(),
+                    name: stage.name.clone(),
+                    default: stage.settings.is_empty(),
+                    point: point.clone(),
+                });
+            }
+        }
+    }
+    let text = write_curve(&args.out, &title, &entries, &peers)?;
+    Ok(format!("{text}\nThe picture: {}", args.out.join("curve.png").display()))
+}
+
+/// The user's case, or the phantom.
+fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
+    let Some(fraction) = &args.fraction else {
+        let phantom = runtime.stage("make the phantom", || Phantom::new(&SceneSize::Quarter.phantom()))?;
+        return Ok(("the phantom".into(), phantom_case(phantom)));
+    };
+    let flags = Flags {
+        planning: &args.planning,
+        bones: &args.bones,
+        labels: &args.labels,
+        organs: &None,
+        skeleton: &None,
+        landmarks: &None,
+        bone_landmarks: &None,
+    };
+    let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], runtime)?);
+    side.take(fraction, args.landmarks.as_deref(), &[], runtime)?;
+    Ok((fraction.display().to_string(), side.case))
+}
+
+/// A row of the table of peers.
+#[derive(Deserialize)]
+struct Row {
+    name: String,
+    seconds: f64,
+    error_mm: f64,
+}
+
+fn read_peers(path: &Path) -> Result<Vec<Peer>> {
+    let remedy = "give a CSV table with the columns name, seconds, error_mm";
+    let mut reader = csv::Reader::from_path(path).map_err(|e| Error::read(path, e.to_string(), remedy))?;
+    let rows: Vec<Row> = reader
+        .deserialize()
+        .collect::<std::result::Result<_, _>>()
+        .map_err(|e: csv::Error| Error::read(path, e.to_string(), remedy))?;
+    if let Some(bad) = rows.iter().find(|r| !(r.seconds.is_finite() && r.error_mm.is_finite())) {
+        return Err(Error::read(path, format!("{}: its numbers are not finite", bad.name), remedy));
+    }
+    Ok(rows.into_iter().map(|r| Peer { name: r.name, seconds: r.seconds, error_mm: r.error_mm }).collect())
+}

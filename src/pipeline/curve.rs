@@ -1,0 +1,102 @@
+//! Error against run time: one case registered with settings of different cost.
+
+use super::{Case, register};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::evaluate::jacobian::tissue;
+use crate::evaluate::landmark::Landmark;
+use crate::phantom::Phantom;
+use crate::runtime::{Runtime, StageTime, processor_seconds};
+use crate::stats::Summary;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// How one setting did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CurvePoint {
+    /// Wall time of the registration in memory, s: no file is read or written.
+    pub seconds: f64,
+    /// Processor time, all threads together, s, where the system tells.
+    pub processor_seconds: Option<f64>,
+    /// Distance from the known positions, mm.
+    pub error_mm: Summary,
+    /// Folded cells of soft tissue outside contact and sliding interfaces.
+    pub folded: usize,
+    /// Time of each stage.
+    pub stages: Vec<StageTime>,
+}
+
+/// Points whose true motion tells the error on a phantom.
+const POINTS: usize = 20_000;
+
+/// The phantom as a case, whose landmarks are points all over its soft tissue with their true positions.
+pub fn phantom_case(phantom: Phantom) -> Case {
+    let grid = phantom.planning.grid();
+    let soft = tissue(&phantom.body, &phantom.planning);
+    let is_soft = |&v: &usize| soft.data()[v] && phantom.bones.volume.data()[v] == 0;
+    let all: Vec<usize> = (0..grid.len()).filter(is_soft).collect();
+    let every = (all.len() / POINTS).max(1);
+    let fraction = phantom.fraction.grid();
+    let landmark = |&v: &usize| {
+        let planning = grid.centre(grid.voxel(v));
+        Landmark { name: v.to_string(), planning, fraction: phantom.push(&planning) }
+    };
+    let seen = |l: &Landmark| fraction.contains(&fraction.index(&l.fraction));
+    let landmarks = all.iter().step_by(every).map(landmark).filter(seen).collect();
+    Case {
+        planning: phantom.planning,
+        bones: phantom.bones,
+        fraction: phantom.fraction,
+        landmarks,
+        bone_landmarks: Vec::new(),
+        skeleton: None,
+        warnings: Vec::new(),
+        inputs: Vec::new(),
+    }
+}
+
+/// Registers the case and compares the result with its landmarks.
+///
+/// # Errors
+/// [`Error::Input`] when the case has no landmarks; else those of [`register`].
+pub fn measure(case: &Case, config: &Config, runtime: &Runtime) -> Result<CurvePoint> {
+    if case.landmarks.is_empty() {
+        return Err(Error::input("case", "it has no landmarks, which tell the error", "give --landmarks"));
+    }
+    runtime.restart();
+    let before = processor_seconds();
+    let start = Instant::now();
+    let outcome = register(case, config, runtime)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let spent = before.zip(processor_seconds()).map(|(from, to)| to - from);
+    let error_mm = outcome.landmarks.map(|l| l.after).unwrap_or_default();
+    Ok(CurvePoint {
+        seconds,
+        processor_seconds: spent,
+        error_mm,
+        folded: outcome.jacobian_report.body.folded,
+        stages: outcome.stages,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phantom::PhantomOptions;
+    use crate::refine::RefineOptions;
+
+    #[test]
+    fn the_error_is_that_of_the_settings_and_not_of_the_points() {
+        let case = phantom_case(Phantom::new(&PhantomOptions::coarse()).unwrap());
+        assert!(case.landmarks.len() > 10_000);
+        let runtime = Runtime::silent().unwrap();
+        let by_bones =
+            Config { refine: RefineOptions { weight: 0.0, ..RefineOptions::default() }, ..Config::default() };
+        let (with, without) =
+            (measure(&case, &Config::default(), &runtime).unwrap(), measure(&case, &by_bones, &runtime).unwrap());
+        assert!(with.error_mm.mean > 0.0 && with.error_mm.mean < without.error_mm.mean, "{with:?} {without:?}");
+        assert!(with.seconds > 0.0 && with.stages.len() > 5);
+        let blind = Case { landmarks: Vec::new(), ..case };
+        assert_eq!(measure(&blind, &Config::default(), &runtime).unwrap_err().exit_code(), 4);
+    }
+}

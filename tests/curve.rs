@@ -1,0 +1,72 @@
+//! Error against run time: `aventail curve` measures what it says, and `--speed` chooses points on the curve.
+
+#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
+mod support;
+
+use std::fs;
+use std::path::PathBuf;
+use support::{Register, aventail, files_below, folder, phantom};
+
+const PLAN: &str = r#"
+[[table]]
+title = "images"
+source = "refine.weight"
+stage = [
+    { id = "bones", name = "none", settings = { refine = { weight = 0.0 }, output = { uncertainty = false } } },
+    { id = "default", name = "both", settings = {} },
+]
+"#;
+
+fn write(name: &str, text: &str) -> PathBuf {
+    let path = folder().join(name);
+    fs::write(&path, text).expect("the test's folder can be written to");
+    path
+}
+
+fn curve(out: &str) -> (assert_cmd::Command, PathBuf) {
+    let out = folder().join(out);
+    let p = phantom();
+    let mut run = aventail();
+    run.arg("curve").arg("-q").arg("--plan").arg(write("plan.toml", PLAN)).arg("--out").arg(&out);
+    run.arg("--planning").arg(&p.planning).arg("--bones").arg(&p.bones).arg("--fraction").arg(&p.fraction);
+    (run, out)
+}
+
+#[test]
+fn every_setting_of_the_plan_is_a_point_beside_the_peers() {
+    let peers = write("peers.csv", "name,seconds,error_mm\nother tool,90.5,2.25\n");
+    let (mut run, out) = curve("curve");
+    run.arg("--landmarks").arg(&phantom().landmarks).arg("--peers").arg(peers).assert().success();
+    assert_eq!(files_below(&out), ["curve.csv", "curve.md", "curve.png"]);
+    let table = fs::read_to_string(out.join("curve.csv")).expect("it was written");
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|l| l.split(',').collect()).collect();
+    assert_eq!(rows.iter().map(|r| r[1]).collect::<Vec<_>>(), ["none", "both", "other tool"], "{table}");
+    let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("a number");
+    // With both images the error is smaller and the time longer; processor time counts all threads.
+    assert!(number(1, 5) < number(0, 5) && number(1, 4) > number(0, 4), "{table}");
+    assert!(number(2, 3) > 90.4 && number(2, 5) > 2.2 && rows[1][2] == "true", "{table}");
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused() {
+    let (mut run, out) = curve("refused");
+    let bad = write("bad.csv", "name,seconds\nother,1\n");
+    let code = run.arg("--landmarks").arg(&phantom().landmarks).arg("--peers").arg(bad).assert().code(3);
+    let message = String::from_utf8_lossy(&code.get_output().stderr).into_owned();
+    assert!(message.contains("bad.csv") && message.contains("error_mm"), "{message}");
+    assert!(!out.exists());
+    // A case without known points has no error.
+    let message = String::from_utf8_lossy(&curve("blind").0.assert().code(2).get_output().stderr).into_owned();
+    assert!(message.contains("--landmarks"), "{message}");
+}
+
+#[test]
+fn speed_chooses_the_settings_that_are_recorded() {
+    let fast = Register::phantom("fast").with("--speed", "fast").flag("-q");
+    fast.command().assert().success();
+    let settings = fs::read_to_string(fast.out.join("settings.toml")).expect("it was written");
+    assert!(settings.contains("preset = \"fast\"") && settings.contains("spacing_mm = 8.0"), "{settings}");
+    assert!(!fast.out.join("uncertainty.nii.gz").exists());
+    let both = Register::phantom("both").with("--speed", "fast").with("--preset", "thesis");
+    both.command().assert().code(2);
+}
