@@ -17,26 +17,47 @@ use rayon::prelude::*;
 /// Step of the exhaustive search, mm. Half the width of the blur that the images get for it.
 const STEP_MM: f64 = 10.0;
 /// Candidates that are refined.
-const CANDIDATES: usize = 8;
+const CANDIDATES: usize = 16;
 /// Candidates closer than this to a better one are the same optimum, mm.
 const APART_MM: f64 = 35.0;
 /// Least explained share of the refined start; below it the images show no common anatomy.
 const LEAST_EXPLAINED: f64 = 0.15;
 
-/// Index range of shifts along each world axis that bring some point into the image's bounding box.
-fn shift_range(points: &[Point3<f64>], fraction: &Volume<f32>) -> ([f64; 3], [usize; 3]) {
-    let extent = |ps: &mut dyn Iterator<Item = Point3<f64>>, a: usize| {
-        ps.fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])))
-    };
-    let mut low = [0.0; 3];
-    let mut count = [0; 3];
-    for a in 0..3 {
-        let (pl, ph) = extent(&mut points.iter().copied(), a);
-        let (fl, fh) = extent(&mut fraction.grid().corners().into_iter(), a);
-        low[a] = fl - ph;
-        count[a] = ((fh - pl - low[a]) / STEP_MM).ceil() as usize + 1;
+/// Shifts that bring enough of the bones' box into the image's.
+struct Range {
+    /// Box of the points and of the image, mm.
+    points: [Vector3<f64>; 2],
+    image: [Vector3<f64>; 2],
+    low: Vector3<f64>,
+    count: [usize; 3],
+}
+
+impl Range {
+    fn new(points: &[Point3<f64>], fraction: &Volume<f32>) -> Self {
+        let extent = |ps: &mut dyn Iterator<Item = Point3<f64>>| {
+            let none = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+            ps.fold(none, |[low, high], p| [low.inf(&p.coords), high.sup(&p.coords)])
+        };
+        let points = extent(&mut points.iter().copied());
+        let image = extent(&mut fraction.grid().corners().into_iter());
+        let low = image[0] - points[1];
+        let count = std::array::from_fn(|a| ((image[1][a] - points[0][a] - low[a]) / STEP_MM).ceil() as usize + 1);
+        Self { points, image, low, count }
     }
-    (low, count)
+
+    fn shift(&self, n: usize) -> Vector3<f64> {
+        let [ni, nj, _] = self.count;
+        self.low + Vector3::new((n % ni) as f64, (n / ni % nj) as f64, (n / ni / nj) as f64) * STEP_MM
+    }
+
+    fn overlaps(&self, shift: &Vector3<f64>) -> bool {
+        let share = |a: usize| {
+            let (low, high) = (self.points[0][a] + shift[a], self.points[1][a] + shift[a]);
+            let smaller = (high - low).min(self.image[1][a] - self.image[0][a]).max(STEP_MM);
+            ((high.min(self.image[1][a]) - low.max(self.image[0][a])) / smaller).clamp(0.0, 1.0)
+        };
+        share(0) * share(1) * share(2) >= LEAST_OVERLAP
+    }
 }
 
 /// Evidence for one shift, visible share times `-ln(1 - correlation^2)`, by nearest voxels (the images are blurred wider than a voxel).
@@ -68,43 +89,42 @@ fn evidence(points: &[Vector3<f64>], values: &[f64], fraction: &Volume<f32>, shi
     -n / values.len() as f64 * (1.0 - covariance * covariance / (variance * contrast)).max(1e-4).ln()
 }
 
-/// Points that score every shift; those that do best are scored by all points.
-const SCOUTS: usize = 500;
-/// Shifts that are scored by all points.
-const FINALISTS: usize = 1000;
+/// Points that score every shift; those shifts that do best are scored by all points.
+const SCOUTS: usize = 250;
+/// Shifts that are scored by all points, for each turn.
+const FINALISTS: usize = 200;
+/// Least overlap of the bones' box and the image, as a share of the smaller one.
+const LEAST_OVERLAP: f64 = 0.1;
 
-/// Best shifts of the exhaustive search with their evidence, best first.
-fn search(samples: &Samples, fraction: &Volume<f32>) -> Vec<(f64, Vector3<f64>)> {
-    let grid = fraction.grid();
-    let indices: Vec<Vector3<f64>> = samples.points.iter().map(|p| grid.index(p)).collect();
-    let every = (indices.len() / SCOUTS).max(1);
-    let thinned = |n: usize| n.is_multiple_of(every);
-    let scouts: Vec<Vector3<f64>> = (0..indices.len()).filter(|&n| thinned(n)).map(|n| indices[n]).collect();
-    let seen: Vec<f64> = (0..indices.len()).filter(|&n| thinned(n)).map(|n| samples.values[n]).collect();
-    let score = |points: &[Vector3<f64>], values: &[f64], shift: &Vector3<f64>| {
-        vectorised(
-            #[inline(always)]
-            || evidence(points, values, fraction, &(grid.inverse_step() * shift)),
-        )
-    };
-    let (low, count) = shift_range(&samples.points, fraction);
-    let mut scored: Vec<(f64, Vector3<f64>)> = (0..count[0] * count[1] * count[2])
-        .into_par_iter()
-        .map(|n| {
-            let at = [n % count[0], n / count[0] % count[1], n / count[0] / count[1]];
-            let shift = Vector3::from(low) + Vector3::from(at.map(|c| c as f64)) * STEP_MM;
-            (score(&scouts, &seen, &shift), shift)
-        })
-        .filter(|(share, _)| *share > 0.0)
-        .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.truncate(FINALISTS);
-    scored.par_iter_mut().for_each(|(share, shift)| *share = score(&indices, &samples.values, shift));
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut best: Vec<(f64, Vector3<f64>)> = Vec::new();
-    for s in scored {
-        if best.iter().all(|b| (b.1 - s.1).norm() > APART_MM) {
-            best.push(s);
+/// Turns (degrees about x, y, z) that the search begins from: a nodding, tilted or turned head does not correlate with an
+/// upright one.
+const TURNS: [[f64; 3]; 7] = [
+    [0.0, 0.0, 0.0],
+    [20.0, 0.0, 0.0],
+    [-20.0, 0.0, 0.0],
+    [0.0, 20.0, 0.0],
+    [0.0, -20.0, 0.0],
+    [0.0, 0.0, 20.0],
+    [0.0, 0.0, -20.0],
+];
+
+/// A start of the fit: all bones turned about their centre, then shifted.
+struct Candidate {
+    evidence: f64,
+    turn: UnitQuaternion<f64>,
+    shift: Vector3<f64>,
+}
+
+/// Best starts of the exhaustive search, best first.
+fn search(samples: &Samples, centre: &Point3<f64>, fraction: &Volume<f32>) -> Vec<Candidate> {
+    let turns = TURNS.map(|t| UnitQuaternion::from_scaled_axis(Vector3::from(t.map(f64::to_radians))));
+    let mut all: Vec<Candidate> = turns.into_iter().flat_map(|turn| shifts(samples, centre, turn, fraction)).collect();
+    // The sort is stable: of equal ones the smaller turn comes first.
+    all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let mut best: Vec<Candidate> = Vec::new();
+    for c in all {
+        if best.iter().all(|b| b.turn != c.turn || (b.shift - c.shift).norm() > APART_MM) {
+            best.push(c);
             if best.len() == CANDIDATES {
                 break;
             }
@@ -113,9 +133,40 @@ fn search(samples: &Samples, fraction: &Volume<f32>) -> Vec<(f64, Vector3<f64>)>
     best
 }
 
-/// Rotations (degrees about x, y, z) that each candidate is refined from.
-const TURNS: [[f64; 3]; 5] =
-    [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0], [-15.0, 0.0, 0.0], [0.0, 0.0, 20.0], [0.0, 0.0, -20.0]];
+/// Shifts of the turned bones with their evidence, best first.
+fn shifts(
+    samples: &Samples,
+    centre: &Point3<f64>,
+    turn: UnitQuaternion<f64>,
+    fraction: &Volume<f32>,
+) -> Vec<Candidate> {
+    let grid = fraction.grid();
+    let points: Vec<Point3<f64>> = samples.points.iter().map(|p| centre + turn * (p - centre)).collect();
+    let indices: Vec<Vector3<f64>> = points.iter().map(|p| grid.index(p)).collect();
+    let every = (indices.len() / SCOUTS).max(1);
+    let thinned = |n: &usize| n.is_multiple_of(every);
+    let scouts: Vec<Vector3<f64>> = (0..indices.len()).filter(thinned).map(|n| indices[n]).collect();
+    let seen: Vec<f64> = (0..indices.len()).filter(thinned).map(|n| samples.values[n]).collect();
+    let score = |points: &[Vector3<f64>], values: &[f64], shift: &Vector3<f64>| {
+        vectorised(
+            #[inline(always)]
+            || evidence(points, values, fraction, &(grid.inverse_step() * shift)),
+        )
+    };
+    let range = Range::new(&points, fraction);
+    let mut scored: Vec<Candidate> = (0..range.count[0] * range.count[1] * range.count[2])
+        .into_par_iter()
+        .filter_map(|n| {
+            let shift = range.shift(n);
+            let evidence = if range.overlaps(&shift) { score(&scouts, &seen, &shift) } else { 0.0 };
+            (evidence > 0.0).then_some(Candidate { evidence, turn, shift })
+        })
+        .collect();
+    scored.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    scored.truncate(FINALISTS);
+    scored.par_iter_mut().for_each(|c| c.evidence = score(&indices, &samples.values, &c.shift));
+    scored
+}
 
 /// Rigid motion of all bones together that best explains the fraction image.
 ///
@@ -124,28 +175,23 @@ const TURNS: [[f64; 3]; 5] =
 /// # Errors
 /// [`Error::Registration`] when no shift explains the bones: images without common anatomy.
 pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<(Rigid, f64)> {
-    let candidates = search(samples, &fraction.value);
     let n = samples.points.len().max(1) as f64;
     let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
     let radius = (samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
     let mut best: Option<(f64, f64, Rigid)> = None;
-    for (rank, (_, shift)) in candidates.iter().enumerate() {
-        // Turned starts only for the leading candidates: a wrong shift does not become right by turning.
-        for turn in &TURNS[..if rank < 3 { TURNS.len() } else { 1 }] {
-            let q = UnitQuaternion::from_scaled_axis(Vector3::from(turn.map(f64::to_radians)));
-            let base = Rigid::from_parts(Translation3::from(centre.coords + shift - q * centre.coords), q);
-            let problem = || PoseProblem {
-                bodies: vec![Body { samples, base, centre, radius }],
-                links: Vec::new(),
-                fraction: Some(fraction),
-                measure,
-            };
-            let solution = solve(problem(), 0.05, 40)?;
-            let t = problem().transforms(&solution.x)[0];
-            let share = problem().similarities(&[t], false)[0].explained;
-            if best.as_ref().is_none_or(|b| solution.cost < b.0) {
-                best = Some((solution.cost, share, t));
-            }
+    for Candidate { turn, shift, .. } in search(samples, &centre, &fraction.value) {
+        let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
+        let problem = || PoseProblem {
+            bodies: vec![Body { samples, base, centre, radius }],
+            links: Vec::new(),
+            fraction: Some(fraction),
+            measure,
+        };
+        let solution = solve(problem(), 0.05, 40)?;
+        let t = problem().transforms(&solution.x)[0];
+        let share = problem().similarities(&[t], false)[0].explained;
+        if best.as_ref().is_none_or(|b| solution.cost < b.0) {
+            best = Some((solution.cost, share, t));
         }
     }
     match best {

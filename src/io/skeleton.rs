@@ -190,18 +190,18 @@ fn write_bone(out: &mut String, bone: &Bone, parent: Option<&str>) {
     let numbers = |v: &[f64], digits: usize| v.iter().map(|x| format!("{x:.digits$}")).collect::<Vec<_>>().join(", ");
     let quoted = |s: &str| toml::Value::from(s).to_string();
     let axes: Vec<_> =
-        (0..3).map(|a| format!("[{}]", numbers(joint.axes.column(a).into_owned().as_slice(), 6))).collect();
+        (0..3).map(|a| format!("[{}]", numbers(joint.axes.column(a).into_owned().as_slice(), 9))).collect();
     let lines = [
         String::new(),
         format!("[bones.{}]", if bare(&bone.name) { bone.name.clone() } else { quoted(&bone.name) }),
         format!("parent = {}", quoted(parent.unwrap_or(NONE))),
         format!("joint = {}", quoted(&joint.name)),
-        format!("centre_mm = [{}]", numbers(joint.centre.coords.as_slice(), 3)),
+        format!("centre_mm = [{}]", numbers(joint.centre.coords.as_slice(), 6)),
         format!("axes = [{}]", axes.join(", ")),
     ];
-    let ranges = RANGES.iter().zip(joint.rotation_range_deg).map(|(key, r)| format!("{key} = [{}]", numbers(&r, 2)));
+    let ranges = RANGES.iter().zip(joint.rotation_range_deg).map(|(key, r)| format!("{key} = [{}]", numbers(&r, 4)));
     let last = [
-        format!("shift_mm = [{}]", numbers(&joint.translation_range_mm, 2)),
+        format!("shift_mm = [{}]", numbers(&joint.translation_range_mm, 4)),
         format!("source = {}", quoted(&joint.source)),
     ];
     for line in lines.into_iter().chain(ranges).chain(last) {
