@@ -187,7 +187,12 @@ fn text(skeleton: &Skeleton) -> String {
 
 fn write_bone(out: &mut String, bone: &Bone, parent: Option<&str>) {
     let joint = &bone.joint;
-    let numbers = |v: &[f64], digits: usize| v.iter().map(|x| format!("{x:.digits$}")).collect::<Vec<_>>().join(", ");
+    let number = |x: f64, digits: usize| {
+        let text = format!("{x:.digits$}");
+        let short = text.trim_end_matches('0');
+        if short.ends_with('.') { format!("{short}0") } else { short.to_owned() }
+    };
+    let numbers = |v: &[f64], digits: usize| v.iter().map(|x| number(*x, digits)).collect::<Vec<_>>().join(", ");
     let quoted = |s: &str| toml::Value::from(s).to_string();
     let axes: Vec<_> =
         (0..3).map(|a| format!("[{}]", numbers(joint.axes.column(a).into_owned().as_slice(), 9))).collect();
