@@ -120,7 +120,8 @@ fn threads_and_repetition_change_no_bit() {
 /// Storage order decides which voxels are drawn as samples of a bone and where the chain mail's coarse lattice begins, so
 /// the fields are not the same bits. The fit is determined to some hundredths of a millimetre by its samples (bound 0.2 mm
 /// for the least determined bone at 3 mm voxels), and soft tissue between lattice nodes by the lattice's spacing times the
-/// strain there: shifting the nodes by up to half a spacing of 3 mm at a typical strain of 5 % makes 0.08 mm.
+/// strain there: shifting the nodes by up to half a spacing of 4 mm at a typical strain of 5 % makes 0.1 mm, and as much again where the
+/// images show little.
 #[test]
 fn storage_order_does_not_matter() {
     let (phantom, outcome) = reference();
@@ -142,7 +143,7 @@ fn assert_close(one: &Outcome, other: &Outcome, what: &str, how: impl std::fmt::
     println!("{what} stored as {how:?}: bones {bones:.4} mm, body mean {mean:.4} mm, 99th percentile {p99:.3} mm");
     assert!(bones <= 0.2, "bones {bones} mm, {what} {how:?}");
     // Elements begin at another corner, and where the phantom shows little the images settle elsewhere (docs/validation.md).
-    assert!(mean <= 0.15 && p99 <= 2.0, "mean {mean} mm, p99 {p99} mm, {what} {how:?}");
+    assert!(mean <= 0.3 && p99 <= 2.0, "mean {mean} mm, p99 {p99} mm, {what} {how:?}");
 }
 
 /// Greatest distance between where two registrations take a bone's centroid, `shift` taken off the second.

@@ -16,6 +16,7 @@ mod propagate;
 mod pull;
 mod queue;
 mod relax;
+mod stencil;
 mod superpose;
 #[cfg(test)]
 mod tests;

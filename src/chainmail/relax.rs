@@ -4,9 +4,10 @@
 
 use super::lattice::{Lattice, Node};
 use super::pull::Pull;
+use super::stencil::{Links, ROWS, Stencil, columns_of, lean};
 use super::turn::{Lanes, Turn, WideTurn, add_scaled, narrow, nearest_rotation, scaled, strained, wide};
 use crate::geometry::{LANES, Wide, vectorised};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -21,28 +22,6 @@ pub enum Elasticity {
     Gibson,
     /// 6 links that do not turn, stiffer where their play is less.
     Heterogeneous,
-}
-
-/// Least play of a link, relative to its length: rigid material without a label is stiff, not infinitely so.
-const LEAST_PLAY: f32 = 0.03;
-
-/// Something for each of the 26 links of an element: nine rows (k, then j) of three; the middle is the element itself.
-type Stencil<T> = [[T; 3]; 9];
-
-/// Offsets (j, k) of a stencil's rows.
-const ROWS: [(isize, isize); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-
-/// The links of a lattice.
-struct Links {
-    /// Rest vectors, mm.
-    rest: Stencil<Lanes>,
-    /// Geometric weights: 1 / length^2, relative to the shortest link; 0 where there is no link.
-    weight: Stencil<f32>,
-    /// Columns of the lattice's step, mm.
-    step: Turn,
-    /// Nodes in a row, and in a plane.
-    row: usize,
-    plane: usize,
 }
 
 /// The soft elements of one plane with what their links hold.
@@ -316,120 +295,6 @@ impl Relaxation {
     }
 }
 
-impl Links {
-    /// 26 links where they turn, else 6.
-    fn new(lattice: &Lattice, turning: bool) -> Self {
-        let [row, columns, _] = lattice.grid.size();
-        let step = lattice.grid.step();
-        let shortest = lattice.links().iter().map(|l| l.norm()).fold(f64::MAX, f64::min);
-        let (mut rest, mut weight) = (Stencil::default(), Stencil::default());
-        for (r, (j, k)) in ROWS.into_iter().enumerate() {
-            for (c, i) in [-1isize, 0, 1].into_iter().enumerate() {
-                let offset = Vector3::new(i, j, k);
-                let vector = step * offset.cast::<f64>();
-                rest[r][c] = [vector.x as f32, vector.y as f32, vector.z as f32, 0.0];
-                weight[r][c] = match (turning, offset.abs().sum()) {
-                    (_, 0) => 0.0,
-                    (true, _) => (shortest / vector.norm()).powi(2) as f32,
-                    (false, 1) => 1.0,
-                    (false, _) => 0.0,
-                };
-            }
-        }
-        Self { rest, weight, step: columns_of(step), row, plane: row * columns }
-    }
-
-    /// Stiffness of the links of a node, 0 to what is outside.
-    fn stiffness(&self, softness: &[f32], node: usize) -> Stencil<f32> {
-        std::array::from_fn(|r| {
-            let (j, k) = ROWS[r];
-            let middle = node as isize + j * self.row as isize + k * self.plane as isize;
-            std::array::from_fn(|c| {
-                let other = softness[(middle + c as isize - 1) as usize];
-                let play = (0.5 * (softness[node] + other)).max(LEAST_PLAY);
-                if other < 0.0 { 0.0 } else { self.weight[r][c] / play }
-            })
-        })
-    }
-
-    /// What lies around node `n` of the second of three planes; `None` on the border.
-    #[inline(always)]
-    fn around<'a, T>(&self, planes: [&'a [T]; 3], n: usize) -> Option<[&'a [T; 3]; 9]> {
-        let row = |plane: &'a [T], first: usize| plane.get(first..)?.first_chunk::<3>();
-        let first = n.checked_sub(self.row + 1)?;
-        let of = |plane: &'a [T]| {
-            Some([row(plane, first)?, row(plane, first + self.row)?, row(plane, first + 2 * self.row)?])
-        };
-        let [[a, b, c], [d, e, f], [g, h, i]] = [of(planes[0])?, of(planes[1])?, of(planes[2])?];
-        Some([a, b, c, d, e, f, g, h, i])
-    }
-
-    /// Moment of the links, `sum w (rest + q - u) rest^T`, of an element at `u` with neighbours at `q`.
-    #[inline(always)]
-    fn moment(&self, stiffness: &Stencil<f32>, neighbours: [&[Lanes; 3]; 9], u: &Lanes) -> Turn {
-        // By index offsets first, whose components are -1, 0 and 1.
-        let mut by_offset = Turn::default();
-        for ((w, q), (rest, (j, k))) in stiffness.iter().zip(neighbours).zip(self.rest.iter().zip(ROWS)) {
-            let moved = |c: usize| -> Lanes { std::array::from_fn(|l| w[c] * (rest[c][l] + q[c][l] - u[l])) };
-            let [a, b, c] = [moved(0), moved(1), moved(2)];
-            let row: Lanes = std::array::from_fn(|l| a[l] + b[l] + c[l]);
-            for l in 0..4 {
-                by_offset[0][l] += c[l] - a[l];
-            }
-            for (column, side) in [(1, j), (2, k)] {
-                match side {
-                    1 => (0..4).for_each(|l| by_offset[column][l] += row[l]),
-                    -1 => (0..4).for_each(|l| by_offset[column][l] -= row[l]),
-                    _ => {}
-                }
-            }
-        }
-        let mut moment = Turn::default();
-        for (b, column) in moment.iter_mut().enumerate() {
-            (0..3).for_each(|c| add_scaled(column, self.step[c][b], &by_offset[c]));
-        }
-        moment
-    }
-
-    /// A turn times the lattice's step.
-    #[inline(always)]
-    fn per_step(&self, turn: &Turn) -> Turn {
-        let mut out = Turn::default();
-        for (column, step) in out.iter_mut().zip(&self.step) {
-            (0..3).for_each(|b| add_scaled(column, step[b], &turn[b]));
-        }
-        out
-    }
-
-    /// Inverse of `sum w rest rest^T`; zero where the links leave a direction open.
-    fn inverse_spread(&self, stiffness: &Stencil<f32>) -> [f32; 6] {
-        let mut m = Matrix3::zeros();
-        for (w, rest) in stiffness.as_flattened().iter().zip(self.rest.as_flattened()) {
-            let r = Vector3::new(rest[0], rest[1], rest[2]).cast::<f64>();
-            m += r * r.transpose() * f64::from(*w);
-        }
-        let scale = m.trace() / 3.0;
-        match m.try_inverse() {
-            Some(i) if i.norm() * scale < 30.0 => {
-                [i[(0, 0)], i[(0, 1)], i[(0, 2)], i[(1, 1)], i[(1, 2)], i[(2, 2)]].map(|v| v as f32)
-            }
-            _ => [0.0; 6],
-        }
-    }
-}
-
-/// Sum of the links' index offsets, by stiffness.
-fn lean(stiffness: &Stencil<f32>) -> [f32; 3] {
-    let mut out = [0.0; 3];
-    for (w, (j, k)) in stiffness.iter().zip(ROWS) {
-        let row = w[0] + w[1] + w[2];
-        out[0] += w[2] - w[0];
-        out[1] += j as f32 * row;
-        out[2] += k as f32 * row;
-    }
-    out
-}
-
 /// Local rotation of every node that `displacement` means; identity outside. `turns` are the bones' rotations.
 pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Vec<Matrix3<f64>> {
     const STEPS: usize = 12;
@@ -473,9 +338,4 @@ fn bone_turns(lattice: &Lattice, turns: &[Matrix3<f64>]) -> Vec<Turn> {
         _ => Turn::default(),
     };
     lattice.node.iter().map(of).collect()
-}
-
-/// The columns of a matrix in lanes.
-fn columns_of(m: &Matrix3<f64>) -> Turn {
-    std::array::from_fn(|c| [m[(0, c)] as f32, m[(1, c)] as f32, m[(2, c)] as f32, 0.0])
 }
