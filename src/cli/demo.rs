@@ -17,15 +17,6 @@ pub fn run(args: &DemoArgs) -> Result<String> {
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
-    let case = Case {
-        planning: phantom.planning,
-        bones: phantom.bones,
-        fraction: phantom.fraction,
-        landmarks: phantom.landmarks,
-        bone_landmarks: Vec::new(),
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    };
+    let case = Case::from(phantom);
     finish(&case, &config, &runtime, &args.out, args.run.json)
 }

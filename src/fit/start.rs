@@ -1,7 +1,8 @@
 //! The start of the fit: couch shift and scanner-origin offset, found by exhaustive search.
 //!
-//! No common field of view or origin is assumed: every shift that brings bones into the fraction image is scored by
-//! the share of bone HU variance that it explains, at coarse resolution; the best few are refined with rotation.
+//! No common field of view or origin is assumed: for a few turns, every shift that brings enough of the bones into the
+//! fraction image is scored by the share of bone HU variance that it explains, at coarse resolution; the best are refined
+//! (docs/decisions/0015-start.md).
 
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;

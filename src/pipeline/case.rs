@@ -2,6 +2,7 @@
 
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
+use crate::phantom::Phantom;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -38,4 +39,20 @@ pub struct Case {
     pub warnings: Vec<Warning>,
     /// The files behind it.
     pub inputs: Vec<InputFile>,
+}
+
+/// The phantom as its files would be read: its skeleton is left to be built.
+impl From<Phantom> for Case {
+    fn from(phantom: Phantom) -> Self {
+        Self {
+            planning: phantom.planning,
+            bones: phantom.bones,
+            fraction: phantom.fraction,
+            landmarks: phantom.landmarks,
+            bone_landmarks: Vec::new(),
+            skeleton: None,
+            warnings: Vec::new(),
+            inputs: Vec::new(),
+        }
+    }
 }

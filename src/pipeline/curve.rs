@@ -43,16 +43,7 @@ pub fn phantom_case(phantom: Phantom) -> Case {
     };
     let seen = |l: &Landmark| fraction.contains(&fraction.index(&l.fraction));
     let landmarks = all.iter().step_by(every).map(landmark).filter(seen).collect();
-    Case {
-        planning: phantom.planning,
-        bones: phantom.bones,
-        fraction: phantom.fraction,
-        landmarks,
-        bone_landmarks: Vec::new(),
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    }
+    Case { landmarks, ..Case::from(phantom) }
 }
 
 /// Registers the case and compares the result with its landmarks.

@@ -9,7 +9,7 @@ use super::RefineOptions;
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
 use crate::volume::{Volume, cubic, gaussian};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Least noise of a difference, HU.
@@ -44,7 +44,7 @@ fn mean_edge(spacing: &[f64; 3]) -> f64 {
 
 /// A fraction value with its gradient at a point, if it lies in the image.
 #[inline(always)]
-fn sample(image: &Volume<f32>, at: &nalgebra::Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
     let (value, slope) = cubic(image, &image.grid().index(at))?;
     Some((value, image.grid().inverse_step().transpose() * slope))
 }
@@ -89,63 +89,67 @@ impl<'a> Level<'a> {
     /// The pull at the elements' displacements `u`.
     pub(super) fn pull(&self, u: &[[f32; 3]]) -> Pull {
         let m = self.offsets.len();
-        let now = |s: usize| {
-            let n = self.soft[s] as usize;
-            self.lattice.rest(n) + Vector3::from(u[n].map(f64::from))
-        };
         let grey: Vec<(f64, f64)> = (0..self.planning.len().div_ceil(THINNED))
             .into_par_iter()
             .filter_map(|t| {
                 let point = t * THINNED;
                 let p = self.planning[point][0];
-                let f = sample(&self.fraction, &(now(point / m) + self.offsets[point % m]))?.0;
+                let f = sample(&self.fraction, &(self.place(point / m, u) + self.offsets[point % m]))?.0;
                 (!p.is_nan()).then_some((f64::from(p), f))
             })
             .collect();
-        let (gain, offset, noise) = grey_values(&grey);
+        let grey = grey_values(&grey);
+        let (mut stiffness, mut towards) = (Vec::new(), Vec::new());
+        let each = (0..self.soft.len()).into_par_iter().map(|s| {
+            vectorised(
+                #[inline(always)]
+                || self.element(s, u, grey),
+            )
+        });
+        each.unzip_into_vecs(&mut stiffness, &mut towards);
+        Pull { stiffness, towards }
+    }
+
+    /// Where soft element `s` is now.
+    #[inline(always)]
+    fn place(&self, s: usize, u: &[[f32; 3]]) -> Point3<f64> {
+        let n = self.soft[s] as usize;
+        self.lattice.rest(n) + Vector3::from(u[n].map(f64::from))
+    }
+
+    /// Stiffness and pull of soft element `s`, given the grey values' gain, offset and noise.
+    #[inline(always)]
+    fn element(&self, s: usize, u: &[[f32; 3]], (gain, offset, noise): (f64, f64, f64)) -> ([f32; 6], [f32; 3]) {
+        let m = self.offsets.len();
         let limit = self.robust * noise;
         let scale = self.weight / (noise * noise) / m as f64;
-        let (mut stiffness, mut towards) = (Vec::new(), Vec::new());
-        self.soft
-            .par_iter()
-            .enumerate()
-            .map(|(s, &n)| {
-                vectorised(
-                    #[inline(always)]
-                    || {
-                        let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
-                        let here = now(s);
-                        for (p, o) in self.planning[s * m..(s + 1) * m].iter().zip(&self.offsets) {
-                            if p[0].is_nan() {
-                                continue;
-                            }
-                            let Some((f, slope)) = sample(&self.fraction, &(here + o)) else { continue };
-                            let r = f64::from(p[0]) - (gain * f + offset);
-                            let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
-                            let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
-                            b += j * (w * r);
-                            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate()
-                            {
-                                a[k] += w * j[x] * j[y];
-                            }
-                        }
-                        let now = u[n as usize].map(f64::from);
-                        let [xx, xy, xz, yy, yz, zz] = a;
-                        let asked = b.norm() / (xx + yy + zz).max(f64::MIN_POSITIVE);
-                        if asked > self.reach {
-                            b *= self.reach / asked;
-                        }
-                        let towards = [
-                            b.x + xx * now[0] + xy * now[1] + xz * now[2],
-                            b.y + xy * now[0] + yy * now[1] + yz * now[2],
-                            b.z + xz * now[0] + yz * now[1] + zz * now[2],
-                        ];
-                        (a.map(|v| v as f32), towards.map(|v| v as f32))
-                    },
-                )
-            })
-            .unzip_into_vecs(&mut stiffness, &mut towards);
-        Pull { stiffness, towards }
+        let here = self.place(s, u);
+        let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
+        for (p, o) in self.planning[s * m..(s + 1) * m].iter().zip(&self.offsets) {
+            if p[0].is_nan() {
+                continue;
+            }
+            let Some((f, slope)) = sample(&self.fraction, &(here + o)) else { continue };
+            let r = f64::from(p[0]) - (gain * f + offset);
+            let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
+            let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
+            b += j * (w * r);
+            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+                a[k] += w * j[x] * j[y];
+            }
+        }
+        let now = u[self.soft[s] as usize].map(f64::from);
+        let [xx, xy, xz, yy, yz, zz] = a;
+        let asked = b.norm() / (xx + yy + zz).max(f64::MIN_POSITIVE);
+        if asked > self.reach {
+            b *= self.reach / asked;
+        }
+        let towards = [
+            b.x + xx * now[0] + xy * now[1] + xz * now[2],
+            b.y + xy * now[0] + yy * now[1] + yz * now[2],
+            b.z + xz * now[0] + yz * now[1] + zz * now[2],
+        ];
+        (a.map(|v| v as f32), towards.map(|v| v as f32))
     }
 }
 
