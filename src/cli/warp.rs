@@ -243,11 +243,15 @@ fn map_volume(
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
-        let image = runtime.stage("read the input", || io::read_image(input))?;
+        let (image, greatest) = runtime.stage("read the input", || {
+            let image = io::read_image(input)?;
+            let greatest = greatest(&image, kind)?;
+            Ok::<_, Error>((image, greatest))
+        })?;
         report.warnings.extend(image.warnings.iter().cloned());
         let (warped, mapped) = runtime.stage("resample", || {
             let (v, mapped) = back.displacement_on(&grid)?;
-            Ok::<_, Error>((scalar(args, kind, &v, &image, report)?, mapped))
+            Ok::<_, Error>((scalar(args, kind, &v, (&image.value, greatest), report)?, mapped))
         })?;
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
@@ -280,12 +284,26 @@ fn refuse_for_kind(args: &WarpArgs, kind: VolumeKind) -> Result<()> {
     }
 }
 
-/// Resamples an image or dose.
+/// The greatest value of an image or dose; a dose that is negative somewhere is refused.
+fn greatest(image: &Loaded<Volume<f32>>, kind: VolumeKind) -> Result<f32> {
+    let [least, most] = image.value.extremes();
+    if kind == VolumeKind::Dose
+        && least < -1e-3 * most
+        && let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most)
+    {
+        let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
+        let remedy = "a dose is nowhere negative: check the file, or warp it with --kind image";
+        return Err(Error::input(image.path.display().to_string(), problem, remedy));
+    }
+    Ok(most)
+}
+
+/// Resamples an image or dose whose greatest value is known.
 fn scalar(
     args: &WarpArgs,
     kind: VolumeKind,
     v: &Volume<[f32; 3]>,
-    image: &Loaded<Volume<f32>>,
+    (image, greatest): (&Volume<f32>, f32),
     report: &mut Report,
 ) -> Result<Volume<f32>> {
     let interpolation = match args.interpolation {
@@ -294,7 +312,7 @@ fn scalar(
     };
     if kind == VolumeKind::Image {
         report.kind = "image";
-        let mut warped = resample(v, &image.value, interpolation, args.outside.unwrap_or(-1000.0))?;
+        let mut warped = resample(v, image, interpolation, args.outside.unwrap_or(-1000.0))?;
         if args.scale_by_jacobian {
             let done = scale_by_volume(&mut warped, v);
             report
@@ -308,20 +326,12 @@ fn scalar(
         return Ok(warped);
     }
     report.kind = "dose";
-    let [least, most] = image.value.extremes();
-    if least < -1e-3 * most
-        && let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most)
-    {
-        let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
-        let remedy = "a dose is nowhere negative: check the file, or warp it with --kind image";
-        return Err(Error::input(image.path.display().to_string(), problem, remedy));
-    }
-    let mut warped = resample(v, &image.value, interpolation, 0.0)?;
+    let mut warped = resample(v, image, interpolation, 0.0)?;
     let [below, peak] = warped.extremes();
     if below < 0.0 {
         warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
     }
-    report.notes.push(format!("greatest dose {most:.3}, after mapping {peak:.3}"));
+    report.notes.push(format!("greatest dose {greatest:.3}, after mapping {peak:.3}"));
     Ok(warped)
 }
 

@@ -4,7 +4,8 @@
 //! wins nowhere, because it is smaller than a voxel or falls between voxels, takes the voxels where its share is
 //! greatest, as many as its shares add up to and at least one: small structures survive.
 
-use super::warp::{Corner, Hull, Place, pulled, walked};
+use super::walk::{Corner, Hull, Place, walked};
+use super::warp::pulled;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
@@ -27,7 +28,7 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
         |shares: &[(u16, f64)]| shares.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |s| s.0);
     let values = if offsets.len() == 1 {
         let hull = Hull::new(map.grid());
-        let winner = |place| {
+        let winner = |place: Place| {
             let Some(corner) = hull.corner(place) else { return 0 };
             let labels = around(map, &corner, &hull);
             if labels.iter().all(|l| *l == labels[0]) {
@@ -36,7 +37,7 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
             let (votes, kinds) = tally(labels, corner.t.map(f64::from));
             greatest(&votes[..kinds])
         };
-        walked(v, map.grid(), winner)
+        walked(v, map.grid(), |places, out| out.iter_mut().enumerate().for_each(|(l, o)| *o = winner(places.at(l))))
     } else {
         pulled(v, map.grid(), |index| greatest(Shares::at(map, index, &offsets).list()))
     };

@@ -14,6 +14,7 @@ mod overlap;
 mod scatter;
 mod search;
 mod tetrahedra;
+mod walk;
 mod warp;
 
 pub use bones::MovedBones;

@@ -1,8 +1,9 @@
 //! Carrying images and labels through a pull field, and points through a push field.
 
+use super::walk::{Corner, Hull, Places, ROUNDING, walked};
 use super::{PullField, PushField};
 use crate::error::Result;
-use crate::geometry::{Grid, LANES, vectorised};
+use crate::geometry::{Grid, LANES};
 use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -34,82 +35,12 @@ pub fn resample(
                 v,
                 image.grid(),
                 #[inline(always)]
-                |place| linear.at(place).unwrap_or(outside),
+                |places, out| linear.fill(places, outside, out),
             )
         }
         Interpolation::Cubic => pulled(v, image.grid(), |index| cubic(image, index).map_or(outside, |v| v.0 as f32)),
     };
     Volume::new(v.grid().clone(), values)
-}
-
-/// How far outside the hull of the voxel centres an index still counts as on it, voxels: rounding of the field's single
-/// precision must not push the outermost voxel outside.
-const ROUNDING: f64 = 1e-3;
-
-/// A place between voxels: the lower ones along each axis, which may lie outside the grid, and the way to the upper ones.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    pub(super) low: [i32; 3],
-    pub(super) t: [f32; 3],
-}
-
-/// A place inside a grid: storage position of the lower corner, and the way to the upper ones.
-pub(super) struct Corner {
-    pub(super) base: usize,
-    pub(super) t: [f32; 3],
-}
-
-/// How places lie in a grid.
-pub(super) struct Hull {
-    size: [usize; 3],
-    strides: [usize; 3],
-    /// Pairs of voxels along each axis.
-    pairs: [u32; 3],
-    /// Distances in storage to the upper corners; 0 along an axis of one voxel.
-    pub(super) up: [usize; 3],
-}
-
-impl Hull {
-    pub(super) fn new(grid: &Grid) -> Self {
-        let (size, strides) = (grid.size(), grid.strides());
-        let up = std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 });
-        // More voxels along an axis than an image can have: places beyond are looked up the slow way.
-        let pairs = size.map(|n| u32::try_from(n - 1).unwrap_or(u32::MAX));
-        Self { size, strides, pairs, up }
-    }
-
-    /// The corner of a place; `None` outside the hull of the voxel centres.
-    #[inline(always)]
-    pub(super) fn corner(&self, Place { low: [i, j, k], t }: Place) -> Option<Corner> {
-        if (i as u32) < self.pairs[0] && (j as u32) < self.pairs[1] && (k as u32) < self.pairs[2] {
-            let base = i as usize + j as usize * self.strides[1] + k as usize * self.strides[2];
-            return Some(Corner { base, t });
-        }
-        self.edge(Place { low: [i, j, k], t })
-    }
-
-    /// As [`Hull::corner`] where a coordinate may lie on the last voxel, or beyond the hull by rounding.
-    #[cold]
-    fn edge(&self, Place { low, mut t }: Place) -> Option<Corner> {
-        let mut base = 0;
-        for a in 0..3 {
-            let last = self.size[a] as i64 - 1;
-            let lower = match i64::from(low[a]) {
-                l if l >= 0 && l < last => l,
-                l if l == last && f64::from(t[a]) <= ROUNDING => {
-                    t[a] = if last > 0 { 1.0 } else { 0.0 };
-                    (last - 1).max(0)
-                }
-                -1 if f64::from(t[a]) >= 1.0 - ROUNDING => {
-                    t[a] = 0.0;
-                    0
-                }
-                _ => return None,
-            };
-            base += lower as usize * self.strides[a];
-        }
-        Some(Corner { base, t })
-    }
 }
 
 /// Trilinear values with single-precision weights: the inner loop of a warp.
@@ -123,10 +54,58 @@ impl<'a> Linear<'a> {
         Self { data: image.data(), hull: Hull::new(image.grid()) }
     }
 
-    /// The value at a place; `None` outside the hull of the voxel centres.
+    /// The values at places; `outside` where they have none.
     #[inline(always)]
-    fn at(&self, place: Place) -> Option<f32> {
-        let Corner { base, t } = self.hull.corner(place)?;
+    fn fill(&self, places: &Places, outside: f32, out: &mut [f32]) {
+        let Places { low, t } = places;
+        let (pairs, strides) = (&self.hull.quick, &self.hull.strides);
+        let mut base = [0i32; LANES];
+        let (mut within, mut in_line) = (true, self.hull.up[0] == 1);
+        for l in 0..LANES {
+            let [i, j, k] = [low[0][l], low[1][l], low[2][l]];
+            within &= ((i as u32) < pairs[0]) & ((j as u32) < pairs[1]) & ((k as u32) < pairs[2]);
+            base[l] = i.wrapping_add(j.wrapping_mul(strides[1] as i32)).wrapping_add(k.wrapping_mul(strides[2] as i32));
+        }
+        for l in 0..LANES {
+            in_line &= base[l] == base[0].wrapping_add(l as i32);
+        }
+        if within
+            && in_line
+            && let Some(values) = self.line(base[0] as usize, t)
+            && let Some(out) = out.first_chunk_mut()
+        {
+            *out = values;
+            return;
+        }
+        for (l, o) in out.iter_mut().enumerate() {
+            let corner = if within {
+                Some(Corner { base: base[l] as usize, t: [t[0][l], t[1][l], t[2][l]] })
+            } else {
+                self.hull.corner(places.at(l))
+            };
+            *o = corner.and_then(|corner| self.between(corner)).unwrap_or(outside);
+        }
+    }
+
+    /// The values of places whose corners follow each other along a row, as they do where displacements hardly change.
+    #[inline(always)]
+    fn line(&self, base: usize, t: &[[f32; LANES]; 3]) -> Option<[f32; LANES]> {
+        let [_, up, above] = self.hull.up;
+        let row = |n: usize| -> Option<[f32; LANES]> {
+            let row: &[f32; LANES + 1] = self.data.get(n..)?.first_chunk()?;
+            Some(std::array::from_fn(|l| row[l] + t[0][l] * (row[l + 1] - row[l])))
+        };
+        let between = |a: [f32; LANES], b: [f32; LANES], axis: usize| -> [f32; LANES] {
+            std::array::from_fn(|l| a[l] + t[axis][l] * (b[l] - a[l]))
+        };
+        let low = between(row(base)?, row(base + up)?, 1);
+        let high = between(row(base + above)?, row(base + above + up)?, 1);
+        Some(between(low, high, 2))
+    }
+
+    /// The value between the voxels around a corner.
+    #[inline(always)]
+    fn between(&self, Corner { base, t }: Corner) -> Option<f32> {
         let [right, up, above] = self.hull.up;
         let line = |n: usize| -> Option<f32> {
             let (a, b) = (*self.data.get(n)?, *self.data.get(n + right)?);
@@ -204,71 +183,10 @@ pub(super) fn pulled<T: Send + Default + Clone>(
     out
 }
 
-/// Indices farther than this from a row of voxels are outside of everything.
-const FAR: f32 = 1e6;
-
-/// As [`pulled`], with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
-pub(super) fn walked<T: Send + Default + Clone>(
-    v: &Volume<[f32; 3]>,
-    source: &Grid,
-    value: impl Fn(Place) -> T + Sync,
-) -> Vec<T> {
-    let grid = v.grid();
-    let [nx, ny, _] = grid.size();
-    let base = source.index(&grid.origin());
-    let step = source.inverse_step() * grid.step();
-    let turn: [[f32; 3]; 3] = std::array::from_fn(|a| std::array::from_fn(|c| source.inverse_step()[(a, c)] as f32));
-    let along: [[f32; LANES]; 3] = std::array::from_fn(|a| std::array::from_fn(|l| (step[(a, 0)] * l as f64) as f32));
-    let mut out = vec![T::default(); grid.len()];
-    out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
-        vectorised(
-            #[inline(always)]
-            || {
-                // Filled anew for each block; arrays that are handed round by value would be copied more often than computed.
-                let (mut u, mut low, mut t) = ([[0f32; LANES]; 3], [[0i32; LANES]; 3], [[0f32; LANES]; 3]);
-                for (n, (out, v)) in out.chunks_mut(LANES).zip(v.chunks(LANES)).enumerate() {
-                    for (l, v) in v.iter().enumerate() {
-                        (u[0][l], u[1][l], u[2][l]) = (v[0], v[1], v[2]);
-                    }
-                    let index = Vector3::new((n * LANES) as f64, (row % ny) as f64, (row / ny) as f64);
-                    for a in 0..3 {
-                        let start = (base[a] + (step.row(a) * index)[0]).clamp(-1e8, 1e8);
-                        let whole = start.floor();
-                        let (rest, whole, by) = ((start - whole) as f32, whole as i32, turn[a]);
-                        for l in 0..LANES {
-                            let x = (rest + along[a][l]) + (by[0] * u[0][l] + by[1] * u[1][l] + by[2] * u[2][l]);
-                            (low[a][l], t[a][l]) = lower(x, whole);
-                        }
-                    }
-                    for (l, o) in out.iter_mut().enumerate() {
-                        *o = value(Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] });
-                    }
-                }
-            },
-        )
-    });
-    out
-}
-
-/// The lower voxel and the way from it; what is far off or no number comes to lie far outside.
-#[inline(always)]
-fn lower(x: f32, whole: i32) -> (i32, f32) {
-    // Added to a number below 2^22 this leaves the nearest whole number in the low bits: without a rounding instruction,
-    // which the oldest 64-bit machines lack, a cast costs several times as much.
-    const MAGIC: f32 = 12_582_912.0;
-    let near = x.abs() < FAR;
-    let held = if near { x } else { 0.0 };
-    let shifted = held + MAGIC;
-    let nearest = shifted - MAGIC;
-    let above = nearest > held;
-    let floor = nearest - if above { 1.0 } else { 0.0 };
-    let low = shifted.to_bits() as i32 - MAGIC.to_bits() as i32 - i32::from(above);
-    (low + if near { whole } else { -400_000_000 }, held - floor)
-}
-
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
+    use super::super::walk::Place;
     use super::*;
     use crate::volume::trilinear;
 
@@ -299,21 +217,22 @@ mod tests {
         let (_, grid) = shifted([0.0; 3]);
         let image = Volume::from_fn(grid, |l| ((l * 7919) % 1000) as f32);
         let linear = Linear::new(&image);
+        let at = |linear: &Linear<'_>, at: Vector3<f64>| linear.between(linear.hull.corner(place(&at))?);
         for n in 0..2000 {
-            let at = Vector3::new(n as f64 * 0.0057, (n % 97) as f64 * 0.094, (n % 31) as f64 * 0.234);
-            let (a, b) = (linear.at(place(&at)), trilinear(&image, &at));
+            let index = Vector3::new(n as f64 * 0.0057, (n % 97) as f64 * 0.094, (n % 31) as f64 * 0.234);
+            let (a, b) = (at(&linear, index), trilinear(&image, &index));
             match (a, b) {
-                (Some(a), Some(b)) => assert!((f64::from(a) - b).abs() < 1e-3, "{at}: {a} {b}"),
-                (a, b) => assert!(a.is_none() && b.is_none(), "{at}"),
+                (Some(a), Some(b)) => assert!((f64::from(a) - b).abs() < 1e-3, "{index}: {a} {b}"),
+                (a, b) => assert!(a.is_none() && b.is_none(), "{index}"),
             }
         }
-        assert_eq!(linear.at(place(&Vector3::new(11.0, 9.0, 7.0))), image.data().last().copied());
+        assert_eq!(at(&linear, Vector3::new(11.0, 9.0, 7.0)), image.data().last().copied());
         // On the edge by rounding, and beyond it.
-        assert_eq!(linear.at(place(&Vector3::new(11.0005, -0.0005, 7.0))), Some(*image.at([11, 0, 7])));
-        assert_eq!(linear.at(place(&Vector3::new(11.002, 3.0, 3.0))), None);
+        assert_eq!(at(&linear, Vector3::new(11.0005, -0.0005, 7.0)), Some(*image.at([11, 0, 7])));
+        assert_eq!(at(&linear, Vector3::new(11.002, 3.0, 3.0)), None);
         let flat = Volume::filled(Grid::axis_aligned([1, 4, 4], [1.0; 3], [0.0; 3]).unwrap(), 5.0f32);
-        assert_eq!(Linear::new(&flat).at(place(&Vector3::new(0.0, 3.0, 2.5))), Some(5.0));
-        assert_eq!(Linear::new(&flat).at(place(&Vector3::new(0.5, 3.0, 2.5))), None);
+        assert_eq!(at(&Linear::new(&flat), Vector3::new(0.0, 3.0, 2.5)), Some(5.0));
+        assert_eq!(at(&Linear::new(&flat), Vector3::new(0.5, 3.0, 2.5)), None);
     }
 
     #[test]
@@ -345,6 +264,28 @@ mod tests {
             }
         }
         assert!(inside > 100 && inside < got.data().len() - 4, "{inside}");
+    }
+
+    #[test]
+    fn smooth_displacements_that_read_rows_at_once_change_nothing() {
+        for size in [[43, 9, 7], [1, 9, 7], [8, 1, 1], [9, 2, 2]] {
+            let grid = Grid::axis_aligned(size, [1.0, 2.0, 3.0], [5.0, -7.0, 11.0]).unwrap();
+            let image = Volume::from_fn(grid.clone(), |l| ((l * 7919) % 1000) as f32);
+            for bend in [0.0, 0.004, 0.05] {
+                let v = Volume::from_fn(grid.clone(), |l| {
+                    let [i, j, k] = grid.voxel(l).map(|c| c as f32);
+                    [0.3 + bend * i, bend * (i + j) - 1.1, 1.9 - bend * k]
+                });
+                let got = resample(&v, &image, Interpolation::Linear, -777.0).unwrap();
+                for (n, got) in got.data().iter().enumerate() {
+                    let at = grid.centre(grid.voxel(n)) + Vector3::from(v.data()[n].map(f64::from));
+                    match trilinear(&image, &grid.index(&at)) {
+                        Some(b) => assert!((f64::from(*got) - b).abs() < 5e-3, "{size:?} {n}: {got} {b}"),
+                        None => assert_eq!(*got, -777.0, "{size:?} {n}"),
+                    }
+                }
+            }
+        }
     }
 
     #[test]
