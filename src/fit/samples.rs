@@ -24,6 +24,8 @@ pub struct Samples {
 /// Storage positions of each bone's voxels and shell, in storage order; bones in the order of the skeleton.
 ///
 /// Shell voxels belong to the first bone of the skeleton that reaches them; another bone's voxels are never taken.
+/// The image's outermost voxels are left out, as those of the fraction are (see [`Tissue::visibility`]): what lies beyond
+/// them is unknown to planning and blurs into the fraction's.
 pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     let grid = labels.volume.grid();
     let size = grid.size();
@@ -75,9 +77,15 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
         }
     }
     for list in &mut out {
+        list.retain(|&l| !outermost(grid.voxel(l as usize), size));
         list.sort_unstable();
     }
     out
+}
+
+/// Whether a voxel is the first or last along an axis that has more than two.
+fn outermost(at: [usize; 3], size: [usize; 3]) -> bool {
+    (0..3).any(|a| size[a] > 2 && (at[a] == 0 || at[a] + 1 == size[a]))
 }
 
 /// At most about `most` of the candidates (storage positions on `grid`), those in tissue; chosen by a hash of their

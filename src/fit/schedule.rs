@@ -21,7 +21,7 @@ use nalgebra::{DMatrix, Matrix3, Point3};
 /// A bone with less than this share of its samples in view follows its joints until all bones are fitted together.
 const LEAST_VISIBLE: f64 = 0.05;
 /// A bone whose visible part explains less than this of its contrast after the fit is not where the image says:
-/// it follows its joints.
+/// it follows its joints. Of a cut bone ([`WHOLE`]) more is asked: [`DOUBTFUL_CUT`].
 const LEAST_EXPLAINED: f64 = 0.5;
 
 /// A bone that explains less than this at the coarsest level is searched for around; a cut one (less in view than
@@ -229,7 +229,8 @@ impl<'a> Fitter<'a> {
         let sd = deviations(curvature);
         let mut any = false;
         for (b, e) in self.evaluate(level, transforms).iter().enumerate() {
-            let unexplained = e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED;
+            let least = if e.visible < WHOLE { DOUBTFUL_CUT } else { LEAST_EXPLAINED };
+            let unexplained = e.visible < LEAST_VISIBLE || e.explained < least;
             if e.visible > 0.0 && (unexplained || sd(6 * b + 3) > MOST_SD_MM) {
                 any = true;
                 level.dropped[b] = true;
