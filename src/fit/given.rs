@@ -145,7 +145,13 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
     let problem = PoseProblem {
         bodies: free
             .iter()
-            .map(|&b| Body { samples: &nothing, base: out[b], centre: bones[b].centroid, radius: radius(&bones[b]) })
+            .map(|&b| Body {
+                samples: &nothing,
+                base: out[b],
+                centre: bones[b].centroid,
+                radius: radius(&bones[b]),
+                held: None,
+            })
             .collect(),
         links: bones
             .iter()
@@ -160,8 +166,13 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
         free.iter()
             .enumerate()
             .map(|(n, &b)| {
-                let body =
-                    Body { samples: &nothing, base: out[b], centre: bones[b].centroid, radius: radius(&bones[b]) };
+                let body = Body {
+                    samples: &nothing,
+                    base: out[b],
+                    centre: bones[b].centroid,
+                    radius: radius(&bones[b]),
+                    held: None,
+                };
                 body.transform(&solution.x.as_slice()[6 * n..6 * n + 6])
             })
             .collect()

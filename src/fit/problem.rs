@@ -3,7 +3,7 @@
 use super::lie::left_jacobian;
 use super::prior::{Penalty, penalty};
 use super::samples::Samples;
-use super::similarity::{Evaluation, Measure, evaluate};
+use super::similarity::{Evaluation, Held, Measure, evaluate};
 use super::tissue::Tissue;
 use crate::geometry::Rigid;
 use crate::skeleton::Joint;
@@ -20,6 +20,8 @@ pub struct Body<'a> {
     pub centre: Point3<f64>,
     /// Root mean square distance of its samples from the centre, mm: turns radians into mm.
     pub radius: f64,
+    /// What its similarity does not find anew wherever it moves.
+    pub held: Option<Held>,
 }
 
 /// One end of a joint: a moving body or a bone that is held.
@@ -98,7 +100,7 @@ impl PoseProblem<'_> {
             .par_iter()
             .zip(transforms)
             .map(|(b, t)| match self.fraction {
-                Some(f) => evaluate(b.samples, f, t, &(t * b.centre), self.measure, derivatives),
+                Some(f) => evaluate(b.samples, f, t, &(t * b.centre), self.measure, b.held, derivatives),
                 None => Evaluation::nothing(),
             })
             .collect()

@@ -5,7 +5,7 @@ use super::planning::{BoneSamples, Drawn};
 use super::prior::{limit_excess, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
-use super::similarity::Evaluation;
+use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::common_motion;
 use super::tissue::Tissue;
@@ -114,9 +114,11 @@ pub fn fit_pose(
         if level.drawn.resolution != resolution {
             level = Level::new(samples, fraction, resolution)?;
         }
-        let mut solution = fitter.together(&level, &mut transforms)?;
+        // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
+        let hold = n > 0;
+        let mut solution = fitter.together(&level, &mut transforms, hold)?;
         if fitter.drop_unexplained(&mut level, &mut transforms, &solution.curvature) {
-            solution = fitter.together(&level, &mut transforms)?;
+            solution = fitter.together(&level, &mut transforms, hold)?;
         }
         last = Some(solution);
     }
@@ -166,7 +168,7 @@ impl<'a> Fitter<'a> {
 
     fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
         let samples = if level.dropped[bone] { &self.nothing } else { &level.drawn.bones[bone] };
-        Body { samples, base, centre: self.centres[bone], radius: self.radii[bone] }
+        Body { samples, base, centre: self.centres[bone], radius: self.radii[bone], held: None }
     }
 
     fn evaluate(&self, level: &Level<'_>, transforms: &[Rigid]) -> Vec<Evaluation> {
@@ -175,6 +177,7 @@ impl<'a> Fitter<'a> {
             base: transforms[b],
             centre: self.centres[b],
             radius: self.radii[b],
+            held: None,
         };
         let bodies = (0..transforms.len()).map(own).collect();
         PoseProblem { bodies, links: Vec::new(), fraction: Some(&level.fraction), measure: self.options.measure }
@@ -302,10 +305,17 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// All bones and all joints at once.
-    fn together(&self, level: &Level<'_>, transforms: &mut Vec<Rigid>) -> Result<Solution> {
+    /// All bones and all joints at once; `hold`: what is in view of each bone counts as it does at the start, and one gain holds
+    /// for all.
+    fn together(&self, level: &Level<'_>, transforms: &mut Vec<Rigid>, hold: bool) -> Result<Solution> {
+        let now = self.evaluate(level, transforms);
+        let [covariance, variance] = now.iter().fold([0.0; 2], |[c, v], e| [c + e.contrast[0], v + e.contrast[1]]);
+        let held = |e: &Evaluation| Held { view: e.visible, gain: covariance / variance };
+        let held: Vec<Option<Held>> = now.iter().map(|e| (hold && variance > 0.0).then(|| held(e))).collect();
         let make = || PoseProblem {
-            bodies: (0..transforms.len()).map(|b| self.body(level, b, transforms[b])).collect(),
+            bodies: (0..transforms.len())
+                .map(|b| Body { held: held[b], ..self.body(level, b, transforms[b]) })
+                .collect(),
             links: self
                 .skeleton
                 .bones

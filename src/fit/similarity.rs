@@ -52,12 +52,33 @@ pub struct Evaluation {
     pub explained: f64,
     /// Mean visibility.
     pub visible: f64,
+    /// Covariance of planning and fraction values and variance of the fraction's, each times the number of independent
+    /// samples in view: the quotient is the bone's gain.
+    pub contrast: [f64; 2],
+}
+
+/// What a bone's similarity takes from elsewhere instead of finding it anew at each position.
+///
+/// A sliver of a bone can buy a closer match by moving until more of it is in view, or by a gain that no scanner has.
+#[derive(Debug, Clone, Copy)]
+pub struct Held {
+    /// Visible share that counts, whatever is in view.
+    pub view: f64,
+    /// Gain of the HU.
+    pub gain: f64,
 }
 
 impl Evaluation {
     /// Of a bone of which nothing is seen.
     pub fn nothing() -> Self {
-        Self { cost: 0.0, gradient: Vector6::zeros(), curvature: Matrix6::zeros(), explained: 0.0, visible: 0.0 }
+        Self {
+            cost: 0.0,
+            gradient: Vector6::zeros(),
+            curvature: Matrix6::zeros(),
+            explained: 0.0,
+            visible: 0.0,
+            contrast: [0.0; 2],
+        }
     }
 }
 
@@ -154,13 +175,14 @@ fn accumulate(
 /// Samples per parallel task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
 
-/// Similarity of a bone moved by `t`; derivatives (when asked for) are for a further small motion about `centre`.
+/// Similarity of a bone moved by `t`, with what is `held`; derivatives (when asked for) are for a further small motion about `centre`.
 pub fn evaluate(
     samples: &Samples,
     fraction: &Tissue,
     t: &Rigid,
     centre: &Point3<f64>,
     measure: Measure,
+    held: Option<Held>,
     derivatives: bool,
 ) -> Evaluation {
     let n = samples.points.len();
@@ -180,18 +202,19 @@ pub fn evaluate(
     let mut s = Sums::zero();
     parts.iter().for_each(|p| s.add(p));
     let independent = samples.volume_mm3 / CORRELATION_VOLUME_MM3;
-    finish(&s, total, independent, n, measure)
+    finish(&s, total, independent, n, (measure, held))
 }
 
 /// Turns the sums into cost, gradient and curvature.
-fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) -> Evaluation {
+fn finish(s: &Sums, total: f64, independent: f64, n: usize, (measure, held): (Measure, Option<Held>)) -> Evaluation {
     let variance = s.ff - s.f * s.f / s.w.max(1e-9);
+    let covariance = s.fa - s.f * s.a / s.w.max(1e-9);
     let fitted = measure == Measure::Correlation && s.w > 1.0 && variance > 1e-6 * s.ff;
     let (g, o) = match (measure, fitted) {
         (Measure::SquaredDifference, _) => (1.0, 0.0),
         // Negative gain explains nothing: contrast never inverts between two CTs.
         (_, true) => {
-            let g = ((s.fa - s.f * s.a / s.w) / variance).max(0.0);
+            let g = held.map_or(covariance / variance, |held| held.gain).max(0.0);
             (g, (s.a - g * s.f) / s.w)
         }
         _ => (0.0, if s.w > 0.0 { s.a / s.w } else { 0.0 }),
@@ -205,12 +228,16 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) ->
     let least = LEAST_SHARE * total / count;
     let rss = square(s.ff, s.fa, s.aa, s.f, s.a, s.w).max(0.0) + least * s.w;
     let q = rss / s.w / (total / count);
-    let scale = weight * s.w / rss;
+    // What counts as visible, and by how much its logarithm weighs a change of what is.
+    let (counted, entering) = held.map_or((s.w, q.ln() - 1.0), |held| (held.view * count, -held.view * count / s.w));
+    let scale = weight * counted / rss;
     let [k1, kf, ka, kff, kfa, kaa] = &s.k;
     let border = kff * (g * g) - kfa * (2.0 * g) + kaa + kf * (2.0 * g * o) - ka * (2.0 * o) + k1 * (o * o + least);
-    let gradient = ((s.fj * g + s.j * o - s.aj) * g + border * 0.5) * scale + k1 * (0.5 * weight * (q.ln() - 1.0));
+    let gradient = ((s.fj * g + s.j * o - s.aj) * g + border * 0.5) * scale + k1 * (0.5 * weight * entering);
     let mut curvature = s.jj;
-    if fitted {
+    if fitted && held.is_some() {
+        curvature -= s.j * s.j.transpose() / s.w;
+    } else if fitted {
         // Gain and offset follow the motion: project them out (variable projection, Kaufman 1975).
         let c = Matrix2x6::from_rows(&[s.fj.transpose(), s.j.transpose()]);
         if let Some(inverse) = Matrix2::new(s.ff, s.f, s.f, s.w).try_inverse() {
@@ -218,10 +245,11 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure) ->
         }
     }
     Evaluation {
-        cost: 0.5 * weight * s.w * q.ln(),
+        cost: 0.5 * weight * counted * q.ln(),
         gradient,
         curvature: curvature * (g * g * scale),
         explained: 1.0 - q,
         visible: s.w / count,
+        contrast: [covariance, variance].map(|c| c * weight),
     }
 }

@@ -183,7 +183,7 @@ pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> 
     for Candidate { turn, shift, .. } in search(samples, &centre, &fraction.value) {
         let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
         let problem = || PoseProblem {
-            bodies: vec![Body { samples, base, centre, radius }],
+            bodies: vec![Body { samples, base, centre, radius, held: None }],
             links: Vec::new(),
             fraction: Some(fraction),
             measure,

@@ -2,7 +2,7 @@
 
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
-use super::similarity::Measure;
+use super::similarity::{Held, Measure};
 use super::solver::solve;
 use super::tissue::Tissue;
 use crate::geometry::{Grid, Rigid, about};
@@ -56,7 +56,7 @@ fn joint() -> Joint {
 fn body(samples: &Samples, base: Rigid) -> Body<'_> {
     let n = samples.points.len() as f64;
     let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
-    Body { samples, base, centre, radius: 6.0 }
+    Body { samples, base, centre, radius: 6.0, held: None }
 }
 
 fn gradient_error(problem: &PoseProblem<'_>, x: &DVector<f64>) -> (f64, f64) {
@@ -78,7 +78,7 @@ fn gradient_error(problem: &PoseProblem<'_>, x: &DVector<f64>) -> (f64, f64) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn gradient_matches_central_differences(values in prop::collection::vec(-2.0f64..2.0, 12), cut in any::<bool>(), squared in any::<bool>(), scale in prop::sample::select(vec![1.0, 1e-3])) {
+    fn gradient_matches_central_differences(values in prop::collection::vec(-2.0f64..2.0, 12), cut in any::<bool>(), squared in any::<bool>(), hold in any::<bool>(), scale in prop::sample::select(vec![1.0, 1e-3])) {
         // A cut image puts part of the second ball on the edge, where visibility has a slope of its own.
         let image = fraction(if cut { [28, 40, 30] } else { [45, 45, 40] }, 1.1, -20.0);
         let truth = Rigid::identity();
@@ -86,12 +86,13 @@ proptest! {
         let unlike = |mut s: Samples| { s.values.iter_mut().enumerate().for_each(|(n, v)| *v += 60.0 * (n as f64).sin()); s };
         let (a, b) = (unlike(ball(Point3::new(0.0, 0.0, 0.0), &truth)), unlike(ball(Point3::new(5.0, 12.0, 3.0), &truth)));
         let measure = if squared { Measure::SquaredDifference } else { Measure::Correlation };
+        let held = hold.then_some(Held { view: 0.7, gain: 0.95 });
         let j = joint();
         let start = about(&Point3::origin(), Vector3::new(0.05, -0.02, 0.03), Vector3::new(1.0, -0.5, 0.7));
         // On the grid itself visibility at the image's edge has a kink, and no derivative.
         let aside = Rigid::translation(0.05, -0.03, 0.04);
         let problem = PoseProblem {
-            bodies: vec![body(&a, start), body(&b, aside)],
+            bodies: vec![Body { held, ..body(&a, start) }, Body { held, ..body(&b, aside) }],
             links: vec![
                 Link { joint: &j, parent: End::Moving(0), child: End::Moving(1) },
                 Link { joint: &j, parent: End::Held(start), child: End::Moving(1) },
@@ -110,7 +111,7 @@ proptest! {
         let image = fraction([20, 20, 20], 1.0, 0.0);
         let empty = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
         let j = joint();
-        let make = |base| Body { samples: &empty, base, centre: Point3::new(3.0, -2.0, 1.0), radius: 9.0 };
+        let make = |base| Body { samples: &empty, base, centre: Point3::new(3.0, -2.0, 1.0), radius: 9.0, held: None };
         let problem = PoseProblem {
             bodies: vec![make(Rigid::identity()), make(about(&Point3::origin(), Vector3::new(0.1, 0.2, -0.1), Vector3::zeros()))],
             links: vec![Link { joint: &j, parent: End::Moving(0), child: End::Moving(1) }],
@@ -166,6 +167,36 @@ fn leaving_the_field_of_view_never_pays() {
         assert!(visible < 0.9 && outside > inside, "shift {shift}: cost {outside}, inside {inside}");
     }
     assert_eq!(cost(200.0), (0.0, 0.0));
+}
+
+/// A bone that the image's edge cuts must neither move for more of it to come into
+/// view nor make up for a wrong place by a gain of its own.
+#[test]
+fn what_is_held_buys_no_match() {
+    let image = fraction([45, 45, 40], 1.1, -20.0);
+    let mut samples = ball(Point3::new(35.0, 3.0, 2.0), &Rigid::identity());
+    samples.values.iter_mut().enumerate().for_each(|(n, v)| *v += 25.0 * (n as f64 * n as f64 * 0.37).sin());
+    let cost = |shift: f64, held: Option<Held>| {
+        let t = Rigid::translation(shift, 0.0, 0.0);
+        let p = PoseProblem {
+            bodies: vec![Body { held, ..body(&samples, t) }],
+            links: Vec::new(),
+            fraction: Some(&image),
+            measure: Measure::Correlation,
+        };
+        let e = p.similarities(&[t], false)[0].clone();
+        (e.cost, e.visible, e.contrast[0] / e.contrast[1])
+    };
+    let (_, visible, gain) = cost(0.0, None);
+    assert!((0.3..0.9).contains(&visible) && (gain - 1.0 / 1.1).abs() < 0.05, "{visible} {gain}");
+    let held = Some(Held { view: visible, gain });
+    let best = |held| {
+        let at = |n: i32| f64::from(n) * 0.1;
+        (-20..=20).map(at).min_by(|a, b| cost(*a, held).0.total_cmp(&cost(*b, held).0)).unwrap()
+    };
+    assert!(best(held).abs() < 0.15 && best(None) < best(held), "held {}, free {}", best(held), best(None));
+    let wrong = Some(Held { view: visible, gain: 1.5 * gain });
+    assert!(cost(0.0, wrong).0 > cost(0.0, held).0);
 }
 
 #[test]
