@@ -21,8 +21,11 @@ use nalgebra::{DMatrix, Matrix3, Point3};
 /// A bone with less than this share of its samples in view follows its joints until all bones are fitted together.
 const LEAST_VISIBLE: f64 = 0.05;
 /// A bone whose visible part explains less than this of its contrast after the fit is not where the image says:
-/// it follows its joints. Of a cut bone ([`WHOLE`]) more is asked: [`DOUBTFUL_CUT`].
+/// it follows its joints.
 const LEAST_EXPLAINED: f64 = 0.5;
+/// So does a cut bone that is doubtful ([`DOUBTFUL_CUT`]) and leaves this many times as much unexplained as the middle one of
+/// the bones: not the noise is to blame.
+const UNLIKE: f64 = 4.0;
 
 /// A bone that explains less than this at the coarsest level is searched for around; a cut one (less in view than
 /// [`WHOLE`]) below the second share, since an edge hides what would tell a wrong place.
@@ -231,9 +234,13 @@ impl<'a> Fitter<'a> {
     fn drop_unexplained(&self, level: &mut Level<'_>, transforms: &mut [Rigid], curvature: &DMatrix<f64>) -> bool {
         let sd = deviations(curvature);
         let mut any = false;
-        for (b, e) in self.evaluate(level, transforms).iter().enumerate() {
-            let least = if e.visible < WHOLE { DOUBTFUL_CUT } else { LEAST_EXPLAINED };
-            let unexplained = e.visible < LEAST_VISIBLE || e.explained < least;
+        let now = self.evaluate(level, transforms);
+        let mut left: Vec<f64> = now.iter().filter(|e| e.visible >= LEAST_VISIBLE).map(|e| 1.0 - e.explained).collect();
+        left.sort_by(f64::total_cmp);
+        let usual = left.get(left.len() / 2).copied().unwrap_or(1.0);
+        for (b, e) in now.iter().enumerate() {
+            let unlike = e.visible < WHOLE && e.explained < DOUBTFUL_CUT && 1.0 - e.explained > UNLIKE * usual;
+            let unexplained = e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED || unlike;
             if e.visible > 0.0 && (unexplained || sd(6 * b + 3) > MOST_SD_MM) {
                 any = true;
                 level.dropped[b] = true;

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Below this HU a voxel is air or padding.
-const AIR_HU: f32 = -300.0;
+const AIR_HU: f32 = -600.0;
 /// Above this HU metal and its artefacts are cut.
 const METAL_HU: f32 = 2000.0;
 

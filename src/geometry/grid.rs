@@ -187,15 +187,18 @@ impl Grid {
     }
     /// A grid over the same box with about `spacing` mm (never finer than this grid along any axis).
     ///
-    /// Keeps the origin and direction; the last voxel centre covers this grid's last one.
+    /// Keeps direction and middle, so that it does not depend on where the storage begins; its outermost voxel centres lie
+    /// on this grid's or beyond them.
     pub fn coarsened(&self, spacing: f64) -> Self {
         let coarse: [f64; 3] = std::array::from_fn(|a| spacing.max(self.spacing[a]));
         let size = std::array::from_fn(|a| {
             ((self.size[a] - 1) as f64 * self.spacing[a] / coarse[a] - 1e-9).ceil() as usize + 1
         });
+        let beyond = |a: usize| 0.5 * ((size[a] - 1) as f64 * coarse[a] / self.spacing[a] - (self.size[a] - 1) as f64);
+        let origin = self.world(&-Vector3::from([0, 1, 2].map(beyond)));
         let to_world = self.direction * Matrix3::from_diagonal(&Vector3::from(coarse));
         let to_index = Matrix3::from_diagonal(&Vector3::from(coarse.map(f64::recip))) * self.direction.transpose();
-        Self { size, spacing: coarse, to_world, to_index, ..self.clone() }
+        Self { size, spacing: coarse, origin, to_world, to_index, ..self.clone() }
     }
 }
 
@@ -218,7 +221,10 @@ mod tests {
         let g = Grid::axis_aligned([469, 267, 90], [1.0, 1.0, 3.0], [0.0; 3]).unwrap();
         let c = g.coarsened(3.0);
         assert_eq!(c.size(), [157, 90, 90]);
-        assert!(c.contains(&c.index(&g.corners()[7])));
+        assert!(g.corners().iter().all(|corner| c.contains(&c.index(corner))));
+        let middle = |g: &Grid| nalgebra::center(&g.corners()[0], &g.corners()[7]);
+        assert!((middle(&c) - middle(&g)).norm() < 1e-9);
+        assert_eq!(g.coarsened(1.0).size()[0], 469);
     }
 
     proptest! {
