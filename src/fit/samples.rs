@@ -77,7 +77,11 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
         }
     }
     for list in &mut out {
-        list.retain(|&l| !outermost(grid.voxel(l as usize), size));
+        let inner = |l: &u32| !outermost(grid.voxel(*l as usize), size);
+        // A sliver that lies there with more than half of itself has nothing else.
+        if 2 * list.iter().filter(|l| inner(l)).count() >= list.len() {
+            list.retain(inner);
+        }
         list.sort_unstable();
     }
     out
