@@ -39,7 +39,7 @@ pub enum Verb {
     #[command(after_help = super::study::HELP)]
     Study(super::study::StudyArgs),
     /// Make the phantom, register it, and write the report: needs no data
-    Demo(DemoArgs),
+    Demo(super::demo::DemoArgs),
     /// Write the phantom as files, with its truth: two fractions, contours, dose; or a test object with an exact answer
     #[command(after_help = PHANTOM)]
     Phantom(PhantomArgs),
@@ -55,7 +55,7 @@ pub enum Verb {
     #[command(subcommand)]
     Dose(super::dose::DoseVerb),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
-    Inspect(InspectArgs),
+    Inspect(super::inspect::InspectArgs),
     /// Time the hot paths on a scene of clinical size, beside what the memory allows
     #[command(after_help = super::bench::HELP)]
     Bench(super::bench::BenchArgs),
@@ -372,17 +372,6 @@ impl From<FormatName> for FieldFormat {
     }
 }
 
-/// Options of `demo`.
-#[derive(Debug, Args)]
-pub struct DemoArgs {
-    /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR", default_value = "aventail-demo")]
-    pub out: PathBuf,
-    /// Options of every run.
-    #[command(flatten)]
-    pub run: RunArgs,
-}
-
 /// Options of `phantom`.
 #[derive(Debug, Args)]
 pub struct PhantomArgs {
@@ -418,17 +407,6 @@ pub struct SkeletonArgs {
     /// Write the skeleton as TOML, to be edited and given to `register --skeleton`
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Options of `inspect`.
-#[derive(Debug, Args)]
-pub struct InspectArgs {
-    /// Images, label maps or displacement fields
-    #[arg(required = true, value_name = "FILE")]
-    pub files: Vec<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

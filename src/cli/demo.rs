@@ -1,12 +1,25 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
-use super::args::DemoArgs;
+use super::args::RunArgs;
 use super::register::{finish, open_folder, progress, settings};
 use crate::config::ConfigFile;
 use crate::error::Result;
 use crate::phantom::{Phantom, PhantomOptions};
 use crate::pipeline::Case;
 use crate::runtime::Runtime;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Options of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR", default_value = "aventail-demo")]
+    pub out: PathBuf,
+    /// Options of every run.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
 
 /// Makes the phantom, registers it and writes the report; returns the table for the terminal.
 ///

@@ -245,13 +245,13 @@ fn map_volume(
     } else {
         let (image, greatest) = runtime.stage("read the input", || {
             let image = io::read_image(input)?;
-            let greatest = greatest(&image, kind)?;
+            let greatest = if kind == VolumeKind::Dose { Some(greatest_dose(&image)?) } else { None };
             Ok::<_, Error>((image, greatest))
         })?;
         report.warnings.extend(image.warnings.iter().cloned());
         let (warped, mapped) = runtime.stage("resample", || {
             let (v, mapped) = back.displacement_on(&grid)?;
-            Ok::<_, Error>((scalar(args, kind, &v, (&image.value, greatest), report)?, mapped))
+            Ok::<_, Error>((scalar(args, &v, (&image.value, greatest), report)?, mapped))
         })?;
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
@@ -284,11 +284,10 @@ fn refuse_for_kind(args: &WarpArgs, kind: VolumeKind) -> Result<()> {
     }
 }
 
-/// The greatest value of an image or dose; a dose that is negative somewhere is refused.
-fn greatest(image: &Loaded<Volume<f32>>, kind: VolumeKind) -> Result<f32> {
+/// The greatest value of a dose; one that is negative somewhere is refused.
+fn greatest_dose(image: &Loaded<Volume<f32>>) -> Result<f32> {
     let [least, most] = image.value.extremes();
-    if kind == VolumeKind::Dose
-        && least < -1e-3 * most
+    if least < -1e-3 * most
         && let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most)
     {
         let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
@@ -298,19 +297,18 @@ fn greatest(image: &Loaded<Volume<f32>>, kind: VolumeKind) -> Result<f32> {
     Ok(most)
 }
 
-/// Resamples an image or dose whose greatest value is known.
+/// Resamples an image, or a dose with its greatest value.
 fn scalar(
     args: &WarpArgs,
-    kind: VolumeKind,
     v: &Volume<[f32; 3]>,
-    (image, greatest): (&Volume<f32>, f32),
+    (image, greatest_dose): (&Volume<f32>, Option<f32>),
     report: &mut Report,
 ) -> Result<Volume<f32>> {
     let interpolation = match args.interpolation {
         Some(InterpolationName::Cubic) => Interpolation::Cubic,
         _ => Interpolation::Linear,
     };
-    if kind == VolumeKind::Image {
+    let Some(greatest) = greatest_dose else {
         report.kind = "image";
         let mut warped = resample(v, image, interpolation, args.outside.unwrap_or(-1000.0))?;
         if args.scale_by_jacobian {
@@ -324,7 +322,7 @@ fn scalar(
             }
         }
         return Ok(warped);
-    }
+    };
     report.kind = "dose";
     let mut warped = resample(v, image, interpolation, 0.0)?;
     let [below, peak] = warped.extremes();

@@ -95,7 +95,7 @@ impl Hull {
 /// Indices farther than this from a row of voxels are outside of everything.
 const FAR: f32 = 1e6;
 
-/// As [`pulled`], with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
+/// As [`pulled`](super::warp::pulled), with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
 pub(super) fn walked<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,

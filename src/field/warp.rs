@@ -78,11 +78,9 @@ impl<'a> Linear<'a> {
             return;
         }
         for (l, o) in out.iter_mut().enumerate() {
-            let corner = if within {
-                Some(Corner { base: base[l] as usize, t: [t[0][l], t[1][l], t[2][l]] })
-            } else {
-                self.hull.corner(places.at(l))
-            };
+            let place = places.at(l);
+            let corner =
+                if within { Some(Corner { base: base[l] as usize, t: place.t }) } else { self.hull.corner(place) };
             *o = corner.and_then(|corner| self.between(corner)).unwrap_or(outside);
         }
     }

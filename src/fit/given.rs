@@ -142,17 +142,15 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
     }
     let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
     let end = |b: usize| free.iter().position(|&f| f == b).map_or(End::Held(out[b]), End::Moving);
+    let body = |b: usize| Body {
+        samples: &nothing,
+        base: out[b],
+        centre: bones[b].centroid,
+        radius: radius(&bones[b]),
+        held: None,
+    };
     let problem = PoseProblem {
-        bodies: free
-            .iter()
-            .map(|&b| Body {
-                samples: &nothing,
-                base: out[b],
-                centre: bones[b].centroid,
-                radius: radius(&bones[b]),
-                held: None,
-            })
-            .collect(),
+        bodies: free.iter().map(|&b| body(b)).collect(),
         links: bones
             .iter()
             .enumerate()
@@ -163,19 +161,8 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
     };
     let bodies: Vec<Rigid> = {
         let solution = solve(problem, 1e-6, 200)?;
-        free.iter()
-            .enumerate()
-            .map(|(n, &b)| {
-                let body = Body {
-                    samples: &nothing,
-                    base: out[b],
-                    centre: bones[b].centroid,
-                    radius: radius(&bones[b]),
-                    held: None,
-                };
-                body.transform(&solution.x.as_slice()[6 * n..6 * n + 6])
-            })
-            .collect()
+        let moved = |(n, &b): (usize, &usize)| body(b).transform(&solution.x.as_slice()[6 * n..6 * n + 6]);
+        free.iter().enumerate().map(moved).collect()
     };
     for (&b, t) in free.iter().zip(bodies) {
         out[b] = t;

@@ -175,13 +175,8 @@ impl<'a> Fitter<'a> {
     }
 
     fn evaluate(&self, level: &Level<'_>, transforms: &[Rigid]) -> Vec<Evaluation> {
-        let own = |b: usize| Body {
-            samples: &level.drawn.bones[b],
-            base: transforms[b],
-            centre: self.centres[b],
-            radius: self.radii[b],
-            held: None,
-        };
+        // The samples of dropped bones too.
+        let own = |b: usize| Body { samples: &level.drawn.bones[b], ..self.body(level, b, transforms[b]) };
         let bodies = (0..transforms.len()).map(own).collect();
         PoseProblem { bodies, links: Vec::new(), fraction: Some(&level.fraction), measure: self.options.measure }
             .similarities(transforms, false)
@@ -312,13 +307,18 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// All bones and all joints at once; `hold`: what is in view of each bone counts as it does at the start, and one gain holds
-    /// for all.
-    fn together(&self, level: &Level<'_>, transforms: &mut Vec<Rigid>, hold: bool) -> Result<Solution> {
+    /// What is in view of each bone now, and one gain for all.
+    fn held(&self, level: &Level<'_>, transforms: &[Rigid]) -> Vec<Option<Held>> {
         let now = self.evaluate(level, transforms);
         let [covariance, variance] = now.iter().fold([0.0; 2], |[c, v], e| [c + e.contrast[0], v + e.contrast[1]]);
         let held = |e: &Evaluation| Held { view: e.visible, gain: covariance / variance };
-        let held: Vec<Option<Held>> = now.iter().map(|e| (hold && variance > 0.0).then(|| held(e))).collect();
+        now.iter().map(|e| (variance > 0.0).then(|| held(e))).collect()
+    }
+
+    /// All bones and all joints at once; `hold`: what is in view of each bone counts as it does at the start, and one gain holds
+    /// for all.
+    fn together(&self, level: &Level<'_>, transforms: &mut Vec<Rigid>, hold: bool) -> Result<Solution> {
+        let held = if hold { self.held(level, transforms) } else { vec![None; transforms.len()] };
         let make = || PoseProblem {
             bodies: (0..transforms.len())
                 .map(|b| Body { held: held[b], ..self.body(level, b, transforms[b]) })

@@ -175,7 +175,8 @@ fn accumulate(
 /// Samples per parallel task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
 
-/// Similarity of a bone moved by `t`, with what is `held`; derivatives (when asked for) are for a further small motion about `centre`.
+/// Similarity of a bone moved by `t`, with what is `held`; derivatives (when asked for) are for a further small motion
+/// about `centre`.
 pub fn evaluate(
     samples: &Samples,
     fraction: &Tissue,

@@ -169,8 +169,8 @@ fn leaving_the_field_of_view_never_pays() {
     assert_eq!(cost(200.0), (0.0, 0.0));
 }
 
-/// A bone that the image's edge cuts must neither move for more of it to come into
-/// view nor make up for a wrong place by a gain of its own.
+/// A bone that the image's edge cuts must neither move for more of it to come into view nor make up for a wrong place by a
+/// gain of its own.
 #[test]
 fn what_is_held_buys_no_match() {
     let image = fraction([45, 45, 40], 1.1, -20.0);

@@ -185,6 +185,7 @@ impl Grid {
     pub fn matches(&self, other: &Self, tolerance: f64) -> bool {
         self.size == other.size && self.corners().iter().zip(other.corners()).all(|(a, b)| (a - b).norm() <= tolerance)
     }
+
     /// A grid over the same box with about `spacing` mm (never finer than this grid along any axis).
     ///
     /// Keeps direction and middle, so that it does not depend on where the storage begins; its outermost voxel centres lie

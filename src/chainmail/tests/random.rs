@@ -1,0 +1,89 @@
+//! Waves over scenes drawn at random: least times, packed cells, threads.
+
+use super::*;
+use proptest::prelude::*;
+
+fn random_scene() -> impl Strategy<Value = Lattice> {
+    proptest::collection::vec(
+        prop_oneof![8 => Just(b's'), 2 => Just(b'r'), 1 => Just(b'.'), 1 => Just(b'A'), 1 => Just(b'B')],
+        144,
+    )
+    .prop_map(|cells| {
+        let rows: Vec<String> = cells.chunks(6).map(|r| String::from_utf8_lossy(r).into_owned()).collect();
+        let planes: Vec<Vec<&str>> = rows.chunks(6).map(|p| p.iter().map(String::as_str).collect()).collect();
+        scene(&planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Timestamps are least path sums: any element's time is at most a neighbour's plus the link, and exactly that of
+    /// its fastest parent, whatever order the queue took; and every variant gives the same bits on one or two threads.
+    #[test]
+    fn times_are_least_and_threads_do_not_matter(lattice in random_scene()) {
+        let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::new(0.2, 0.1, 0.4)), Rigid::translation(0.0, -1.0, 0.5)];
+        let c = [Point3::new(1.0, 2.0, 1.0), Point3::origin()];
+        let bones = Initiators { transforms: &t, centroids: &c };
+        let wave = first_wave(&lattice, &bones, &options());
+        let time = |l: &Lattice, a: usize, b: usize| (32.0 / f64::from(l.link(a, b).shear.max(0.02))).round() / 32.0;
+        for &n in &lattice.active {
+            let n = n as usize;
+            if lattice.node[n] != Node::Soft { continue }
+            let [sx, sy, sz] = lattice.grid.strides();
+            let least = [n - sx, n + sx, n - sy, n + sy, n - sz, n + sz]
+                .into_iter()
+                .filter(|&m| lattice.node[m] != Node::Outside && wave.time[m].is_finite())
+                .map(|m| wave.time[m] + time(&lattice, n, m))
+                .fold(f64::INFINITY, f64::min);
+            prop_assert!(wave.time[n] == least || least > 800.0, "{} for {least}", wave.time[n]);
+        }
+        for carry in [Carry::Rigid, Carry::Translation, Carry::ConstraintBased, Carry::LinearDecay] {
+            for combination in [Combination::Superposition, Combination::Prioritisation] {
+                for (order, structures) in [(Order::Timestamps, Structures::None), (Order::Timestamps, Structures::ThirdCriterion), (Order::ConstraintViolation, Structures::None), (Order::FirstMoved, Structures::None)] {
+                    let o = ChainmailOptions { carry, combination, order, structures, ..options() };
+                    let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| spread(&lattice, &bones, &o));
+                    let (one, two) = (on(1), on(2));
+                    prop_assert!(one == two);
+                    prop_assert!(one.iter().flatten().flatten().all(|v| v.is_finite()));
+                }
+            }
+        }
+    }
+
+    /// Packed waves find the times of the general engine, bit by bit, whatever the links and their law; the owner is the
+    /// first of the bones that come first.
+    #[test]
+    fn packed_waves_are_the_engines(lattice in random_scene()) {
+        let t = [Rigid::translation(1.0, 0.0, 0.0), Rigid::translation(0.0, -1.0, 0.5)];
+        let c = [Point3::origin(); 2];
+        let bones = Initiators { transforms: &t, centroids: &c };
+        for front in [Front::Round, Front::Rhombus] {
+            for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff, LinkTime::Literal] {
+                for cutoff in [800.0, 9.0] {
+                    let of = |lattice: &Lattice, carry| {
+                        first_wave(lattice, &bones, &ChainmailOptions { front, link_time, cutoff, carry, ..options() })
+                    };
+                    let (packed, general) = (of(&lattice, Carry::Rigid), of(&lattice, Carry::Translation));
+                    prop_assert_eq!(&packed.time, &general.time);
+                    prop_assert_eq!(packed.order.len(), general.order.len());
+                    // Each bone alone: the other one is as impassable as air.
+                    let alone = [0u16, 1].map(|b| {
+                        let apart = |n: &Node| if *n == Node::Bone(1 - b) { Node::Outside } else { *n };
+                        let node = lattice.node.iter().map(apart).collect();
+                        of(&Lattice::from_nodes(lattice.grid.clone(), node, lattice.constraint.clone()), Carry::Rigid).time
+                    });
+                    for &n in &lattice.active {
+                        let n = n as usize;
+                        let first = match (lattice.node[n], packed.time[n].is_finite()) {
+                            (Node::Bone(b), _) => Some(b),
+                            (_, true) => Some(u16::from(alone[1][n] < alone[0][n])),
+                            (_, false) => None,
+                        };
+                        prop_assert_eq!(packed.owner[n], first);
+                    }
+                }
+            }
+        }
+    }
+}
