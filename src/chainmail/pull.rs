@@ -9,9 +9,16 @@ pub struct Pull {
     pub stiffness: Vec<[f32; 6]>,
     /// `b`.
     pub towards: Vec<[f32; 3]>,
+    /// The farthest that an element is drawn away from where its links alone would hold it, mm.
+    pub farthest: f32,
 }
 
 impl Pull {
+    /// No pull on any of `soft` elements.
+    pub fn none(soft: usize, farthest: f32) -> Self {
+        Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], farthest }
+    }
+
     /// Lets go of the nodes that are set.
     pub(super) fn release(&mut self, lattice: &Lattice, nodes: &[bool]) {
         for (s, n) in lattice.soft().enumerate() {
@@ -24,7 +31,7 @@ impl Pull {
 
     /// Where soft element `s` comes to rest whose links have the total stiffness `weights` and would hold it at
     /// `sum / weights`.
-    pub(super) fn settle(&self, s: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
+    pub fn settle(&self, s: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
         let [xx, xy, xz, yy, yz, zz] = self.stiffness[s];
         if xx + yy + zz <= 0.0 {
             return sum.map(|s| s / weights);
@@ -36,11 +43,16 @@ impl Pull {
         let (c0, c1, c2) = (d * f - yz * yz, xz * yz - xy * f, xy * yz - xz * d);
         let determinant = a * c0 + xy * c1 + xz * c2;
         let (c3, c4, c5) = (a * f - xz * xz, xy * xz - a * yz, a * d - xy * xy);
-        [
+        let settled = [
             (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant,
             (c1 * b[0] + c3 * b[1] + c4 * b[2]) / determinant,
             (c2 * b[0] + c4 * b[1] + c5 * b[2]) / determinant,
-        ]
+        ];
+        let free = sum.map(|s| s / weights);
+        let d: [f32; 3] = std::array::from_fn(|a| settled[a] - free[a]);
+        let far = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        let keep = if far > self.farthest { self.farthest / far } else { 1.0 };
+        std::array::from_fn(|a| free[a] + keep * d[a])
     }
 }
 
@@ -54,4 +66,22 @@ pub trait ImagePull: Sync {
 
     /// How often the images are compared anew at each spacing, and rounds of relaxation after each.
     fn passes(&self) -> (usize, usize);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_element_rests_where_links_and_pull_balance_but_not_far_from_its_links() {
+        // Links of stiffness 2 hold it at (1, 0, 0); along x and y it is drawn with stiffness 2 to (3, 4, .).
+        let mut pull = Pull::none(1, 100.0);
+        assert_eq!(pull.settle(0, 2.0, [2.0, 0.0, 0.0]), [1.0, 0.0, 0.0]);
+        (pull.stiffness[0], pull.towards[0]) = ([2.0, 0.0, 0.0, 2.0, 0.0, 0.0], [6.0, 8.0, 0.0]);
+        let close = |at: [f32; 3], to: [f32; 3]| at.iter().zip(to).all(|(a, b)| (a - b).abs() < 1e-5);
+        assert!(close(pull.settle(0, 2.0, [2.0, 0.0, 0.0]), [2.0, 2.0, 0.0]));
+        pull.farthest = 0.5;
+        let held = pull.settle(0, 2.0, [2.0, 0.0, 0.0]);
+        assert!(close(held, [1.0 + 0.5 / 5f32.sqrt(), 1.0 / 5f32.sqrt(), 0.0]), "{held:?}");
+    }
 }

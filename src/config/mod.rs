@@ -255,6 +255,10 @@ impl Config {
             within("refine.blur", r.blur, 0.0, 10.0),
             within("refine.least_blur", r.least_blur, 0.0, 10.0),
             within("refine.robust", r.robust, 0.1, 1e6),
+            within("refine.departure", r.departure, 1e-4, 1e6),
+            within("refine.skin.weight", r.skin.weight, 0.0, 1e6),
+            within("refine.skin.sd_mm", r.skin.sd_mm, 0.01, 100.0),
+            within("refine.skin.edge_mm", r.skin.edge_mm, 0.1, 1000.0),
             within(
                 "refine.window_hu, its lower end",
                 f64::from(r.window_hu[0]),

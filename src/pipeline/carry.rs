@@ -130,7 +130,7 @@ pub(super) fn images(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Option<Images>> {
-    if config.refine.weight <= 0.0 || config.soft_tissue != SoftTissue::ChainMail {
+    if !config.refine.pulls() || config.soft_tissue != SoftTissue::ChainMail {
         return Ok(None);
     }
     runtime.stage("compare images", || {

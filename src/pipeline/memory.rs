@@ -20,7 +20,9 @@ const REST: f64 = 60e6;
 pub fn memory_estimate(planning: &Grid, fraction: &Grid, config: &Config) -> u64 {
     let spacing = config.chainmail.spacing_mm;
     let elements = planning.coarsened(spacing).len() as f64;
-    let images = if config.refine.weight > 0.0 && config.soft_tissue == SoftTissue::ChainMail { 4.0 } else { 0.0 };
+    let r = &config.refine;
+    let pulling = [r.weight, r.skin.weight].into_iter().filter(|w| *w > 0.0).count();
+    let images = if config.soft_tissue == SoftTissue::ChainMail { 4.0 * pulling as f64 } else { 0.0 };
     let variant = if config.chainmail.carry == Carry::Rigid { 0.0 } else { 60.0 };
     let kept = planning.len() as f64 * (PLANNING + images) + fraction.len() as f64 * (FRACTION + images);
     let passing = planning.len() as f64 * PASSING;

@@ -35,10 +35,12 @@ pub(super) struct Level<'a> {
     robust: f64,
     /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.
     reach: f64,
+    /// As [`Pull::farthest`].
+    farthest: f32,
 }
 
 /// Edge of the cube with the volume of a cell.
-fn mean_edge(spacing: &[f64; 3]) -> f64 {
+pub(super) fn mean_edge(spacing: &[f64; 3]) -> f64 {
     spacing.iter().product::<f64>().cbrt()
 }
 
@@ -83,6 +85,7 @@ impl<'a> Level<'a> {
             weight: options.weight * mean * mean,
             robust: options.robust,
             reach: REACH * sigma,
+            farthest: options.farthest(lattice),
         }
     }
 
@@ -107,7 +110,7 @@ impl<'a> Level<'a> {
             )
         });
         each.unzip_into_vecs(&mut stiffness, &mut towards);
-        Pull { stiffness, towards }
+        Pull { stiffness, towards, farthest: self.farthest }
     }
 
     /// Where soft element `s` is now.

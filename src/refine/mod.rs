@@ -1,21 +1,22 @@
-//! Rank 5: soft tissue by image. The two CTs pull the chain mail's elements where they show contrast; its elasticity
-//! does the rest.
+//! Rank 5: soft tissue by image. The two CTs pull the chain mail's elements where they show contrast, their skins along
+//! the normal; its elasticity does the rest.
 
 mod level;
 mod options;
+mod skin;
 
-pub use options::RefineOptions;
+pub use options::{RefineOptions, SkinOptions};
 
-use crate::chainmail::{Comparison, ImagePull, Lattice};
+use crate::chainmail::{Comparison, ImagePull, Lattice, Pull};
 use crate::volume::{Mask, Volume};
 use level::Level;
+use skin::Skin;
 
 /// The planning and the fraction CT, ready to pull at any resolution.
 pub struct Images {
-    /// Planning CT inside the patient; outside and beyond the window the window's edges.
-    planning: Volume<f32>,
-    /// Fraction CT, likewise.
-    fraction: Volume<f32>,
+    /// Both CTs inside the patient; outside and beyond the window the window's edges. `None` where grey values do not pull.
+    grey: Option<[Volume<f32>; 2]>,
+    skin: Option<Skin>,
     options: RefineOptions,
 }
 
@@ -31,8 +32,9 @@ impl Images {
             Volume::from_fn(ct.grid().clone(), |v| if body.data()[v] { ct.data()[v].clamp(low, high) } else { low })
         };
         Self {
-            planning: windowed(planning, planning_body),
-            fraction: windowed(fraction, fraction_body),
+            grey: (options.weight > 0.0)
+                .then(|| [windowed(planning, planning_body), windowed(fraction, fraction_body)]),
+            skin: Skin::new(planning_body, fraction_body, &options.skin),
             options: options.clone(),
         }
     }
@@ -40,8 +42,17 @@ impl Images {
 
 impl ImagePull for Images {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
-        let level = Level::new(&self.planning, &self.fraction, lattice, &self.options);
-        Box::new(move |u| level.pull(u))
+        let level =
+            self.grey.as_ref().map(|[planning, fraction]| Level::new(planning, fraction, lattice, &self.options));
+        let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
+        let nothing = || Pull::none(lattice.soft().count(), self.options.farthest(lattice));
+        Box::new(move |u| {
+            let mut pull = level.as_ref().map_or_else(nothing, |level| level.pull(u));
+            if let Some(outline) = &outline {
+                outline.add(u, &mut pull);
+            }
+            pull
+        })
     }
 
     fn passes(&self) -> (usize, usize) {

@@ -1,0 +1,174 @@
+//! The skin's pull: elements beside the skin of planning are drawn along its normal to the skin of the fraction.
+//!
+//! The distance to the skin, negative inside, is compared in both frames: to first order in a further step `d` an element
+//! is off by `r - n d` with `r = p - f` and `n` the gradient of the fraction's distance. Along the skin nothing pulls.
+
+use super::SkinOptions;
+use super::level::mean_edge;
+use crate::chainmail::{Lattice, Pull};
+use crate::geometry::Grid;
+use crate::volume::{Mask, Volume, distance::squared_distance_within, gaussian, trilinear};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Distances are known up to this one, mm; differences beyond half of it are couch, mask or clothes, and do not pull.
+const KNOWN_MM: f64 = 20.0;
+/// Differences beyond this count less (Huber), mm.
+const ROBUST_MM: f64 = 3.0;
+
+/// The skins of both scans.
+pub(super) struct Skin {
+    planning: Volume<f32>,
+    fraction: Volume<f32>,
+    options: SkinOptions,
+}
+
+impl Skin {
+    /// From the patient in each scan; `None` where the settings give the skin no weight.
+    pub(super) fn new(planning: &Mask, fraction: &Mask, options: &SkinOptions) -> Option<Self> {
+        let wanted = options.weight > 0.0;
+        wanted.then(|| Self { planning: depth(planning), fraction: depth(fraction), options: options.clone() })
+    }
+
+    /// Prepares for a lattice.
+    pub(super) fn at(&self, lattice: &Lattice) -> Outline<'_> {
+        let edge = mean_edge(&lattice.grid.spacing());
+        let grid = self.planning.grid();
+        let beside = |&n: &u32| {
+            let rest = lattice.rest(n as usize);
+            let depth = trilinear(&self.planning, &grid.index(&rest))?;
+            let sure = self.confidence(grid, &rest);
+            (depth.abs() < edge && sure > 0.0).then_some((rest, depth, sure))
+        };
+        let soft: Vec<u32> = lattice.soft().collect();
+        let elements = soft.par_iter().map(beside).collect();
+        Outline { skin: self, soft, elements, weight: self.options.weight * edge * edge / self.options.sd_mm.powi(2) }
+    }
+
+    /// How far the skin is believed at a point of a scan: not at all at the edge of its field of view, where the patient is
+    /// cut.
+    fn confidence(&self, grid: &Grid, point: &Point3<f64>) -> f64 {
+        let (at, size, spacing) = (grid.index(point), grid.size(), grid.spacing());
+        let inside = (0..3).map(|a| at[a].min(size[a] as f64 - 1.0 - at[a]) * spacing[a]).fold(f64::MAX, f64::min);
+        (inside / self.options.edge_mm - 0.5).clamp(0.0, 1.0)
+    }
+}
+
+/// Distance of each voxel from the skin, mm: negative inside the patient.
+fn depth(body: &Mask) -> Volume<f32> {
+    let [outside, inside] = [true, false].map(|target| squared_distance_within(body, target, KNOWN_MM));
+    let known = |square: f32| f64::from(square).sqrt().min(KNOWN_MM) as f32;
+    let values = outside.data().iter().zip(inside.data()).map(|(&o, &i)| known(o) - known(i)).collect();
+    let signed = Volume::new(body.grid().clone(), values).expect("one value per voxel");
+    let edge = body.grid().spacing().into_iter().fold(f64::MAX, f64::min);
+    gaussian(&signed, edge)
+}
+
+/// The skin for one lattice.
+pub(super) struct Outline<'a> {
+    skin: &'a Skin,
+    /// Soft elements, ascending.
+    soft: Vec<u32>,
+    /// Of each soft element beside the skin its place at rest, its distance from the skin and how far that is believed.
+    elements: Vec<Option<(Point3<f64>, f64, f64)>>,
+    weight: f64,
+}
+
+impl Outline<'_> {
+    /// Adds to the pull at the elements' displacements `u`.
+    pub(super) fn add(&self, u: &[[f32; 3]], pull: &mut Pull) {
+        let each = pull.stiffness.par_iter_mut().zip(&mut pull.towards).zip(&self.elements).zip(&self.soft);
+        each.for_each(|(((stiffness, towards), element), &n)| {
+            let Some((rest, depth, sure)) = element else { return };
+            let now = Vector3::from(u[n as usize].map(f64::from));
+            let Some((r, normal, w)) = self.asked(&(rest + now), *depth) else { return };
+            let w = w * sure * self.weight;
+            // The quadratic of a further step, about the displacement that the element has.
+            let b = normal * (w * (r + normal.dot(&now)));
+            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+                stiffness[k] += (w * normal[x] * normal[y]) as f32;
+            }
+            (0..3).for_each(|a| towards[a] += b[a] as f32);
+        });
+    }
+
+    /// How far a point must go along which gradient to be as deep in the fraction as it was in planning, and how much that
+    /// counts.
+    fn asked(&self, point: &Point3<f64>, depth: f64) -> Option<(f64, Vector3<f64>, f64)> {
+        let fraction = &self.skin.fraction;
+        let grid = fraction.grid();
+        let at = grid.index(point);
+        let sure = self.skin.confidence(grid, point);
+        let r = depth - trilinear(fraction, &at)?;
+        if sure <= 0.0 || r.abs() > 0.5 * KNOWN_MM {
+            return None;
+        }
+        let slope = |a: usize| {
+            let mut step = Vector3::zeros();
+            step[a] = 0.5;
+            Some(trilinear(fraction, &(at + step))? - trilinear(fraction, &(at - step))?)
+        };
+        let normal = grid.inverse_step().transpose() * Vector3::new(slope(0)?, slope(1)?, slope(2)?);
+        Some((r, normal, sure * (ROBUST_MM / r.abs().max(ROBUST_MM))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chainmail::{Material, Node};
+
+    /// A ball of this radius about the middle of a cube of 40 mm, and elements of 4 mm inside a ball of 12 mm.
+    fn ball(radius: f64) -> Mask {
+        let grid = Grid::axis_aligned([41; 3], [1.0; 3], [-20.0; 3]).unwrap();
+        Volume::from_fn(grid.clone(), |v| grid.centre(grid.voxel(v)).coords.norm() < radius)
+    }
+
+    fn elements() -> Lattice {
+        let grid = Grid::axis_aligned([11; 3], [4.0; 3], [-20.0; 3]).unwrap();
+        let soft = |n: usize| grid.centre(grid.voxel(n)).coords.norm() < 12.5;
+        let node = (0..grid.len()).map(|n| if soft(n) { Node::Soft } else { Node::Outside }).collect();
+        let constraint = vec![Material::default().at(40.0); grid.len()];
+        Lattice::from_nodes(grid, node, constraint)
+    }
+
+    #[test]
+    fn elements_at_the_skin_ask_for_the_way_along_its_normal() {
+        let lattice = elements();
+        let options = SkinOptions { weight: 1.0, edge_mm: 1.0, ..SkinOptions::default() };
+        let skin = Skin::new(&ball(12.0), &ball(14.0), &options).unwrap();
+        let outline = skin.at(&lattice);
+        let at_rest = vec![[0f32; 3]; lattice.node.len()];
+        let mut pull = Pull::none(lattice.soft().count(), 100.0);
+        outline.add(&at_rest, &mut pull);
+        let mut pulled = 0;
+        for (s, n) in lattice.soft().enumerate() {
+            let x = lattice.rest(n as usize).coords;
+            let [xx, _, _, yy, _, zz] = pull.stiffness[s];
+            if x.norm() < 6.0 {
+                assert!(xx + yy + zz < 1e-6, "{x}");
+            } else if x.norm() > 11.0 {
+                // Held weakly, it goes the 2 mm outwards that the skin has gone.
+                let u = pull.settle(s, 0.5, [0.0; 3]);
+                let way = Vector3::from(u.map(f64::from));
+                assert!((way - x.normalize() * 2.0).norm() < 0.5, "{x}: {way}");
+                pulled += 1;
+            }
+        }
+        assert!(pulled > 20, "{pulled}");
+    }
+
+    #[test]
+    fn the_edge_of_the_scan_and_skins_far_away_do_not_pull() {
+        let lattice = elements();
+        let at_rest = vec![[0f32; 3]; lattice.node.len()];
+        for (fraction, edge_mm) in [(14.0, 40.0), (0.0, 1.0), (90.0, 1.0)] {
+            let options = SkinOptions { weight: 1.0, edge_mm, ..SkinOptions::default() };
+            let skin = Skin::new(&ball(12.0), &ball(fraction), &options).unwrap();
+            let mut pull = Pull::none(lattice.soft().count(), 100.0);
+            skin.at(&lattice).add(&at_rest, &mut pull);
+            assert!(pull.stiffness.iter().flatten().all(|s| s.abs() < 1e-6), "{fraction} {edge_mm}");
+        }
+        assert!(Skin::new(&ball(12.0), &ball(12.0), &SkinOptions::default()).is_none());
+    }
+}
