@@ -6,13 +6,16 @@ use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Wall time of one stage of a run.
+/// Time of one stage of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
     /// Name of the stage.
     pub stage: String,
     /// Wall time in seconds.
     pub seconds: f64,
+    /// Processor time, all threads together, s, where the system tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub processor_seconds: Option<f64>,
 }
 
 /// Thread pool, progress receiver and stage clock of one run.
@@ -53,15 +56,16 @@ impl Runtime {
         self.progress.as_ref()
     }
 
-    /// Runs `work` as a named stage inside the thread pool and records its wall time.
+    /// Runs `work` as a named stage inside the thread pool and records its time.
     pub fn stage<T: Send>(&self, name: &str, work: impl FnOnce() -> T + Send) -> T {
         self.progress.stage(name);
-        let start = Instant::now();
+        let (start, before) = (Instant::now(), processor_seconds());
         let out = self.pool.install(work);
         let seconds = start.elapsed().as_secs_f64();
+        let processor_seconds = before.zip(processor_seconds()).map(|(from, to)| to - from);
         self.progress.finish(seconds);
         if let Ok(mut times) = self.times.lock() {
-            times.push(StageTime { stage: name.to_owned(), seconds });
+            times.push(StageTime { stage: name.to_owned(), seconds, processor_seconds });
         }
         out
     }

@@ -106,7 +106,8 @@ impl Preset {
                     ..ChainmailOptions::default()
                 },
                 fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
-                output: OutputOptions { uncertainty: false, ..OutputOptions::default() },
+                refine: RefineOptions { passes: 5, rounds: 2, ..RefineOptions::default() },
+                output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
                 ..base
             },
             Self::Accurate => {

@@ -51,10 +51,14 @@ impl<V> Search<'_, V> {
         let mut t = Tally::default();
         for (row, drawn) in drawn.chunks(nx).enumerate() {
             let start = self.fraction.centre([0, row % ny, first + row / ny]).coords;
+            // The last two solutions on the row, where both are known: the third is nearly in line.
+            let mut before: [Option<Vector3<f64>>; 2] = [None; 2];
             for (i, drawn) in drawn.iter().enumerate() {
                 let y = start + along * i as f64;
+                let ahead = before[1].zip(before[0]).map(|(last, first)| last + last - first);
                 let (mut d, residual, converged) =
-                    self.in_bone(&y, owner[row * nx + i]).unwrap_or_else(|| self.voxel(&y, drawn));
+                    self.in_bone(&y, owner[row * nx + i]).unwrap_or_else(|| self.voxel(&y, drawn, ahead));
+                before = [before[1], converged.then_some(d)];
                 let at = planning.index(&Point3::from(y + d));
                 let mut within = planning.contains(&at);
                 let tissue = within && self.tissue(&at);
@@ -110,12 +114,17 @@ impl<V> Search<'_, V> {
         (residual < self.options.tolerance_mm).then_some((v, residual, true))
     }
 
-    /// One voxel: quickly from a good start, patiently where that fails.
+    /// One voxel: quickly from a good start, patiently where that fails. `ahead`: what its row leads to expect, where no tissue
+    /// comes to lie.
     #[inline(always)]
-    fn voxel(&self, y: &Vector3<f64>, drawn: &Drop<3>) -> (Vector3<f64>, f64, bool) {
+    fn voxel(&self, y: &Vector3<f64>, drawn: &Drop<3>, ahead: Option<Vector3<f64>>) -> (Vector3<f64>, f64, bool) {
         let tolerance = self.options.tolerance_mm;
         let held = drawn.rank > 0;
-        let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value([y.x, y.y, y.z]) };
+        let start = match ahead {
+            _ if held => -Vector3::from(drawn.value.map(f64::from)),
+            Some(v) => v,
+            None => self.guess.value([y.x, y.y, y.z]),
+        };
         let most = self.options.max_iterations;
         let found = self.quick.invert(y, start, (tolerance, most.min(QUICK_ITERATIONS)));
         if found.2 {

@@ -23,18 +23,22 @@ use nalgebra::Point3;
 /// HU of what lies outside the planning scan when it is shown on the fraction grid.
 pub(super) const OUTSIDE_HU: f32 = -1000.0;
 
-/// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`.
+/// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
+/// is given, both images refine soft tissue.
 pub(super) fn carry_out(
     case: &Case,
     target: &Grid,
     (skeleton, body, fit): (Skeleton, Mask, FitResult),
-    images: Option<&Images>,
+    fraction_body: Option<&Mask>,
     mut warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let (propagation, regions) =
-        runtime.stage(CARRYING, || soft_tissue(case, &skeleton, &body, &fit.transforms, images, config, runtime))?;
+    let (propagation, regions) = runtime.stage(CARRYING, || {
+        let of = |fraction_body| Images::new((&case.planning, &body), (&case.fraction, fraction_body), &config.refine);
+        let images = fraction_body.map(of);
+        soft_tissue(case, &skeleton, &body, &fit.transforms, images.as_ref(), config, runtime)
+    })?;
     let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let push = propagation.push;
@@ -53,7 +57,7 @@ pub(super) fn carry_out(
     let middle = case.planning.grid().middle();
     let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
     let sliding = config.sliding.pairs(&rigid);
-    let (jacobian, jacobian_report, rigidity, landmarks, multiple) = runtime.stage("evaluate", || {
+    let figures = || {
         let map = field::jacobian(&push);
         let tissue = evaluate::jacobian::tissue(&body, &case.planning);
         let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid, &sliding);
@@ -61,9 +65,11 @@ pub(super) fn carry_out(
         let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);
         (map, report, rigidity, landmarks, multiple)
-    });
-    let (contact, skin_contact) = runtime
-        .stage("find contact", || contact::measure(&case.bones, &skeleton, &fit.transforms, &push, &body, target));
+    };
+    let meeting = || contact::measure(&case.bones, &skeleton, &fit.transforms, &push, &body, target);
+    // Both have parts that one thread does alone.
+    let (figures, (contact, skin_contact)) = runtime.stage("evaluate", || rayon::join(figures, meeting));
+    let (jacobian, jacobian_report, rigidity, landmarks, multiple) = figures;
     inverse.multiple = multiple.count();
     warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
     let voxel = case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
@@ -121,22 +127,9 @@ fn missed(v: &VolumeReached) -> Option<Warning> {
     })
 }
 
-/// Both images, to refine soft tissue by, unless the settings switch that off. `fraction_body` finds the patient in the
-/// fraction CT.
-pub(super) fn images(
-    case: &Case,
-    body: &Mask,
-    fraction_body: impl FnOnce() -> Result<Mask> + Send,
-    config: &Config,
-    runtime: &Runtime,
-) -> Result<Option<Images>> {
-    if !config.refine.pulls() || config.soft_tissue != SoftTissue::ChainMail {
-        return Ok(None);
-    }
-    runtime.stage("compare images", || {
-        let fraction_body = fraction_body()?;
-        Ok(Some(Images::new((&case.planning, body), (&case.fraction, &fraction_body), &config.refine)))
-    })
+/// Whether the images, and with them the patient in the fraction CT, take part in soft tissue.
+pub(super) fn images_pull(config: &Config) -> bool {
+    config.refine.pulls() && config.soft_tissue == SoftTissue::ChainMail
 }
 
 /// Position in the skeleton of each possible label.

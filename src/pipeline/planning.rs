@@ -25,6 +25,17 @@ pub(super) struct Patient {
 impl Patient {
     /// Finds skeleton and patient in the planning side of a case.
     pub(super) fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
+        Ok(Self::new_beside(case, config, runtime, |_| ())?.0)
+    }
+
+    /// As [`Patient::new`], with what `work` makes of the skeleton while the patient is looked for, for the most part by one
+    /// thread.
+    fn new_beside<T: Send>(
+        case: &Case,
+        config: &Config,
+        runtime: &Runtime,
+        work: impl FnOnce(&Skeleton) -> T + Send,
+    ) -> Result<(Self, T)> {
         check_labels(case)?;
         let (skeleton, warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
         // Wrong names are found before the long work begins.
@@ -33,8 +44,9 @@ impl Patient {
         for change in &config.chainmail.volume_change {
             organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
         }
-        let body = runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &config.body))?;
-        Ok(Self { skeleton, body, warnings })
+        let find = || body::find(&case.planning, Some(&case.bones), &config.body);
+        let (body, made) = runtime.stage("find the patient", || rayon::join(find, || work(&skeleton)));
+        Ok((Self { skeleton, body: body?, warnings }, made))
     }
 }
 
@@ -53,12 +65,11 @@ impl Planning {
     /// [`crate::Error::Input`] when planning CT and labels do not fit each other.
     pub fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
         check_image("planning CT", &case.planning)?;
-        let patient = Patient::new(case, config, runtime)?;
         let by_landmarks = !case.bone_landmarks.is_empty() && config.fit.bone_landmarks == LandmarkUse::Replace;
-        let samples = (!by_landmarks).then(|| {
-            let draw = || BoneSamples::new(&patient.skeleton, &case.planning, &case.bones, &config.fit);
-            runtime.stage("sample bones", draw)
-        });
+        let draw = |skeleton: &Skeleton| {
+            (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
+        };
+        let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
         Ok(Self { patient, samples })
     }
 }

@@ -1,6 +1,6 @@
 //! The registration: one call per stage.
 
-use super::carry::{carry_out, images};
+use super::carry::{carry_out, images_pull};
 use super::planning::{Patient, Planning};
 use super::region::cut;
 use super::{Case, Outcome, uncertainty};
@@ -9,7 +9,6 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{FitResult, fit_pose, from_landmarks, given};
 use crate::geometry::Grid;
-use crate::refine::Images;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume};
@@ -34,40 +33,40 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
         [] => None,
         landmarks => Some(from_landmarks(skeleton, landmarks)?),
     };
-    let fit = runtime.stage("fit skeleton", || match (&planning.samples, &placed) {
+    let fit = || match (&planning.samples, &placed) {
         (Some(samples), start) => {
             fit_pose(skeleton, samples, &case.fraction, start.as_deref(), &config.fit, runtime.progress())
         }
         (None, Some(known)) => given(skeleton, known),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
-    })?;
+    };
+    let patient = || images_pull(config).then(|| body::find(&case.fraction, None, &config.body));
+    // Finding the patient is for the most part one thread's work.
+    let (fit, fraction_body) = runtime.stage("fit skeleton", || rayon::join(fit, patient));
+    let (fit, fraction_body) = (fit?, fraction_body.transpose()?);
     let warnings = [&case.warnings, warnings, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
-        let fraction_body = || Ok(part_of_body(&body::find(&case.fraction, None, &config.body)?, part.fraction.grid()));
-        let images = images(&part, &body, fraction_body, config, runtime)?;
+        let fraction_body = fraction_body.map(|whole| part_of_body(&whole, part.fraction.grid()));
         let moved = (skeleton.clone(), body, fit);
-        let outcome = carried(&part, moved, images.as_ref(), warnings, config, runtime)?;
+        let outcome = carried(&part, moved, fraction_body.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
     }
-    let fraction_body = || body::find(&case.fraction, None, &config.body);
-    let images = images(case, body, fraction_body, config, runtime)?;
-    let moved = (skeleton.clone(), body.clone(), fit);
-    carried(case, moved, images.as_ref(), warnings, config, runtime)
+    carried(case, (skeleton.clone(), body.clone(), fit), fraction_body.as_ref(), warnings, config, runtime)
 }
 
-/// Carries the bones' motion out, with a map of how far the result may be trusted.
+/// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
     case: &Case,
     moved: (Skeleton, Mask, FitResult),
-    images: Option<&Images>,
+    fraction_body: Option<&Mask>,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let mut outcome = carry_out(case, case.fraction.grid(), moved, images, warnings, config, runtime)?;
+    let mut outcome = carry_out(case, case.fraction.grid(), moved, fraction_body, warnings, config, runtime)?;
     if config.output.uncertainty {
-        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, images.is_some(), config))?;
+        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, fraction_body.is_some(), config))?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
     }

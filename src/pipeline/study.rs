@@ -1,6 +1,6 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
-use super::carry::{carry_out, images};
+use super::carry::{carry_out, images_pull};
 use super::planning::Patient;
 use super::{Case, Outcome};
 use crate::body;
@@ -29,10 +29,9 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
         ));
     }
     let seen = case.inputs.iter().any(|i| i.role == "fraction");
-    let images = if seen {
-        images(case, &body, || body::find(&case.fraction, None, &config.body), config, runtime)?
-    } else {
-        None
-    };
-    carry_out(case, case.fraction.grid(), (skeleton, body, fit.clone()), images.as_ref(), warnings, config, runtime)
+    let find = || body::find(&case.fraction, None, &config.body);
+    let wanted = seen && images_pull(config);
+    let fraction_body = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
+    let moved = (skeleton, body, fit.clone());
+    carry_out(case, case.fraction.grid(), moved, fraction_body.as_ref(), warnings, config, runtime)
 }

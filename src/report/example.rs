@@ -146,7 +146,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         warnings: vec![Warning::new("bone-in-pieces", "skull: 2 pieces, <largest> 98 %; check the label map")],
         regions: None,
         stages: [("read", 0.9), ("body", 1.4), ("fit skeleton", 12.5), ("propagate", 8.2), ("invert", 2.1)]
-            .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds })
+            .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds, processor_seconds: None })
             .into(),
     };
     let inputs = ["planning", "bones", "fraction"].map(|role| InputFile {
