@@ -19,7 +19,7 @@ const BONES_MM: f64 = 0.6;
 /// A bone's mean error, mm: a voxel; the cut ends of forearm bones are round and say little of their turn.
 const WORST_BONE_MM: f64 = 3.0;
 /// Mean error of soft tissue, mm: the phantom's tissue moves up to 2 mm on its own, which bones cannot tell.
-const SOFT_MM: f64 = 2.0;
+const SOFT_MM: f64 = 1.2;
 /// A bone's departure from a rigid motion, mm: single precision.
 const RIGID_MM: f64 = 0.001;
 /// Cells that fold outside bone contact, percent of the body.

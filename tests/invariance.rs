@@ -52,7 +52,7 @@ fn reference() -> &'static (Phantom, Outcome) {
 }
 
 /// The same image stored otherwise: storage axis `a` runs along the old axis `order[a]`, backwards where `flip[a]`.
-fn restored<T: Clone>(image: &Volume<T>, order: [usize; 3], flip: [bool; 3]) -> Volume<T> {
+fn restored<T: Clone + Send + Sync>(image: &Volume<T>, order: [usize; 3], flip: [bool; 3]) -> Volume<T> {
     let old = image.grid();
     let mut corner = [0usize; 3];
     for a in 0..3 {

@@ -9,6 +9,7 @@ use crate::volume::components::{Components, Connectivity};
 use crate::volume::distance::{dilate, squared_distance, squared_distance_within};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How to find the patient.
@@ -73,9 +74,9 @@ pub fn find(ct: &Volume<f32>, labels: Option<&LabelMap>, options: &BodyOptions) 
     })?;
     let core = claim(deeper(opening), &patient, &device);
     let mut body = dilate(&core, opening);
-    for (l, (b, &s)) in body.data_mut().iter_mut().zip(solid.data()).enumerate() {
+    body.data_mut().par_iter_mut().zip(solid.data()).enumerate().with_min_len(1 << 14).for_each(|(l, (b, &s))| {
         *b = *b && s || hint.labelled(l);
-    }
+    });
     Ok(fill::cavities(&body, options.closing_mm))
 }
 

@@ -8,6 +8,7 @@ use super::relax::Relaxation;
 use super::untangle::{around, tangled};
 use crate::field::{PushField, digital_folds};
 use nalgebra::Matrix3;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Folded cells beyond which the field is not mended: then the motion itself is at fault, and it would take long.
@@ -61,7 +62,7 @@ fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
             && bones.all(|b| Some(b) == first)
             && nodes.iter().any(|&v| tissue.bone(v).is_none())
     };
-    (0..grid.len()).filter(|&v| folds.data()[v] && mendable(v)).collect()
+    (0..grid.len()).into_par_iter().filter(|&v| folds.data()[v] && mendable(v)).collect()
 }
 
 /// First and last voxel of a box around cells.

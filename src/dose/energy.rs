@@ -210,7 +210,7 @@ mod tests {
         Volume::filled(grid.clone(), 0.0)
     }
 
-    fn field(grid: &Grid, map: impl Fn(Point3<f64>) -> Point3<f64>) -> Volume<[f32; 3]> {
+    fn field(grid: &Grid, map: impl Fn(Point3<f64>) -> Point3<f64> + Sync) -> Volume<[f32; 3]> {
         Volume::from_fn(grid.clone(), |l| {
             let x = grid.centre(grid.voxel(l));
             (map(x) - x).map(|c| c as f32).into()

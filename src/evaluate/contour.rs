@@ -186,7 +186,7 @@ mod tests {
     use crate::volume::Volume;
     use nalgebra::Point3;
 
-    fn map(grid: &Grid, inside: impl Fn(Point3<f64>) -> bool) -> LabelMap {
+    fn map(grid: &Grid, inside: impl Fn(Point3<f64>) -> bool + Sync) -> LabelMap {
         let volume = Volume::from_fn(grid.clone(), |l| u16::from(inside(grid.centre(grid.voxel(l)))));
         LabelMap { volume, names: [(1, "solid".to_owned())].into() }
     }

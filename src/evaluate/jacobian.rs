@@ -91,10 +91,13 @@ pub fn evaluate(
         }
     }
     let folds = digital_folds(push);
-    let soft_folds = kinds.data().iter().zip(folds.data()).filter(|(k, f)| **k == Cell::Soft && **f).count();
+    let soft_folds = kinds.data().par_iter().zip(folds.data()).filter(|(k, f)| **k == Cell::Soft && **f).count();
+    let body = || stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact | Cell::Interface)));
+    let soft = || stats(values(&|k| k == Cell::Soft));
+    let (body, soft_tissue) = rayon::join(body, soft);
     JacobianReport {
-        body: stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact | Cell::Interface))),
-        soft_tissue: stats(values(&|k| k == Cell::Soft)),
+        body,
+        soft_tissue,
         contact: stats(values(&|k| k == Cell::Contact)),
         interface: stats(values(&|k| k == Cell::Interface)),
         bones: names.into_iter().zip(per_bone.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),

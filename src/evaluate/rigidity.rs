@@ -101,7 +101,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    fn scene(map: impl Fn(Point3<f64>) -> Point3<f64>) -> Vec<BoneRigidity> {
+    fn scene(map: impl Fn(Point3<f64>) -> Point3<f64> + Sync) -> Vec<BoneRigidity> {
         let grid = Grid::axis_aligned([10, 8, 6], [1.0, 1.5, 3.0], [-300.0, 20.0, 5.0]).unwrap();
         let displacement = Volume::from_fn(grid.clone(), |l| {
             let x = grid.centre(grid.voxel(l));

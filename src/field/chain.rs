@@ -274,7 +274,7 @@ mod tests {
     use super::*;
     use crate::geometry::about;
 
-    fn field(u: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Motion {
+    fn field(u: impl Fn(Vector3<f64>) -> Vector3<f64> + Sync) -> Motion {
         let grid = Grid::axis_aligned([41, 31, 21], [2.0, 2.0, 3.0], [-40.0, -30.0, -30.0]).unwrap();
         Motion::Field(Box::new(Volume::from_fn(grid.clone(), |l| {
             u(grid.centre(grid.voxel(l)).coords).map(|c| c as f32).into()

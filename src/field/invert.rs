@@ -318,7 +318,7 @@ mod tests {
     use super::*;
     use crate::volume::Volume;
 
-    fn push(f: impl Fn(Vector3<f64>) -> Vector3<f64>) -> PushField {
+    fn push(f: impl Fn(Vector3<f64>) -> Vector3<f64> + Sync) -> PushField {
         let grid = Grid::axis_aligned([40, 30, 20], [2.0, 2.0, 3.0], [-40.0, -30.0, -30.0]).unwrap();
         let displacement = Volume::from_fn(grid.clone(), |l| {
             let u = f(grid.centre(grid.voxel(l)).coords);

@@ -221,7 +221,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// A push field that takes each point `x` of `grid` to `map(x)`.
-    fn push(grid: Grid, map: impl Fn(Point3<f64>) -> Point3<f64>) -> PushField {
+    fn push(grid: Grid, map: impl Fn(Point3<f64>) -> Point3<f64> + Sync) -> PushField {
         let displacement = Volume::from_fn(grid.clone(), |l| {
             let x = grid.centre(grid.voxel(l));
             (map(x) - x).map(|c| c as f32).into()

@@ -60,7 +60,7 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    fn cells(u: impl Fn(usize, [usize; 3]) -> [f32; 3]) -> (PushField, Volume<f32>) {
+    fn cells(u: impl Fn(usize, [usize; 3]) -> [f32; 3] + Sync) -> (PushField, Volume<f32>) {
         let grid = Grid::axis_aligned([9, 8, 7], [1.0, 2.0, 3.0], [5.0, -7.0, 11.0]).unwrap();
         let displacement = Volume::from_fn(grid.clone(), |l| u(l, grid.voxel(l)));
         let image = Volume::from_fn(grid.clone(), |l| {

@@ -24,6 +24,9 @@ const APART_MM: f64 = 35.0;
 /// Least explained share of the refined start; below it the images show no common anatomy.
 const LEAST_EXPLAINED: f64 = 0.15;
 
+/// Explained share of an upright start beyond which no turned one is looked for.
+const CLEAR: f64 = 0.7;
+
 /// Shifts that bring enough of the bones' box into the image's.
 struct Range {
     /// Box of the points and of the image, mm.
@@ -116,10 +119,10 @@ struct Candidate {
     shift: Vector3<f64>,
 }
 
-/// Best starts of the exhaustive search, best first.
-fn search(samples: &Samples, centre: &Point3<f64>, fraction: &Volume<f32>) -> Vec<Candidate> {
-    let turns = TURNS.map(|t| UnitQuaternion::from_scaled_axis(Vector3::from(t.map(f64::to_radians))));
-    let mut all: Vec<Candidate> = turns.into_iter().flat_map(|turn| shifts(samples, centre, turn, fraction)).collect();
+/// Best starts of the exhaustive search over these turns, best first.
+fn search(turns: &[[f64; 3]], samples: &Samples, centre: &Point3<f64>, fraction: &Volume<f32>) -> Vec<Candidate> {
+    let turns = turns.iter().map(|t| UnitQuaternion::from_scaled_axis(Vector3::from(t.map(f64::to_radians))));
+    let mut all: Vec<Candidate> = turns.flat_map(|turn| shifts(samples, centre, turn, fraction)).collect();
     // The sort is stable: of equal ones the smaller turn comes first.
     all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     let mut best: Vec<Candidate> = Vec::new();
@@ -180,19 +183,25 @@ pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> 
     let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
     let radius = (samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
     let mut best: Option<(f64, f64, Rigid)> = None;
-    for Candidate { turn, shift, .. } in search(samples, &centre, &fraction.value) {
-        let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
-        let problem = || PoseProblem {
-            bodies: vec![Body { samples, base, centre, radius, held: None }],
-            links: Vec::new(),
-            fraction: Some(fraction),
-            measure,
-        };
-        let solution = solve(problem(), 0.05, 40)?;
-        let t = problem().transforms(&solution.x)[0];
-        let share = problem().similarities(&[t], false)[0].explained;
-        if best.as_ref().is_none_or(|b| solution.cost < b.0) {
-            best = Some((solution.cost, share, t));
+    let (upright, turned) = TURNS.split_at(1);
+    for turns in [upright, turned] {
+        for Candidate { turn, shift, .. } in search(turns, samples, &centre, &fraction.value) {
+            let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
+            let problem = || PoseProblem {
+                bodies: vec![Body { samples, base, centre, radius, held: None }],
+                links: Vec::new(),
+                fraction: Some(fraction),
+                measure,
+            };
+            let solution = solve(problem(), 0.05, 40)?;
+            let t = problem().transforms(&solution.x)[0];
+            let share = problem().similarities(&[t], false)[0].explained;
+            if best.as_ref().is_none_or(|b| solution.cost < b.0) {
+                best = Some((solution.cost, share, t));
+            }
+        }
+        if best.as_ref().is_some_and(|b| b.1 >= CLEAR) {
+            break;
         }
     }
     match best {

@@ -166,7 +166,7 @@ fn hu(p: &Point3<f64>) -> f32 {
 }
 
 /// The balls at the exact pre-images of a grid's voxels, and one voxel for the seed.
-fn labels(grid: &Grid, before: impl Fn(&Point3<f64>) -> Option<Point3<f64>>, seed: &Point3<f64>) -> LabelMap {
+fn labels(grid: &Grid, before: impl Fn(&Point3<f64>) -> Option<Point3<f64>> + Sync, seed: &Point3<f64>) -> LabelMap {
     let label = |n: usize| {
         let x = before(&grid.centre(grid.voxel(n)))?;
         let inside = |(_, c, r): &(&str, [f64; 3], f64)| (x - Point3::from(*c)).norm() <= *r;

@@ -260,10 +260,12 @@ mod tests {
         (size, prop::array::uniform3(0.4f64..4.0), any::<u64>(), 1u64..40).prop_map(|(size, spacing, seed, every)| {
             let grid = Grid::axis_aligned(size, spacing, [0.0; 3]).unwrap();
             let mut state = seed | 1;
-            Volume::from_fn(grid, |_| {
+            let mut next = || {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 (state >> 33).is_multiple_of(every)
-            })
+            };
+            let values = (0..grid.len()).map(|_| next()).collect();
+            Volume::new(grid, values).unwrap()
         })
     }
 

@@ -26,6 +26,9 @@ pub struct Volume<T> {
     data: Vec<T>,
 }
 
+/// Voxels that one thread takes at least: fewer are not worth handing over.
+const LEAST: usize = 1 << 14;
+
 /// A yes or no for each voxel.
 pub type Mask = Volume<bool>;
 
@@ -42,8 +45,11 @@ impl<T> Volume<T> {
     }
 
     /// A volume with `value(storage position)` everywhere.
-    pub fn from_fn(grid: Grid, value: impl FnMut(usize) -> T) -> Self {
-        let data = (0..grid.len()).map(value).collect();
+    pub fn from_fn(grid: Grid, value: impl Fn(usize) -> T + Sync + Send) -> Self
+    where
+        T: Send,
+    {
+        let data = (0..grid.len()).into_par_iter().with_min_len(LEAST).map(value).collect();
         Self { grid, data }
     }
 
@@ -68,8 +74,12 @@ impl<T> Volume<T> {
         &self.data[self.grid.linear(voxel)]
     }
     /// A volume of the same grid with `f` of each value.
-    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Volume<U> {
-        Volume { grid: self.grid.clone(), data: self.data.iter().map(f).collect() }
+    pub fn map<U: Send>(&self, f: impl Fn(&T) -> U + Sync + Send) -> Volume<U>
+    where
+        T: Sync,
+    {
+        let data = self.data.par_iter().with_min_len(LEAST).map(f).collect();
+        Volume { grid: self.grid.clone(), data }
     }
     /// The values as an ndarray view of shape (i, j, k).
     pub fn view(&self) -> ArrayView3<'_, T> {
@@ -112,7 +122,7 @@ impl Volume<f32> {
 impl Mask {
     /// Number of voxels that are set.
     pub fn count(&self) -> usize {
-        self.data.iter().filter(|&&v| v).count()
+        self.data.par_iter().with_min_len(LEAST).filter(|&&v| v).count()
     }
 }
 
