@@ -58,7 +58,7 @@ def main():
         for spacing in SPACINGS:
             case = f"{folder}/{spacing}"
             run(args.aventail, "phantom", "--spacing", "x".join([str(spacing)] * 3), "--out", case)
-            body = np.count_nonzero(sitk.GetArrayViewFromImage(sitk.ReadImage(f"{case}/body.nii.gz")))
+            body = np.count_nonzero(sitk.GetArrayFromImage(sitk.ReadImage(f"{case}/body.nii.gz")))
             times = register(args.aventail, case, ["--bones", f"{case}/bones.nii.gz"], f"{folder}/out", args.repeat)
             voxels.append((spacing, body, *times))
         case = f"{folder}/{AMONG}"

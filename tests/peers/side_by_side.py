@@ -36,7 +36,7 @@ RIGID = """
 (HowToCombineTransforms "Compose") (ErodeMask "false")
 (NumberOfResolutions 3) (MaximumNumberOfIterations 250)
 (ImageSampler "RandomCoordinate") (NumberOfSpatialSamples 4000) (NewSamplesEveryIteration "true")
-(WriteResultImage "false") (FixedImageDimension 3) (MovingImageDimension 3)
+(WriteResultImage "false") (ResultImageFormat "mha") (FixedImageDimension 3) (MovingImageDimension 3)
 """
 BSPLINE = """
 (FixedInternalImagePixelType "float") (MovingInternalImagePixelType "float")
@@ -49,7 +49,7 @@ BSPLINE = """
 (FinalGridSpacingInPhysicalUnits 10.0) (HowToCombineTransforms "Compose") (ErodeMask "false")
 (NumberOfResolutions 4) (MaximumNumberOfIterations 500)
 (ImageSampler "RandomCoordinate") (NumberOfSpatialSamples 5000) (NewSamplesEveryIteration "true")
-(WriteResultImage "false") (FixedImageDimension 3) (MovingImageDimension 3)
+(WriteResultImage "false") (ResultImageFormat "mha") (FixedImageDimension 3) (MovingImageDimension 3)
 """
 PLASTIMATCH = """
 [GLOBAL]
