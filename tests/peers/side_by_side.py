@@ -129,8 +129,7 @@ def elastix(job):
         + ["-p", f"{job.out}/rigid.txt", "-p", f"{job.out}/bspline.txt"]
     )
     run(["transformix", "-def", "all", "-out", job.out, "-tp", f"{job.out}/TransformParameters.1.txt"])
-    found = [n for n in os.listdir(job.out) if n.startswith("deformationField")]
-    return f"{job.out}/{found[0]}"
+    return f"{job.out}/deformationField.mha"
 
 
 def greedy(job):
