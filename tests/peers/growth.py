@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import SimpleITK as sitk
 
-SPACINGS = (6.0, 4.5, 3.5, 2.75, 2.2, 1.75)
+SPACINGS = (6.0, 4.5, 3.5, 2.75, 2.2)
 BONES = (42, 32, 21, 10, 5)
 AMONG = 3.5
 
@@ -75,7 +75,7 @@ def main():
             part.CopyInformation(image)
             sitk.WriteImage(part, f"{folder}/part.nii.gz")
             with open(f"{folder}/part.json", "w", encoding="utf-8") as file:
-                json.dump({str(label["label"]): label["name"] for label in kept}, file)
+                json.dump({"labels": {str(label["label"]): label["name"] for label in kept}}, file)
             part = ["--bones", f"{folder}/part.nii.gz", "--labels", f"{folder}/part.json"]
             times = register(args.aventail, case, part, f"{folder}/out", args.repeat)
             bones.append((count, *times))
