@@ -62,7 +62,7 @@ impl Runtime {
         let (start, before) = (Instant::now(), processor_seconds());
         let out = self.pool.install(work);
         let seconds = start.elapsed().as_secs_f64();
-        let processor_seconds = before.zip(processor_seconds()).map(|(from, to)| to - from);
+        let processor_seconds = processor_seconds_since(before);
         self.progress.finish(seconds);
         if let Ok(mut times) = self.times.lock() {
             times.push(StageTime { stage: name.to_owned(), seconds, processor_seconds });
@@ -99,6 +99,11 @@ pub fn processor_seconds() -> Option<f64> {
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let ticks: u64 = fields.next()?.parse::<u64>().ok()? + fields.next()?.parse::<u64>().ok()?;
     Some(ticks as f64 / 100.0)
+}
+
+/// What has been added since [`processor_seconds`] told `before`.
+pub fn processor_seconds_since(before: Option<f64>) -> Option<f64> {
+    before.zip(processor_seconds()).map(|(from, to)| to - from)
 }
 
 /// Starts [`peak_memory`] anew from what is resident now, where the system allows it (Linux).

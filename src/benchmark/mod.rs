@@ -9,7 +9,7 @@ pub use scene::{Scene, SceneSize};
 pub use task::Task;
 
 use crate::error::Result;
-use crate::runtime::{Runtime, peak_memory, processor_seconds, reset_peak_memory};
+use crate::runtime::{Runtime, peak_memory, processor_seconds, processor_seconds_since, reset_peak_memory};
 use crate::stats::Summary;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -103,7 +103,7 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
             Ok::<_, crate::Error>(())
         })?;
         let peak = peak_memory();
-        let spent = before.zip(processor_seconds()).map(|(from, to)| (to - from) / options.repeat.max(1) as f64);
+        let spent = processor_seconds_since(before).map(|s| s / options.repeat.max(1) as f64);
         let times = Summary::of(&seconds);
         let (voxels, bytes) = task.work(&scene);
         tasks.push(Measurement {

@@ -9,7 +9,6 @@ use crate::volume::components::{Components, Connectivity};
 use crate::volume::distance::{dilate, squared_distance, squared_distance_within};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How to find the patient.
@@ -73,10 +72,8 @@ pub fn find(ct: &Volume<f32>, labels: Option<&LabelMap>, options: &BodyOptions) 
         )
     })?;
     let core = claim(deeper(opening), &patient, &device);
-    let mut body = dilate(&core, opening);
-    body.data_mut().par_iter_mut().zip(solid.data()).enumerate().with_min_len(1 << 14).for_each(|(l, (b, &s))| {
-        *b = *b && s || hint.labelled(l);
-    });
+    let near = dilate(&core, opening);
+    let body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l] || hint.labelled(l));
     Ok(fill::cavities(&body, options.closing_mm))
 }
 

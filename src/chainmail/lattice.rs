@@ -76,6 +76,11 @@ impl Tissue<'_> {
     pub fn active(&self, voxel: usize) -> bool {
         self.bone(voxel).is_some() || (self.body.data()[voxel] && self.ct.data()[voxel] >= self.least_hu)
     }
+
+    /// The voxels that take part.
+    pub fn computed(&self) -> Mask {
+        Volume::from_fn(self.ct.grid().clone(), |v| self.active(v))
+    }
 }
 
 impl Lattice {

@@ -238,6 +238,5 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
             *o = [d.x as f32, d.y as f32, d.z as f32];
         }
     });
-    let computed = Volume::from_fn(grid.clone(), |v| tissue.active(v));
-    Ok(PushField { displacement: Volume::new(grid, u)?, computed })
+    Ok(PushField { displacement: Volume::new(grid, u)?, computed: tissue.computed() })
 }

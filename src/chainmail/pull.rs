@@ -5,7 +5,7 @@ use super::lattice::Lattice;
 /// Energy `1/2 u.A u - b.u` of each soft element's displacement `u`, in storage order.
 #[derive(Debug, Clone)]
 pub struct Pull {
-    /// `A`: xx, xy, xz, yy, yz, zz; positive semidefinite, zero where nothing pulls.
+    /// `A`, its entries in the order of [`Pull::ENTRIES`]; positive semidefinite, zero where nothing pulls.
     pub stiffness: Vec<[f32; 6]>,
     /// `b`.
     pub towards: Vec<[f32; 3]>,
@@ -14,6 +14,9 @@ pub struct Pull {
 }
 
 impl Pull {
+    /// Rows and columns of the entries of a symmetric 3x3: xx, xy, xz, yy, yz, zz.
+    pub const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
     /// No pull on any of `soft` elements.
     pub fn none(soft: usize, farthest: f32) -> Self {
         Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], farthest }

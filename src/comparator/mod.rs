@@ -15,7 +15,6 @@ use crate::volume::Volume;
 
 /// A push field from its displacements: computed where tissue takes part, as the chain mail's.
 fn push_field(tissue: &Tissue<'_>, displacement: Vec<[f32; 3]>) -> Result<PushField> {
-    let grid = tissue.ct.grid().clone();
-    let computed = (0..grid.len()).map(|v| tissue.active(v)).collect();
-    Ok(PushField { displacement: Volume::new(grid.clone(), displacement)?, computed: Volume::new(grid, computed)? })
+    let displacement = Volume::new(tissue.ct.grid().clone(), displacement)?;
+    Ok(PushField { displacement, computed: tissue.computed() })
 }

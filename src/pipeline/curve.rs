@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::jacobian::tissue;
 use crate::evaluate::landmark::Landmark;
 use crate::phantom::Phantom;
-use crate::runtime::{Runtime, StageTime, processor_seconds};
+use crate::runtime::{Runtime, StageTime, processor_seconds, processor_seconds_since};
 use crate::stats::Summary;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -59,7 +59,7 @@ pub fn measure(case: &Case, config: &Config, runtime: &Runtime) -> Result<CurveP
     let start = Instant::now();
     let outcome = register(case, config, runtime)?;
     let seconds = start.elapsed().as_secs_f64();
-    let spent = before.zip(processor_seconds()).map(|(from, to)| to - from);
+    let spent = processor_seconds_since(before);
     let error_mm = outcome.landmarks.map(|l| l.after).unwrap_or_default();
     Ok(CurvePoint {
         seconds,

@@ -137,7 +137,7 @@ impl<'a> Level<'a> {
             let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
             let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
             b += j * (w * r);
-            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+            for (k, (x, y)) in Pull::ENTRIES.into_iter().enumerate() {
                 a[k] += w * j[x] * j[y];
             }
         }

@@ -85,7 +85,7 @@ impl Outline<'_> {
             let w = w * sure * self.weight;
             // The quadratic of a further step, about the displacement that the element has.
             let b = normal * (w * (r + normal.dot(&now)));
-            for (k, (x, y)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+            for (k, (x, y)) in Pull::ENTRIES.into_iter().enumerate() {
                 stiffness[k] += (w * normal[x] * normal[y]) as f32;
             }
             (0..3).for_each(|a| towards[a] += b[a] as f32);

@@ -25,31 +25,27 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-RIGID = """
+ELASTIX = """
 (FixedInternalImagePixelType "float") (MovingInternalImagePixelType "float")
-(Registration "MultiResolutionRegistration") (Interpolator "LinearInterpolator")
-(ResampleInterpolator "FinalBSplineInterpolator") (FinalBSplineInterpolationOrder 1) (Resampler "DefaultResampler")
+(Interpolator "LinearInterpolator") (ResampleInterpolator "FinalBSplineInterpolator")
+(FinalBSplineInterpolationOrder 1) (Resampler "DefaultResampler")
 (FixedImagePyramid "FixedSmoothingImagePyramid") (MovingImagePyramid "MovingSmoothingImagePyramid")
-(Optimizer "AdaptiveStochasticGradientDescent") (Transform "EulerTransform")
-(Metric "AdvancedMattesMutualInformation") (NumberOfHistogramBins 32)
-(AutomaticTransformInitialization "true") (AutomaticScalesEstimation "true")
-(HowToCombineTransforms "Compose") (ErodeMask "false")
-(NumberOfResolutions 3) (MaximumNumberOfIterations 250)
-(ImageSampler "RandomCoordinate") (NumberOfSpatialSamples 4000) (NewSamplesEveryIteration "true")
-(WriteResultImage "false") (ResultImageFormat "mha") (FixedImageDimension 3) (MovingImageDimension 3)
+(Optimizer "AdaptiveStochasticGradientDescent") (NumberOfHistogramBins 32)
+(HowToCombineTransforms "Compose") (ErodeMask "false") (ImageSampler "RandomCoordinate")
+(NewSamplesEveryIteration "true") (WriteResultImage "false") (ResultImageFormat "mha")
+(FixedImageDimension 3) (MovingImageDimension 3)
 """
-BSPLINE = """
-(FixedInternalImagePixelType "float") (MovingInternalImagePixelType "float")
-(Registration "MultiMetricMultiResolutionRegistration") (Interpolator "LinearInterpolator")
-(ResampleInterpolator "FinalBSplineInterpolator") (FinalBSplineInterpolationOrder 1) (Resampler "DefaultResampler")
-(FixedImagePyramid "FixedSmoothingImagePyramid") (MovingImagePyramid "MovingSmoothingImagePyramid")
-(Optimizer "AdaptiveStochasticGradientDescent") (Transform "BSplineTransform")
-(Metric "AdvancedMattesMutualInformation" "TransformBendingEnergyPenalty") (NumberOfHistogramBins 32)
-(Metric0Weight 1.0) (Metric1Weight 10.0)
-(FinalGridSpacingInPhysicalUnits 10.0) (HowToCombineTransforms "Compose") (ErodeMask "false")
-(NumberOfResolutions 4) (MaximumNumberOfIterations 500)
-(ImageSampler "RandomCoordinate") (NumberOfSpatialSamples 5000) (NewSamplesEveryIteration "true")
-(WriteResultImage "false") (ResultImageFormat "mha") (FixedImageDimension 3) (MovingImageDimension 3)
+RIGID = ELASTIX + """
+(Registration "MultiResolutionRegistration") (Transform "EulerTransform")
+(Metric "AdvancedMattesMutualInformation") (AutomaticTransformInitialization "true")
+(AutomaticScalesEstimation "true") (NumberOfResolutions 3) (MaximumNumberOfIterations 250)
+(NumberOfSpatialSamples 4000)
+"""
+BSPLINE = ELASTIX + """
+(Registration "MultiMetricMultiResolutionRegistration") (Transform "BSplineTransform")
+(Metric "AdvancedMattesMutualInformation" "TransformBendingEnergyPenalty") (Metric0Weight 1.0)
+(Metric1Weight 10.0) (FinalGridSpacingInPhysicalUnits 10.0) (NumberOfResolutions 4)
+(MaximumNumberOfIterations 500) (NumberOfSpatialSamples 5000)
 """
 PLASTIMATCH = """
 [GLOBAL]
@@ -65,33 +61,17 @@ impl=itk
 metric=mse
 max_its=100
 res=4 4 2
-[STAGE]
+"""
+for spacing, shrink in ((60, "4 4 2"), (30, "2 2 1"), (15, "1 1 1")):
+    PLASTIMATCH += f"""[STAGE]
 xform=bspline
 optim=lbfgsb
 impl=plastimatch
 metric=mse
 max_its=60
 regularization_lambda=0.01
-grid_spac=60 60 60
-res=4 4 2
-[STAGE]
-xform=bspline
-optim=lbfgsb
-impl=plastimatch
-metric=mse
-max_its=60
-regularization_lambda=0.01
-grid_spac=30 30 30
-res=2 2 1
-[STAGE]
-xform=bspline
-optim=lbfgsb
-impl=plastimatch
-metric=mse
-max_its=60
-regularization_lambda=0.01
-grid_spac=15 15 15
-res=1 1 1
+grid_spac={spacing} {spacing} {spacing}
+res={shrink}
 """
 
 
