@@ -1,10 +1,12 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
 use super::interface::Interfaces;
-use crate::field::{PushField, digital_folds};
+use crate::field::{FOLDED, PushField, digital_folds};
+use crate::geometry::Grid;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// The five characteristics of thesis Tab. 2 over a set of cells.
 ///
@@ -80,29 +82,85 @@ pub fn evaluate(
     sliding: &[([u16; 2], f64)],
 ) -> JacobianReport {
     let (names, bone_of) = index_bones(rigid);
-    let kinds = cell_kinds(tissue, bones, &bone_of, sliding);
-    let values = |keep: &(dyn Fn(Cell) -> bool + Sync)| -> Vec<f32> {
-        kinds.data().iter().zip(map.data()).filter(|(k, _)| keep(**k)).map(|(_, &j)| j).collect()
-    };
-    let mut per_bone = vec![Vec::new(); names.len()];
-    for (kind, &j) in kinds.data().iter().zip(map.data()) {
-        if let Cell::Inside(b) = kind {
-            per_bone[usize::from(*b)].push(j);
-        }
-    }
+    let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
     let folds = digital_folds(push);
-    let soft_folds = kinds.data().par_iter().zip(folds.data()).filter(|(k, f)| **k == Cell::Soft && **f).count();
-    let body = || stats(values(&|k| !matches!(k, Cell::Outside | Cell::Contact | Cell::Interface)));
-    let soft = || stats(values(&|k| k == Cell::Soft));
-    let (body, soft_tissue) = rayon::join(body, soft);
+    let [ni, nj, nk] = map.grid().size();
+    let plane = |row: &mut Vec<Cell>, k: usize| {
+        row.resize(ni, Cell::Outside);
+        let mut found = Found::default();
+        for j in 0..nj {
+            if kinds.row(j, k, row) {
+                let start = map.grid().linear([0, j, k]);
+                found.take(row, start, &map.data()[start..][..ni], &folds.data()[start..][..ni]);
+            }
+        }
+        found
+    };
+    let found: Vec<Found> = (0..nk).into_par_iter().map_init(Vec::new, plane).collect();
+    let gather = |values: &(dyn Fn(&Found) -> &Vec<f32> + Sync)| -> Vec<f32> {
+        found.iter().flat_map(|f| values(f).iter().copied()).collect()
+    };
+    let inside = |bone: usize| -> Vec<f32> {
+        found.iter().flat_map(|f| &f.inside).filter(|(b, _)| usize::from(*b) == bone).map(|(_, j)| *j).collect()
+    };
+    let body = || {
+        let mut values = gather(&|f| &f.soft);
+        values.extend(found.iter().flat_map(|f| &f.edge));
+        values.extend(found.iter().flat_map(|f| &f.inside).map(|(_, j)| *j));
+        stats(values)
+    };
+    let (body, soft_tissue) = rayon::join(body, || stats(gather(&|f| &f.soft)));
     JacobianReport {
         body,
         soft_tissue,
-        contact: stats(values(&|k| k == Cell::Contact)),
-        interface: stats(values(&|k| k == Cell::Interface)),
-        bones: names.into_iter().zip(per_bone.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),
-        digital_folded: soft_folds,
-        jumps_above_10: jumps(map, &kinds),
+        contact: stats(gather(&|f| &f.contact)),
+        interface: stats(gather(&|f| &f.interface)),
+        bones: names
+            .into_iter()
+            .enumerate()
+            .map(|(b, name)| (name, stats(inside(b))))
+            .filter(|(_, s)| s.cells > 0)
+            .collect(),
+        digital_folded: found.iter().map(|f| f.digital_folds).sum(),
+        jumps_above_10: jumps(map, &kinds, found.iter().flat_map(|f| &f.high).copied()),
+    }
+}
+
+/// What a plane of cells holds.
+#[derive(Default)]
+struct Found {
+    soft: Vec<f32>,
+    /// Partly one bone.
+    edge: Vec<f32>,
+    /// Wholly inside a bone, with its index.
+    inside: Vec<(u16, f32)>,
+    contact: Vec<f32>,
+    interface: Vec<f32>,
+    /// Soft cells that fail the digital criterion.
+    digital_folds: usize,
+    /// Storage positions of body cells whose Jacobian is large enough to differ from another by more than [`JUMP`].
+    high: Vec<usize>,
+}
+
+impl Found {
+    /// Takes up the row of cells that begins at `start` in storage.
+    fn take(&mut self, kinds: &[Cell], start: usize, jacobians: &[f32], folds: &[bool]) {
+        for (i, ((kind, &j), &fold)) in kinds.iter().zip(jacobians).zip(folds).enumerate() {
+            match kind {
+                Cell::Outside => continue,
+                Cell::Soft => {
+                    self.soft.push(j);
+                    self.digital_folds += usize::from(fold);
+                }
+                Cell::Edge => self.edge.push(j),
+                Cell::Inside(bone) => self.inside.push((*bone, j)),
+                Cell::Contact => self.contact.push(j),
+                Cell::Interface => self.interface.push(j),
+            }
+            if j > JUMP + FOLDED && kind.body() {
+                self.high.push(start + i);
+            }
+        }
     }
 }
 
@@ -175,6 +233,13 @@ pub(super) enum Cell {
     Interface,
 }
 
+impl Cell {
+    /// Whether the field is to be smooth here.
+    fn body(self) -> bool {
+        !matches!(self, Self::Outside | Self::Contact | Self::Interface)
+    }
+}
+
 /// Names of the bones, and for each label its bone's index plus one; 0 for labels that are no bones.
 fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
     let mut names: Vec<String> = Vec::new();
@@ -197,32 +262,83 @@ pub(super) fn kinds(
     rigid: &[(u16, String)],
     sliding: &[([u16; 2], f64)],
 ) -> Volume<Cell> {
-    cell_kinds(tissue, bones, &index_bones(rigid).1, sliding)
+    let bone_of = index_bones(rigid).1;
+    let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
+    let mut out = Volume::filled(tissue.grid().clone(), Cell::Outside);
+    let [ni, nj, _] = tissue.grid().size();
+    out.data_mut().par_chunks_mut(ni).enumerate().for_each(|(row, cells)| {
+        kinds.row(row % nj, row / nj, cells);
+    });
+    out
 }
 
-/// The kind of each cell, at its lowest-index corner.
-fn cell_kinds(tissue: &Mask, bones: &LabelMap, bone_of: &[u16], sliding: &[([u16; 2], f64)]) -> Volume<Cell> {
-    let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
-    let grid = tissue.grid();
-    let [ni, nj, nk] = grid.size();
-    let corners = grid.cell_corners();
-    let (tissue, labels) = (tissue.data(), bones.volume.data());
-    let mut kinds = Volume::filled(grid.clone(), Cell::Outside);
-    kinds.data_mut().par_chunks_mut(ni * nj).take(nk - 1).enumerate().for_each(|(k, slice)| {
-        for (j, row) in slice.chunks_mut(ni).take(nj - 1).enumerate() {
-            let start = grid.linear([0, j, k]);
-            for (i, cell) in row[..ni - 1].iter_mut().enumerate() {
-                if corners.iter().all(|c| tissue[start + i + c]) {
-                    *cell = kind(corners.map(|c| bone_of[usize::from(labels[start + i + c])]));
-                    let open = matches!(cell, Cell::Soft | Cell::Edge);
-                    if open && interfaces.as_ref().is_some_and(|s| s.holds([i, j, k])) {
-                        *cell = Cell::Interface;
-                    }
-                }
-            }
+/// The kinds of cells, row by row.
+struct Kinds<'a> {
+    grid: &'a Grid,
+    corners: [usize; 8],
+    tissue: &'a [bool],
+    labels: &'a [u16],
+    bone_of: &'a [u16],
+    interfaces: Option<Interfaces>,
+}
+
+impl<'a> Kinds<'a> {
+    fn new(tissue: &'a Mask, bones: &'a LabelMap, bone_of: &'a [u16], sliding: &[([u16; 2], f64)]) -> Self {
+        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
+        let grid = tissue.grid();
+        let labels = bones.volume.data();
+        Self { grid, corners: grid.cell_corners(), tissue: tissue.data(), labels, bone_of, interfaces }
+    }
+
+    /// The row of cells (j, k); false, and `cells` as they were, where all lie outside.
+    fn row(&self, j: usize, k: usize, cells: &mut [Cell]) -> bool {
+        let [ni, nj, nk] = self.grid.size();
+        if j + 1 == nj || k + 1 == nk {
+            return false;
         }
-    });
-    kinds
+        let start = self.grid.linear([0, j, k]);
+        let [_, up, above] = self.grid.strides();
+        let rows = [0, up, above, above + up].map(|o| start + o);
+        let [a, b, c, d] = rows.map(|r| &self.tissue[r..][..ni]);
+        if !a.iter().zip(b).zip(c).zip(d).fold(false, |any, (((a, b), c), d)| any | (a & b & c & d)) {
+            return false;
+        }
+        cells.fill(Cell::Outside);
+        let solid = |i: usize| a[i] & b[i] & c[i] & d[i];
+        let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
+        let unlabelled = |i: usize| p[i] | q[i] | r[i] | s[i] == 0;
+        let (mut any, mut last) = (false, solid(0));
+        for i in 0..ni - 1 {
+            let next = solid(i + 1);
+            if last & next {
+                any = true;
+                let soft = unlabelled(i) && unlabelled(i + 1);
+                cells[i] = if soft { self.where_it_slides(Cell::Soft, [i, j, k]) } else { self.kind([i, j, k]) };
+            }
+            last = next;
+        }
+        any
+    }
+
+    /// The kind of the cell with this lowest corner.
+    fn at(&self, cell: [usize; 3]) -> Cell {
+        let low = self.grid.linear(cell);
+        let tissue =
+            (0..3).all(|a| cell[a] + 1 < self.grid.size()[a]) && self.corners.iter().all(|c| self.tissue[low + c]);
+        if tissue { self.kind(cell) } else { Cell::Outside }
+    }
+
+    /// The kind of a cell of tissue.
+    fn kind(&self, cell: [usize; 3]) -> Cell {
+        let low = self.grid.linear(cell);
+        self.where_it_slides(kind(self.corners.map(|c| self.bone_of[usize::from(self.labels[low + c])])), cell)
+    }
+
+    /// The same kind, or [`Cell::Interface`].
+    fn where_it_slides(&self, kind: Cell, cell: [usize; 3]) -> Cell {
+        let open = matches!(kind, Cell::Soft | Cell::Edge);
+        if open && self.interfaces.as_ref().is_some_and(|s| s.holds(cell)) { Cell::Interface } else { kind }
+    }
 }
 
 /// The kind of a tissue cell from its corners' bones (0: none).
@@ -236,27 +352,31 @@ fn kind(corners: [u16; 8]) -> Cell {
     }
 }
 
-/// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`].
-fn jumps(map: &Volume<f32>, kinds: &Volume<Cell>) -> usize {
+/// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`]; one of each is among `high`.
+fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>) -> usize {
     let grid = map.grid();
-    let size = grid.size();
-    let strides = grid.strides();
-    let (j, kinds) = (map.data(), kinds.data());
-    let body = |l: usize| !matches!(kinds[l], Cell::Outside | Cell::Contact | Cell::Interface);
-    let pairs = |l: usize| {
+    let mut pairs = BTreeSet::new();
+    for l in high {
         let v = grid.voxel(l);
-        (0..3)
-            .filter(|&a| v[a] + 1 < size[a] && body(l + strides[a]) && (j[l] - j[l + strides[a]]).abs() > JUMP)
-            .count()
-    };
-    (0..grid.len()).into_par_iter().filter(|&l| body(l)).map(pairs).sum()
+        for (a, stride) in grid.strides().into_iter().enumerate() {
+            for forward in [true, false] {
+                let mut other = v;
+                other[a] = if forward { v[a] + 1 } else { v[a].wrapping_sub(1) };
+                if other[a] < grid.size()[a] && kinds.at(other).body() {
+                    let o = grid.linear(other);
+                    if (map.data()[l] - map.data()[o]).abs() > JUMP {
+                        pairs.insert((l.min(o), stride));
+                    }
+                }
+            }
+        }
+    }
+    pairs.len()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::FOLDED;
-    use crate::geometry::Grid;
     use std::collections::BTreeMap;
 
     #[test]

@@ -5,34 +5,31 @@
 //! two ways, mirror images of each other; alternate cells use alternate ways, so that neighbours cut their common face
 //! along the same diagonal and the tetrahedra fill space without gap or overlap.
 //!
-//! Cells of one cut are computed [`LANES`] at a time: a row is split into its even and its odd voxels.
+//! Rows of cells are computed tetrahedron by tetrahedron in flat arrays of one component each. Both ways to cut are computed for
+//! every cell: that costs less than sorting cells by their way.
 
 use super::PushField;
-use crate::geometry::{LANES, Wide};
+use crate::geometry::{LANES, Wide, vectorised};
 use crate::volume::{Mask, Volume};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
 pub const FOLDED: f32 = -1.0;
-
-/// A vector of each of [`LANES`] cells, mm.
-type Vectors = [Wide; 3];
-
-/// The 12 deformed edges of cells, mm, each in the sense of growing index: `edges[a][m]` runs along axis `a`; bits 0
-/// and 1 of `m` say whether it lies high along the other two axes, lower axis first.
-type Edges = [[Vectors; 4]; 3];
 
 /// V_deformed / V_initial of each cell of the planning grid.
 ///
 /// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
 /// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
 pub fn jacobian(push: &PushField) -> Volume<f32> {
-    let volume = push.displacement.grid().step().determinant();
-    each_cell(push, 1.0, |edges, even| {
-        let (total, least) = five_tetrahedra(edges, even, volume);
-        std::array::from_fn(|l| if least.0[l] > 0.0 { (f64::from(total.0[l]) / (6.0 * volume)) as f32 } else { FOLDED })
-    })
+    let volume = 6.0 * push.displacement.grid().step().determinant();
+    each_cell(
+        push,
+        1.0,
+        #[inline(always)]
+        |total, least, _| if least > 0.0 { (f64::from(total) / volume) as f32 } else { FOLDED },
+    )
 }
 
 /// Cells that fail the digital criterion of Liu et al.; false where [`jacobian`] is 1 for want of a cell or a computed
@@ -44,171 +41,282 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
 /// are the central tetrahedra of both ways to cut a cell. Here they are gathered by cell instead of by voxel: a cell
 /// fails when any of its own 10 tetrahedra is not positive. Over an image that is the same set of determinants.
 pub fn digital_folds(push: &PushField) -> Mask {
-    let volume = push.displacement.grid().step().determinant();
-    each_cell(push, false, |edges, _| {
-        let [even, odd] = [true, false].map(|even| five_tetrahedra(edges, even, volume).1);
-        std::array::from_fn(|l| !(even.0[l] > 0.0 && odd.0[l] > 0.0))
-    })
+    each_cell(
+        push,
+        false,
+        #[inline(always)]
+        |_, _, least_of_ten| !(least_of_ten > 0.0),
+    )
 }
 
-/// Six times the volume of cells, cubic mm, and of their 5 tetrahedra's volumes the least, in the sense of storage: not
-/// positive where a tetrahedron is turned inside out.
-///
-/// The sign of `volume`, that of an undeformed cell, takes handedness of storage out. `even` cuts off corners 000, 110, 101
-/// and 011, the other way the other four.
-#[inline(always)]
-fn five_tetrahedra([ex, ey, ez]: &Edges, even: bool, volume: f64) -> (Wide, Wide) {
-    let sense = Wide::all(volume.signum() as f32);
-    let det = |a: &Vectors, b: &Vectors, c: &Vectors| {
-        let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-        minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2]
-    };
-    let plus = |a: &Vectors, b: &Vectors| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    let minus = |a: &Vectors, b: &Vectors| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    // The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1 volume; the
-    // central tetrahedron, spanned by diagonals of the faces, has +2.
-    let all = if even {
-        [
-            det(&ex[0], &ey[0], &ez[0]),
-            det(&ex[1], &ey[1], &ez[3]),
-            det(&ex[2], &ey[3], &ez[1]),
-            det(&ex[3], &ey[2], &ez[2]),
-            det(&minus(&ey[0], &ex[0]), &minus(&ez[0], &ex[0]), &plus(&ey[1], &ez[3])),
-        ]
-    } else {
-        [
-            det(&ex[0], &ey[1], &ez[1]),
-            det(&ex[1], &ey[0], &ez[2]),
-            det(&ex[2], &ey[2], &ez[0]),
-            det(&ex[3], &ey[3], &ez[3]),
-            det(&plus(&ex[0], &ey[1]), &plus(&ey[0], &ez[2]), &plus(&ex[0], &ez[1])),
-        ]
-    };
-    let [a, b, c, d, centre] = all;
-    let least = all.map(|v| v * sense).into_iter().reduce(Wide::min).unwrap_or(sense);
-    (a + b + c + d + centre, least)
-}
-
-/// `value(edges, even)` of every cell with a computed corner, `unmeasured` elsewhere.
-fn each_cell<T: Copy + Default + Send + Sync>(
+/// `value(total, least, least_of_ten)` of every cell with a computed corner, `unmeasured` elsewhere: six times the volume of
+/// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
+/// where a tetrahedron is turned inside out.
+fn each_cell<T: Copy + Default + PartialEq + Send + Sync>(
     push: &PushField,
     unmeasured: T,
-    value: impl Fn(&Edges, bool) -> [T; LANES] + Sync,
+    value: impl Fn(f32, f32, f32) -> T + Sync,
 ) -> Volume<T> {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
     let mut out = vec![T::default(); grid.len()];
     out.par_chunks_mut(ni * nj).enumerate().for_each_init(
-        || Rows::new(ni, grid.step()),
+        || Rows::new([ni, nj], grid.step()),
         |rows, (k, plane)| {
-            plane.fill(unmeasured);
+            if unmeasured != T::default() {
+                plane.fill(unmeasured);
+            }
             if k + 1 == nk {
                 return;
             }
-            for (j, cells) in plane.chunks_mut(ni).take(nj - 1).enumerate() {
-                rows.advance(push, j, k);
-                rows.each(cells, j + k, unmeasured, &value);
-            }
+            vectorised(
+                #[inline(always)]
+                || {
+                    rows.begin(push, k);
+                    for (j, cells) in plane.chunks_mut(ni).take(nj - 1).enumerate() {
+                        if rows.in_row[j] || rows.in_row[j + 1] {
+                            rows.advance(push, j, k);
+                            rows.cut(j + k);
+                            rows.each(cells, &value);
+                        }
+                    }
+                },
+            );
         },
     );
     Volume::new(grid.clone(), out).expect("one value per voxel")
 }
 
-/// Displacements of a row of voxels, component by component, even voxels apart from odd ones, with room at the end.
-type Split = [[Vec<f32>; 2]; 3];
+/// A vector at each place of a row, component by component.
+type Line = [Vec<f32>; 3];
 
-/// The four rows of voxels that hold the corners of a row of cells: low or high along `j` (bit 0) and `k` (bit 1).
+/// A row of cells, between four rows of voxels: low or high along `j` (bit 0) and `k` (bit 1).
+///
+/// Lines hold what lies in the span; there is room for whole blocks at their end.
 struct Rows {
-    u: [Split; 4],
-    /// Whether any of the four voxels at a place in the rows was computed.
+    /// The voxels from the first to the last that is a corner of a cell with a computed corner, in any row of these planes.
+    span: Range<usize>,
+    /// Whether any voxel of a row was computed, in either plane.
+    in_row: Vec<bool>,
+    /// Whether any of the four voxels at a place was computed.
     computed: Vec<bool>,
-    /// Row and plane that the rows stand at.
-    at: Option<[usize; 2]>,
-    step: [[Wide; 3]; 3],
+    /// Displacements, mm.
+    u: [Line; 4],
+    /// Deformed edges, mm, all in the sense of growing index: along `i`, in the four rows.
+    ex: [Line; 4],
+    /// Along `j`, low and high in `k`.
+    ey: [Line; 2],
+    /// Along `k`, low and high in `j`.
+    ez: [Line; 2],
+    /// Six times the volume of the cells, of their least tetrahedra, and of the least by either way to cut them.
+    total: Vec<f32>,
+    least: Vec<f32>,
+    least_of_ten: Vec<f32>,
+    /// The `j` that the rows stand at.
+    at: Option<usize>,
+    step: [[f32; 3]; 3],
+    /// Sign of an undeformed cell's volume: takes handedness of storage out.
+    sense: f32,
 }
 
 impl Rows {
-    fn new(ni: usize, step: &Matrix3<f64>) -> Self {
-        let half = ni / 2 + LANES + 1;
+    fn new([ni, nj]: [usize; 2], step: &Matrix3<f64>) -> Self {
+        let padded = ni + LANES;
+        let line = |_| std::array::from_fn(|_| vec![0.0; padded]);
         Self {
-            u: std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; half]))),
-            computed: vec![false; 2 * half],
+            span: 0..0,
+            in_row: vec![false; nj],
+            computed: vec![false; ni],
+            u: std::array::from_fn(line),
+            ex: std::array::from_fn(line),
+            ey: std::array::from_fn(line),
+            ez: std::array::from_fn(line),
+            total: vec![0.0; padded],
+            least: vec![0.0; padded],
+            least_of_ten: vec![0.0; padded],
             at: None,
-            step: [0, 1, 2].map(|a| [0, 1, 2].map(|c| Wide::all(step[(c, a)] as f32))),
+            step: std::array::from_fn(|a| std::array::from_fn(|c| step[(c, a)] as f32)),
+            sense: step.determinant().signum() as f32,
         }
     }
 
-    /// Takes up the corners of the row of cells (j, k).
-    fn advance(&mut self, push: &PushField, j: usize, k: usize) {
-        let grid = push.displacement.grid();
-        let ni = grid.size()[0];
-        let start = |m: usize| grid.linear([0, j + (m & 1), k + (m >> 1)]);
-        if self.at == Some([j.wrapping_sub(1), k]) {
-            self.u.swap(0, 1);
-            self.u.swap(2, 3);
-        } else {
-            (0..2).for_each(|m| split(&push.displacement.data()[start(2 * m)..][..ni], &mut self.u[2 * m]));
-        }
-        (0..2).for_each(|m| split(&push.displacement.data()[start(2 * m + 1)..][..ni], &mut self.u[2 * m + 1]));
-        self.at = Some([j, k]);
-        let [a, b, c, d] = [0, 1, 2, 3].map(|m| &push.computed.data()[start(m)..][..ni]);
-        for (i, computed) in self.computed[..ni].iter_mut().enumerate() {
-            *computed = a[i] | b[i] | c[i] | d[i];
-        }
-    }
-
-    /// Values of a row of cells; `sum` of its j and k tells the cut of its first cell.
-    fn each<T: Copy>(&self, cells: &mut [T], sum: usize, unmeasured: T, value: &impl Fn(&Edges, bool) -> [T; LANES]) {
-        let last = cells.len() - 1;
-        for first in (0..last).step_by(2 * LANES) {
-            if !self.computed[first..=first + 2 * LANES].contains(&true) {
-                continue;
-            }
-            for odd in 0..2 {
-                let found = value(&self.edges(first / 2, odd), (sum + odd).is_multiple_of(2));
-                for (l, found) in found.into_iter().enumerate() {
-                    let i = first + 2 * l + odd;
-                    if i < last {
-                        let any = self.computed[i] | self.computed[i + 1];
-                        cells[i] = if any { found } else { unmeasured };
-                    }
-                }
-            }
-        }
-    }
-
-    /// Deformed edges of the cells `2 (m + lane) + odd`.
+    /// Goes to the cells between planes `k` and `k + 1`.
     #[inline(always)]
-    fn edges(&self, m: usize, odd: usize) -> Edges {
-        let at = |high: usize| -> [Vectors; 4] {
-            let (part, from) = ((odd + high) % 2, m + usize::from(odd + high == 2));
-            std::array::from_fn(|row| std::array::from_fn(|c| Wide::of(&self.u[row][c][part][from..])))
-        };
-        let (low, high) = (at(0), at(1));
-        let edge = |a: usize, from: &Vectors, to: &Vectors| -> Vectors {
-            std::array::from_fn(|c| self.step[a][c] + (to[c] - from[c]))
-        };
-        let ex = std::array::from_fn(|m| edge(0, &low[m], &high[m]));
-        let pairs = |a: usize, [p, q, r, s]: [usize; 4]| {
-            [
-                edge(a, &low[p], &low[q]),
-                edge(a, &high[p], &high[q]),
-                edge(a, &low[r], &low[s]),
-                edge(a, &high[r], &high[s]),
-            ]
-        };
-        [ex, pairs(1, [0, 1, 2, 3]), pairs(2, [0, 2, 1, 3])]
+    fn begin(&mut self, push: &PushField, k: usize) {
+        let ni = self.computed.len();
+        let (_, planes) = push.computed.data().split_at(push.computed.grid().linear([0, 0, k]));
+        let (low, high) = planes.split_at(ni * self.in_row.len());
+        self.computed.fill(false);
+        for ((any, low), high) in self.in_row.iter_mut().zip(low.chunks(ni)).zip(high.chunks(ni)) {
+            let mut found = false;
+            for ((column, low), high) in self.computed.iter_mut().zip(low).zip(high) {
+                *column |= low | high;
+                found |= low | high;
+            }
+            *any = found;
+        }
+        let first = self.computed.iter().position(|c| *c).unwrap_or(ni);
+        let last = self.computed.iter().rposition(|c| *c).unwrap_or(0);
+        self.span = first.saturating_sub(1)..(last + 2).min(ni);
+        self.at = None;
+    }
+
+    /// Takes up the corners and edges of the row of cells (j, k).
+    #[inline(always)]
+    fn advance(&mut self, push: &PushField, j: usize, k: usize) {
+        let Self { u, ex, ey, ez, step, span, .. } = self;
+        let known = self.at.is_some_and(|at| at + 1 == j);
+        if known {
+            for lines in [&mut *u, ex] {
+                lines.swap(0, 1);
+                lines.swap(2, 3);
+            }
+            ez.swap(0, 1);
+        }
+        let new = usize::from(known);
+        let n = span.len();
+        let starts: [usize; 4] =
+            std::array::from_fn(|m| push.computed.grid().linear([span.start, j + (m & 1), k + (m >> 1)]));
+        for m in (0..4).filter(|m| m & 1 >= new) {
+            take_apart(&push.displacement.data()[starts[m]..][..n], &mut u[m]);
+            for c in 0..3 {
+                edges(&mut ex[m][c][..n], step[0][c], &u[m][c], &u[m][c][1..]);
+            }
+        }
+        for c in 0..3 {
+            for m in 0..2 {
+                edges(&mut ey[m][c][..n], step[1][c], &u[2 * m][c], &u[2 * m + 1][c]);
+            }
+            for m in new..2 {
+                edges(&mut ez[m][c][..n], step[2][c], &u[m][c], &u[m + 2][c]);
+            }
+        }
+        let [a, b, c, d] = starts.map(|s| &push.computed.data()[s..][..n]);
+        for ((((any, a), b), c), d) in self.computed.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *any = a | b | c | d;
+        }
+        self.at = Some(j);
+    }
+
+    /// Cuts the cells of the span; `sum` of their j and k tells the way of the cell at `i` = 0.
+    ///
+    /// The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1 volume; the
+    /// central tetrahedron, spanned by diagonals of the faces, has +2.
+    #[inline(always)]
+    fn cut(&mut self, sum: usize) {
+        let Self { ex, ey, ez, total, least, least_of_ten, sense, span, .. } = self;
+        let blocks = span.len().saturating_sub(1).div_ceil(LANES);
+        let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|m| run(&ex[m], 0, blocks));
+        // Edges along j and k lie low and high along i.
+        let [y0, y1, y2, y3] = [0, 1, 2, 3].map(|m| run(&ey[m >> 1], m & 1, blocks));
+        let [z0, z1, z2, z3] = [0, 1, 2, 3].map(|m| run(&ez[m >> 1], m & 1, blocks));
+        let sense = Wide::all(*sense);
+        let total = total.as_chunks_mut::<LANES>().0;
+        let (least, least_of_ten) = (least.as_chunks_mut::<LANES>().0, least_of_ten.as_chunks_mut::<LANES>().0);
+        let first = (sum + span.start) % 2;
+        for n in 0..blocks {
+            // Corners 000, 110, 101 and 011 are cut off.
+            let mut even = Tetrahedra::new();
+            even.add(sense, at(x0, n), at(y0, n), at(z0, n));
+            even.add(sense, at(x1, n), at(y1, n), at(z3, n));
+            even.add(sense, at(x2, n), at(y3, n), at(z1, n));
+            even.add(sense, at(x3, n), at(y2, n), at(z2, n));
+            let diagonals = [minus(at(y0, n), at(x0, n)), minus(at(z0, n), at(x0, n)), plus(at(y1, n), at(z3, n))];
+            even.add(sense, diagonals[0], diagonals[1], diagonals[2]);
+            // The other four.
+            let mut odd = Tetrahedra::new();
+            odd.add(sense, at(x0, n), at(y1, n), at(z1, n));
+            odd.add(sense, at(x1, n), at(y0, n), at(z2, n));
+            odd.add(sense, at(x2, n), at(y2, n), at(z0, n));
+            odd.add(sense, at(x3, n), at(y3, n), at(z3, n));
+            let diagonals = [plus(at(x0, n), at(y1, n)), plus(at(y0, n), at(z2, n)), plus(at(x0, n), at(z1, n))];
+            odd.add(sense, diagonals[0], diagonals[1], diagonals[2]);
+            let [one, other] = if first == 0 { [&even, &odd] } else { [&odd, &even] };
+            for l in 0..LANES {
+                let own = if l % 2 == 0 { one } else { other };
+                (total[n][l], least[n][l]) = (own.total.0[l], own.least.0[l]);
+            }
+            least_of_ten[n] = even.least.min(odd.least).0;
+        }
+    }
+
+    /// Values of the cells of the span in a row.
+    #[inline(always)]
+    fn each<T: Copy>(&self, row: &mut [T], value: &impl Fn(f32, f32, f32) -> T) {
+        let Some(last) = self.span.end.checked_sub(1).filter(|last| *last > self.span.start) else { return };
+        let cells = &mut row[self.span.start..last];
+        let measured = self.computed.iter().zip(&self.computed[1..]).map(|(a, b)| a | b);
+        let found = self.total.iter().zip(&self.least).zip(&self.least_of_ten);
+        for ((cell, measured), ((total, least), least_of_ten)) in cells.iter_mut().zip(measured).zip(found) {
+            let found = value(*total, *least, *least_of_ten);
+            *cell = if measured { found } else { *cell };
+        }
     }
 }
 
-/// Splits a row of displacements.
-fn split(row: &[[f32; 3]], to: &mut Split) {
-    for (odd, row) in [row, row.get(1..).unwrap_or_default()].into_iter().enumerate() {
-        for (n, u) in row.iter().step_by(2).enumerate() {
-            for c in 0..3 {
-                to[c][odd][n] = u[c];
-            }
-        }
+/// The components of the vectors of a row.
+#[inline(always)]
+fn take_apart(row: &[[f32; 3]], to: &mut Line) {
+    let [x, y, z] = to;
+    for (((u, x), y), z) in row.iter().zip(x).zip(y).zip(z) {
+        (*x, *y, *z) = (u[0], u[1], u[2]);
+    }
+}
+
+/// One component of deformed edges: undeformed they are `step`.
+#[inline(always)]
+fn edges(out: &mut [f32], step: f32, from: &[f32], to: &[f32]) {
+    for ((e, a), b) in out.iter_mut().zip(from).zip(to) {
+        *e = step + (b - a);
+    }
+}
+
+/// [`LANES`] vectors.
+type Vectors = [Wide; 3];
+
+/// Blocks of consecutive places, component by component.
+type Run<'a> = [&'a [[f32; LANES]]; 3];
+
+/// `blocks` blocks from `first` on.
+#[inline(always)]
+fn run(line: &Line, first: usize, blocks: usize) -> Run<'_> {
+    line.each_ref().map(|l| l[first..][..blocks * LANES].as_chunks().0)
+}
+
+#[inline(always)]
+fn at([x, y, z]: Run<'_>, n: usize) -> Vectors {
+    [Wide(x[n]), Wide(y[n]), Wide(z[n])]
+}
+
+#[inline(always)]
+fn plus(a: Vectors, b: Vectors) -> Vectors {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[inline(always)]
+fn minus(a: Vectors, b: Vectors) -> Vectors {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Six times the volumes of tetrahedra of [`LANES`] cells: their sum, and the least of them in the sense of storage.
+struct Tetrahedra {
+    total: Wide,
+    least: Wide,
+}
+
+impl Tetrahedra {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { total: Wide::default(), least: Wide::all(f32::INFINITY) }
+    }
+
+    /// Adds the one that three vectors span.
+    #[inline(always)]
+    fn add(&mut self, sense: Wide, a: Vectors, b: Vectors, c: Vectors) {
+        let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+        let volume = minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2];
+        self.total = self.total + volume;
+        self.least = self.least.min(volume * sense);
     }
 }
 

@@ -9,6 +9,7 @@ pub const LANES: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wide(pub [f32; LANES]);
 
+// Plain loops: closures handed to the library are sometimes called instead of inlined, which costs tenfold here.
 impl Wide {
     /// The same number in all lanes.
     pub fn all(value: f32) -> Self {
@@ -18,34 +19,48 @@ impl Wide {
     /// The first numbers of a slice; zeros beyond its end.
     #[inline(always)]
     pub fn of(values: &[f32]) -> Self {
+        let mut out = Self::default();
         match values.first_chunk::<LANES>() {
-            Some(chunk) => Self(*chunk),
-            None => Self(std::array::from_fn(|l| values.get(l).copied().unwrap_or_default())),
+            Some(chunk) => out.0 = *chunk,
+            None => out.0[..values.len()].copy_from_slice(values),
         }
+        out
     }
 
     /// The larger of two, lane by lane.
     #[inline(always)]
-    pub fn max(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] }))
+    pub fn max(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] = if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] };
+        }
+        self
     }
 
     /// The square root, lane by lane.
     #[inline(always)]
-    pub fn sqrt(self) -> Self {
-        Self(self.0.map(f32::sqrt))
+    pub fn sqrt(mut self) -> Self {
+        for l in 0..LANES {
+            self.0[l] = self.0[l].sqrt();
+        }
+        self
     }
 
     /// The magnitude, lane by lane.
     #[inline(always)]
-    pub fn abs(self) -> Self {
-        Self(self.0.map(f32::abs))
+    pub fn abs(mut self) -> Self {
+        for l in 0..LANES {
+            self.0[l] = self.0[l].abs();
+        }
+        self
     }
 
     /// The smaller of two, lane by lane.
     #[inline(always)]
-    pub fn min(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] }))
+    pub fn min(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] = if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] };
+        }
+        self
     }
 }
 
@@ -60,32 +75,44 @@ pub fn vectorised<R>(work: impl FnOnce() -> R) -> R {
 impl Add for Wide {
     type Output = Self;
     #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] + other.0[l]))
+    fn add(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] += other.0[l];
+        }
+        self
     }
 }
 
 impl Sub for Wide {
     type Output = Self;
     #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] - other.0[l]))
+    fn sub(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] -= other.0[l];
+        }
+        self
     }
 }
 
 impl Mul for Wide {
     type Output = Self;
     #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] * other.0[l]))
+    fn mul(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] *= other.0[l];
+        }
+        self
     }
 }
 
 impl Div for Wide {
     type Output = Self;
     #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] / other.0[l]))
+    fn div(mut self, other: Self) -> Self {
+        for l in 0..LANES {
+            self.0[l] /= other.0[l];
+        }
+        self
     }
 }
 
