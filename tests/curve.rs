@@ -65,7 +65,7 @@ fn speed_chooses_the_settings_that_are_recorded() {
     let fast = Register::phantom("fast").with("--speed", "fast").flag("-q");
     fast.command().assert().success();
     let settings = fs::read_to_string(fast.out.join("settings.toml")).expect("it was written");
-    assert!(settings.contains("preset = \"fast\"") && settings.contains("spacing_mm = 8.0"), "{settings}");
+    assert!(settings.contains("preset = \"fast\"") && settings.contains("spacing_mm = 5.0"), "{settings}");
     assert!(!fast.out.join("uncertainty.nii.gz").exists());
     let both = Register::phantom("both").with("--speed", "fast").with("--preset", "thesis");
     both.command().assert().code(2);

@@ -65,7 +65,7 @@ pub enum Preset {
     /// What measures best (docs/validation.md).
     #[default]
     Default,
-    /// Elements of 8 mm, fewer samples of the fit, no map of uncertainty.
+    /// Elements of 5 mm, fewer samples of the fit and comparisons of the images, no map of uncertainty.
     Fast,
     /// More comparisons of the images and rounds of relaxation.
     Accurate,
@@ -101,12 +101,12 @@ impl Preset {
             Self::Default => base,
             Self::Fast => Config {
                 chainmail: ChainmailOptions {
-                    spacing_mm: 8.0,
-                    relaxation: vec![(16.0, 30), (8.0, 20)],
+                    spacing_mm: 5.0,
+                    relaxation: vec![(20.0, 30), (10.0, 20), (5.0, 8)],
                     ..ChainmailOptions::default()
                 },
                 fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
-                refine: RefineOptions { passes: 5, rounds: 2, ..RefineOptions::default() },
+                refine: RefineOptions { passes: 4, rounds: 2, ..RefineOptions::default() },
                 output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
                 ..base
             },
