@@ -216,24 +216,51 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
     reached.iter().map(|u| u.unwrap_or_default()).collect()
 }
 
-/// The lattice's displacements on the planning grid; bone voxels move exactly with their bone.
+/// Where the places of a fine axis lie between those of a coarse one that runs along it: the lower of both, the next, and the
+/// way between them; `None` beyond its ends.
+fn places(fine: usize, coarse: usize, base: f64, step: f64) -> Vec<Option<(usize, usize, f64)>> {
+    let last = coarse - 1;
+    let place = |i: usize| {
+        let at = base + step * i as f64;
+        let low = (at.max(0.0) as usize).min(last);
+        (0.0..=last as f64).contains(&at).then(|| (low, (low + 1).min(last), at - low as f64))
+    };
+    (0..fine).map(place).collect()
+}
+
+/// The lattice's displacements on the planning grid, whose axes it shares; bone voxels move exactly with their bone.
+///
+/// Trilinear: between rows of elements first, so that a voxel costs one step along its row.
 fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]>) -> Result<PushField> {
     let grid = tissue.ct.grid().clone();
     let [nx, ny, _] = grid.size();
-    let mut u = vec![[0f32; 3]; grid.len()];
     let base = coarse.grid().index(&grid.origin());
     let step = coarse.grid().inverse_step() * grid.step();
-    u.par_chunks_mut(nx * ny).enumerate().for_each(|(k, out)| {
-        for (at, o) in out.iter_mut().enumerate() {
-            let (i, j) = (at % nx, at / nx);
-            let voxel = k * nx * ny + at;
-            let d = match tissue.bone(voxel) {
-                Some(b) => {
+    let axes: [_; 3] = std::array::from_fn(|a| places(grid.size()[a], coarse.grid().size()[a], base[a], step[(a, a)]));
+    let elements = coarse.grid().size()[0];
+    let row = |j: usize, k: usize| -> &[[f32; 3]] { &coarse.data()[coarse.grid().linear([0, j, k])..][..elements] };
+    let mut u = vec![[0f32; 3]; grid.len()];
+    u.par_chunks_mut(nx).enumerate().for_each_init(Vec::new, |between: &mut Vec<Vector3<f64>>, (line, out)| {
+        let (j, k) = (line % ny, line / ny);
+        between.clear();
+        if let (Some((j0, j1, tj)), Some((k0, k1, tk))) = (axes[1][j], axes[2][k]) {
+            let corners = [row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1)];
+            // Far from the patient nothing moves.
+            if corners.iter().any(|c| c.iter().any(|u| *u != [0.0; 3])) {
+                between.extend((0..elements).map(|e| {
+                    let [a, b, c, d] = corners.map(|c| Vector3::from(c[e].map(f64::from)));
+                    (a * (1.0 - tj) + b * tj) * (1.0 - tk) + (c * (1.0 - tj) + d * tj) * tk
+                }));
+            }
+        }
+        for (i, o) in out.iter_mut().enumerate() {
+            let d = match (tissue.bone(line * nx + i), axes[0][i]) {
+                (Some(b), _) => {
                     let x = grid.centre([i, j, k]);
                     transforms[usize::from(b)] * x - x
                 }
-                None => trilinear_vector(coarse, &(base + step * Vector3::new(i as f64, j as f64, k as f64)))
-                    .unwrap_or_default(),
+                (None, Some((low, high, t))) if !between.is_empty() => between[low] * (1.0 - t) + between[high] * t,
+                _ => continue,
             };
             *o = [d.x as f32, d.y as f32, d.z as f32];
         }

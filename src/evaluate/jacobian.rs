@@ -308,12 +308,12 @@ impl<'a> Kinds<'a> {
         let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
         let unlabelled = |i: usize| p[i] | q[i] | r[i] | s[i] == 0;
         let (mut any, mut last) = (false, solid(0));
-        for i in 0..ni - 1 {
+        for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
             let next = solid(i + 1);
             if last & next {
                 any = true;
                 let soft = unlabelled(i) && unlabelled(i + 1);
-                cells[i] = if soft { self.where_it_slides(Cell::Soft, [i, j, k]) } else { self.kind([i, j, k]) };
+                *cell = if soft { self.where_it_slides(Cell::Soft, [i, j, k]) } else { self.kind([i, j, k]) };
             }
             last = next;
         }

@@ -45,7 +45,7 @@ pub fn digital_folds(push: &PushField) -> Mask {
         push,
         false,
         #[inline(always)]
-        |_, _, least_of_ten| !(least_of_ten > 0.0),
+        |_, _, least_of_ten| least_of_ten <= 0.0 || least_of_ten.is_nan(),
     )
 }
 

@@ -37,9 +37,9 @@ impl Tissue {
         let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
         let mut value = gaussian(&sum, rest);
         let weight = gaussian(&share, rest);
-        for (v, &w) in value.data_mut().iter_mut().zip(weight.data()) {
+        value.data_mut().par_iter_mut().zip(weight.data()).with_min_len(1 << 14).for_each(|(v, &w)| {
             *v = if w > 1e-3 { *v / w } else { AIR_HU };
-        }
+        });
         Self { value, valid: share }
     }
 

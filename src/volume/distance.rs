@@ -8,6 +8,7 @@
 //! cut by the edge is not eroded there.
 
 use super::{Mask, Volume};
+use crate::geometry::vectorised;
 use rayon::prelude::*;
 
 /// Lines that are gathered together, so that a cache line read across the storage order is used whole.
@@ -31,7 +32,12 @@ pub fn squared_distance_within(mask: &Mask, target: bool, limit: f64) -> Volume<
     let mut out = along_i(mask, target);
     for axis in [1, 2] {
         let reach = (limit / spacing[axis] + 1e-9) as usize;
-        for_each_plane(&mut out, axis, |rows| window_rows(rows, spacing[axis], reach));
+        for_each_plane(&mut out, axis, |rows| {
+            vectorised(
+                #[inline(always)]
+                || window_rows(rows, spacing[axis], reach),
+            );
+        });
     }
     out
 }
@@ -149,6 +155,7 @@ fn planes_of<T>(volume: &mut Volume<T>, axis: usize) -> Vec<Vec<&mut [T]>> {
 }
 
 /// Least of own and shifted rows within `reach` rows.
+#[inline(always)]
 fn window_rows(rows: &mut [&mut [f32]], step: f64, reach: usize) {
     let Some(ni) = rows.first().map(|r| r.len()) else { return };
     let mut source = vec![f32::INFINITY; rows.len() * ni];
@@ -159,7 +166,8 @@ fn window_rows(rows: &mut [&mut [f32]], step: f64, reach: usize) {
         for m in n.saturating_sub(reach)..(n + reach + 1).min(source.len() / ni) {
             let far = ((m.abs_diff(n) as f64) * step).powi(2) as f32;
             for (d, s) in row.iter_mut().zip(&source[m * ni..(m + 1) * ni]) {
-                *d = d.min(s + far);
+                let there = s + far;
+                *d = if there < *d { there } else { *d };
             }
         }
     }
