@@ -63,7 +63,7 @@ fn picture(entries: &[CurveEntry], peers: &[Peer]) -> Canvas {
     }
     if let Some(e) = entries.iter().find(|e| e.default) {
         let points = vec![[e.point.seconds, e.point.error_mm.mean]];
-        series.push(Series { name: "default".into(), colour: series.len(), points, marks: true });
+        series.push(Series { name: "default".into(), colour: plot::STANDS_OUT, points, marks: true });
     }
     for p in peers {
         let points = vec![[p.seconds, p.error_mm]];

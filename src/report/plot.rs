@@ -4,17 +4,38 @@ use super::canvas::{Align, Canvas, Pen, Rgb, text_width};
 use super::colour::{FAINT, INK};
 use crate::concepts::{Curves, Series};
 
-/// Colours of lines, told apart also in grey.
-const LINES: [Rgb; 6] = [[13, 90, 167], [214, 88, 20], [15, 133, 110], [122, 62, 160], [190, 30, 75], [120, 120, 120]];
+/// Colours of lines, told apart also in grey; the last one stands out.
+const LINES: [Rgb; 8] = [
+    [13, 90, 167],
+    [214, 88, 20],
+    [15, 133, 110],
+    [122, 62, 160],
+    [190, 30, 75],
+    [120, 120, 120],
+    [196, 154, 10],
+    [20, 20, 20],
+];
+/// The colour of what is to be seen first.
+pub(super) const STANDS_OUT: usize = LINES.len() - 1;
+/// Share of the picture's height that the key may take before its letters become smaller, and their least size.
+const KEY: f64 = 0.25;
+const SMALLEST: f64 = 11.0;
 
 /// Draws the curves on white; every length scales with `width`.
 pub(super) fn draw(curves: &Curves, width: usize, height: usize) -> Canvas {
     let mut canvas = Canvas::new(width, height, [255; 3]);
-    let size = (width as f64 * 0.034).clamp(11.0, 26.0);
     let named: Vec<&Series> = curves.series.iter().filter(|s| !s.name.is_empty()).collect();
-    let entry = named.iter().map(|s| text_width(&s.name, size)).fold(0.0, f64::max) + 3.2 * size;
-    let columns = (((width as f64 - 5.2 * size) / entry) as usize).max(1);
-    let head = 1.4 * (named.len().div_ceil(columns) as f64 + 1.5) * size;
+    // Width of an entry of the key, entries beside each other, and the height above the plot.
+    let key = |size: f64| {
+        let entry = named.iter().map(|s| text_width(&s.name, size)).fold(0.0, f64::max) + 3.2 * size;
+        let columns = (((width as f64 - 5.2 * size) / entry) as usize).max(1);
+        (entry, columns, 1.4 * (named.len().div_ceil(columns) as f64 + 1.5) * size)
+    };
+    let mut size = (width as f64 * 0.034).clamp(SMALLEST, 26.0);
+    while size > SMALLEST && key(size).2 > KEY * height as f64 {
+        size = (0.95 * size).max(SMALLEST);
+    }
+    let (entry, columns, head) = key(size);
     let [left, top, right, bottom] = [4.2 * size, head, width as f64 - size, height as f64 - 3.4 * size];
     let (xs, ys) = (Axis::over(curves, 0), Axis::over(curves, 1));
     let x = |v: f64| left + (right - left) * xs.share(v);
