@@ -246,7 +246,7 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
         if let (Some((j0, j1, tj)), Some((k0, k1, tk))) = (axes[1][j], axes[2][k]) {
             let corners = [row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1)];
             // Far from the patient nothing moves.
-            if corners.iter().any(|c| c.iter().any(|u| *u != [0.0; 3])) {
+            if corners.iter().any(|c| c.as_flattened().iter().any(|u| u.abs() > 0.0)) {
                 between.extend((0..elements).map(|e| {
                     let [a, b, c, d] = corners.map(|c| Vector3::from(c[e].map(f64::from)));
                     (a * (1.0 - tj) + b * tj) * (1.0 - tk) + (c * (1.0 - tj) + d * tj) * tk
