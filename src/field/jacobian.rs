@@ -391,6 +391,26 @@ mod tests {
         assert!(jacobian(&push(flat, |x| x * 2.0)).data().iter().all(|&j| j == 1.0));
     }
 
+    proptest! {
+        /// Only the spans and rows with computed voxels are looked at: what is found there does not depend on the rest.
+        #[test]
+        fn part_of_the_cells_has_the_values_of_all(size in prop::array::uniform3(2usize..40), every in 1u32..400, seed in any::<u32>()) {
+            let grid = Grid::axis_aligned([size[0], size[1] % 9 + 2, size[2] % 7 + 2], [1.0, 1.5, 2.0], [0.0; 3]).unwrap();
+            let random = |l: usize, salt: u32| (l as u32 ^ salt ^ seed).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(40_503) >> 8;
+            let displacement = Volume::from_fn(grid.clone(), |l| [1, 2, 3].map(|c| random(l, c << 20) as f32 / 16_777_216.0));
+            let all = PushField { displacement: displacement.clone(), computed: Volume::filled(grid.clone(), true) };
+            let part = PushField { displacement, computed: Volume::from_fn(grid.clone(), |l| random(l, 77).is_multiple_of(every)) };
+            let ((map, folds), (part_map, part_folds)) = ((jacobian(&all), digital_folds(&all)), (jacobian(&part), digital_folds(&part)));
+            for l in 0..grid.len() {
+                let v = grid.voxel(l);
+                let cell = (0..3).all(|a| v[a] + 1 < grid.size()[a]);
+                let measured = cell && grid.cell_corners().iter().any(|c| part.computed.data()[l + c]);
+                let (value, fold) = if measured { (map.data()[l], folds.data()[l]) } else { (1.0, false) };
+                prop_assert_eq!((part_map.data()[l], part_folds.data()[l]), (value, fold), "voxel {:?}", v);
+            }
+        }
+    }
+
     /// Greatest error over all cells, and over means of 2 x 2 x 2 cells, for a smooth map at spacing 2 / `n`.
     fn smooth_errors(n: usize) -> [f64; 2] {
         let h = 2.0 / n as f64;

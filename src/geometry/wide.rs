@@ -16,17 +16,6 @@ impl Wide {
         Self([value; LANES])
     }
 
-    /// The first numbers of a slice; zeros beyond its end.
-    #[inline(always)]
-    pub fn of(values: &[f32]) -> Self {
-        let mut out = Self::default();
-        match values.first_chunk::<LANES>() {
-            Some(chunk) => out.0 = *chunk,
-            None => out.0[..values.len()].copy_from_slice(values),
-        }
-        out
-    }
-
     /// The larger of two, lane by lane.
     #[inline(always)]
     pub fn max(mut self, other: Self) -> Self {
@@ -126,8 +115,8 @@ mod tests {
     fn wider_registers_change_no_bit() {
         #[inline(always)]
         fn work(a: &[f32], b: &[f32]) -> (Vec<f32>, f32) {
-            let each = a.chunks(LANES).zip(b.chunks(LANES)).flat_map(|(a, b)| {
-                let (a, b) = (Wide::of(a), Wide::of(b));
+            let each = a.as_chunks().0.iter().zip(b.as_chunks().0).flat_map(|(a, b)| {
+                let (a, b) = (Wide(*a), Wide(*b));
                 ((a * b + a) / (b.abs() + Wide::all(0.1)).sqrt() - b.max(a).min(a * a)).0
             });
             let each: Vec<f32> = each.collect();
