@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
-use crate::volume::{Volume, trilinear_vector};
+use crate::volume::{Volume, place, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -216,18 +216,6 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
     reached.iter().map(|u| u.unwrap_or_default()).collect()
 }
 
-/// Where the places of a fine axis lie between those of a coarse one that runs along it: the lower of both, the next, and the
-/// way between them; `None` beyond its ends.
-fn places(fine: usize, coarse: usize, base: f64, step: f64) -> Vec<Option<(usize, usize, f64)>> {
-    let last = coarse - 1;
-    let place = |i: usize| {
-        let at = base + step * i as f64;
-        let low = (at.max(0.0) as usize).min(last);
-        (0.0..=last as f64).contains(&at).then(|| (low, (low + 1).min(last), at - low as f64))
-    };
-    (0..fine).map(place).collect()
-}
-
 /// The lattice's displacements on the planning grid, whose axes it shares; bone voxels move exactly with their bone.
 ///
 /// Trilinear: between rows of elements first, so that a voxel costs one step along its row.
@@ -236,8 +224,13 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
     let [nx, ny, _] = grid.size();
     let base = coarse.grid().index(&grid.origin());
     let step = coarse.grid().inverse_step() * grid.step();
-    let axes: [_; 3] = std::array::from_fn(|a| places(grid.size()[a], coarse.grid().size()[a], base[a], step[(a, a)]));
-    let elements = coarse.grid().size()[0];
+    let size = coarse.grid().size();
+    // Between which elements the voxels of each axis lie.
+    let axes: [Vec<_>; 3] = std::array::from_fn(|a| {
+        let pair = |(low, way): (usize, f64)| (low, (low + 1).min(size[a] - 1), way);
+        (0..grid.size()[a]).map(|i| place(base[a] + step[(a, a)] * i as f64, size[a]).map(pair)).collect()
+    });
+    let elements = size[0];
     let row = |j: usize, k: usize| -> &[[f32; 3]] { &coarse.data()[coarse.grid().linear([0, j, k])..][..elements] };
     let mut u = vec![[0f32; 3]; grid.len()];
     u.par_chunks_mut(nx).enumerate().for_each_init(Vec::new, |between: &mut Vec<Vector3<f64>>, (line, out)| {

@@ -1,8 +1,7 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
-use super::interface::Interfaces;
+use super::cell::{Cell, Kinds, index_bones};
 use crate::field::{FOLDED, PushField, digital_folds};
-use crate::geometry::Grid;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -97,30 +96,24 @@ pub fn evaluate(
         found
     };
     let found: Vec<Found> = (0..nk).into_par_iter().map_init(Vec::new, plane).collect();
-    let gather = |values: &(dyn Fn(&Found) -> &Vec<f32> + Sync)| -> Vec<f32> {
-        found.iter().flat_map(|f| values(f).iter().copied()).collect()
-    };
-    let inside = |bone: usize| -> Vec<f32> {
-        found.iter().flat_map(|f| &f.inside).filter(|(b, _)| usize::from(*b) == bone).map(|(_, j)| *j).collect()
-    };
+    let gather = |values: fn(&Found) -> &Vec<f32>| -> Vec<f32> { found.iter().flat_map(values).copied().collect() };
+    let mut inside = vec![Vec::new(); names.len()];
+    for (bone, j) in found.iter().flat_map(|f| &f.inside) {
+        inside[usize::from(*bone)].push(*j);
+    }
     let body = || {
-        let mut values = gather(&|f| &f.soft);
+        let mut values = gather(|f| &f.soft);
         values.extend(found.iter().flat_map(|f| &f.edge));
         values.extend(found.iter().flat_map(|f| &f.inside).map(|(_, j)| *j));
         stats(values)
     };
-    let (body, soft_tissue) = rayon::join(body, || stats(gather(&|f| &f.soft)));
+    let (body, soft_tissue) = rayon::join(body, || stats(gather(|f| &f.soft)));
     JacobianReport {
         body,
         soft_tissue,
-        contact: stats(gather(&|f| &f.contact)),
-        interface: stats(gather(&|f| &f.interface)),
-        bones: names
-            .into_iter()
-            .enumerate()
-            .map(|(b, name)| (name, stats(inside(b))))
-            .filter(|(_, s)| s.cells > 0)
-            .collect(),
+        contact: stats(gather(|f| &f.contact)),
+        interface: stats(gather(|f| &f.interface)),
+        bones: names.into_iter().zip(inside.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: found.iter().map(|f| f.digital_folds).sum(),
         jumps_above_10: jumps(map, &kinds, found.iter().flat_map(|f| &f.high).copied()),
     }
@@ -216,142 +209,6 @@ pub fn stats(values: Vec<f32>) -> JacobianStats {
     }
 }
 
-/// What a cell holds, by its 8 corners.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Cell {
-    /// A corner that is not tissue, or no cell at all.
-    Outside,
-    /// No bone.
-    Soft,
-    /// Partly one bone.
-    Edge,
-    /// Wholly one bone, by its index.
-    Inside(u16),
-    /// Two or more bones.
-    Contact,
-    /// At most one bone, where two bones slide on each other.
-    Interface,
-}
-
-impl Cell {
-    /// Whether the field is to be smooth here.
-    fn body(self) -> bool {
-        !matches!(self, Self::Outside | Self::Contact | Self::Interface)
-    }
-}
-
-/// Names of the bones, and for each label its bone's index plus one; 0 for labels that are no bones.
-fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
-    let mut names: Vec<String> = Vec::new();
-    let mut bone_of = vec![0u16; usize::from(u16::MAX) + 1];
-    for (label, name) in rigid.iter().filter(|(label, _)| *label != 0) {
-        let at = names.iter().position(|n| n == name).unwrap_or_else(|| {
-            names.push(name.clone());
-            names.len() - 1
-        });
-        bone_of[usize::from(*label)] = at as u16 + 1;
-    }
-    (names, bone_of)
-}
-
-/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones and `sliding` pairs of their labels
-/// with their reach in mm.
-pub(super) fn kinds(
-    tissue: &Mask,
-    bones: &LabelMap,
-    rigid: &[(u16, String)],
-    sliding: &[([u16; 2], f64)],
-) -> Volume<Cell> {
-    let bone_of = index_bones(rigid).1;
-    let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
-    let mut out = Volume::filled(tissue.grid().clone(), Cell::Outside);
-    let [ni, nj, _] = tissue.grid().size();
-    out.data_mut().par_chunks_mut(ni).enumerate().for_each(|(row, cells)| {
-        kinds.row(row % nj, row / nj, cells);
-    });
-    out
-}
-
-/// The kinds of cells, row by row.
-struct Kinds<'a> {
-    grid: &'a Grid,
-    corners: [usize; 8],
-    tissue: &'a [bool],
-    labels: &'a [u16],
-    bone_of: &'a [u16],
-    interfaces: Option<Interfaces>,
-}
-
-impl<'a> Kinds<'a> {
-    fn new(tissue: &'a Mask, bones: &'a LabelMap, bone_of: &'a [u16], sliding: &[([u16; 2], f64)]) -> Self {
-        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
-        let grid = tissue.grid();
-        let labels = bones.volume.data();
-        Self { grid, corners: grid.cell_corners(), tissue: tissue.data(), labels, bone_of, interfaces }
-    }
-
-    /// The row of cells (j, k); false, and `cells` as they were, where all lie outside.
-    fn row(&self, j: usize, k: usize, cells: &mut [Cell]) -> bool {
-        let [ni, nj, nk] = self.grid.size();
-        if j + 1 == nj || k + 1 == nk {
-            return false;
-        }
-        let start = self.grid.linear([0, j, k]);
-        let [_, up, above] = self.grid.strides();
-        let rows = [0, up, above, above + up].map(|o| start + o);
-        let [a, b, c, d] = rows.map(|r| &self.tissue[r..][..ni]);
-        if !a.iter().zip(b).zip(c).zip(d).fold(false, |any, (((a, b), c), d)| any | (a & b & c & d)) {
-            return false;
-        }
-        cells.fill(Cell::Outside);
-        let solid = |i: usize| a[i] & b[i] & c[i] & d[i];
-        let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
-        let unlabelled = |i: usize| p[i] | q[i] | r[i] | s[i] == 0;
-        let (mut any, mut last) = (false, solid(0));
-        for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
-            let next = solid(i + 1);
-            if last & next {
-                any = true;
-                let soft = unlabelled(i) && unlabelled(i + 1);
-                *cell = if soft { self.where_it_slides(Cell::Soft, [i, j, k]) } else { self.kind([i, j, k]) };
-            }
-            last = next;
-        }
-        any
-    }
-
-    /// The kind of the cell with this lowest corner.
-    fn at(&self, cell: [usize; 3]) -> Cell {
-        let low = self.grid.linear(cell);
-        let tissue =
-            (0..3).all(|a| cell[a] + 1 < self.grid.size()[a]) && self.corners.iter().all(|c| self.tissue[low + c]);
-        if tissue { self.kind(cell) } else { Cell::Outside }
-    }
-
-    /// The kind of a cell of tissue.
-    fn kind(&self, cell: [usize; 3]) -> Cell {
-        let low = self.grid.linear(cell);
-        self.where_it_slides(kind(self.corners.map(|c| self.bone_of[usize::from(self.labels[low + c])])), cell)
-    }
-
-    /// The same kind, or [`Cell::Interface`].
-    fn where_it_slides(&self, kind: Cell, cell: [usize; 3]) -> Cell {
-        let open = matches!(kind, Cell::Soft | Cell::Edge);
-        if open && self.interfaces.as_ref().is_some_and(|s| s.holds(cell)) { Cell::Interface } else { kind }
-    }
-}
-
-/// The kind of a tissue cell from its corners' bones (0: none).
-fn kind(corners: [u16; 8]) -> Cell {
-    let most = corners.into_iter().fold(0, u16::max);
-    match corners.into_iter().filter(|&b| b > 0).min() {
-        None => Cell::Soft,
-        Some(least) if least != most => Cell::Contact,
-        Some(_) if corners.contains(&0) => Cell::Edge,
-        Some(bone) => Cell::Inside(bone - 1),
-    }
-}
-
 /// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`]; one of each is among `high`.
 fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>) -> usize {
     let grid = map.grid();
@@ -377,6 +234,7 @@ fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Grid;
     use std::collections::BTreeMap;
 
     #[test]

@@ -2,6 +2,7 @@
 //! of bones and image similarity, each beside its tolerance; `docs/metrics.md` has the formulas.
 
 mod assess;
+mod cell;
 pub mod consistency;
 pub mod contact;
 pub mod contour;

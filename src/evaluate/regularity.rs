@@ -1,7 +1,8 @@
 //! How regular one field is, on its own grid: Jacobian characteristics and volumes, the digital-fold certificate, curl.
 
+use super::cell::{Cell, kinds};
 use super::curl::{self, CurlReport};
-use super::jacobian::{self, Cell, JacobianReport, JacobianStats};
+use super::jacobian::{self, JacobianReport, JacobianStats};
 use crate::field::{PushField, digital_folds, jacobian as jacobian_map};
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
@@ -102,7 +103,7 @@ pub fn evaluate(
 ) -> (Regularity, Volume<f32>) {
     let map = jacobian_map(field);
     let report = jacobian::evaluate(field, &map, tissue, bones, rigid, sliding);
-    let kinds = jacobian::kinds(tissue, bones, rigid, sliding);
+    let kinds = kinds(tissue, bones, rigid, sliding);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
     let mut folds = FoldCertificate::default();
     let mut body = Vec::new();

@@ -1,6 +1,7 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
 
 mod bones;
+mod cells;
 mod chain;
 mod contour;
 mod density;

@@ -37,7 +37,7 @@ impl Tissue {
         let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
         let mut value = gaussian(&sum, rest);
         let weight = gaussian(&share, rest);
-        value.data_mut().par_iter_mut().zip(weight.data()).with_min_len(1 << 14).for_each(|(v, &w)| {
+        value.data_mut().par_iter_mut().zip(weight.data()).for_each(|(v, &w)| {
             *v = if w > 1e-3 { *v / w } else { AIR_HU };
         });
         Self { value, valid: share }

@@ -3,6 +3,18 @@
 use super::Volume;
 use nalgebra::Vector3;
 
+/// Where a continuous index lies along an axis of `size` voxels: the voxel at or below it and the way to the next; `None`
+/// outside the hull of the voxel centres.
+#[inline(always)]
+pub fn place(index: f64, size: usize) -> Option<(usize, f64)> {
+    let last = size - 1;
+    if !(index >= 0.0 && index <= last as f64) {
+        return None;
+    }
+    let low = (index as usize).min(last);
+    Some((low, index - low as f64))
+}
+
 /// Storage position of the lower corner, the fractions, and the strides to the upper corner (0 at the far edge).
 fn cell(size: [usize; 3], index: &Vector3<f64>) -> Option<(usize, [f64; 3], [usize; 3])> {
     let mut base = 0;
@@ -10,14 +22,10 @@ fn cell(size: [usize; 3], index: &Vector3<f64>) -> Option<(usize, [f64; 3], [usi
     let mut step = [0; 3];
     let mut stride = 1;
     for a in 0..3 {
-        let last = size[a] - 1;
-        if !(index[a] >= 0.0 && index[a] <= last as f64) {
-            return None;
-        }
-        let low = (index[a] as usize).min(last);
+        let (low, way) = place(index[a], size[a])?;
         base += low * stride;
-        fraction[a] = index[a] - low as f64;
-        step[a] = if low < last { stride } else { 0 };
+        fraction[a] = way;
+        step[a] = if low + 1 < size[a] { stride } else { 0 };
         stride *= size[a];
     }
     Some((base, fraction, step))

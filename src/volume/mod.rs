@@ -10,7 +10,7 @@ pub mod region;
 mod smooth;
 
 pub use cubic::cubic;
-pub use interpolate::{trilinear, trilinear_vector};
+pub use interpolate::{place, trilinear, trilinear_vector};
 pub use label::LabelMap;
 pub use smooth::gaussian;
 

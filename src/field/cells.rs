@@ -1,0 +1,288 @@
+//! The deformed cells of a push field, each cut into 5 tetrahedra in both ways.
+//!
+//! Rows of cells are computed tetrahedron by tetrahedron in flat arrays of one component each. Both ways to cut are computed for
+//! every cell: that costs less than sorting cells by their way.
+
+use super::PushField;
+use crate::geometry::{LANES, Wide, vectorised};
+use crate::volume::Volume;
+use nalgebra::Matrix3;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// `value(total, least, least_of_ten)` of every cell with a computed corner, `unmeasured` elsewhere: six times the volume of
+/// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
+/// where a tetrahedron is turned inside out.
+pub(super) fn each_cell<T: Copy + Default + PartialEq + Send + Sync>(
+    push: &PushField,
+    unmeasured: T,
+    value: impl Fn(f32, f32, f32) -> T + Sync,
+) -> Volume<T> {
+    let grid = push.displacement.grid();
+    let [ni, nj, nk] = grid.size();
+    let mut out = vec![T::default(); grid.len()];
+    out.par_chunks_mut(ni * nj).enumerate().for_each_init(
+        || Rows::new([ni, nj], grid.step()),
+        |rows, (k, plane)| {
+            // Fresh memory that stays zero is never touched.
+            if unmeasured != T::default() {
+                plane.fill(unmeasured);
+            }
+            if k + 1 == nk {
+                return;
+            }
+            vectorised(
+                #[inline(always)]
+                || {
+                    rows.begin(push, k);
+                    for (j, cells) in plane.chunks_mut(ni).take(nj - 1).enumerate() {
+                        if rows.in_row[j] || rows.in_row[j + 1] {
+                            rows.advance(push, j, k);
+                            rows.cut(j + k);
+                            rows.each(cells, &value);
+                        }
+                    }
+                },
+            );
+        },
+    );
+    Volume::new(grid.clone(), out).expect("one value per voxel")
+}
+
+/// A vector at each place of a row, component by component.
+type Line = [Vec<f32>; 3];
+
+/// A row of cells, between four rows of voxels: low or high along `j` (bit 0) and `k` (bit 1).
+///
+/// Lines hold what lies in the span; there is room for whole blocks at their end.
+struct Rows {
+    /// The voxels from the first to the last that is a corner of a cell with a computed corner, in any row of these planes.
+    span: Range<usize>,
+    /// Whether any voxel of a row was computed, in either plane.
+    in_row: Vec<bool>,
+    /// Whether any of the four voxels at a place was computed.
+    computed: Vec<bool>,
+    /// Displacements, mm.
+    u: [Line; 4],
+    /// Deformed edges, mm, all in the sense of growing index: along `i`, in the four rows.
+    ex: [Line; 4],
+    /// Along `j`, low and high in `k`.
+    ey: [Line; 2],
+    /// Along `k`, low and high in `j`.
+    ez: [Line; 2],
+    /// Six times the volume of the cells, of their least tetrahedra, and of the least by either way to cut them.
+    total: Vec<f32>,
+    least: Vec<f32>,
+    least_of_ten: Vec<f32>,
+    /// The `j` that the rows stand at.
+    at: Option<usize>,
+    step: [[f32; 3]; 3],
+    /// Sign of an undeformed cell's volume: takes handedness of storage out.
+    sense: f32,
+}
+
+impl Rows {
+    fn new([ni, nj]: [usize; 2], step: &Matrix3<f64>) -> Self {
+        let padded = ni + LANES;
+        let line = |_| std::array::from_fn(|_| vec![0.0; padded]);
+        Self {
+            span: 0..0,
+            in_row: vec![false; nj],
+            computed: vec![false; ni],
+            u: std::array::from_fn(line),
+            ex: std::array::from_fn(line),
+            ey: std::array::from_fn(line),
+            ez: std::array::from_fn(line),
+            total: vec![0.0; padded],
+            least: vec![0.0; padded],
+            least_of_ten: vec![0.0; padded],
+            at: None,
+            step: std::array::from_fn(|a| std::array::from_fn(|c| step[(c, a)] as f32)),
+            sense: step.determinant().signum() as f32,
+        }
+    }
+
+    /// Goes to the cells between planes `k` and `k + 1`.
+    #[inline(always)]
+    fn begin(&mut self, push: &PushField, k: usize) {
+        let ni = self.computed.len();
+        let (_, planes) = push.computed.data().split_at(push.computed.grid().linear([0, 0, k]));
+        let (low, high) = planes.split_at(ni * self.in_row.len());
+        self.computed.fill(false);
+        for ((any, low), high) in self.in_row.iter_mut().zip(low.chunks(ni)).zip(high.chunks(ni)) {
+            let mut found = false;
+            for ((column, low), high) in self.computed.iter_mut().zip(low).zip(high) {
+                *column |= low | high;
+                found |= low | high;
+            }
+            *any = found;
+        }
+        let first = self.computed.iter().position(|c| *c).unwrap_or(ni);
+        let last = self.computed.iter().rposition(|c| *c).unwrap_or(0);
+        self.span = first.saturating_sub(1)..(last + 2).min(ni);
+        self.at = None;
+    }
+
+    /// Takes up the corners and edges of the row of cells (j, k).
+    #[inline(always)]
+    fn advance(&mut self, push: &PushField, j: usize, k: usize) {
+        let Self { u, ex, ey, ez, step, span, .. } = self;
+        let known = self.at.is_some_and(|at| at + 1 == j);
+        if known {
+            for lines in [&mut *u, ex] {
+                lines.swap(0, 1);
+                lines.swap(2, 3);
+            }
+            ez.swap(0, 1);
+        }
+        let new = usize::from(known);
+        let n = span.len();
+        let starts: [usize; 4] =
+            std::array::from_fn(|m| push.computed.grid().linear([span.start, j + (m & 1), k + (m >> 1)]));
+        for m in (0..4).filter(|m| m & 1 >= new) {
+            take_apart(&push.displacement.data()[starts[m]..][..n], &mut u[m]);
+            for c in 0..3 {
+                edges(&mut ex[m][c][..n], step[0][c], &u[m][c], &u[m][c][1..]);
+            }
+        }
+        for c in 0..3 {
+            for m in 0..2 {
+                edges(&mut ey[m][c][..n], step[1][c], &u[2 * m][c], &u[2 * m + 1][c]);
+            }
+            for m in new..2 {
+                edges(&mut ez[m][c][..n], step[2][c], &u[m][c], &u[m + 2][c]);
+            }
+        }
+        let [a, b, c, d] = starts.map(|s| &push.computed.data()[s..][..n]);
+        for ((((any, a), b), c), d) in self.computed.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *any = a | b | c | d;
+        }
+        self.at = Some(j);
+    }
+
+    /// Cuts the cells of the span; `sum` of their j and k tells the way of the cell at `i` = 0.
+    ///
+    /// The edges run towards growing index at every corner, so each corner of a regular cell has determinant +1 volume; the
+    /// central tetrahedron, spanned by diagonals of the faces, has +2.
+    #[inline(always)]
+    fn cut(&mut self, sum: usize) {
+        let Self { ex, ey, ez, total, least, least_of_ten, sense, span, .. } = self;
+        let blocks = span.len().saturating_sub(1).div_ceil(LANES);
+        let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|m| run(&ex[m], 0, blocks));
+        // Edges along j and k lie low and high along i.
+        let [y0, y1, y2, y3] = [0, 1, 2, 3].map(|m| run(&ey[m >> 1], m & 1, blocks));
+        let [z0, z1, z2, z3] = [0, 1, 2, 3].map(|m| run(&ez[m >> 1], m & 1, blocks));
+        let sense = Wide::all(*sense);
+        let total = total.as_chunks_mut::<LANES>().0;
+        let (least, least_of_ten) = (least.as_chunks_mut::<LANES>().0, least_of_ten.as_chunks_mut::<LANES>().0);
+        let first = (sum + span.start) % 2;
+        for n in 0..blocks {
+            let [x, y, z] = [at(x0, n), at(y0, n), at(z0, n)];
+            // Corners 000, 110, 101 and 011 are cut off, or the other four; the central one is spanned by diagonals.
+            let even = Tetrahedra::of(
+                sense,
+                [
+                    [x, y, z],
+                    [at(x1, n), at(y1, n), at(z3, n)],
+                    [at(x2, n), at(y3, n), at(z1, n)],
+                    [at(x3, n), at(y2, n), at(z2, n)],
+                    [minus(y, x), minus(z, x), plus(at(y1, n), at(z3, n))],
+                ],
+            );
+            let odd = Tetrahedra::of(
+                sense,
+                [
+                    [x, at(y1, n), at(z1, n)],
+                    [at(x1, n), y, at(z2, n)],
+                    [at(x2, n), at(y2, n), z],
+                    [at(x3, n), at(y3, n), at(z3, n)],
+                    [plus(x, at(y1, n)), plus(y, at(z2, n)), plus(x, at(z1, n))],
+                ],
+            );
+            let [one, other] = if first == 0 { [&even, &odd] } else { [&odd, &even] };
+            for l in 0..LANES {
+                let own = if l % 2 == 0 { one } else { other };
+                (total[n][l], least[n][l]) = (own.total.0[l], own.least.0[l]);
+            }
+            least_of_ten[n] = even.least.min(odd.least).0;
+        }
+    }
+
+    /// Values of the cells of the span in a row.
+    #[inline(always)]
+    fn each<T: Copy>(&self, row: &mut [T], value: &impl Fn(f32, f32, f32) -> T) {
+        let Some(last) = self.span.end.checked_sub(1).filter(|last| *last > self.span.start) else { return };
+        let cells = &mut row[self.span.start..last];
+        let measured = self.computed.iter().zip(&self.computed[1..]).map(|(a, b)| a | b);
+        let found = self.total.iter().zip(&self.least).zip(&self.least_of_ten);
+        for ((cell, measured), ((total, least), least_of_ten)) in cells.iter_mut().zip(measured).zip(found) {
+            let found = value(*total, *least, *least_of_ten);
+            *cell = if measured { found } else { *cell };
+        }
+    }
+}
+
+/// The components of the vectors of a row.
+#[inline(always)]
+fn take_apart(row: &[[f32; 3]], to: &mut Line) {
+    let [x, y, z] = to;
+    for (((u, x), y), z) in row.iter().zip(x).zip(y).zip(z) {
+        (*x, *y, *z) = (u[0], u[1], u[2]);
+    }
+}
+
+/// One component of deformed edges: undeformed they are `step`.
+#[inline(always)]
+fn edges(out: &mut [f32], step: f32, from: &[f32], to: &[f32]) {
+    for ((e, a), b) in out.iter_mut().zip(from).zip(to) {
+        *e = step + (b - a);
+    }
+}
+
+/// [`LANES`] vectors.
+type Vectors = [Wide; 3];
+
+/// Blocks of consecutive places, component by component.
+type Run<'a> = [&'a [[f32; LANES]]; 3];
+
+/// `blocks` blocks from `first` on.
+#[inline(always)]
+fn run(line: &Line, first: usize, blocks: usize) -> Run<'_> {
+    line.each_ref().map(|l| l[first..][..blocks * LANES].as_chunks().0)
+}
+
+#[inline(always)]
+fn at([x, y, z]: Run<'_>, n: usize) -> Vectors {
+    [Wide(x[n]), Wide(y[n]), Wide(z[n])]
+}
+
+#[inline(always)]
+fn plus(a: Vectors, b: Vectors) -> Vectors {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[inline(always)]
+fn minus(a: Vectors, b: Vectors) -> Vectors {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Six times the volumes of the 5 tetrahedra of [`LANES`] cells: their sum, and the least of them in the sense of storage.
+struct Tetrahedra {
+    total: Wide,
+    least: Wide,
+}
+
+impl Tetrahedra {
+    /// Those that the vectors span.
+    #[inline(always)]
+    fn of(sense: Wide, spanned: [[Vectors; 3]; 5]) -> Self {
+        let mut all = Self { total: Wide::default(), least: Wide::all(f32::INFINITY) };
+        for [a, b, c] in spanned {
+            let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+            let volume = minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2];
+            all.total = all.total + volume;
+            all.least = all.least.min(volume * sense);
+        }
+        all
+    }
+}
