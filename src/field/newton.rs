@@ -1,155 +1,252 @@
-//! The inverse at a voxel by Newton's method from a good start: value and gradient of the field from the same eight corners,
-//! in single precision, whose error of about 1e-5 mm is far below any tolerance.
+//! The inverse by Newton's method from good starts, eight voxels of a row at a time: value and gradient of the field from the
+//! same eight corners, in single precision, whose error of about 1e-5 mm is far below any tolerance.
+//!
+//! One voxel after the other each step would wait for the one before it.
 
 use super::PushField;
+use super::walk::lower;
 use crate::error::Result;
-use crate::geometry::Grid;
-use crate::volume::{Mask, Volume};
+use crate::geometry::{Grid, LANES, Wide};
+use crate::volume::{Mask, Volume, trilinear_vector};
 use nalgebra::Vector3;
 
 /// Determinants of the map's gradient below this are too close to a fold.
 const LEAST_DETERMINANT: f32 = 0.05;
 
+/// [`LANES`] vectors, component by component.
+type Vectors = [Wide; 3];
+
 /// A field that is continued by its edge values, with the constants of its grid at hand.
 pub(super) struct Sampler<'a> {
-    data: &'a [[f32; 3]],
-    strides: [usize; 3],
-    last: [f64; 3],
+    field: &'a Volume<[f32; 3]>,
+    last: [i32; 3],
     /// Lower neighbour of the last pair of voxels.
-    most: [usize; 3],
+    most: [i32; 3],
+    strides: [usize; 3],
+    /// Distances in storage to the upper corners; 0 along an axis of one voxel.
     up: [usize; 3],
-    /// World to index.
-    turn: [[f64; 3]; 3],
-    origin: Vector3<f64>,
+    /// World to index, row by row.
+    turn: [[f32; 3]; 3],
 }
 
-/// Value of a field at a place, and its derivative by the index: one column per axis.
+/// [`LANES`] places that follow each other in a row, as indices of the field's grid: whole part and rest of the first, and the
+/// way from one to the next.
+pub(super) struct Block {
+    whole: [i32; 3],
+    rest: [f32; 3],
+    along: [f32; 3],
+}
+
+/// Values of the field at places, and its derivative by the index: one column per axis.
 struct Sample {
-    value: [f32; 3],
-    slope: [[f32; 3]; 3],
+    value: Vectors,
+    slope: [Vectors; 3],
 }
 
-#[inline(always)]
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-/// `a + t (b)`.
-#[inline(always)]
-fn add(a: [f32; 3], t: f32, b: [f32; 3]) -> [f32; 3] {
-    [a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]]
+/// What the search has found for [`LANES`] voxels.
+pub(super) struct Best {
+    /// The best displacements, mm.
+    pub(super) v: Vectors,
+    /// |v + u(y + v)|, mm; infinite where that is no number.
+    pub(super) residual: Wide,
 }
 
 impl<'a> Sampler<'a> {
     pub(super) fn new(field: &'a Volume<[f32; 3]>) -> Self {
         let grid = field.grid();
         let (size, strides, turn) = (grid.size(), grid.strides(), grid.inverse_step());
+        let index = |n: usize| i32::try_from(n).unwrap_or(i32::MAX);
         Self {
-            data: field.data(),
+            field,
+            last: size.map(|n| index(n - 1)),
+            most: size.map(|n| index(n.saturating_sub(2))),
             strides,
-            last: size.map(|n| (n - 1) as f64),
-            most: size.map(|n| n.saturating_sub(2)),
             up: std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 }),
-            turn: std::array::from_fn(|r| std::array::from_fn(|c| turn[(r, c)])),
-            origin: grid.origin().coords,
+            turn: std::array::from_fn(|r| std::array::from_fn(|c| turn[(r, c)] as f32)),
         }
-    }
-
-    /// Continuous index of a world position.
-    #[inline(always)]
-    fn index(&self, p: [f64; 3]) -> [f64; 3] {
-        let d = [p[0] - self.origin.x, p[1] - self.origin.y, p[2] - self.origin.z];
-        self.turn.map(|r| r[0] * d[0] + r[1] * d[1] + r[2] * d[2])
-    }
-
-    #[inline(always)]
-    fn at(&self, index: [f64; 3]) -> Option<Sample> {
-        let (mut base, mut t, mut free) = (0, [0f32; 3], [1f32; 3]);
-        for a in 0..3 {
-            // What is no number becomes 0 here.
-            let x = index[a].max(0.0).min(self.last[a]);
-            if !(0.0..=self.last[a]).contains(&index[a]) {
-                free[a] = 0.0;
-            }
-            let low = (x as u32 as usize).min(self.most[a]);
-            t[a] = (x - low as f64) as f32;
-            base += low * self.strides[a];
-        }
-        let line = |n: usize| -> Option<([f32; 3], [f32; 3])> {
-            let (a, b) = (*self.data.get(n)?, *self.data.get(n + self.up[0])?);
-            let along = minus(b, a);
-            Some((add(a, t[0], along), along))
-        };
-        let face = |n: usize| -> Option<([f32; 3], [f32; 3], [f32; 3])> {
-            let ((a, ax), (b, bx)) = (line(n)?, line(n + self.up[1])?);
-            let across = minus(b, a);
-            Some((add(a, t[1], across), add(ax, t[1], minus(bx, ax)), across))
-        };
-        let ((a, ax, ay), (b, bx, by)) = (face(base)?, face(base + self.up[2])?);
-        let z = minus(b, a);
-        let slope = [add(ax, t[2], minus(bx, ax)), add(ay, t[2], minus(by, ay)), z];
-        // Beyond the edge the field does not change.
-        Some(Sample { value: add(a, t[2], z), slope: std::array::from_fn(|c| slope[c].map(|s| s * free[c])) })
     }
 
     /// The value at a world position.
-    #[inline]
-    pub(super) fn value(&self, p: [f64; 3]) -> Vector3<f64> {
-        self.at(self.index(p)).map_or_else(Vector3::zeros, |s| s.value.map(f64::from).into())
+    pub(super) fn value(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        let last = Vector3::from(self.last.map(f64::from));
+        let index = self.field.grid().index(&(*p).into()).zip_map(&last, |i, l| i.clamp(0.0, l));
+        trilinear_vector(self.field, &index).unwrap_or_default()
     }
 
-    /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm, in at most `steps` steps: the best found, its residual in
-    /// mm, and whether that is within the tolerance.
-    #[inline]
-    pub(super) fn invert(
-        &self,
-        y: &Vector3<f64>,
-        start: Vector3<f64>,
-        (tolerance, steps): (f64, usize),
-    ) -> (Vector3<f64>, f64, bool) {
-        let mut v = [start.x, start.y, start.z];
-        let mut best = (v, f64::INFINITY);
-        for _ in 0..=steps {
-            let Some(sample) = self.at(self.index([y.x + v[0], y.y + v[1], y.z + v[2]])) else { break };
-            let r: [f64; 3] = std::array::from_fn(|a| v[a] + f64::from(sample.value[a]));
-            let size = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
-            if size < best.1 {
-                best = (v, size);
+    /// The places from a continuous index on, `along` apart.
+    pub(super) fn block(start: &Vector3<f64>, along: &Vector3<f64>) -> Block {
+        // What is no number becomes 0, and what is far off is held far outside.
+        let held = start.map(|x| x.clamp(-1e8, 1e8));
+        Block {
+            whole: std::array::from_fn(|a| held[a].floor() as i32),
+            rest: std::array::from_fn(|a| (held[a] - held[a].floor()) as f32),
+            along: std::array::from_fn(|a| along[a] as f32),
+        }
+    }
+
+    /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm for the places `y` of a block, in at most `steps` steps.
+    #[inline(always)]
+    pub(super) fn invert(&self, block: &Block, start: Vectors, (tolerance, steps): (f32, usize)) -> Best {
+        let mut v = start;
+        let mut best = Best { v, residual: Wide::all(f32::INFINITY) };
+        for step in 0..=steps {
+            let sample = self.at(block, &v);
+            let r = [v[0] + sample.value[0], v[1] + sample.value[1], v[2] + sample.value[2]];
+            let size = dot(&r, &r).sqrt();
+            let mut open = false;
+            for l in 0..LANES {
+                let better = size.0[l] < best.residual.0[l];
+                best.residual.0[l] = if better { size.0[l] } else { best.residual.0[l] };
+                for (best, v) in best.v.iter_mut().zip(&v) {
+                    best.0[l] = if better { v.0[l] } else { best.0[l] };
+                }
+                open |= best.residual.0[l] >= tolerance;
             }
-            if size < tolerance {
+            if !open || step == steps {
                 break;
             }
-            // A step is kept short, so that it stays in its basin; near a fold the fixed point takes its place.
-            let whole = self.step(&sample.slope, r.map(|c| c as f32)).map_or(r, |s| s.map(f64::from));
-            let length = (whole[0] * whole[0] + whole[1] * whole[1] + whole[2] * whole[2]).sqrt();
-            let share = if length > 2.0 * size { 2.0 * size / length } else { 1.0 };
-            v = std::array::from_fn(|a| v[a] - share * whole[a]);
+            let by = self.step(&sample.slope, &r);
+            // A step is kept short, so that it stays in its basin.
+            let length = dot(&by, &by).sqrt();
+            for l in 0..LANES {
+                let longest = 2.0 * size.0[l];
+                let share = if length.0[l] > longest { longest / length.0[l] } else { 1.0 };
+                // A voxel that has arrived stays, whatever its neighbours still need.
+                let share = if best.residual.0[l] < tolerance { 0.0 } else { share };
+                for (v, by) in v.iter_mut().zip(&by) {
+                    v.0[l] -= share * by.0[l];
+                }
+            }
         }
-        (best.0.into(), best.1, best.1 < tolerance)
+        best
     }
 
-    /// The Newton step for a residual: the map's gradient, turned round. `None` near a fold.
+    /// The field at the places of a block after displacements `v`.
     #[inline(always)]
-    fn step(&self, slope: &[[f32; 3]; 3], r: [f32; 3]) -> Option<[f32; 3]> {
-        // Columns of the gradient by world position.
-        let column = |c: usize| -> [f32; 3] {
-            let by = [self.turn[0][c] as f32, self.turn[1][c] as f32, self.turn[2][c] as f32];
-            std::array::from_fn(|a| slope[0][a] * by[0] + slope[1][a] * by[1] + slope[2][a] * by[2])
-        };
-        let (mut a, mut b, mut c) = (column(0), column(1), column(2));
-        (a[0], b[1], c[2]) = (a[0] + 1.0, b[1] + 1.0, c[2] + 1.0);
-        let cross = |p: [f32; 3], q: [f32; 3]| {
-            [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
-        };
-        let dot = |p: [f32; 3], q: [f32; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-        let bc = cross(b, c);
-        let determinant = dot(a, bc);
-        if determinant.is_nan() || determinant < LEAST_DETERMINANT {
-            return None;
+    fn at(&self, block: &Block, v: &Vectors) -> Sample {
+        let (mut base, mut t, mut free) = ([0usize; LANES], [Wide::default(); 3], [Wide::default(); 3]);
+        for a in 0..3 {
+            let by = self.turn[a];
+            let (least, most) = ((-block.whole[a]) as f32, (self.last[a] - block.whole[a]) as f32);
+            for (l, base) in base.iter_mut().enumerate() {
+                let moved = by[0] * v[0].0[l] + by[1] * v[1].0[l] + by[2] * v[2].0[l];
+                let x = (block.rest[a] + block.along[a] * l as f32) + moved;
+                // What is no number comes to lie at the edge.
+                let held = if x > least { x } else { least };
+                let held = if held < most { held } else { most };
+                // Beyond the edge the field does not change.
+                free[a].0[l] = if (least..=most).contains(&x) { 1.0 } else { 0.0 };
+                let (low, rest) = lower(held, block.whole[a]);
+                let cell = low.min(self.most[a]).max(0);
+                t[a].0[l] = (rest + (low - cell) as f32).clamp(0.0, 1.0);
+                *base += cell as usize * self.strides[a];
+            }
         }
-        let scale = determinant.recip();
-        Some([dot(r, bc) * scale, dot(r, cross(c, a)) * scale, dot(r, cross(a, b)) * scale])
+        let ((a, ax, ay), (b, bx, by)) = (self.face(&base, 0, &t), self.face(&base, self.up[2], &t));
+        let z = minus(&b, &a);
+        let x = between(&ax, t[2], &minus(&bx, &ax));
+        let y = between(&ay, t[2], &minus(&by, &ay));
+        Sample { value: between(&a, t[2], &z), slope: [times(&x, free[0]), times(&y, free[1]), times(&z, free[2])] }
     }
+
+    /// Values on the lower or upper faces of the cells that begin at `base`, and their derivatives by the first two indices.
+    #[inline(always)]
+    fn face(&self, base: &[usize; LANES], offset: usize, t: &Vectors) -> (Vectors, Vectors, Vectors) {
+        let (a, b) = self.pairs(base, offset);
+        let (c, d) = self.pairs(base, offset + self.up[1]);
+        let (low, high) = (minus(&b, &a), minus(&d, &c));
+        let (a, c) = (between(&a, t[0], &low), between(&c, t[0], &high));
+        let across = minus(&c, &a);
+        (between(&a, t[1], &across), between(&low, t[1], &minus(&high, &low)), across)
+    }
+
+    /// The voxels `offset` behind those of `base`, and the next ones along the first axis.
+    #[inline(always)]
+    fn pairs(&self, base: &[usize; LANES], offset: usize) -> (Vectors, Vectors) {
+        let mut in_line = self.up[0] == 1;
+        for (l, place) in base.iter().enumerate() {
+            in_line &= *place == base[0] + l;
+        }
+        if in_line
+            && let Some(run) = self.field.data().get(base[0] + offset..).and_then(|u| u.first_chunk::<{ LANES + 1 }>())
+        {
+            let (mut a, mut b) = ([Wide::default(); 3], [Wide::default(); 3]);
+            for l in 0..LANES {
+                for c in 0..3 {
+                    a[c].0[l] = run[l][c];
+                    b[c].0[l] = run[l + 1][c];
+                }
+            }
+            return (a, b);
+        }
+        (self.corners(base, offset), self.corners(base, offset + self.up[0]))
+    }
+
+    /// The voxels `offset` behind those of `base`.
+    #[inline(always)]
+    fn corners(&self, base: &[usize; LANES], offset: usize) -> Vectors {
+        let mut out = [Wide::default(); 3];
+        for (l, base) in base.iter().enumerate() {
+            let u = self.field.data()[base + offset];
+            for a in 0..3 {
+                out[a].0[l] = u[a];
+            }
+        }
+        out
+    }
+
+    /// The Newton steps for residuals: the map's gradient, turned round; near a fold the residual takes its place.
+    #[inline(always)]
+    fn step(&self, slope: &[Vectors; 3], r: &Vectors) -> Vectors {
+        // Columns of the gradient by world position.
+        let mut by = [[Wide::default(); 3]; 3];
+        for (c, column) in by.iter_mut().enumerate() {
+            for (a, entry) in column.iter_mut().enumerate() {
+                let turn = [Wide::all(self.turn[0][c]), Wide::all(self.turn[1][c]), Wide::all(self.turn[2][c])];
+                *entry = slope[0][a] * turn[0] + slope[1][a] * turn[1] + slope[2][a] * turn[2];
+            }
+            column[c] = column[c] + Wide::all(1.0);
+        }
+        let [a, b, c] = &by;
+        let bc = cross(b, c);
+        let determinant = dot(a, &bc);
+        let solved = [dot(r, &bc), dot(r, &cross(c, a)), dot(r, &cross(a, b))];
+        let mut out = *r;
+        for l in 0..LANES {
+            let upright = determinant.0[l] >= LEAST_DETERMINANT;
+            let scale = if upright { determinant.0[l].recip() } else { 0.0 };
+            for a in 0..3 {
+                out[a].0[l] = if upright { solved[a].0[l] * scale } else { r[a].0[l] };
+            }
+        }
+        out
+    }
+}
+
+#[inline(always)]
+fn minus(a: &Vectors, b: &Vectors) -> Vectors {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+fn times(a: &Vectors, by: Wide) -> Vectors {
+    [a[0] * by, a[1] * by, a[2] * by]
+}
+
+/// `a + t b`.
+#[inline(always)]
+fn between(a: &Vectors, t: Wide, b: &Vectors) -> Vectors {
+    [a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]]
+}
+
+#[inline(always)]
+fn dot(a: &Vectors, b: &Vectors) -> Wide {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn cross(a: &Vectors, b: &Vectors) -> Vectors {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// The field at every few voxels, about `spacing` mm apart: enough to start an inversion from.

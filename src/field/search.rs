@@ -5,7 +5,7 @@ use super::bones::MovedBones;
 use super::invert::{Continued, InvertOptions, solve};
 use super::newton::Sampler;
 use super::tetrahedra::{Drop, Mesh};
-use crate::geometry::Grid;
+use crate::geometry::{Grid, LANES, Wide, vectorised};
 use nalgebra::{Point3, Vector3};
 
 /// Iteration limit of the quick search, which is all that there is where no tissue comes to lie: the continued field outside
@@ -45,51 +45,129 @@ impl<V> Search<'_, V> {
         inside: &mut [bool],
     ) -> Tally {
         let [nx, ny, _] = self.fraction.size();
-        let planning = self.push.displacement.grid();
-        let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
-        let miss = planning.spacing().into_iter().fold(0.0, f64::max);
         let mut t = Tally::default();
-        for (row, drawn) in drawn.chunks(nx).enumerate() {
-            let start = self.fraction.centre([0, row % ny, first + row / ny]).coords;
-            // The last two solutions on the row, where both are known: the third is nearly in line.
-            let mut before: [Option<Vector3<f64>>; 2] = [None; 2];
-            for (i, drawn) in drawn.iter().enumerate() {
-                let y = start + along * i as f64;
-                let ahead = before[1].zip(before[0]).map(|(last, first)| last + last - first);
-                let (mut d, residual, converged) =
-                    self.in_bone(&y, owner[row * nx + i]).unwrap_or_else(|| self.voxel(&y, drawn, ahead));
-                before = [before[1], converged.then_some(d)];
-                let at = planning.index(&Point3::from(y + d));
-                let mut within = planning.contains(&at);
-                let tissue = within && self.tissue(&at);
-                if tissue && !converged && residual > miss {
-                    // Showing that tissue here would show it twice.
-                    d = self.beyond(&at) - y;
-                    within = false;
-                    t.strayed += 1;
-                }
-                let n = row * nx + i;
-                v[n] = [d.x as f32, d.y as f32, d.z as f32];
-                inside[n] = within;
-                t.outside += usize::from(!within);
-                match (converged, tissue) {
-                    (true, true) => t.residuals.push(residual as f32),
-                    (false, _) => {
-                        t.unconverged += 1;
-                        t.tissue += usize::from(tissue);
-                        t.worst = t.worst.max(residual);
-                    }
-                    _ => {}
-                }
+        let mut rows = Rows::new(nx);
+        let found = drawn.chunks(nx).zip(owner.chunks(nx)).zip(v.chunks_mut(nx).zip(inside.chunks_mut(nx)));
+        for (row, ((drawn, owner), (v, inside))) in found.enumerate() {
+            let (j, k) = (row % ny, first + row / ny);
+            if j == 0 {
+                rows.forget();
             }
+            let y = self.fraction.centre([0, j, k]).coords;
+            self.starts(&y, drawn, &mut rows);
+            self.row(&y, &mut rows);
+            self.settle(&y, (drawn, owner), (v, inside), &mut rows, &mut t);
+            rows.advance();
         }
         t
     }
 
-    /// Whether the model computed the planning voxel nearest to an index inside the grid.
-    fn tissue(&self, at: &Vector3<f64>) -> bool {
-        let near = [at.x, at.y, at.z].map(|c| (c + 0.5) as u32 as usize);
-        self.push.computed.data()[self.push.computed.grid().linear(near)]
+    /// Where the search starts in a row that begins at `y`.
+    fn starts(&self, y: &Vector3<f64>, drawn: &[Drop<3>], rows: &mut Rows) {
+        let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
+        let [before, last] = &rows.before;
+        // What the rows lead to expect: the third is nearly in line.
+        for a in 0..3 {
+            for ((start, before), last) in rows.now.v[a].iter_mut().zip(&before.v[a]).zip(&last.v[a]) {
+                *start = 2.0 * last - before;
+            }
+        }
+        for (i, (drawn, (before, last))) in drawn.iter().zip(before.solved.iter().zip(&last.solved)).enumerate() {
+            if drawn.rank == 0 && before & last {
+                continue;
+            }
+            let held = || drawn.value.map(|u| -u);
+            let guess = || self.guess.value(&(y + along * i as f64)).map(|v| v as f32).into();
+            let start: [f32; 3] = if drawn.rank > 0 { held() } else { guess() };
+            for (v, start) in rows.now.v.iter_mut().zip(start) {
+                v[i] = start;
+            }
+        }
+    }
+
+    /// The quick search of a row, from where its voxels start.
+    fn row(&self, y: &Vector3<f64>, rows: &mut Rows) {
+        let planning = self.push.displacement.grid();
+        let first = planning.index(&Point3::from(*y));
+        let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
+        // A little less, so that rounding cannot take it across the limit.
+        let tolerance = self.options.tolerance_mm as f32 * (1.0 - f32::EPSILON);
+        let limits = (tolerance, self.options.max_iterations.min(QUICK_ITERATIONS));
+        vectorised(
+            #[inline(always)]
+            || {
+                let [x, y, z] = rows.now.v.each_mut().map(|v| v.as_chunks_mut::<LANES>().0);
+                let blocks = x.iter_mut().zip(y).zip(z).zip(rows.residual.as_chunks_mut::<LANES>().0);
+                for (n, (((x, y), z), residual)) in blocks.enumerate() {
+                    let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
+                    let found = self.quick.invert(&block, [Wide(*x), Wide(*y), Wide(*z)], limits);
+                    [*x, *y, *z] = found.v.map(|v| v.0);
+                    *residual = found.residual.0;
+                }
+                self.land(&first, &along, &rows.now.v, &mut rows.place);
+            },
+        );
+    }
+
+    /// The planning voxels nearest to where a row's displacements lead, by their position in storage; [`NOWHERE`] outside the grid.
+    #[inline(always)]
+    fn land(&self, first: &Vector3<f64>, along: &Vector3<f64>, [x, y, z]: &[Vec<f32>; 3], place: &mut [usize]) {
+        let planning = self.push.displacement.grid();
+        let (strides, turn) = (planning.strides(), planning.inverse_step());
+        let last = planning.size().map(|n| (n - 1) as f64);
+        for (i, (((place, x), y), z)) in place.iter_mut().zip(x).zip(y).zip(z).enumerate() {
+            let v = [f64::from(*x), f64::from(*y), f64::from(*z)];
+            let (mut within, mut near) = (true, 0usize);
+            for a in 0..3 {
+                let moved = turn[(a, 0)] * v[0] + turn[(a, 1)] * v[1] + turn[(a, 2)] * v[2];
+                let at = first[a] + along[a] * i as f64 + moved;
+                within &= (at >= 0.0) & (at <= last[a]);
+                near = near.wrapping_add(((at + 0.5) as i32 as usize).wrapping_mul(strides[a]));
+            }
+            *place = if within { near } else { NOWHERE };
+        }
+    }
+
+    /// What a row has come to: bones where they lie, patiently where the quick search failed, nothing twice.
+    fn settle(
+        &self,
+        y: &Vector3<f64>,
+        (drawn, owner): (&[Drop<3>], &[u16]),
+        (v, inside): (&mut [[f32; 3]], &mut [bool]),
+        rows: &mut Rows,
+        t: &mut Tally,
+    ) {
+        let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
+        for (i, (drawn, owner)) in drawn.iter().zip(owner).enumerate() {
+            let mut found =
+                Found { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
+            let arrived = |found: &Found| f64::from(found.residual) < self.options.tolerance_mm;
+            if *owner > 0 || !arrived(&found) {
+                found = self.patiently(&(y + along * i as f64), drawn, *owner, &found, t);
+            }
+            let converged = arrived(&found);
+            let tissue = self.tissue(found.place);
+            rows.now.solved[i] = converged;
+            for a in 0..3 {
+                rows.now.v[a][i] = found.v[a];
+            }
+            v[i] = found.v;
+            inside[i] = found.place != NOWHERE;
+            t.outside += usize::from(found.place == NOWHERE);
+            if converged && tissue {
+                t.residuals.push(found.residual);
+            }
+            if !converged {
+                t.unconverged += 1;
+                t.tissue += usize::from(tissue);
+                t.worst = t.worst.max(f64::from(found.residual));
+            }
+        }
+    }
+
+    /// Whether the model computed a planning voxel.
+    fn tissue(&self, place: usize) -> bool {
+        self.push.computed.data().get(place).is_some_and(|c| *c)
     }
 
     /// The place one voxel outside the planning scan that is nearest to an index inside it.
@@ -105,34 +183,92 @@ impl<V> Search<'_, V> {
         grid.world(&out).coords
     }
 
-    /// The pre-image inside a bone, if the field moves it as the bone moves.
+    /// The pre-image inside a bone and its residual, if the field moves it as the bone moves.
     #[inline(always)]
-    fn in_bone(&self, y: &Vector3<f64>, owner: u16) -> Option<(Vector3<f64>, f64, bool)> {
+    fn in_bone(&self, y: &Vector3<f64>, owner: u16) -> Option<(Vector3<f64>, f64)> {
         let v = self.bones?.back(owner, y)?;
-        let x = y + v;
-        let residual = (v + self.quick.value([x.x, x.y, x.z])).norm();
-        (residual < self.options.tolerance_mm).then_some((v, residual, true))
+        let residual = (v + self.quick.value(&(y + v))).norm();
+        (residual < self.options.tolerance_mm).then_some((v, residual))
     }
 
-    /// One voxel: quickly from a good start, patiently where that fails. `ahead`: what its row leads to expect, where no tissue
-    /// comes to lie.
-    #[inline(always)]
-    fn voxel(&self, y: &Vector3<f64>, drawn: &Drop<3>, ahead: Option<Vector3<f64>>) -> (Vector3<f64>, f64, bool) {
-        let tolerance = self.options.tolerance_mm;
-        let held = drawn.rank > 0;
-        let start = match ahead {
-            _ if held => -Vector3::from(drawn.value.map(f64::from)),
-            Some(v) => v,
-            None => self.guess.value([y.x, y.y, y.z]),
-        };
-        let most = self.options.max_iterations;
-        let found = self.quick.invert(y, start, (tolerance, most.min(QUICK_ITERATIONS)));
-        if found.2 {
-            return found;
+    /// What becomes of a voxel that may lie in a bone, or that the quick search failed at.
+    fn patiently(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, quick: &Found, t: &mut Tally) -> Found {
+        let InvertOptions { tolerance_mm, max_iterations } = *self.options;
+        let planning = self.push.displacement.grid();
+        let (mut v, mut residual) = (Vector3::from(quick.v.map(f64::from)), f64::from(quick.residual));
+        if let Some(bone) = self.in_bone(y, owner) {
+            (v, residual) = bone;
+        } else if residual >= tolerance_mm && (drawn.rank > 0 || self.tissue(quick.place)) {
+            let held = drawn.rank > 0;
+            let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value(y) };
+            let found = solve(y, start, &self.robust, (tolerance_mm, max_iterations));
+            if found.1 < residual {
+                (v, residual) = (found.0, found.1);
+            }
         }
-        let at = self.push.displacement.grid().index(&Point3::from(y + found.0));
-        let tissue = held || (self.push.displacement.grid().contains(&at) && self.tissue(&at));
-        let patient = if tissue { solve(y, start, &self.robust, (tolerance, most)) } else { found };
-        if patient.1 < found.1 { patient } else { found }
+        let at = planning.index(&Point3::from(y + v));
+        let near = || planning.linear([at.x, at.y, at.z].map(|c| (c + 0.5) as usize));
+        let mut place = if planning.contains(&at) { near() } else { NOWHERE };
+        let miss = planning.spacing().into_iter().fold(0.0, f64::max);
+        if residual >= tolerance_mm && residual > miss && self.tissue(place) {
+            // Showing that tissue here would show it twice.
+            v = self.beyond(&at) - y;
+            place = NOWHERE;
+            t.strayed += 1;
+            t.tissue += 1;
+        }
+        Found { v: v.map(|v| v as f32).into(), residual: residual as f32, place }
+    }
+}
+
+/// The position in storage of what lies outside the grid.
+const NOWHERE: usize = usize::MAX;
+
+/// What was found for a voxel.
+struct Found {
+    /// mm.
+    v: [f32; 3],
+    /// |v + u(y + v)|, mm.
+    residual: f32,
+    /// The planning voxel nearest to where `v` leads, by its position in storage; [`NOWHERE`] outside the grid.
+    place: usize,
+}
+
+/// The rows that a search goes through: what it has found in the last two, and the one at hand.
+struct Rows {
+    before: [Row; 2],
+    now: Row,
+    /// |v + u(y + v)| in the row at hand, mm.
+    residual: Vec<f32>,
+    /// The planning voxels that its displacements lead to.
+    place: Vec<usize>,
+}
+
+/// A row, with room for whole blocks.
+struct Row {
+    /// Displacements component by component, mm.
+    v: [Vec<f32>; 3],
+    /// Where they are solutions.
+    solved: Vec<bool>,
+}
+
+impl Rows {
+    fn new(voxels: usize) -> Self {
+        let room = voxels.next_multiple_of(LANES);
+        let row = || Row { v: std::array::from_fn(|_| vec![0.0; room]), solved: vec![false; room] };
+        Self { before: [row(), row()], now: row(), residual: vec![0.0; room], place: vec![NOWHERE; room] }
+    }
+
+    /// Begins a plane.
+    fn forget(&mut self) {
+        for row in &mut self.before {
+            row.solved.fill(false);
+        }
+    }
+
+    /// Goes on to the next row.
+    fn advance(&mut self) {
+        self.before.swap(0, 1);
+        std::mem::swap(&mut self.before[1], &mut self.now);
     }
 }

@@ -173,7 +173,7 @@ const SPAN: usize = 64;
 
 /// The lower voxel and the way from it; what is far off or no number comes to lie far outside.
 #[inline(always)]
-fn lower(x: f32, whole: i32) -> (i32, f32) {
+pub(super) fn lower(x: f32, whole: i32) -> (i32, f32) {
     // Added to a number below 2^22 this leaves the nearest whole number in the low bits: without a rounding instruction,
     // which the oldest 64-bit machines lack, a cast costs several times as much.
     const MAGIC: f32 = 12_582_912.0;
