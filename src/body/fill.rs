@@ -2,7 +2,7 @@
 
 use crate::geometry::Grid;
 use crate::volume::components::{Components, Connectivity};
-use crate::volume::distance::dilate;
+use crate::volume::morphology::dilate;
 use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 

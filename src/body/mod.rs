@@ -6,7 +6,8 @@ mod fill;
 
 use crate::error::{Error, Result};
 use crate::volume::components::{Components, Connectivity};
-use crate::volume::distance::{dilate, squared_distance, squared_distance_within};
+use crate::volume::distance::squared_distance;
+use crate::volume::morphology::{dilate, erode};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -60,18 +61,16 @@ pub fn find(ct: &Volume<f32>, labels: Option<&LabelMap>, options: &BodyOptions) 
     let finest = 1.01 * ct.grid().spacing().into_iter().fold(f64::INFINITY, f64::min);
     let opening = options.opening_mm.max(finest);
     let separation = options.separation_mm.max(opening);
-    let depth = squared_distance_within(&solid, false, separation);
-    let deeper = |r: f64| depth.map(|&d| d > (r * r) as f32);
 
     let hint = Hint::new(ct, labels);
-    let (patient, device) = sort_cores(ct, &hint, &deeper(separation)).ok_or_else(|| {
+    let (patient, device) = sort_cores(ct, &hint, &erode(&solid, separation)).ok_or_else(|| {
         Error::input(
             "CT",
             format!("no patient: nothing above {threshold} HU holds a ball of {separation} mm radius"),
             "check that the image is a CT in HU (rescale slope and intercept), or lower body.threshold_hu",
         )
     })?;
-    let core = claim(deeper(opening), &patient, &device);
+    let core = claim(erode(&solid, opening), &patient, &device);
     let near = dilate(&core, opening);
     let body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l] || hint.labelled(l));
     Ok(fill::cavities(&body, options.closing_mm))

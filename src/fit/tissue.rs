@@ -83,13 +83,15 @@ fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
         for fk in k * block[2]..((k + 1) * block[2]).min(fine.size()[2]) {
             for fj in 0..fine.size()[1] {
                 let start = fine.linear([0, fj, fk]);
-                let row = size[0] * (fj / block[1]);
-                for (fi, &v) in ct.data()[start..start + fine.size()[0]].iter().enumerate() {
-                    let [hu, tissue, all] = &mut tally[row + fi / block[0]];
-                    *all += 1.0;
-                    if v > AIR_HU {
-                        *hu += v.min(METAL_HU);
-                        *tissue += 1.0;
+                let blocks = &mut tally[size[0] * (fj / block[1])..];
+                for (block, voxels) in blocks.iter_mut().zip(ct.data()[start..start + fine.size()[0]].chunks(block[0]))
+                {
+                    let [hu, tissue, all] = block;
+                    for &v in voxels {
+                        let tissue_here = v > AIR_HU;
+                        *all += 1.0;
+                        *hu += if tissue_here { v.min(METAL_HU) } else { 0.0 };
+                        *tissue += if tissue_here { 1.0 } else { 0.0 };
                     }
                 }
             }

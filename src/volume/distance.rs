@@ -1,11 +1,8 @@
-//! Exact Euclidean distance in mm on anisotropic grids, and the morphology that follows from it.
+//! Exact Euclidean distance in mm on anisotropic grids.
 //!
 //! The squared distance to a set separates by axes: the distance along lines of one axis, then for the two
 //! others the lower envelope of parabolas (Felzenszwalb and Huttenlocher, Theory of Computing 8, 2012).
 //! Where only distances up to a radius matter, a window of that radius replaces the envelope.
-//!
-//! Nothing is known outside the image: its edge is neither foreground nor background, so that a patient who is
-//! cut by the edge is not eroded there.
 
 use super::{Mask, Volume};
 use crate::geometry::vectorised;
@@ -79,33 +76,6 @@ fn nearest_in(line: &mut [u16], set: &[u16]) {
     if let Some(l) = last {
         line[l..].fill(set[l]);
     }
-}
-
-/// All voxels within `radius` mm of the mask.
-pub fn dilate(mask: &Mask, radius: f64) -> Mask {
-    let limit = tolerant_square(radius);
-    squared_distance_within(mask, true, radius).map(|&d| d <= limit)
-}
-
-/// All voxels of the mask farther than `radius` mm from its outside. The image's edge is not outside.
-pub fn erode(mask: &Mask, radius: f64) -> Mask {
-    let limit = tolerant_square(radius);
-    squared_distance_within(mask, false, radius).map(|&d| d > limit)
-}
-
-/// Erosion, then dilation: what a ball of `radius` mm that fits into the mask can reach.
-pub fn open(mask: &Mask, radius: f64) -> Mask {
-    dilate(&erode(mask, radius), radius)
-}
-
-/// Dilation, then erosion: the mask with gaps narrower than a ball of `radius` mm closed.
-pub fn close(mask: &Mask, radius: f64) -> Mask {
-    erode(&dilate(mask, radius), radius)
-}
-
-/// The square of a radius, with room for rounding, so that a radius of whole voxels counts as reached.
-fn tolerant_square(radius: f64) -> f32 {
-    (radius * radius * (1.0 + 1e-5)) as f32
 }
 
 /// Squared distances along lines of the first axis.
@@ -248,13 +218,13 @@ impl Hull {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::geometry::Grid;
     use proptest::prelude::*;
 
     /// Squared distance to the target by looking at every pair.
-    fn brute(mask: &Mask, target: bool) -> Vec<f64> {
+    pub(in crate::volume) fn brute(mask: &Mask, target: bool) -> Vec<f64> {
         let g = mask.grid();
         let targets: Vec<_> =
             (0..g.len()).filter(|&l| mask.data()[l] == target).map(|l| g.centre(g.voxel(l))).collect();
@@ -263,7 +233,7 @@ mod tests {
         (0..g.len()).map(nearest).collect()
     }
 
-    fn scene() -> impl Strategy<Value = Mask> {
+    pub(in crate::volume) fn scene() -> impl Strategy<Value = Mask> {
         let size = prop::array::uniform3(1usize..9);
         (size, prop::array::uniform3(0.4f64..4.0), any::<u64>(), 1u64..40).prop_map(|(size, spacing, seed, every)| {
             let grid = Grid::axis_aligned(size, spacing, [0.0; 3]).unwrap();
@@ -309,24 +279,5 @@ mod tests {
                 prop_assert!(right, "{e} {d}");
             }
         }
-
-        #[test]
-        fn opening_shrinks_and_closing_grows(mask in scene(), radius in 0.3f64..5.0) {
-            let (opened, closed) = (open(&mask, radius), close(&mask, radius));
-            for ((&m, &o), &c) in mask.data().iter().zip(opened.data()).zip(closed.data()) {
-                prop_assert!((m || !o) && (c || !m));
-            }
-        }
-    }
-
-    #[test]
-    fn opening_cuts_a_sheet_and_keeps_what_the_image_edge_cuts() {
-        // A block that leaves the image at i = 0, with a sheet of one voxel standing on it.
-        let grid = Grid::axis_aligned([30, 20, 10], [1.0, 1.0, 3.0], [0.0; 3]).unwrap();
-        let inside = |[i, j, _]: [usize; 3]| (i < 15 && (4..16).contains(&j)) || j == 10;
-        let mask = Volume::from_fn(grid.clone(), |l| inside(grid.voxel(l)));
-        let opened = open(&mask, 3.0);
-        assert!(opened.at([0, 4, 5]) & opened.at([0, 10, 0]) & opened.at([13, 10, 5]));
-        assert!(!opened.at([20, 10, 5]) && !opened.at([16, 10, 5]));
     }
 }

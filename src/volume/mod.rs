@@ -6,6 +6,7 @@ mod cubic;
 pub mod distance;
 mod interpolate;
 pub mod label;
+pub mod morphology;
 pub mod region;
 mod smooth;
 

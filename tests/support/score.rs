@@ -2,7 +2,8 @@
 
 use aventail::field::PushField;
 use aventail::stats::percentile;
-use aventail::volume::distance::{erode, squared_distance};
+use aventail::volume::distance::squared_distance;
+use aventail::volume::morphology::erode;
 use aventail::volume::{LabelMap, Mask, Volume, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
