@@ -23,7 +23,7 @@ pub enum Task {
     Prioritised,
     /// One wave per bone over every voxel, round fronts, nothing pruned, weights t^-4.
     Superposition,
-    /// The default waves: elements at 3 mm, pruned.
+    /// The default waves: coarse elements, pruned.
     Waves,
     /// The default propagation without images.
     Propagation,
@@ -88,7 +88,7 @@ impl Task {
             Self::Elements => "elements of the chain mail at every voxel",
             Self::Prioritised => "one wave from all bones over every voxel, with displacements",
             Self::Superposition => "a wave of each bone over every voxel, nothing pruned",
-            Self::Waves => "the default waves: elements at 3 mm, pruned",
+            Self::Waves => "the default waves: coarse elements, pruned",
             Self::Propagation => "the default propagation without images",
             Self::PropagationWithImages => "the default propagation with images",
             Self::Invert => "the inverse to 1e-3 mm",

@@ -173,15 +173,17 @@ pub(super) fn write_run(
 ) -> Result<String> {
     let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
     let case = part.as_deref().unwrap_or(whole);
-    let outputs = runtime.stage("write", || write_outputs(out, &outcome, config))?;
+    let settings = serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?;
+    let (outputs, pictures) = runtime
+        .stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), || report::draw(case, &outcome)));
     let run = Run {
         command: std::env::args().collect::<Vec<_>>().join(" "),
-        settings: serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?,
+        settings,
         threads: runtime.threads(),
-        outputs,
+        outputs: outputs?,
     };
     let outcome = Outcome { stages: runtime.times(), ..outcome };
-    let report = runtime.stage("report", || report::write(out, case, &outcome, &run))?;
+    let report = runtime.stage("report", || report::write(out, case, &outcome, &run, pictures?))?;
     if json {
         return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
     }

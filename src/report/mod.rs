@@ -38,15 +38,14 @@ use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
 use std::path::Path;
 
-/// Writes the report of a run into `folder` and returns its numbers.
+/// Writes the report of a run, with the pictures that [`draw`] made of it, into `folder` and returns its numbers.
 ///
 /// # Errors
 /// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
-pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run) -> Result<Report> {
+pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run, mut pictures: Vec<Picture>) -> Result<Report> {
     let pictures_folder = folder.join("report");
     std::fs::create_dir_all(&pictures_folder)
         .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
-    let mut pictures = draw(case, outcome)?;
     pictures.extend(pictures::material(&run.settings)?);
     pictures::write(&pictures_folder, &pictures)?;
     let report = Report::new(case, outcome, run);
