@@ -35,6 +35,8 @@ impl VolumeChange {
 
 /// How often rest lengths are adapted at each spacing.
 const ADAPTATIONS: usize = 6;
+/// Change of a rest length per change of volume, logarithms: of an organ that nothing holds, and at most.
+const RATES: [f64; 2] = [1.0 / 3.0, 1.2];
 /// Natural logarithm of the greatest change of a rest length: a factor of 3 either way.
 const GREATEST: f64 = 1.1;
 
@@ -49,10 +51,12 @@ struct Organ {
     wanted: f64,
     /// Logarithm of the relative rest length.
     strain: f64,
+    /// The last rest length on the present lattice and the volume that came of it, logarithms of relative values.
+    before: Option<[f64; 2]>,
     /// Nodes of the present lattice and the organ's share of each.
     nodes: Vec<(u32, f32)>,
-    /// Lowest corners of its cells, and the organ's voxels in each.
-    cells: BTreeMap<usize, usize>,
+    /// Lowest corners of its cells; the organ's voxels in each, and the sum of their places in it.
+    cells: BTreeMap<usize, (usize, Vector3<f64>)>,
 }
 
 impl Growth {
@@ -65,7 +69,7 @@ impl Growth {
         let organ = |c: &VolumeChange| {
             let label = organ_label("chainmail.volume_change", &c.organ, tissue.labels, is_bone)?;
             let wanted = c.factor.ln();
-            Ok(Organ { label, wanted, strain: wanted / 3.0, nodes: Vec::new(), cells: BTreeMap::new() })
+            Ok(Organ { label, wanted, strain: wanted / 3.0, before: None, nodes: Vec::new(), cells: BTreeMap::new() })
         };
         Ok(Self { organs: changes.iter().map(organ).collect::<Result<_>>()? })
     }
@@ -77,12 +81,15 @@ impl Growth {
         for organ in &mut self.organs {
             let mut count = vec![0u32; lattice.node.len()];
             organ.cells.clear();
+            organ.before = None;
             for (v, _) in tissue.labels.volume.data().iter().enumerate().filter(|(_, l)| **l == organ.label) {
                 let at = lattice.grid.index(&fine.centre(fine.voxel(v)));
                 let size = lattice.grid.size();
                 let node = [0, 1, 2].map(|a| (at[a].round().max(0.0) as usize).min(size[a] - 1));
                 let cell = [0, 1, 2].map(|a| (at[a].floor().max(0.0) as usize).min(size[a] - 2));
-                *organ.cells.entry(lattice.grid.linear(cell)).or_default() += 1;
+                let (voxels, places) = organ.cells.entry(lattice.grid.linear(cell)).or_default();
+                *voxels += 1;
+                *places += at - Vector3::from(cell.map(|c| c as f64));
                 count[lattice.grid.linear(node)] += 1;
             }
             let share = |n: &u32| (f64::from(count[*n as usize]) / voxels).min(1.0) as f32;
@@ -117,29 +124,38 @@ impl Growth {
         }
         let u = u();
         for organ in &mut self.organs {
-            if let Some(reached) = organ.relative_volume(lattice, &u) {
-                organ.strain = (organ.strain + (organ.wanted - reached.ln()) / 3.0).clamp(-GREATEST, GREATEST);
+            if let Some(reached) = organ.relative_volume(lattice, &u).map(f64::ln) {
+                // The secant's rate, once there are two answers: what surrounds an organ holds it back.
+                let rate =
+                    organ.before.map_or(RATES[0], |[strain, volume]| (organ.strain - strain) / (reached - volume));
+                let rate = if rate.is_finite() { rate.clamp(RATES[0], RATES[1]) } else { RATES[0] };
+                organ.before = Some([organ.strain, reached]);
+                organ.strain = (organ.strain + rate * (organ.wanted - reached)).clamp(-GREATEST, GREATEST);
             }
         }
     }
 }
 
 impl Organ {
-    /// Mean relative volume of the organ's voxels by the lattice's cells that they lie in; cells with a corner outside
-    /// tissue are left out.
+    /// Mean relative volume of the organ's voxels, by the slope of the field at their middle in each of the lattice's cells; cells
+    /// with a corner outside tissue are left out.
     fn relative_volume(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<f64> {
         let corners = lattice.grid.cell_corners();
         let (mut sum, mut weight) = (0.0, 0.0);
-        for (first, voxels) in &self.cells {
+        for (first, (voxels, places)) in &self.cells {
             let share = *voxels as f64;
+            let place = places / share;
             let nodes = corners.map(|o| first + o);
             if nodes.iter().any(|&n| lattice.node[n] == Node::Outside) {
                 continue;
             }
-            // Mean slope over the cell: the mean of its four edges along each axis.
+            // The trilinear field's slope: the four edges along each axis, weighted by their nearness.
             let at = |c: usize| Vector3::from(u[nodes[c]].map(f64::from));
-            let column =
-                |a: usize| (0..8).map(|c| if c >> a & 1 == 1 { at(c) } else { -at(c) }).sum::<Vector3<f64>>() / 4.0;
+            let part = |c: usize, a: usize| if c >> a & 1 == 1 { place[a] } else { 1.0 - place[a] };
+            let column = |a: usize| {
+                let near = |c: usize| part(c, (a + 1) % 3) * part(c, (a + 2) % 3);
+                (0..8).map(|c| at(c) * if c >> a & 1 == 1 { near(c) } else { -near(c) }).sum::<Vector3<f64>>()
+            };
             let slope = Matrix3::from_columns(&[column(0), column(1), column(2)]) * lattice.grid.inverse_step();
             sum += share * (Matrix3::identity() + slope).determinant();
             weight += share;

@@ -79,10 +79,10 @@ impl Default for ChainmailOptions {
             exponent: 4.0,
             cutoff: 800.0 * 0.98,
             prune_ratio: 4.0,
-            spacing_mm: 5.0,
+            spacing_mm: 4.5,
             elasticity: Elasticity::Corotated,
-            poisson: 0.45,
-            relaxation: vec![(20.0, 40), (10.0, 30), (5.0, 10)],
+            poisson: 0.38,
+            relaxation: vec![(18.0, 40), (9.0, 30), (4.5, 10)],
             mend: 3,
             least_hu: -500.0,
         }

@@ -65,7 +65,7 @@ pub enum Preset {
     /// What measures best (docs/validation.md).
     #[default]
     Default,
-    /// Fewer samples of the fit, rounds of relaxation and comparisons of the images, no map of uncertainty.
+    /// Elements of 5 mm, fewer samples of the fit and comparisons of the images, no map of uncertainty.
     Fast,
     /// More comparisons of the images and rounds of relaxation.
     Accurate,
@@ -101,6 +101,7 @@ impl Preset {
             Self::Default => base,
             Self::Fast => Config {
                 chainmail: ChainmailOptions {
+                    spacing_mm: 5.0,
                     relaxation: vec![(20.0, 30), (10.0, 20), (5.0, 8)],
                     ..ChainmailOptions::default()
                 },

@@ -387,6 +387,34 @@ mod tests {
     }
 
     #[test]
+    fn what_is_found_is_the_inverse_on_any_grid() {
+        let push = push(|x| Vector3::new(4.0 * (x.y / 9.0).sin(), 3.0 * (x.x / 11.0).cos(), 2.0 * (x.x / 8.0).sin()));
+        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 0.5).into_inner();
+        let mut mirrored = turn;
+        mirrored.column_mut(0).neg_mut();
+        // Rows that are no whole blocks, shorter than one, along axes that are none of planning's; a single plane.
+        for (size, direction, corner) in [
+            ([43, 7, 5], turn, [-30.0, -5.0, -4.0]),
+            ([5, 9, 11], mirrored, [7.0, -9.0, -9.0]),
+            ([13, 6, 1], turn, [0.0; 3]),
+        ] {
+            let fraction = Grid::new(size, [1.3, 1.9, 2.3], corner.into(), direction).unwrap();
+            let (pull, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
+            let mut checked = 0;
+            for (n, v) in pull.displacement.data().iter().enumerate() {
+                let (y, v) = (fraction.centre(fraction.voxel(n)), Vector3::from(v.map(f64::from)));
+                let at = push.displacement.grid().index(&(y + v));
+                assert_eq!(pull.inside.data()[n], push.displacement.grid().contains(&at));
+                if let Some(u) = trilinear_vector(&push.displacement, &at) {
+                    checked += 1;
+                    assert!((v + u).norm() < 1.1e-3, "{size:?} {n}: {}", (v + u).norm());
+                }
+            }
+            assert!(checked > fraction.len() / 2 && report.unconverged == 0, "{checked} {report:?}");
+        }
+    }
+
+    #[test]
     fn a_fold_is_counted_not_hidden() {
         // x + u(x) runs back over itself: slope of u is below -1 in the middle.
         let push = push(|x| Vector3::new(-12.0 * (x.x / 6.0).tanh(), 0.0, 0.0));

@@ -70,7 +70,7 @@ impl Default for RefineOptions {
             least_blur: 0.4,
             window_hu: [-250.0, 300.0],
             robust: 2.0,
-            departure: 0.03,
+            departure: 0.04,
             skin: SkinOptions::default(),
         }
     }
