@@ -7,7 +7,7 @@ use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
-use super::start::common_motion;
+use super::start::common_motions;
 use super::tissue::Tissue;
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
@@ -93,66 +93,46 @@ pub fn fit_pose(
 ) -> Result<FitResult> {
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
-    let mut level = Level::new(samples, fraction, BoneSamples::start(options))?;
+    let level = Level::new(samples, fraction, BoneSamples::start(options))?;
     let fitter = Fitter::new(skeleton, options, &level);
-    let (common, share, mut transforms) = match start {
+    let starts = match start {
         Some(known) => {
             let placed = given(skeleton, known)?;
-            (placed.common, 1.0, placed.transforms)
+            vec![Start { common: placed.common, share: 1.0, transforms: placed.transforms }]
         }
-        None => {
-            let (common, share) = common_motion(&level.drawn.all, &level.fraction, options.measure)?;
-            (common, share, vec![common; skeleton.bones.len()])
-        }
+        None => common_motions(&level.drawn.all, &level.fraction, options.measure)?
+            .into_iter()
+            .map(|(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] })
+            .collect(),
     };
-    let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
-    for (n, &resolution) in options.outward.iter().enumerate() {
-        progress.step(1 + n, steps, "bone by bone");
-        level = Level::new(samples, fraction, resolution)?;
-        fitter.outwards(&level, &mut transforms, &mut stops, n == 0 && start.is_none())?;
-    }
-    let mut last = None;
-    for (n, &resolution) in options.levels.iter().enumerate() {
-        progress.step(1 + options.outward.len() + n, steps, "all bones");
-        if level.drawn.resolution != resolution {
-            level = Level::new(samples, fraction, resolution)?;
+    let mut refused = None;
+    for begin in starts {
+        let (fit, found) = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
+        if found >= LEAST_FOUND {
+            return Ok(fit);
         }
-        // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
-        let hold = n > 0;
-        let mut solution = fitter.together(&level, &mut transforms, hold)?;
-        if fitter.drop_unexplained(&mut level, &mut transforms, &solution.curvature) {
-            solution = fitter.together(&level, &mut transforms, hold)?;
-        }
-        last = Some(solution);
+        // What is said of the best start.
+        refused.get_or_insert_with(|| {
+            Error::registration(
+                format!(
+                    "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
+                    100.0 * found.max(0.0),
+                    fit.bones.iter().filter(|b| b.determined_by == "image").count(),
+                    fit.bones.len()
+                ),
+                "check that both CTs show the same patient and a common body region, in HU",
+            )
+        });
     }
-    let solution =
-        last.ok_or_else(|| Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"))?;
-    stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
-    let before = fitter.evaluate(&level, &vec![common; transforms.len()]);
-    let after = fitter.evaluate(&level, &transforms);
-    let bones = fitter.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
-    let found = found_share(skeleton, &bones);
-    if found < LEAST_FOUND {
-        return Err(Error::registration(
-            format!(
-                "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
-                100.0 * found,
-                bones.iter().filter(|b| b.determined_by == "image").count(),
-                bones.len()
-            ),
-            "check that both CTs show the same patient and a common body region, in HU",
-        ));
-    }
-    let warnings = if share < WEAK_START {
-        let problem = format!(
-            "the couch shift explains only {:.0} % of the bone contrast; look at the fusion images",
-            100.0 * share
-        );
-        vec![Warning::new("weak-start", problem)]
-    } else {
-        Vec::new()
-    };
-    Ok(FitResult { pose: skeleton.pose_of(&transforms), transforms, bones, common, common_share: share, warnings })
+    Err(refused.unwrap_or_else(|| Error::Internal("a fit without a start".into())))
+}
+
+/// Where a fit begins.
+struct Start {
+    /// Motion of all bones together, and the share of the bones' contrast that it explains.
+    common: Rigid,
+    share: f64,
+    transforms: Vec<Rigid>,
 }
 
 impl<'a> Fitter<'a> {
@@ -167,6 +147,59 @@ impl<'a> Fitter<'a> {
         }
         let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
         Self { skeleton, options, centres, radii, nothing }
+    }
+
+    /// The fit from a start, and the share of the bones in view that it has found. `fresh`: no bone has a guess of its own.
+    fn from(
+        &self,
+        Start { common, share, mut transforms }: Start,
+        (samples, fraction): (&'a BoneSamples, &Volume<f32>),
+        fresh: bool,
+        progress: &dyn Progress,
+    ) -> Result<(FitResult, f64)> {
+        let (skeleton, options) = (self.skeleton, self.options);
+        let steps = 1 + options.outward.len() + options.levels.len();
+        let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
+        let mut level: Option<Level<'_>> = None;
+        for (n, &resolution) in options.outward.iter().enumerate() {
+            progress.step(1 + n, steps, "bone by bone");
+            let now = level.insert(Level::new(samples, fraction, resolution)?);
+            self.outwards(now, &mut transforms, &mut stops, n == 0 && fresh)?;
+        }
+        let mut last = None;
+        for (n, &resolution) in options.levels.iter().enumerate() {
+            progress.step(1 + options.outward.len() + n, steps, "all bones");
+            let mut now = match level.take().filter(|l| l.drawn.resolution == resolution) {
+                Some(level) => level,
+                None => Level::new(samples, fraction, resolution)?,
+            };
+            // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
+            let hold = n > 0;
+            let mut solution = self.together(&now, &mut transforms, hold)?;
+            if self.drop_unexplained(&mut now, &mut transforms, &solution.curvature) {
+                solution = self.together(&now, &mut transforms, hold)?;
+            }
+            level = Some(now);
+            last = Some(solution);
+        }
+        let (Some(solution), Some(level)) = (last, level) else {
+            return Err(Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"));
+        };
+        stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
+        let before = self.evaluate(&level, &vec![common; transforms.len()]);
+        let after = self.evaluate(&level, &transforms);
+        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
+        let found = found_share(skeleton, &bones);
+        let weak = || {
+            let problem = format!(
+                "the couch shift explains only {:.0} % of the bone contrast; look at the fusion images",
+                100.0 * share
+            );
+            Warning::new("weak-start", problem)
+        };
+        let warnings = if share < WEAK_START { vec![weak()] } else { Vec::new() };
+        let pose = skeleton.pose_of(&transforms);
+        Ok((FitResult { pose, transforms, bones, common, common_share: share, warnings }, found))
     }
 
     fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {

@@ -21,11 +21,17 @@ const STEP_MM: f64 = 10.0;
 const CANDIDATES: usize = 16;
 /// Candidates closer than this to a better one are the same optimum, mm.
 const APART_MM: f64 = 35.0;
+/// Starts that a fit is begun from at most, while none before has led anywhere.
+const STARTS: usize = 4;
+/// Refined starts that take the bones to places closer than this are one, mm.
+const SAME_MM: f64 = 20.0;
 /// Least explained share of the refined start; below it the images show no common anatomy.
 const LEAST_EXPLAINED: f64 = 0.15;
 
-/// Explained share of an upright start beyond which no turned one is looked for.
+/// Explained share of an upright start, and share of the bones that it has in view, beyond which no turned one is looked for: a
+/// corner of the bones fits many places.
 const CLEAR: f64 = 0.7;
+const IN_VIEW: f64 = 0.5;
 
 /// Shifts that bring enough of the bones' box into the image's.
 struct Range {
@@ -119,6 +125,15 @@ struct Candidate {
     shift: Vector3<f64>,
 }
 
+/// A start after refinement.
+struct Refined {
+    cost: f64,
+    /// Shares of the bones' contrast that it explains, and of the bones that it has in view.
+    explained: f64,
+    visible: f64,
+    motion: Rigid,
+}
+
 /// Best starts of the exhaustive search over these turns, best first.
 fn search(turns: &[[f64; 3]], samples: &Samples, centre: &Point3<f64>, fraction: &Volume<f32>) -> Vec<Candidate> {
     let turns = turns.iter().map(|t| UnitQuaternion::from_scaled_axis(Vector3::from(t.map(f64::to_radians))));
@@ -172,17 +187,17 @@ fn shifts(
     scored
 }
 
-/// Rigid motion of all bones together that best explains the fraction image.
+/// Rigid motions of all bones together that best explain the fraction image, at most [`STARTS`] that differ, best first.
 ///
-/// `samples` and `fraction` are blurred alike. Returns the motion and its explained share.
+/// `samples` and `fraction` are blurred alike. Each comes with its explained share.
 ///
 /// # Errors
 /// [`Error::Registration`] when no shift explains the bones: images without common anatomy.
-pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<(Rigid, f64)> {
+pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Vec<(Rigid, f64)>> {
     let n = samples.points.len().max(1) as f64;
     let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
     let radius = (samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
-    let mut best: Option<(f64, f64, Rigid)> = None;
+    let mut found: Vec<Refined> = Vec::new();
     let (upright, turned) = TURNS.split_at(1);
     for turns in [upright, turned] {
         for Candidate { turn, shift, .. } in search(turns, samples, &centre, &fraction.value) {
@@ -195,24 +210,32 @@ pub fn common_motion(samples: &Samples, fraction: &Tissue, measure: Measure) -> 
             };
             let solution = solve(problem(), 0.05, 40)?;
             let t = problem().transforms(&solution.x)[0];
-            let share = problem().similarities(&[t], false)[0].explained;
-            if best.as_ref().is_none_or(|b| solution.cost < b.0) {
-                best = Some((solution.cost, share, t));
-            }
+            let seen = &problem().similarities(&[t], false)[0];
+            found.push(Refined { cost: solution.cost, explained: seen.explained, visible: seen.visible, motion: t });
         }
-        if best.as_ref().is_some_and(|b| b.1 >= CLEAR) {
+        // The sort is stable: of equal ones the first stays first.
+        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        if found.first().is_some_and(|best| best.explained >= CLEAR && best.visible >= IN_VIEW) {
             break;
         }
     }
-    match best {
-        Some((_, share, t)) if share >= LEAST_EXPLAINED => Ok((t, share)),
-        found => Err(Error::registration(
-            format!(
-                "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
-                100.0 * found.map_or(0.0, |f| f.1.max(0.0)),
-                100.0 * LEAST_EXPLAINED
-            ),
-            "check that both CTs show the same patient and a common body region, in HU",
-        )),
+    let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
+    let mut starts: Vec<(Rigid, f64)> = Vec::new();
+    for Refined { explained, motion: t, .. } in found.into_iter().filter(|f| f.explained >= LEAST_EXPLAINED) {
+        let apart = |s: &Rigid| (s * centre - t * centre).norm() + radius * s.rotation.angle_to(&t.rotation);
+        if starts.len() < STARTS && starts.iter().all(|s| apart(&s.0) > SAME_MM) {
+            starts.push((t, explained));
+        }
     }
+    if !starts.is_empty() {
+        return Ok(starts);
+    }
+    Err(Error::registration(
+        format!(
+            "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
+            100.0 * best,
+            100.0 * LEAST_EXPLAINED
+        ),
+        "check that both CTs show the same patient and a common body region, in HU",
+    ))
 }
