@@ -1,6 +1,7 @@
 //! Local rotations of the relaxation in single precision. Sums over links take a vector in four lanes, rotations several
 //! elements at a time, so that the compiler can use vector registers.
 
+use crate::geometry::wide_vector::{WideVector, cross, dot};
 use crate::geometry::{LANES, Wide};
 
 /// A vector of three in four lanes; the last is free.
@@ -20,8 +21,6 @@ pub(super) fn add_scaled(sum: &mut Lanes, w: f32, a: &Lanes) {
 /// [`Turn`]s of several elements: components of each column.
 pub(super) type WideTurn = [WideVector; 3];
 
-type WideVector = [Wide; 3];
-
 /// The turns as one [`WideTurn`]; zeros where there are fewer than [`LANES`].
 #[inline(always)]
 pub(super) fn wide<'a>(turns: impl Iterator<Item = &'a Turn>) -> WideTurn {
@@ -38,16 +37,6 @@ pub(super) fn wide<'a>(turns: impl Iterator<Item = &'a Turn>) -> WideTurn {
 #[inline(always)]
 pub(super) fn narrow(turns: &WideTurn, lane: usize) -> Turn {
     turns.each_ref().map(|c| [c[0].0[lane], c[1].0[lane], c[2].0[lane], 0.0])
-}
-
-#[inline(always)]
-fn cross(a: &WideVector, b: &WideVector) -> WideVector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-fn dot(a: &WideVector, b: &WideVector) -> Wide {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]

@@ -4,6 +4,7 @@
 //! every cell: that costs less than sorting cells by their way.
 
 use super::PushField;
+use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{LANES, Wide, vectorised};
 use crate::volume::Volume;
 use nalgebra::Matrix3;
@@ -186,7 +187,7 @@ impl Rows {
                     [at(x1, n), at(y1, n), at(z3, n)],
                     [at(x2, n), at(y3, n), at(z1, n)],
                     [at(x3, n), at(y2, n), at(z2, n)],
-                    [minus(y, x), minus(z, x), plus(at(y1, n), at(z3, n))],
+                    [minus(&y, &x), minus(&z, &x), plus(&at(y1, n), &at(z3, n))],
                 ],
             );
             let odd = Tetrahedra::of(
@@ -196,7 +197,7 @@ impl Rows {
                     [at(x1, n), y, at(z2, n)],
                     [at(x2, n), at(y2, n), z],
                     [at(x3, n), at(y3, n), at(z3, n)],
-                    [plus(x, at(y1, n)), plus(y, at(z2, n)), plus(x, at(z1, n))],
+                    [plus(&x, &at(y1, n)), plus(&y, &at(z2, n)), plus(&x, &at(z1, n))],
                 ],
             );
             let [one, other] = if first == 0 { [&even, &odd] } else { [&odd, &even] };
@@ -239,9 +240,6 @@ fn edges(out: &mut [f32], step: f32, from: &[f32], to: &[f32]) {
     }
 }
 
-/// [`LANES`] vectors.
-type Vectors = [Wide; 3];
-
 /// Blocks of consecutive places, component by component.
 type Run<'a> = [&'a [[f32; LANES]]; 3];
 
@@ -252,18 +250,8 @@ fn run(line: &Line, first: usize, blocks: usize) -> Run<'_> {
 }
 
 #[inline(always)]
-fn at([x, y, z]: Run<'_>, n: usize) -> Vectors {
+fn at([x, y, z]: Run<'_>, n: usize) -> WideVector {
     [Wide(x[n]), Wide(y[n]), Wide(z[n])]
-}
-
-#[inline(always)]
-fn plus(a: Vectors, b: Vectors) -> Vectors {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-#[inline(always)]
-fn minus(a: Vectors, b: Vectors) -> Vectors {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// Six times the volumes of the 5 tetrahedra of [`LANES`] cells: their sum, and the least of them in the sense of storage.
@@ -275,11 +263,10 @@ struct Tetrahedra {
 impl Tetrahedra {
     /// Those that the vectors span.
     #[inline(always)]
-    fn of(sense: Wide, spanned: [[Vectors; 3]; 5]) -> Self {
+    fn of(sense: Wide, spanned: [[WideVector; 3]; 5]) -> Self {
         let mut all = Self { total: Wide::default(), least: Wide::all(f32::INFINITY) };
         for [a, b, c] in spanned {
-            let minors = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-            let volume = minors[0] * c[0] + minors[1] * c[1] + minors[2] * c[2];
+            let volume = dot(&cross(&a, &b), &c);
             all.total = all.total + volume;
             all.least = all.least.min(volume * sense);
         }

@@ -60,7 +60,7 @@ const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.
 const MOST_GUESSES: f64 = 1e7;
 
-/// The push field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
+/// A field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
 pub(super) struct Continued<'a> {
     u: &'a Volume<[f32; 3]>,
     last: Vector3<f64>,
@@ -74,6 +74,11 @@ impl<'a> Continued<'a> {
     fn at(&self, index: &Vector3<f64>) -> Vector3<f64> {
         let inside = index.zip_map(&self.last, |i, l| i.clamp(0.0, l));
         trilinear_vector(self.u, &inside).unwrap_or_default()
+    }
+
+    /// The value at a world position.
+    pub(super) fn value(&self, p: &Point3<f64>) -> Vector3<f64> {
+        self.at(&self.u.grid().index(p))
     }
 
     /// Derivative of u by the index, by central differences of half a voxel.
@@ -236,10 +241,7 @@ impl<'a> Inverse<'a> {
 
     /// The pre-image of a point, LPS mm.
     pub fn at(&self, y: &Point3<f64>) -> Solved {
-        let grid = self.guess.grid();
-        let last = grid.size().map(|n| (n - 1) as f64);
-        let index = grid.index(y).zip_map(&Vector3::from(last), |i, l| i.clamp(0.0, l));
-        let start = trilinear_vector(&self.guess, &index).unwrap_or_default();
+        let start = Continued::new(&self.guess).value(y);
         let limits = (self.options.tolerance_mm, self.options.max_iterations);
         let (displacement, residual_mm, converged) = solve(&y.coords, start, &self.field, limits);
         Solved { displacement, residual_mm, converged }
@@ -273,7 +275,7 @@ pub fn invert(
         push,
         robust: Continued::new(&push.displacement),
         quick: Sampler::new(&push.displacement),
-        guess: Sampler::new(&guess),
+        guess: Continued::new(&guess),
         mesh: Mesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
         bones,
         fraction,

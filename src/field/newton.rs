@@ -6,15 +6,13 @@
 use super::PushField;
 use super::walk::lower;
 use crate::error::Result;
+use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{Grid, LANES, Wide};
-use crate::volume::{Mask, Volume, trilinear_vector};
+use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 
 /// Determinants of the map's gradient below this are too close to a fold.
 const LEAST_DETERMINANT: f32 = 0.05;
-
-/// [`LANES`] vectors, component by component.
-type Vectors = [Wide; 3];
 
 /// A field that is continued by its edge values, with the constants of its grid at hand.
 pub(super) struct Sampler<'a> {
@@ -39,14 +37,14 @@ pub(super) struct Block {
 
 /// Values of the field at places, and its derivative by the index: one column per axis.
 struct Sample {
-    value: Vectors,
-    slope: [Vectors; 3],
+    value: WideVector,
+    slope: [WideVector; 3],
 }
 
 /// What the search has found for [`LANES`] voxels.
 pub(super) struct Best {
     /// The best displacements, mm.
-    pub(super) v: Vectors,
+    pub(super) v: WideVector,
     /// |v + u(y + v)|, mm; infinite where that is no number.
     pub(super) residual: Wide,
 }
@@ -66,13 +64,6 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The value at a world position.
-    pub(super) fn value(&self, p: &Vector3<f64>) -> Vector3<f64> {
-        let last = Vector3::from(self.last.map(f64::from));
-        let index = self.field.grid().index(&(*p).into()).zip_map(&last, |i, l| i.clamp(0.0, l));
-        trilinear_vector(self.field, &index).unwrap_or_default()
-    }
-
     /// The places from a continuous index on, `along` apart.
     pub(super) fn block(start: &Vector3<f64>, along: &Vector3<f64>) -> Block {
         // What is no number becomes 0, and what is far off is held far outside.
@@ -86,12 +77,12 @@ impl<'a> Sampler<'a> {
 
     /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm for the places `y` of a block, in at most `steps` steps.
     #[inline(always)]
-    pub(super) fn invert(&self, block: &Block, start: Vectors, (tolerance, steps): (f32, usize)) -> Best {
+    pub(super) fn invert(&self, block: &Block, start: WideVector, (tolerance, steps): (f32, usize)) -> Best {
         let mut v = start;
         let mut best = Best { v, residual: Wide::all(f32::INFINITY) };
         for step in 0..=steps {
             let sample = self.at(block, &v);
-            let r = [v[0] + sample.value[0], v[1] + sample.value[1], v[2] + sample.value[2]];
+            let r = plus(&v, &sample.value);
             let size = dot(&r, &r).sqrt();
             let mut open = false;
             for l in 0..LANES {
@@ -123,7 +114,7 @@ impl<'a> Sampler<'a> {
 
     /// The field at the places of a block after displacements `v`.
     #[inline(always)]
-    fn at(&self, block: &Block, v: &Vectors) -> Sample {
+    fn at(&self, block: &Block, v: &WideVector) -> Sample {
         let (mut base, mut t, mut free) = ([0usize; LANES], [Wide::default(); 3], [Wide::default(); 3]);
         for a in 0..3 {
             let by = self.turn[a];
@@ -151,7 +142,7 @@ impl<'a> Sampler<'a> {
 
     /// Values on the lower or upper faces of the cells that begin at `base`, and their derivatives by the first two indices.
     #[inline(always)]
-    fn face(&self, base: &[usize; LANES], offset: usize, t: &Vectors) -> (Vectors, Vectors, Vectors) {
+    fn face(&self, base: &[usize; LANES], offset: usize, t: &WideVector) -> (WideVector, WideVector, WideVector) {
         let (a, b) = self.pairs(base, offset);
         let (c, d) = self.pairs(base, offset + self.up[1]);
         let (low, high) = (minus(&b, &a), minus(&d, &c));
@@ -162,7 +153,7 @@ impl<'a> Sampler<'a> {
 
     /// The voxels `offset` behind those of `base`, and the next ones along the first axis.
     #[inline(always)]
-    fn pairs(&self, base: &[usize; LANES], offset: usize) -> (Vectors, Vectors) {
+    fn pairs(&self, base: &[usize; LANES], offset: usize) -> (WideVector, WideVector) {
         let mut in_line = self.up[0] == 1;
         for (l, place) in base.iter().enumerate() {
             in_line &= *place == base[0] + l;
@@ -184,7 +175,7 @@ impl<'a> Sampler<'a> {
 
     /// The voxels `offset` behind those of `base`.
     #[inline(always)]
-    fn corners(&self, base: &[usize; LANES], offset: usize) -> Vectors {
+    fn corners(&self, base: &[usize; LANES], offset: usize) -> WideVector {
         let mut out = [Wide::default(); 3];
         for (l, base) in base.iter().enumerate() {
             let u = self.field.data()[base + offset];
@@ -197,7 +188,7 @@ impl<'a> Sampler<'a> {
 
     /// The Newton steps for residuals: the map's gradient, turned round; near a fold the residual takes its place.
     #[inline(always)]
-    fn step(&self, slope: &[Vectors; 3], r: &Vectors) -> Vectors {
+    fn step(&self, slope: &[WideVector; 3], r: &WideVector) -> WideVector {
         // Columns of the gradient by world position.
         let mut by = [[Wide::default(); 3]; 3];
         for (c, column) in by.iter_mut().enumerate() {
@@ -224,29 +215,14 @@ impl<'a> Sampler<'a> {
 }
 
 #[inline(always)]
-fn minus(a: &Vectors, b: &Vectors) -> Vectors {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn times(a: &Vectors, by: Wide) -> Vectors {
+fn times(a: &WideVector, by: Wide) -> WideVector {
     [a[0] * by, a[1] * by, a[2] * by]
 }
 
 /// `a + t b`.
 #[inline(always)]
-fn between(a: &Vectors, t: Wide, b: &Vectors) -> Vectors {
+fn between(a: &WideVector, t: Wide, b: &WideVector) -> WideVector {
     [a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]]
-}
-
-#[inline(always)]
-fn dot(a: &Vectors, b: &Vectors) -> Wide {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross(a: &Vectors, b: &Vectors) -> Vectors {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// The field at every few voxels, about `spacing` mm apart: enough to start an inversion from.

@@ -28,7 +28,7 @@ pub(super) struct Search<'a, V> {
     pub(super) push: &'a PushField,
     pub(super) robust: Continued<'a>,
     pub(super) quick: Sampler<'a>,
-    pub(super) guess: Sampler<'a>,
+    pub(super) guess: Continued<'a>,
     pub(super) mesh: Mesh<'a, V>,
     pub(super) bones: Option<&'a MovedBones<'a>>,
     pub(super) fraction: &'a Grid,
@@ -77,7 +77,7 @@ impl<V> Search<'_, V> {
                 continue;
             }
             let held = || drawn.value.map(|u| -u);
-            let guess = || self.guess.value(&(y + along * i as f64)).map(|v| v as f32).into();
+            let guess = || self.guess.value(&Point3::from(y + along * i as f64)).map(|v| v as f32).into();
             let start: [f32; 3] = if drawn.rank > 0 { held() } else { guess() };
             for (v, start) in rows.now.v.iter_mut().zip(start) {
                 v[i] = start;
@@ -187,7 +187,7 @@ impl<V> Search<'_, V> {
     #[inline(always)]
     fn in_bone(&self, y: &Vector3<f64>, owner: u16) -> Option<(Vector3<f64>, f64)> {
         let v = self.bones?.back(owner, y)?;
-        let residual = (v + self.quick.value(&(y + v))).norm();
+        let residual = (v + self.robust.value(&Point3::from(y + v))).norm();
         (residual < self.options.tolerance_mm).then_some((v, residual))
     }
 
@@ -196,11 +196,12 @@ impl<V> Search<'_, V> {
         let InvertOptions { tolerance_mm, max_iterations } = *self.options;
         let planning = self.push.displacement.grid();
         let (mut v, mut residual) = (Vector3::from(quick.v.map(f64::from)), f64::from(quick.residual));
+        let held = drawn.rank > 0;
         if let Some(bone) = self.in_bone(y, owner) {
             (v, residual) = bone;
-        } else if residual >= tolerance_mm && (drawn.rank > 0 || self.tissue(quick.place)) {
-            let held = drawn.rank > 0;
-            let start = if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value(y) };
+        } else if residual >= tolerance_mm && (held || self.tissue(quick.place)) {
+            let start =
+                if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value(&Point3::from(*y)) };
             let found = solve(y, start, &self.robust, (tolerance_mm, max_iterations));
             if found.1 < residual {
                 (v, residual) = (found.0, found.1);

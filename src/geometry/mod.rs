@@ -4,6 +4,7 @@ mod grid;
 mod rigid;
 pub mod stencil;
 mod wide;
+pub mod wide_vector;
 
 pub use grid::Grid;
 pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg, rotation_matrices};

@@ -78,7 +78,7 @@ impl Rows {
 
 /// The voxels within `radius` mm of one whose value is `target`.
 fn grown(mask: &Mask, target: bool, radius: f64) -> Rows {
-    let [_, nj, nk] = mask.grid().size();
+    let [ni, nj, nk] = mask.grid().size();
     let [si, sj, sk] = mask.grid().spacing();
     // With room for rounding, so that a radius of whole voxels counts as reached.
     let limit = radius * radius * (1.0 + 1e-5);
@@ -90,7 +90,8 @@ fn grown(mask: &Mask, target: bool, radius: f64) -> Rows {
         for j in -reach_j..=reach_j {
             let rest = limit - (j as f64 * sj).powi(2) - (k as f64 * sk).powi(2);
             if rest >= 0.0 {
-                let width = (rest.sqrt() / si) as usize;
+                // Wider than the image is as wide as it.
+                let width = ((rest.sqrt() / si) as usize).min(ni - 1);
                 of_width.resize(of_width.len().max(width + 1), Vec::new());
                 of_width[width].push([j, k]);
             }
@@ -134,6 +135,14 @@ mod tests {
                 // Rounding may decide on the sphere itself.
                 prop_assert!(*dilated == (near[l] <= limit) || (near[l] / limit - 1.0).abs() < 2e-5);
                 prop_assert!(*eroded == (inner[l] > limit) || (inner[l] / limit - 1.0).abs() < 2e-5);
+            }
+        }
+
+        #[test]
+        fn opening_shrinks_and_closing_grows(mask in scene(), radius in 0.3f64..5.0) {
+            let (opened, closed) = (dilate(&erode(&mask, radius), radius), erode(&dilate(&mask, radius), radius));
+            for ((&m, &o), &c) in mask.data().iter().zip(opened.data()).zip(closed.data()) {
+                prop_assert!((m || !o) && (c || !m));
             }
         }
     }
