@@ -7,6 +7,7 @@
 use super::engine::Source;
 use super::front::{FrontRules, Hop, LinkTime, TICKS};
 use super::lattice::{Lattice, Node};
+use crate::geometry::vectorised;
 use rayon::prelude::*;
 
 /// Time that no wave has come, in cells; all others are below [`MOST`].
@@ -24,8 +25,8 @@ struct Row {
     offset: isize,
     /// Factor of each link; see [`FrontRules::factor`].
     factor: [f32; SPAN],
-    /// Whether the front runs along the link.
-    open: [bool; SPAN],
+    /// Bit `l` is set where the front runs along link `l`.
+    open: u32,
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
@@ -40,8 +41,8 @@ pub(super) struct Medium {
     rules: FrontRules,
     /// Latest time that counts.
     limit: i32,
-    /// The most ticks that a link can take.
-    slowest: usize,
+    /// The least and the most ticks that a link can take.
+    ticks: [i32; 2],
     /// Bone and cell of every bone node beside soft tissue, bone by bone.
     surface: Vec<(u16, u32)>,
 }
@@ -62,8 +63,6 @@ pub(super) trait Notes: Send {
     fn earlier(&mut self, from: usize, to: usize);
     /// `to` is offered the time that it has already.
     fn equal(&mut self, from: usize, to: usize);
-    /// The time of `cell` is final.
-    fn settled(&mut self, cell: usize);
 }
 
 /// Nothing.
@@ -73,7 +72,6 @@ impl Notes for Nothing {
     const TIES: bool = false;
     fn earlier(&mut self, _: usize, _: usize) {}
     fn equal(&mut self, _: usize, _: usize) {}
-    fn settled(&mut self, _: usize) {}
 }
 
 /// Which bone comes first; of several at the same time the first in the skeleton.
@@ -86,23 +84,6 @@ impl Notes for Owners {
     }
     fn equal(&mut self, from: usize, to: usize) {
         self.0[to] = self.0[to].min(self.0[from]);
-    }
-    fn settled(&mut self, _: usize) {}
-}
-
-/// Owners, and the order in which cells were processed.
-pub(super) struct Ordered(pub(super) Owners, pub(super) Vec<u32>);
-
-impl Notes for Ordered {
-    const TIES: bool = true;
-    fn earlier(&mut self, from: usize, to: usize) {
-        self.0.earlier(from, to);
-    }
-    fn equal(&mut self, from: usize, to: usize) {
-        self.0.equal(from, to);
-    }
-    fn settled(&mut self, cell: usize) {
-        self.1.push(cell as u32);
     }
 }
 
@@ -135,13 +116,15 @@ impl Medium {
         });
         let hops = rules.links(lattice);
         let greatest = shear.iter().copied().fold(0f32, f32::max);
-        let ticks = |shears: f32| hops.iter().map(move |h| rules.ticks(rules.factor(h.mm), shears));
+        let ticks = || {
+            hops.iter().flat_map(|h| [0.0, 2.0 * greatest].map(|shears| rules.ticks(rules.factor(h.mm), shears)))
+        };
         let mut medium = Self {
             low,
             size,
             rows: rows_of(&hops, &rules, size),
             limit: (rules.cutoff * TICKS).min(MOST) as i32,
-            slowest: ticks(0.0).chain(ticks(2.0 * greatest)).max().unwrap_or(1) as usize,
+            ticks: [ticks().min(), ticks().max()].map(|t| t.unwrap_or(1) as i32),
             rules,
             shear,
             rest,
@@ -161,7 +144,7 @@ impl Medium {
                 let cell = self.cell(lattice.grid.voxel(n as usize));
                 let soft = |row: &Row| {
                     let first = cell.wrapping_add_signed(row.offset);
-                    (0..SPAN).any(|l| row.open[l] && self.rest[first + l] == LATE)
+                    (0..SPAN).any(|l| row.open >> l & 1 == 1 && self.rest[first + l] == LATE)
                 };
                 self.rows.iter().any(soft).then_some((bone, cell as u32))
             })
@@ -191,13 +174,6 @@ impl Medium {
         i + self.size[0] * (j + self.size[1] * k)
     }
 
-    /// The lattice's voxel of a cell.
-    pub(super) fn voxel(&self, cell: usize) -> [usize; 3] {
-        let [nx, ny, _] = self.size;
-        let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
-        std::array::from_fn(|a| self.low[a] + at[a])
-    }
-
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
     pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival<Nothing> {
         self.wave(source, latest, Nothing)
@@ -206,11 +182,6 @@ impl Medium {
     /// Runs one wave and notes owners.
     pub(super) fn owners(&self, source: Source) -> Arrival<Owners> {
         self.wave(source, None, self.first_owners())
-    }
-
-    /// Runs one wave and notes owners and order.
-    pub(super) fn ordered(&self, source: Source) -> Arrival<Ordered> {
-        self.wave(source, None, Ordered(self.first_owners(), Vec::new()))
     }
 
     fn first_owners(&self) -> Owners {
@@ -235,8 +206,14 @@ impl Medium {
         };
         let search = Search { medium: self, times: self.rest.clone(), latest, notes };
         let (times, notes) = match self.rules.time {
-            LinkTime::FastInStiff => search.run::<true>(seeds),
-            LinkTime::SlowInStiff | LinkTime::Literal => search.run::<false>(seeds),
+            LinkTime::FastInStiff => vectorised(
+                #[inline(always)]
+                || search.run::<true>(seeds),
+            ),
+            LinkTime::SlowInStiff | LinkTime::Literal => vectorised(
+                #[inline(always)]
+                || search.run::<false>(seeds),
+            ),
         };
         Arrival { times, limit: self.limit, notes }
     }
@@ -249,11 +226,12 @@ fn rows_of(hops: &[Hop], rules: &FrontRules, size: [usize; 3]) -> Vec<Row> {
         let [i, j, k] = hop.step.map(|s| s as isize);
         let offset = size[0] as isize * (j + size[1] as isize * k) - 1;
         let at = rows.iter().position(|r| r.offset == offset).unwrap_or_else(|| {
-            rows.push(Row { offset, factor: [1.0; SPAN], open: [false; SPAN] });
+            rows.push(Row { offset, factor: [1.0; SPAN], open: 0 });
             rows.len() - 1
         });
         let lane = (i + 1) as usize;
-        (rows[at].factor[lane], rows[at].open[lane]) = (rules.factor(hop.mm), true);
+        rows[at].factor[lane] = rules.factor(hop.mm);
+        rows[at].open |= 1 << lane;
     }
     rows
 }
@@ -275,78 +253,107 @@ struct Search<'a, N> {
     notes: N,
 }
 
-impl<N: Notes> Search<'_, N> {
-    /// Dial's algorithm: one bucket per tick, as many as a link can take at most.
-    fn run<const FAST: bool>(mut self, seeds: &[(u16, u32)]) -> (Vec<i32>, N) {
-        let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); self.medium.slowest + 1];
+/// Buckets are no wider, ticks: times up to 2^32 / [`WIDEST`] after a bucket are then divided exactly.
+const WIDEST: i32 = 256;
+
+/// Cells that wait, in a ring of buckets as wide as the quickest link: no offer goes into the bucket that is being emptied, so
+/// that all times in it are final, and neighbours that arrive within it are looked at one after the other.
+struct Ring {
+    buckets: Vec<Vec<u32>>,
+    /// The bucket that is being emptied, and the time at which it begins.
+    slot: usize,
+    base: i32,
+    width: i32,
+    /// 2^32 / width, rounded up: the quotient without a division.
+    reciprocal: u64,
+    waiting: usize,
+}
+
+impl Ring {
+    fn new([quickest, slowest]: [i32; 2], seeds: &[(u16, u32)]) -> Self {
+        let width = quickest.clamp(1, WIDEST);
+        let mut buckets = vec![Vec::new(); (slowest / width) as usize + 2];
         buckets[0].extend(seeds.iter().map(|s| s.1));
-        let (mut waiting, mut now, mut slot) = (seeds.len(), 0, 0);
-        while waiting > 0 && now <= self.medium.limit {
-            // Every link takes time, so nothing is put into this bucket while it is emptied.
-            let mut bucket = std::mem::take(&mut buckets[slot]);
-            waiting -= bucket.len();
+        let reciprocal = (1u64 << 32).div_ceil(width as u64);
+        Self { buckets, slot: 0, base: 0, width, reciprocal, waiting: seeds.len() }
+    }
+
+    /// Puts a cell where its time `due` belongs, unless its time `held` before had put it there already.
+    #[inline(always)]
+    fn put(&mut self, cell: usize, held: i32, due: i32) {
+        let ahead = (((due - self.base) as u64 * self.reciprocal) >> 32) as i32;
+        if held - self.base < (ahead + 1) * self.width {
+            return;
+        }
+        let to = self.slot + ahead as usize;
+        let to = if to >= self.buckets.len() { to - self.buckets.len() } else { to };
+        self.buckets[to].push(cell as u32);
+        self.waiting += 1;
+    }
+}
+
+impl<N: Notes> Search<'_, N> {
+    /// Dial's algorithm with buckets as wide as they may be (Dinitz).
+    #[inline(always)]
+    fn run<const FAST: bool>(mut self, seeds: &[(u16, u32)]) -> (Vec<i32>, N) {
+        let mut ring = Ring::new(self.medium.ticks, seeds);
+        while ring.waiting > 0 && ring.base <= self.medium.limit {
+            let mut bucket = std::mem::take(&mut ring.buckets[ring.slot]);
+            ring.waiting -= bucket.len();
             for n in bucket.drain(..) {
                 let n = n as usize;
-                if self.times[n] == now {
-                    self.notes.settled(n);
-                    waiting += self.expand::<FAST>(n, now, slot, &mut buckets);
+                let now = self.times[n];
+                // A time before this bucket was dealt with in its own.
+                if now >= ring.base && now <= self.medium.limit {
+                    self.expand::<FAST>(n, now, &mut ring);
                 }
             }
-            buckets[slot] = bucket;
-            now += 1;
-            slot = if slot + 1 == buckets.len() { 0 } else { slot + 1 };
+            ring.buckets[ring.slot] = bucket;
+            ring.base += ring.width;
+            ring.slot = if ring.slot + 1 == ring.buckets.len() { 0 } else { ring.slot + 1 };
         }
         (self.times, self.notes)
     }
 
-    /// Offers the time of a settled cell to its neighbours; returns how many took it.
+    /// Offers the time of a settled cell to its neighbours.
     ///
     /// Whether an offer is early enough is as good as random, so that a branch for each would cost more than to compute a
     /// row's four at a time and ask once.
     #[inline(always)]
-    fn expand<const FAST: bool>(&mut self, n: usize, now: i32, slot: usize, buckets: &mut [Vec<u32>]) -> usize {
+    fn expand<const FAST: bool>(&mut self, n: usize, now: i32, ring: &mut Ring) {
         let shear = self.medium.shear[n];
-        let mut taken = 0;
         for row in &self.medium.rows {
             let first = n.wrapping_add_signed(row.offset);
             let shears = self.medium.shear.get(first..).and_then(|s| s.first_chunk::<SPAN>());
             let times = self.times.get(first..).and_then(|t| t.first_chunk::<SPAN>());
             let (Some(shears), Some(times)) = (shears, times) else { continue };
-            let due: [i32; SPAN] =
-                std::array::from_fn(|l| now + FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l]) as i32);
-            let better: [bool; SPAN] = std::array::from_fn(|l| (due[l] - i32::from(N::TIES) < times[l]) & row.open[l]);
-            if !(better[0] | better[1] | better[2]) {
-                continue;
+            let mut due = [0; SPAN];
+            let mut early = 0;
+            for l in 0..SPAN {
+                due[l] = now + FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l]) as i32;
+                early |= u32::from(due[l] - i32::from(N::TIES) < times[l]) << l;
             }
-            for l in 0..SPAN - 1 {
-                if better[l] {
-                    taken += self.offer([n, first + l], due[l], (slot, (due[l] - now) as usize), buckets);
-                }
+            early &= row.open;
+            while early != 0 {
+                let l = early.trailing_zeros() as usize;
+                early &= early - 1;
+                self.offer([n, first + l], due[l % SPAN], ring);
             }
         }
-        taken
     }
 
-    /// Makes an offer to a neighbour that it will not refuse for being late; returns whether it counts as waiting anew.
+    /// Makes an offer to a neighbour that it will not refuse for being late.
     #[inline(always)]
-    fn offer(
-        &mut self,
-        [n, m]: [usize; 2],
-        due: i32,
-        (slot, ticks): (usize, usize),
-        buckets: &mut [Vec<u32>],
-    ) -> usize {
+    fn offer(&mut self, [n, m]: [usize; 2], due: i32, ring: &mut Ring) {
         if self.latest.is_some_and(|latest| due > latest[m]) {
-            return 0;
+            return;
         }
-        if due == self.times[m] {
-            self.notes.equal(n, m);
-            return 0;
+        let held = self.times[m];
+        if due == held {
+            return self.notes.equal(n, m);
         }
         self.times[m] = due;
         self.notes.earlier(n, m);
-        let to = slot + ticks;
-        buckets[if to >= buckets.len() { to - buckets.len() } else { to }].push(m as u32);
-        1
+        ring.put(m, held, due);
     }
 }

@@ -33,8 +33,7 @@ pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainm
 /// As [`super::first_wave`].
 pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> FirstWave {
     let medium = Medium::new(lattice, FrontRules::of(options));
-    let wave = medium.ordered(Source::AnyBone);
-    let node = |cell: usize| lattice.grid.linear(medium.voxel(cell));
+    let wave = medium.owners(Source::AnyBone);
     let (mut time, mut owner) = (vec![f64::INFINITY; lattice.node.len()], vec![None; lattice.node.len()]);
     for &n in &lattice.active {
         let n = n as usize;
@@ -42,13 +41,14 @@ pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> First
         (time[n], owner[n]) = match lattice.node[n] {
             Node::Bone(b) => (0.0, Some(b)),
             _ => match wave.time(cell) {
-                Some(t) => (f64::from(t) / TICKS, Some(wave.notes.0.0[cell])),
+                Some(t) => (f64::from(t) / TICKS, Some(wave.notes.0[cell])),
                 None => continue,
             },
         };
     }
-    let processed = wave.notes.1.iter().map(|&cell| node(cell as usize));
-    let order = processed.filter(|&n| lattice.node[n] == Node::Soft).map(|n| n as u32).collect();
+    let soft = |n: &u32| lattice.node[*n as usize] == Node::Soft && time[*n as usize].is_finite();
+    let mut order: Vec<u32> = lattice.active.iter().copied().filter(soft).collect();
+    order.sort_by(|a, b| time[*a as usize].total_cmp(&time[*b as usize]));
     FirstWave { order, time, owner, angle: Vec::new() }
 }
 
