@@ -4,7 +4,7 @@ use super::Scene;
 use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs, propagate, spread};
 use crate::error::{Error, Result};
 use crate::evaluate::jacobian as characteristics;
-use crate::field::{FieldFormat, InvertOptions, invert, jacobian, warp_image, warp_labels};
+use crate::field::{FieldFormat, InvertOptions, invert, jacobian, jacobian_and_folds, warp_image, warp_labels};
 use crate::io;
 use crate::progress::Silent;
 use serde::{Deserialize, Serialize};
@@ -181,11 +181,11 @@ impl Task {
                 black_box(jacobian(&scene.push));
             }
             Self::Characteristics => {
-                let map = jacobian(&scene.push);
+                let (map, folds) = jacobian_and_folds(&scene.push);
                 let inside = characteristics::tissue(&scene.phantom.body, &scene.phantom.planning);
                 let rigid: Vec<(u16, String)> =
                     scene.phantom.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
-                black_box(characteristics::evaluate(&scene.push, &map, &inside, &scene.phantom.bones, &rigid, &[]));
+                black_box(characteristics::evaluate((&map, &folds), &inside, &scene.phantom.bones, &rigid, &[]));
             }
             Self::Read => {
                 black_box(io::read_image(&scene.planning_file)?);

@@ -116,9 +116,8 @@ impl Medium {
         });
         let hops = rules.links(lattice);
         let greatest = shear.iter().copied().fold(0f32, f32::max);
-        let ticks = || {
-            hops.iter().flat_map(|h| [0.0, 2.0 * greatest].map(|shears| rules.ticks(rules.factor(h.mm), shears)))
-        };
+        let ticks =
+            || hops.iter().flat_map(|h| [0.0, 2.0 * greatest].map(|shears| rules.ticks(rules.factor(h.mm), shears)));
         let mut medium = Self {
             low,
             size,

@@ -1,38 +1,12 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
 use super::cell::{Cell, Kinds, index_bones};
-use crate::field::{FOLDED, PushField, digital_folds};
+pub use super::characteristics::{JacobianStats, stats};
+use crate::field::FOLDED;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-
-/// The five characteristics of thesis Tab. 2 over a set of cells.
-///
-/// Cells with any negative tetrahedron count as folded (-1); the other four describe the positive cells.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct JacobianStats {
-    /// Number of cells.
-    pub cells: usize,
-    /// Number of folded cells.
-    pub folded: usize,
-    /// Folded cells in percent.
-    pub folded_percent: f64,
-    /// Positive cells that more than double their volume, percent.
-    pub above_2_percent: f64,
-    /// Positive cells that shrink to less than half, percent.
-    pub below_half_percent: f64,
-    /// Mean over positive cells.
-    pub mean: f64,
-    /// Smallest value over positive cells.
-    pub min: f64,
-    /// 1st percentile over positive cells.
-    pub p1: f64,
-    /// 99th percentile over positive cells.
-    pub p99: f64,
-    /// Greatest value over positive cells.
-    pub max: f64,
-}
 
 /// Jacobian characteristics of a whole run. Cells are tissue cells: all 8 corners body above -500 HU.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -66,15 +40,14 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
     Volume::from_fn(body.grid().clone(), |l| body.data()[l] && ct.data()[l] > TISSUE_HU)
 }
 
-/// Jacobian characteristics of `push`.
+/// Jacobian characteristics of a push field.
 ///
-/// `map` is its Jacobian map ([`crate::field::jacobian`]); `tissue` says which voxels of the planning grid are body
-/// above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other labels count as soft tissue. Labels
-/// of the same name are one bone. `sliding` are pairs of labels that slide on each other, with
-/// the reach of the interface in mm. All on the planning grid.
+/// `map` is its Jacobian map and `folds` are its digital folds ([`crate::field::jacobian_and_folds`]); `tissue` says which
+/// voxels of the planning grid are body above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other
+/// labels count as soft tissue. Labels of the same name are one bone. `sliding` are pairs of labels that slide on each
+/// other, with the reach of the interface in mm. All on the planning grid.
 pub fn evaluate(
-    push: &PushField,
-    map: &Volume<f32>,
+    (map, folds): (&Volume<f32>, &Mask),
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
@@ -82,7 +55,6 @@ pub fn evaluate(
 ) -> JacobianReport {
     let (names, bone_of) = index_bones(rigid);
     let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
-    let folds = digital_folds(push);
     let [ni, nj, nk] = map.grid().size();
     let plane = |row: &mut Vec<Cell>, k: usize| {
         row.resize(ni, Cell::Outside);
@@ -96,24 +68,19 @@ pub fn evaluate(
         found
     };
     let found: Vec<Found> = (0..nk).into_par_iter().map_init(Vec::new, plane).collect();
-    let gather = |values: fn(&Found) -> &Vec<f32>| -> Vec<f32> { found.iter().flat_map(values).copied().collect() };
+    let of = |part: fn(&Found) -> &Vec<f32>| found.iter().map(|f| &part(f)[..]).collect::<Vec<_>>();
+    let soft = of(|f| &f.soft);
+    let body = [soft.clone(), of(|f| &f.edge), of(|f| &f.inside)].concat();
     let mut inside = vec![Vec::new(); names.len()];
-    for (bone, j) in found.iter().flat_map(|f| &f.inside) {
+    for (bone, j) in found.iter().flat_map(|f| f.bone.iter().zip(&f.inside)) {
         inside[usize::from(*bone)].push(*j);
     }
-    let body = || {
-        let mut values = gather(|f| &f.soft);
-        values.extend(found.iter().flat_map(|f| &f.edge));
-        values.extend(found.iter().flat_map(|f| &f.inside).map(|(_, j)| *j));
-        stats(values)
-    };
-    let (body, soft_tissue) = rayon::join(body, || stats(gather(|f| &f.soft)));
     JacobianReport {
-        body,
-        soft_tissue,
-        contact: stats(gather(|f| &f.contact)),
-        interface: stats(gather(|f| &f.interface)),
-        bones: names.into_iter().zip(inside.into_iter().map(stats)).filter(|(_, s)| s.cells > 0).collect(),
+        body: stats(&body),
+        soft_tissue: stats(&soft),
+        contact: stats(&of(|f| &f.contact)),
+        interface: stats(&of(|f| &f.interface)),
+        bones: names.into_iter().zip(inside.iter().map(|j| stats(&[&j[..]]))).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: found.iter().map(|f| f.digital_folds).sum(),
         jumps_above_10: jumps(map, &kinds, found.iter().flat_map(|f| &f.high).copied()),
     }
@@ -125,8 +92,10 @@ struct Found {
     soft: Vec<f32>,
     /// Partly one bone.
     edge: Vec<f32>,
-    /// Wholly inside a bone, with its index.
-    inside: Vec<(u16, f32)>,
+    /// Wholly inside a bone.
+    inside: Vec<f32>,
+    /// The index of each one's bone.
+    bone: Vec<u16>,
     contact: Vec<f32>,
     interface: Vec<f32>,
     /// Soft cells that fail the digital criterion.
@@ -146,7 +115,10 @@ impl Found {
                     self.digital_folds += usize::from(fold);
                 }
                 Cell::Edge => self.edge.push(j),
-                Cell::Inside(bone) => self.inside.push((*bone, j)),
+                Cell::Inside(bone) => {
+                    self.inside.push(j);
+                    self.bone.push(*bone);
+                }
                 Cell::Contact => self.contact.push(j),
                 Cell::Interface => self.interface.push(j),
             }
@@ -180,35 +152,6 @@ pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Opti
     (weight > 0.0).then(|| sum / weight)
 }
 
-/// The five characteristics of Jacobian values, of which folded ones are negative.
-pub fn stats(values: Vec<f32>) -> JacobianStats {
-    let cells = values.len();
-    let mut positive = values;
-    positive.retain(|&j| j > 0.0);
-    let n = positive.len();
-    let folded = cells - n;
-    let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
-    let count = |keep: fn(f32) -> bool| positive.iter().filter(|&&j| keep(j)).count();
-    let (above, below) = (count(|j| j > 2.0), count(|j| j < 0.5));
-    let mean = positive.iter().map(|&j| f64::from(j)).sum::<f64>() / n.max(1) as f64;
-    let mut rank = |share: f64| match n {
-        0 => 0.0,
-        _ => f64::from(*positive.select_nth_unstable_by((share * (n - 1) as f64).round() as usize, f32::total_cmp).1),
-    };
-    JacobianStats {
-        cells,
-        folded,
-        folded_percent: percent(folded, cells),
-        above_2_percent: percent(above, n),
-        below_half_percent: percent(below, n),
-        mean,
-        min: rank(0.0),
-        p1: rank(0.01),
-        p99: rank(0.99),
-        max: rank(1.0),
-    }
-}
-
 /// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`]; one of each is among `high`.
 fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>) -> usize {
     let grid = map.grid();
@@ -234,23 +177,9 @@ fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::{PushField, jacobian_and_folds};
     use crate::geometry::Grid;
     use std::collections::BTreeMap;
-
-    #[test]
-    fn characteristics_by_hand() {
-        let s = stats(vec![FOLDED, 0.25, 0.75, 1.0, 3.0, 5.0]);
-        assert_eq!((s.cells, s.folded), (6, 1));
-        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
-        close(s.folded_percent, 100.0 / 6.0);
-        close(s.above_2_percent, 40.0);
-        close(s.below_half_percent, 20.0);
-        close(s.mean, 2.0);
-        close(s.min, 0.25);
-        close(s.max, 5.0);
-        assert_eq!(stats(vec![]), JacobianStats::default());
-        close(stats(vec![FOLDED]).folded_percent, 100.0);
-    }
 
     #[test]
     fn cells_go_to_the_right_tissue() {
@@ -273,8 +202,8 @@ mod tests {
         };
         let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let map = crate::field::jacobian(&push);
-        let r = evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
+        let (map, folds) = jacobian_and_folds(&push);
+        let r = evaluate((&map, &folds), &tissue, &bones, &rigid, &[]);
         assert_eq!(r.contact.cells, 1); // between 3 and 4
         assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
         assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
@@ -283,7 +212,7 @@ mod tests {
         assert_eq!(r.jumps_above_10, 2);
         assert_eq!((r.digital_folded, r.body.folded), (0, 0));
         // The same labels under one name are one bone: no contact.
-        let joined = evaluate(&push, &map, &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]);
+        let joined = evaluate((&map, &folds), &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]);
         assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
     }
     #[test]
@@ -306,10 +235,10 @@ mod tests {
             displacement: Volume::from_fn(grid.clone(), slide),
             computed: Volume::filled(grid.clone(), true),
         };
-        let map = crate::field::jacobian(&push);
+        let (map, folds) = jacobian_and_folds(&push);
         let tissue = Volume::filled(grid, true);
-        let with = evaluate(&push, &map, &tissue, &bones, &rigid, &[([1, 2], 25.0)]);
-        let without = evaluate(&push, &map, &tissue, &bones, &rigid, &[]);
+        let with = evaluate((&map, &folds), &tissue, &bones, &rigid, &[([1, 2], 25.0)]);
+        let without = evaluate((&map, &folds), &tissue, &bones, &rigid, &[]);
         assert!(without.body.folded > 100 && without.interface.cells == 0);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);

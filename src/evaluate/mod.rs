@@ -3,6 +3,7 @@
 
 mod assess;
 mod cell;
+mod characteristics;
 pub mod consistency;
 pub mod contact;
 pub mod contour;

@@ -3,7 +3,7 @@
 use super::cell::{Cell, kinds};
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, JacobianReport, JacobianStats};
-use crate::field::{PushField, digital_folds, jacobian as jacobian_map};
+use crate::field::{PushField, jacobian_and_folds};
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
@@ -101,13 +101,13 @@ pub fn evaluate(
     sliding: &[([u16; 2], f64)],
     structures: Option<&LabelMap>,
 ) -> (Regularity, Volume<f32>) {
-    let map = jacobian_map(field);
-    let report = jacobian::evaluate(field, &map, tissue, bones, rigid, sliding);
+    let (map, digital) = jacobian_and_folds(field);
+    let report = jacobian::evaluate((&map, &digital), tissue, bones, rigid, sliding);
     let kinds = kinds(tissue, bones, rigid, sliding);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
     let mut folds = FoldCertificate::default();
     let mut body = Vec::new();
-    for ((kind, fold), j) in kinds.data().iter().zip(digital_folds(field).data()).zip(map.data()) {
+    for ((kind, fold), j) in kinds.data().iter().zip(digital.data()).zip(map.data()) {
         match kind {
             Cell::Outside => {}
             Cell::Contact => folds.folded_contact += usize::from(*fold),
@@ -125,7 +125,7 @@ pub fn evaluate(
         .map(|s| cells_by_structure(&map, s))
         .unwrap_or_default()
         .into_par_iter()
-        .map(|(name, values)| (JacobianHistogram::of(&name, &values, cell_ml), (name, jacobian::stats(values))))
+        .map(|(name, values)| (JacobianHistogram::of(&name, &values, cell_ml), (name, jacobian::stats(&[&values]))))
         .collect();
     let (of_structures, per_structure): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     histograms.extend(of_structures);

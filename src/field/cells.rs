@@ -14,21 +14,20 @@ use std::ops::Range;
 /// `value(total, least, least_of_ten)` of every cell with a computed corner, `unmeasured` elsewhere: six times the volume of
 /// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
 /// where a tetrahedron is turned inside out.
-pub(super) fn each_cell<T: Copy + Default + PartialEq + Send + Sync>(
+pub(super) fn each_cell<A: Value, B: Value>(
     push: &PushField,
-    unmeasured: T,
-    value: impl Fn(f32, f32, f32) -> T + Sync,
-) -> Volume<T> {
+    unmeasured: (A, B),
+    value: impl Fn(f32, f32, f32) -> (A, B) + Sync,
+) -> (Volume<A>, Volume<B>) {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
-    let mut out = vec![T::default(); grid.len()];
-    out.par_chunks_mut(ni * nj).enumerate().for_each_init(
+    let (mut one, mut other) = (vec![A::default(); grid.len()], vec![B::default(); grid.len()]);
+    let planes = one.par_chunks_mut(ni * nj).zip(other.par_chunks_mut(ni * nj));
+    planes.enumerate().for_each_init(
         || Rows::new([ni, nj], grid.step()),
-        |rows, (k, plane)| {
-            // Fresh memory that stays zero is never touched.
-            if unmeasured != T::default() {
-                plane.fill(unmeasured);
-            }
+        |rows, (k, (one, other))| {
+            prepare(one, unmeasured.0);
+            prepare(other, unmeasured.1);
             if k + 1 == nk {
                 return;
             }
@@ -36,7 +35,8 @@ pub(super) fn each_cell<T: Copy + Default + PartialEq + Send + Sync>(
                 #[inline(always)]
                 || {
                     rows.begin(push, k);
-                    for (j, cells) in plane.chunks_mut(ni).take(nj - 1).enumerate() {
+                    let cells = one.chunks_mut(ni).zip(other.chunks_mut(ni));
+                    for (j, cells) in cells.take(nj - 1).enumerate() {
                         if rows.in_row[j] || rows.in_row[j + 1] {
                             rows.advance(push, j, k);
                             rows.cut(j + k);
@@ -47,7 +47,20 @@ pub(super) fn each_cell<T: Copy + Default + PartialEq + Send + Sync>(
             );
         },
     );
-    Volume::new(grid.clone(), out).expect("one value per voxel")
+    let volume = "one value per voxel";
+    (Volume::new(grid.clone(), one).expect(volume), Volume::new(grid.clone(), other).expect(volume))
+}
+
+/// What is found of a cell; `()` for nothing.
+pub(super) trait Value: Copy + Default + PartialEq + Send + Sync {}
+
+impl<T: Copy + Default + PartialEq + Send + Sync> Value for T {}
+
+/// Fills a fresh plane; memory that stays zero is not touched.
+fn prepare<T: Value>(plane: &mut [T], value: T) {
+    if value != T::default() {
+        plane.fill(value);
+    }
 }
 
 /// A vector at each place of a row, component by component.
@@ -211,14 +224,14 @@ impl Rows {
 
     /// Values of the cells of the span in a row.
     #[inline(always)]
-    fn each<T: Copy>(&self, row: &mut [T], value: &impl Fn(f32, f32, f32) -> T) {
+    fn each<A: Value, B: Value>(&self, (one, other): (&mut [A], &mut [B]), value: &impl Fn(f32, f32, f32) -> (A, B)) {
         let Some(last) = self.span.end.checked_sub(1).filter(|last| *last > self.span.start) else { return };
-        let cells = &mut row[self.span.start..last];
+        let cells = one[self.span.start..last].iter_mut().zip(&mut other[self.span.start..last]);
         let measured = self.computed.iter().zip(&self.computed[1..]).map(|(a, b)| a | b);
         let found = self.total.iter().zip(&self.least).zip(&self.least_of_ten);
-        for ((cell, measured), ((total, least), least_of_ten)) in cells.iter_mut().zip(measured).zip(found) {
+        for (((one, other), measured), ((total, least), least_of_ten)) in cells.zip(measured).zip(found) {
             let found = value(*total, *least, *least_of_ten);
-            *cell = if measured { found } else { *cell };
+            (*one, *other) = if measured { found } else { (*one, *other) };
         }
     }
 }

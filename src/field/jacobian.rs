@@ -19,13 +19,14 @@ pub const FOLDED: f32 = -1.0;
 /// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
 /// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
 pub fn jacobian(push: &PushField) -> Volume<f32> {
-    let volume = 6.0 * push.displacement.grid().step().determinant();
+    let relative = relative_volume(push);
     each_cell(
         push,
-        1.0,
+        (1.0, ()),
         #[inline(always)]
-        |total, least, _| if least > 0.0 { (f64::from(total) / volume) as f32 } else { FOLDED },
+        |total, least, _| (relative(total, least), ()),
     )
+    .0
 }
 
 /// Cells that fail the digital criterion of Liu et al.; false where [`jacobian`] is 1 for want of a cell or a computed
@@ -39,10 +40,34 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
 pub fn digital_folds(push: &PushField) -> Mask {
     each_cell(
         push,
-        false,
+        (false, ()),
         #[inline(always)]
-        |_, _, least_of_ten| least_of_ten <= 0.0 || least_of_ten.is_nan(),
+        |_, _, least_of_ten| (fails(least_of_ten), ()),
     )
+    .0
+}
+
+/// [`jacobian`] and [`digital_folds`] in one pass.
+pub fn jacobian_and_folds(push: &PushField) -> (Volume<f32>, Mask) {
+    let relative = relative_volume(push);
+    each_cell(
+        push,
+        (1.0, false),
+        #[inline(always)]
+        |total, least, least_of_ten| (relative(total, least), fails(least_of_ten)),
+    )
+}
+
+/// A cell's Jacobian from six times its volume and that of its least tetrahedron.
+fn relative_volume(push: &PushField) -> impl Fn(f32, f32) -> f32 + Sync + use<> {
+    let volume = 6.0 * push.displacement.grid().step().determinant();
+    #[inline(always)]
+    move |total: f32, least: f32| if least > 0.0 { (f64::from(total) / volume) as f32 } else { FOLDED }
+}
+
+#[inline(always)]
+fn fails(least_of_ten: f32) -> bool {
+    least_of_ten <= 0.0 || least_of_ten.is_nan()
 }
 
 #[cfg(test)]

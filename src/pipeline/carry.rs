@@ -58,9 +58,9 @@ pub(super) fn carry_out(
     let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
     let sliding = config.sliding.pairs(&rigid);
     let figures = || {
-        let map = field::jacobian(&push);
+        let (map, folds) = field::jacobian_and_folds(&push);
         let tissue = evaluate::jacobian::tissue(&body, &case.planning);
-        let report = evaluate::jacobian::evaluate(&push, &map, &tissue, &case.bones, &rigid, &sliding);
+        let report = evaluate::jacobian::evaluate((&map, &folds), &tissue, &case.bones, &rigid, &sliding);
         let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
         let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);

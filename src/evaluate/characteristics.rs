@@ -1,0 +1,160 @@
+//! The five characteristics of a set of Jacobians (thesis Tab. 2), by two passes over the values where they lie.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// The five characteristics of thesis Tab. 2 over a set of cells.
+///
+/// Cells with any negative tetrahedron count as folded (-1); the other four describe the positive cells.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct JacobianStats {
+    /// Number of cells.
+    pub cells: usize,
+    /// Number of folded cells.
+    pub folded: usize,
+    /// Folded cells in percent.
+    pub folded_percent: f64,
+    /// Positive cells that more than double their volume, percent.
+    pub above_2_percent: f64,
+    /// Positive cells that shrink to less than half, percent.
+    pub below_half_percent: f64,
+    /// Mean over positive cells.
+    pub mean: f64,
+    /// Smallest value over positive cells.
+    pub min: f64,
+    /// 1st percentile over positive cells.
+    pub p1: f64,
+    /// 99th percentile over positive cells.
+    pub p99: f64,
+    /// Greatest value over positive cells.
+    pub max: f64,
+}
+
+/// The five characteristics of the Jacobians in `parts`, of which folded ones are negative.
+pub fn stats(parts: &[&[f32]]) -> JacobianStats {
+    let sums: Vec<Sums> = parts.par_iter().map(|values| Sums::of(values)).collect();
+    let all = sums.into_iter().fold(Sums::default(), Sums::with);
+    let n = all.positive;
+    let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
+    let at = |share: f64| (share * n.saturating_sub(1) as f64).round() as usize;
+    let [min, p1, p99, max] = match n {
+        0 => [0.0; 4],
+        _ => ranks(parts, [0, at(0.01), at(0.99), n - 1]).map(f64::from),
+    };
+    JacobianStats {
+        cells: all.cells,
+        folded: all.cells - n,
+        folded_percent: percent(all.cells - n, all.cells),
+        above_2_percent: percent(all.above, n),
+        below_half_percent: percent(all.below, n),
+        mean: all.sum / n.max(1) as f64,
+        min,
+        p1,
+        p99,
+        max,
+    }
+}
+
+/// What is counted and added of values.
+#[derive(Default)]
+struct Sums {
+    cells: usize,
+    positive: usize,
+    above: usize,
+    below: usize,
+    sum: f64,
+}
+
+impl Sums {
+    fn of(values: &[f32]) -> Self {
+        let mut s = Self { cells: values.len(), ..Self::default() };
+        for &j in values {
+            let positive = j > 0.0;
+            s.positive += usize::from(positive);
+            s.above += usize::from(j > 2.0);
+            s.below += usize::from(positive & (j < 0.5));
+            s.sum += if positive { f64::from(j) } else { 0.0 };
+        }
+        s
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            cells: self.cells + other.cells,
+            positive: self.positive + other.positive,
+            above: self.above + other.above,
+            below: self.below + other.below,
+            sum: self.sum + other.sum,
+        }
+    }
+}
+
+/// Bits that tell values of one bin apart: around 1 a bin is 1/64 wide.
+const FINER: u32 = 17;
+/// Bins of the positive numbers, whose bits grow with them.
+const BINS: usize = 1 << (31 - FINER);
+
+fn bin(value: f32) -> usize {
+    (value.to_bits() >> FINER) as usize % BINS
+}
+
+/// The positive values of these ranks, from 0: bins are counted, and only the bins that hold the ranks are sorted.
+fn ranks<const N: usize>(parts: &[&[f32]], ranks: [usize; N]) -> [f32; N] {
+    let count = |mut counts: Vec<usize>, values: &&[f32]| {
+        values.iter().filter(|j| **j > 0.0).for_each(|j| counts[bin(*j)] += 1);
+        counts
+    };
+    let add = |mut a: Vec<usize>, b: Vec<usize>| {
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a
+    };
+    let counts = parts.par_iter().fold(|| vec![0; BINS], count).reduce(|| vec![0; BINS], add);
+    ranks.map(|rank| {
+        let (mut before, mut wanted) = (0, 0);
+        while wanted + 1 < BINS && before + counts[wanted] <= rank {
+            before += counts[wanted];
+            wanted += 1;
+        }
+        let within = |values: &&[f32]| -> Vec<f32> {
+            values.iter().copied().filter(|j| *j > 0.0 && bin(*j) == wanted).collect()
+        };
+        let mut held: Vec<f32> = parts.par_iter().flat_map_iter(within).collect();
+        if rank - before < held.len() { *held.select_nth_unstable_by(rank - before, f32::total_cmp).1 } else { 0.0 }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::FOLDED;
+    use proptest::prelude::*;
+
+    #[test]
+    fn characteristics_by_hand() {
+        let s = stats(&[&[FOLDED, 0.25, 0.75], &[], &[1.0, 3.0, 5.0]]);
+        assert_eq!((s.cells, s.folded), (6, 1));
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+        close(s.folded_percent, 100.0 / 6.0);
+        close(s.above_2_percent, 40.0);
+        close(s.below_half_percent, 20.0);
+        close(s.mean, 2.0);
+        close(s.min, 0.25);
+        close(s.max, 5.0);
+        assert_eq!(stats(&[]), JacobianStats::default());
+        close(stats(&[&[FOLDED]]).folded_percent, 100.0);
+    }
+
+    proptest! {
+        #[test]
+        fn percentiles_are_those_of_sorted_values(
+            mut values in prop::collection::vec(prop_oneof![Just(FOLDED), 0.0f32..3.0, 0.99f32..1.01], 1..400), parts in 1usize..9,
+        ) {
+            let found = stats(&values.chunks(parts).collect::<Vec<_>>());
+            values.retain(|j| *j > 0.0);
+            values.sort_by(f32::total_cmp);
+            let at = |share: f64| values.get((share * values.len().saturating_sub(1) as f64).round() as usize);
+            let expected = [0.0, 0.01, 0.99, 1.0].map(|share| f64::from(at(share).copied().unwrap_or(0.0)));
+            prop_assert_eq!([found.min, found.p1, found.p99, found.max], expected);
+        }
+    }
+}
