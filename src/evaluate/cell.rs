@@ -92,19 +92,19 @@ impl<'a> Kinds<'a> {
         if !a.iter().zip(b).zip(c).zip(d).fold(false, |any, (((a, b), c), d)| any | (a & b & c & d)) {
             return false;
         }
-        cells.fill(Cell::Outside);
-        let solid = |i: usize| a[i] & b[i] & c[i] & d[i];
         let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
-        let unlabelled = |i: usize| p[i] | q[i] | r[i] | s[i] == 0;
-        let (mut any, mut last) = (false, solid(0));
-        for (i, cell) in cells[..ni - 1].iter_mut().enumerate() {
-            let next = solid(i + 1);
-            if last & next {
+        let solid = a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a & b & c & d);
+        let labels = p.iter().zip(q).zip(r).zip(s).map(|(((p, q), r), s)| p | q | r | s);
+        let (mut any, mut before) = (false, (false, 0));
+        // A cell lies between one column of voxels and the next.
+        for (i, (column, cell)) in solid.zip(labels).zip(std::iter::once(&mut Cell::Outside).chain(cells)).enumerate() {
+            *cell = Cell::Outside;
+            if before.0 & column.0 {
                 any = true;
-                let soft = unlabelled(i) && unlabelled(i + 1);
-                *cell = if soft { self.where_it_slides(Cell::Soft, [i, j, k]) } else { self.kind([i, j, k]) };
+                let at = [i - 1, j, k];
+                *cell = if before.1 | column.1 == 0 { self.where_it_slides(Cell::Soft, at) } else { self.kind(at) };
             }
-            last = next;
+            before = column;
         }
         any
     }

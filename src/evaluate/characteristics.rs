@@ -32,61 +32,7 @@ pub struct JacobianStats {
 
 /// The five characteristics of the Jacobians in `parts`, of which folded ones are negative.
 pub fn stats(parts: &[&[f32]]) -> JacobianStats {
-    let sums: Vec<Sums> = parts.par_iter().map(|values| Sums::of(values)).collect();
-    let all = sums.into_iter().fold(Sums::default(), Sums::with);
-    let n = all.positive;
-    let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
-    let at = |share: f64| (share * n.saturating_sub(1) as f64).round() as usize;
-    let [min, p1, p99, max] = match n {
-        0 => [0.0; 4],
-        _ => ranks(parts, [0, at(0.01), at(0.99), n - 1]).map(f64::from),
-    };
-    JacobianStats {
-        cells: all.cells,
-        folded: all.cells - n,
-        folded_percent: percent(all.cells - n, all.cells),
-        above_2_percent: percent(all.above, n),
-        below_half_percent: percent(all.below, n),
-        mean: all.sum / n.max(1) as f64,
-        min,
-        p1,
-        p99,
-        max,
-    }
-}
-
-/// What is counted and added of values.
-#[derive(Default)]
-struct Sums {
-    cells: usize,
-    positive: usize,
-    above: usize,
-    below: usize,
-    sum: f64,
-}
-
-impl Sums {
-    fn of(values: &[f32]) -> Self {
-        let mut s = Self { cells: values.len(), ..Self::default() };
-        for &j in values {
-            let positive = j > 0.0;
-            s.positive += usize::from(positive);
-            s.above += usize::from(j > 2.0);
-            s.below += usize::from(positive & (j < 0.5));
-            s.sum += if positive { f64::from(j) } else { 0.0 };
-        }
-        s
-    }
-
-    fn with(self, other: Self) -> Self {
-        Self {
-            cells: self.cells + other.cells,
-            positive: self.positive + other.positive,
-            above: self.above + other.above,
-            below: self.below + other.below,
-            sum: self.sum + other.sum,
-        }
-    }
+    Tally::of(parts).stats(parts)
 }
 
 /// Bits that tell values of one bin apart: around 1 a bin is 1/64 wide.
@@ -98,29 +44,113 @@ fn bin(value: f32) -> usize {
     (value.to_bits() >> FINER) as usize % BINS
 }
 
-/// The positive values of these ranks, from 0: bins are counted, and only the bins that hold the ranks are sorted.
-fn ranks<const N: usize>(parts: &[&[f32]], ranks: [usize; N]) -> [f32; N] {
-    let count = |mut counts: Vec<usize>, values: &&[f32]| {
-        values.iter().filter(|j| **j > 0.0).for_each(|j| counts[bin(*j)] += 1);
-        counts
-    };
-    let add = |mut a: Vec<usize>, b: Vec<usize>| {
-        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-        a
-    };
-    let counts = parts.par_iter().fold(|| vec![0; BINS], count).reduce(|| vec![0; BINS], add);
-    ranks.map(|rank| {
-        let (mut before, mut wanted) = (0, 0);
-        while wanted + 1 < BINS && before + counts[wanted] <= rank {
-            before += counts[wanted];
-            wanted += 1;
-        }
-        let within = |values: &&[f32]| -> Vec<f32> {
-            values.iter().copied().filter(|j| *j > 0.0 && bin(*j) == wanted).collect()
+/// What is counted and added of values in the first pass.
+pub(super) struct Tally {
+    cells: usize,
+    above: usize,
+    below: usize,
+    sum: f64,
+    /// Extremes of the positive values.
+    min: f32,
+    max: f32,
+    /// Positive values by [`bin`].
+    bins: Vec<u32>,
+}
+
+impl Tally {
+    fn none() -> Self {
+        Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0, bins: Vec::new() }
+    }
+
+    /// Of the values in `parts`.
+    pub(super) fn of(parts: &[&[f32]]) -> Self {
+        let sums: Vec<Self> = parts.par_iter().map(|values| Self::sums(values)).collect();
+        let count = |mut bins: Vec<u32>, values: &&[f32]| {
+            values.iter().filter(|j| **j > 0.0).for_each(|j| bins[bin(*j)] += 1);
+            bins
         };
-        let mut held: Vec<f32> = parts.par_iter().flat_map_iter(within).collect();
-        if rank - before < held.len() { *held.select_nth_unstable_by(rank - before, f32::total_cmp).1 } else { 0.0 }
-    })
+        let bins = parts.par_iter().fold(|| vec![0; BINS], count).reduce(|| vec![0; BINS], added);
+        Self { bins, ..sums.into_iter().fold(Self::none(), Self::with) }
+    }
+
+    /// All but the bins.
+    fn sums(values: &[f32]) -> Self {
+        let mut s = Self { cells: values.len(), ..Self::none() };
+        for &j in values {
+            let positive = j > 0.0;
+            s.above += usize::from(j > 2.0);
+            s.below += usize::from(positive & (j < 0.5));
+            s.sum += if positive { f64::from(j) } else { 0.0 };
+            s.min = if positive & (j < s.min) { j } else { s.min };
+            s.max = if j > s.max { j } else { s.max };
+        }
+        s
+    }
+
+    /// Of the values of both.
+    pub(super) fn with(self, other: Self) -> Self {
+        Self {
+            cells: self.cells + other.cells,
+            above: self.above + other.above,
+            below: self.below + other.below,
+            sum: self.sum + other.sum,
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+            bins: added(self.bins, other.bins),
+        }
+    }
+
+    /// The characteristics; `parts` are the values that were counted.
+    pub(super) fn stats(&self, parts: &[&[f32]]) -> JacobianStats {
+        let n = self.bins.iter().map(|&c| c as usize).sum::<usize>();
+        let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
+        let at = |share: f64| (share * n.saturating_sub(1) as f64).round() as usize;
+        let [p1, p99] = self.ranks([at(0.01), at(0.99)], parts);
+        let extreme = |value: f32| if n == 0 { 0.0 } else { f64::from(value) };
+        JacobianStats {
+            cells: self.cells,
+            folded: self.cells - n,
+            folded_percent: percent(self.cells - n, self.cells),
+            above_2_percent: percent(self.above, n),
+            below_half_percent: percent(self.below, n),
+            mean: self.sum / n.max(1) as f64,
+            min: extreme(self.min),
+            p1: extreme(p1),
+            p99: extreme(p99),
+            max: extreme(self.max),
+        }
+    }
+
+    /// The positive values of two ranks, from 0: only the bins that hold them are sorted. 0 where there is no such value.
+    fn ranks(&self, ranks: [usize; 2], parts: &[&[f32]]) -> [f32; 2] {
+        let places = ranks.map(|rank| {
+            let (mut before, mut wanted) = (0, 0);
+            while wanted + 1 < self.bins.len() && before + self.bins[wanted] as usize <= rank {
+                before += self.bins[wanted] as usize;
+                wanted += 1;
+            }
+            (wanted, rank - before)
+        });
+        let wanted = places.map(|p| p.0);
+        let within = |values: &&[f32]| -> Vec<f32> {
+            let held = |j: &f32| *j > 0.0 && (bin(*j) == wanted[0] || bin(*j) == wanted[1]);
+            values.iter().copied().filter(held).collect()
+        };
+        let held: Vec<f32> = parts.par_iter().flat_map_iter(within).collect();
+        places.map(|(wanted, rank)| {
+            let mut held: Vec<f32> = held.iter().copied().filter(|j| bin(*j) == wanted).collect();
+            if rank < held.len() { *held.select_nth_unstable_by(rank, f32::total_cmp).1 } else { 0.0 }
+        })
+    }
+}
+
+/// Sums of counts, of which either may be missing.
+fn added(mut a: Vec<u32>, b: Vec<u32>) -> Vec<u32> {
+    if a.is_empty() {
+        return b;
+    }
+    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+    a
 }
 
 #[cfg(test)]

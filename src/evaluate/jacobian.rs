@@ -1,6 +1,7 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
 use super::cell::{Cell, Kinds, index_bones};
+use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
 use crate::field::FOLDED;
 use crate::volume::{LabelMap, Mask, Volume};
@@ -37,7 +38,13 @@ pub const TISSUE_HU: f32 = -500.0;
 
 /// Voxels inside the body above [`TISSUE_HU`]: those that count.
 pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
-    Volume::from_fn(body.grid().clone(), |l| body.data()[l] && ct.data()[l] > TISSUE_HU)
+    let mut out = Volume::filled(body.grid().clone(), false);
+    let rows = body.grid().size()[0];
+    let from = body.data().par_chunks(rows).zip(ct.data().par_chunks(rows));
+    out.data_mut().par_chunks_mut(rows).zip(from).for_each(|(out, (body, ct))| {
+        out.iter_mut().zip(body).zip(ct).for_each(|((out, body), hu)| *out = *body & (*hu > TISSUE_HU));
+    });
+    out
 }
 
 /// Jacobian characteristics of a push field.
@@ -70,14 +77,17 @@ pub fn evaluate(
     let found: Vec<Found> = (0..nk).into_par_iter().map_init(Vec::new, plane).collect();
     let of = |part: fn(&Found) -> &Vec<f32>| found.iter().map(|f| &part(f)[..]).collect::<Vec<_>>();
     let soft = of(|f| &f.soft);
-    let body = [soft.clone(), of(|f| &f.edge), of(|f| &f.inside)].concat();
+    let bony = [of(|f| &f.edge), of(|f| &f.inside)].concat();
+    let of_soft = Tally::of(&soft);
+    let soft_tissue = of_soft.stats(&soft);
+    let body = of_soft.with(Tally::of(&bony)).stats(&[soft, bony].concat());
     let mut inside = vec![Vec::new(); names.len()];
     for (bone, j) in found.iter().flat_map(|f| f.bone.iter().zip(&f.inside)) {
         inside[usize::from(*bone)].push(*j);
     }
     JacobianReport {
-        body: stats(&body),
-        soft_tissue: stats(&soft),
+        body,
+        soft_tissue,
         contact: stats(&of(|f| &f.contact)),
         interface: stats(&of(|f| &f.interface)),
         bones: names.into_iter().zip(inside.iter().map(|j| stats(&[&j[..]]))).filter(|(_, s)| s.cells > 0).collect(),
