@@ -1,5 +1,6 @@
 //! The five characteristics of a set of Jacobians (thesis Tab. 2), by two passes over the values where they lie.
 
+use crate::stats::Bins;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -35,17 +36,15 @@ pub fn stats(parts: &[&[f32]]) -> JacobianStats {
     Tally::of(parts).stats(parts)
 }
 
-/// Bits that tell values of one bin apart: around 1 a bin is 1/64 wide.
-const FINER: u32 = 17;
-/// Bins of the positive numbers, whose bits grow with them.
-const BINS: usize = 1 << (31 - FINER);
-
-fn bin(value: f32) -> usize {
-    (value.to_bits() >> FINER) as usize % BINS
+/// What the first pass finds of values: the positive ones' bins, and sums.
+pub(super) struct Tally {
+    sums: Sums,
+    positive: Bins,
 }
 
-/// What is counted and added of values in the first pass.
-pub(super) struct Tally {
+/// What is counted and added.
+#[derive(Clone, Copy)]
+struct Sums {
     cells: usize,
     above: usize,
     below: usize,
@@ -53,29 +52,13 @@ pub(super) struct Tally {
     /// Extremes of the positive values.
     min: f32,
     max: f32,
-    /// Positive values by [`bin`].
-    bins: Vec<u32>,
 }
 
-impl Tally {
-    fn none() -> Self {
-        Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0, bins: Vec::new() }
-    }
+impl Sums {
+    const NONE: Self = Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0 };
 
-    /// Of the values in `parts`.
-    pub(super) fn of(parts: &[&[f32]]) -> Self {
-        let sums: Vec<Self> = parts.par_iter().map(|values| Self::sums(values)).collect();
-        let count = |mut bins: Vec<u32>, values: &&[f32]| {
-            values.iter().filter(|j| **j > 0.0).for_each(|j| bins[bin(*j)] += 1);
-            bins
-        };
-        let bins = parts.par_iter().fold(|| vec![0; BINS], count).reduce(|| vec![0; BINS], added);
-        Self { bins, ..sums.into_iter().fold(Self::none(), Self::with) }
-    }
-
-    /// All but the bins.
-    fn sums(values: &[f32]) -> Self {
-        let mut s = Self { cells: values.len(), ..Self::none() };
+    fn of(values: &[f32]) -> Self {
+        let mut s = Self { cells: values.len(), ..Self::NONE };
         for &j in values {
             let positive = j > 0.0;
             s.above += usize::from(j > 2.0);
@@ -87,8 +70,7 @@ impl Tally {
         s
     }
 
-    /// Of the values of both.
-    pub(super) fn with(self, other: Self) -> Self {
+    fn with(self, other: Self) -> Self {
         Self {
             cells: self.cells + other.cells,
             above: self.above + other.above,
@@ -96,61 +78,43 @@ impl Tally {
             sum: self.sum + other.sum,
             min: self.min.min(other.min),
             max: self.max.max(other.max),
-            bins: added(self.bins, other.bins),
         }
+    }
+}
+
+impl Tally {
+    /// Of the values in `parts`.
+    pub(super) fn of(parts: &[&[f32]]) -> Self {
+        let sums: Vec<Sums> = parts.par_iter().map(|values| Sums::of(values)).collect();
+        Self { sums: sums.into_iter().fold(Sums::NONE, Sums::with), positive: Bins::of(parts, |j| j > 0.0) }
+    }
+
+    /// Of the values of both.
+    pub(super) fn with(self, other: &Self) -> Self {
+        Self { sums: self.sums.with(other.sums), positive: self.positive.with(&other.positive) }
     }
 
     /// The characteristics; `parts` are the values that were counted.
     pub(super) fn stats(&self, parts: &[&[f32]]) -> JacobianStats {
-        let n = self.bins.iter().map(|&c| c as usize).sum::<usize>();
+        let Sums { cells, above, below, sum, min, max } = self.sums;
+        let n = self.positive.count();
         let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
         let at = |share: f64| (share * n.saturating_sub(1) as f64).round() as usize;
-        let [p1, p99] = self.ranks([at(0.01), at(0.99)], parts);
-        let extreme = |value: f32| if n == 0 { 0.0 } else { f64::from(value) };
+        let [p1, p99] = self.positive.ranks([at(0.01), at(0.99)], parts, |j| j > 0.0);
+        let [min, p1, p99, max] = if n == 0 { [0.0; 4] } else { [min, p1, p99, max].map(f64::from) };
         JacobianStats {
-            cells: self.cells,
-            folded: self.cells - n,
-            folded_percent: percent(self.cells - n, self.cells),
-            above_2_percent: percent(self.above, n),
-            below_half_percent: percent(self.below, n),
-            mean: self.sum / n.max(1) as f64,
-            min: extreme(self.min),
-            p1: extreme(p1),
-            p99: extreme(p99),
-            max: extreme(self.max),
+            cells,
+            folded: cells - n,
+            folded_percent: percent(cells - n, cells),
+            above_2_percent: percent(above, n),
+            below_half_percent: percent(below, n),
+            mean: sum / n.max(1) as f64,
+            min,
+            p1,
+            p99,
+            max,
         }
     }
-
-    /// The positive values of two ranks, from 0: only the bins that hold them are sorted. 0 where there is no such value.
-    fn ranks(&self, ranks: [usize; 2], parts: &[&[f32]]) -> [f32; 2] {
-        let places = ranks.map(|rank| {
-            let (mut before, mut wanted) = (0, 0);
-            while wanted + 1 < self.bins.len() && before + self.bins[wanted] as usize <= rank {
-                before += self.bins[wanted] as usize;
-                wanted += 1;
-            }
-            (wanted, rank - before)
-        });
-        let wanted = places.map(|p| p.0);
-        let within = |values: &&[f32]| -> Vec<f32> {
-            let held = |j: &f32| *j > 0.0 && (bin(*j) == wanted[0] || bin(*j) == wanted[1]);
-            values.iter().copied().filter(held).collect()
-        };
-        let held: Vec<f32> = parts.par_iter().flat_map_iter(within).collect();
-        places.map(|(wanted, rank)| {
-            let mut held: Vec<f32> = held.iter().copied().filter(|j| bin(*j) == wanted).collect();
-            if rank < held.len() { *held.select_nth_unstable_by(rank, f32::total_cmp).1 } else { 0.0 }
-        })
-    }
-}
-
-/// Sums of counts, of which either may be missing.
-fn added(mut a: Vec<u32>, b: Vec<u32>) -> Vec<u32> {
-    if a.is_empty() {
-        return b;
-    }
-    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-    a
 }
 
 #[cfg(test)]

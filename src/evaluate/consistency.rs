@@ -81,7 +81,8 @@ fn measure(mask: &Mask, distance: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -
         })
         .collect();
     let outside = planes.iter().map(|p| p.1).sum();
-    Consistency { distance_mm: Summary::of_singles(planes.into_iter().flat_map(|p| p.0).collect()), outside }
+    let distances: Vec<&[f32]> = planes.iter().map(|p| &p.0[..]).collect();
+    Consistency { distance_mm: Summary::of_singles(&distances), outside }
 }
 
 #[cfg(test)]

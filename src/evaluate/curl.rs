@@ -41,9 +41,8 @@ pub fn evaluate(field: &Volume<[f32; 3]>, mask: &Mask) -> CurlReport {
             all
         })
         .collect();
-    let all = planes.concat();
-    let above_5 = all.iter().filter(|c| f64::from(**c) > UNPHYSICAL).count();
-    CurlReport { magnitude: Summary::of_singles(all), above_5 }
+    let above_5 = planes.iter().flatten().filter(|c| f64::from(**c) > UNPHYSICAL).count();
+    CurlReport { magnitude: Summary::of_singles(&planes.iter().map(|p| &p[..]).collect::<Vec<_>>()), above_5 }
 }
 
 /// The curl of a field with this derivative (row: component, column: direction).

@@ -80,7 +80,7 @@ pub fn evaluate(
     let bony = [of(|f| &f.edge), of(|f| &f.inside)].concat();
     let of_soft = Tally::of(&soft);
     let soft_tissue = of_soft.stats(&soft);
-    let body = of_soft.with(Tally::of(&bony)).stats(&[soft, bony].concat());
+    let body = of_soft.with(&Tally::of(&bony)).stats(&[soft, bony].concat());
     let mut inside = vec![Vec::new(); names.len()];
     for (bone, j) in found.iter().flat_map(|f| f.bone.iter().zip(&f.inside)) {
         inside[usize::from(*bone)].push(*j);

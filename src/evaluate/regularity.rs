@@ -130,9 +130,10 @@ pub fn evaluate(
     let (of_structures, per_structure): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     histograms.extend(of_structures);
     let length = |u: &[f32; 3]| (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).sqrt();
-    let lengths = field.displacement.data().iter().zip(tissue.data()).filter(|(_, t)| **t).map(|(u, _)| length(u));
+    let lengths: Vec<f32> =
+        field.displacement.data().iter().zip(tissue.data()).filter(|(_, t)| **t).map(|(u, _)| length(u)).collect();
     let regularity = Regularity {
-        displacement_mm: Summary::of_singles(lengths.collect()),
+        displacement_mm: Summary::of_singles(&[&lengths]),
         jacobian: report,
         structures: per_structure,
         histograms,

@@ -259,7 +259,7 @@ fn report(e: &Evidence<'_>, map: &Volume<f32>, speaks: &Mask) -> UncertaintyRepo
     UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.len().max(1) as f64,
         above_2mm_ml: above as f64 * grid.voxel_volume() / 1000.0,
-        soft_tissue_mm: crate::stats::Summary::of_singles(values),
+        soft_tissue_mm: crate::stats::Summary::of_singles(&[&values]),
     }
 }
 

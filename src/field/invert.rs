@@ -97,7 +97,7 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
     let grid = fraction.coarsened(GUESS_MM);
     let size = grid.size();
     let from = field.grid();
-    let stride: [usize; 3] = from.spacing().map(|s| ((0.5 * GUESS_MM / s) as usize).max(1));
+    let stride: [usize; 3] = from.spacing().map(|s| ((GUESS_MM / s) as usize).max(1));
     let mut sums = vec![[0f64; 4]; grid.len()];
     for k in (0..from.size()[2]).step_by(stride[2]) {
         for j in (0..from.size()[1]).step_by(stride[1]) {
@@ -256,7 +256,7 @@ impl<'a> Inverse<'a> {
 /// Planes of the fraction that are drawn and inverted together.
 const SLAB: usize = 2;
 /// Spacing of the mesh that gives the start, mm: that of the chain mail's elements, between which the field is smooth.
-const START_MM: f64 = 3.0;
+const START_MM: f64 = 4.5;
 
 /// Inverts a push field on the fraction grid. Where the field does move given bones rigidly, their voxels are theirs, whatever
 /// is folded over them. The report's `multiple` is left at 0: it needs the folded cells.
@@ -308,7 +308,7 @@ pub fn invert(
         multiple: 0,
         outside: tallies.iter().map(|t| t.outside).sum(),
         voxels: fraction.len(),
-        residual_mm: Summary::of_singles(tallies.into_iter().flat_map(|t| t.residuals).collect()),
+        residual_mm: Summary::of_singles(&tallies.iter().map(|t| &t.residuals[..]).collect::<Vec<_>>()),
     };
     let pull =
         PullField { displacement: Volume::new(fraction.clone(), v)?, inside: Volume::new(fraction.clone(), inside)? };
