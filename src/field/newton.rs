@@ -11,6 +11,9 @@ use crate::geometry::{Grid, LANES, Wide};
 use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 
+/// The position in storage of what lies outside the grid.
+pub(super) const NOWHERE: usize = usize::MAX;
+
 /// Determinants of the map's gradient below this are too close to a fold.
 const LEAST_DETERMINANT: f32 = 0.05;
 
@@ -73,6 +76,29 @@ impl<'a> Sampler<'a> {
             rest: std::array::from_fn(|a| (held[a] - held[a].floor()) as f32),
             along: std::array::from_fn(|a| along[a] as f32),
         }
+    }
+
+    /// The voxels nearest to where displacements lead, by their position in storage; [`NOWHERE`] outside the grid.
+    #[inline(always)]
+    pub(super) fn land(&self, block: &Block, v: &WideVector) -> [usize; LANES] {
+        let (mut near, mut within) = ([0u64; LANES], [true; LANES]);
+        for a in 0..3 {
+            let by = self.turn[a];
+            let (least, most) = ((-block.whole[a]) as f32, (self.last[a] - block.whole[a]) as f32);
+            let stride = self.strides[a] as u32;
+            for l in 0..LANES {
+                let moved = by[0] * v[0].0[l] + by[1] * v[1].0[l] + by[2] * v[2].0[l];
+                let x = (block.rest[a] + block.along[a] * l as f32) + moved;
+                within[l] &= (x >= least) & (x <= most);
+                let (voxel, _) = lower(x + 0.5, block.whole[a]);
+                near[l] = near[l].wrapping_add(u64::from(voxel as u32) * u64::from(stride));
+            }
+        }
+        let mut out = [NOWHERE; LANES];
+        for l in 0..LANES {
+            out[l] = if within[l] { near[l] as usize } else { NOWHERE };
+        }
+        out
     }
 
     /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm for the places `y` of a block, in at most `steps` steps.

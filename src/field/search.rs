@@ -3,7 +3,7 @@
 use super::PushField;
 use super::bones::MovedBones;
 use super::invert::{Continued, InvertOptions, solve};
-use super::newton::Sampler;
+use super::newton::{NOWHERE, Sampler};
 use super::tetrahedra::{Drop, Mesh};
 use crate::geometry::{Grid, LANES, Wide, vectorised};
 use nalgebra::{Point3, Vector3};
@@ -104,28 +104,14 @@ impl<V> Search<'_, V> {
                     [*x, *y, *z] = found.v.map(|v| v.0);
                     *residual = found.residual.0;
                 }
-                self.land(&first, &along, &rows.now.v, &mut rows.place);
+                let [x, y, z] = rows.now.v.each_ref().map(|v| v.as_chunks::<LANES>().0);
+                let places = rows.place.as_chunks_mut::<LANES>().0;
+                for (n, (place, ((x, y), z))) in places.iter_mut().zip(x.iter().zip(y).zip(z)).enumerate() {
+                    let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
+                    *place = self.quick.land(&block, &[Wide(*x), Wide(*y), Wide(*z)]);
+                }
             },
         );
-    }
-
-    /// The planning voxels nearest to where a row's displacements lead, by their position in storage; [`NOWHERE`] outside the grid.
-    #[inline(always)]
-    fn land(&self, first: &Vector3<f64>, along: &Vector3<f64>, [x, y, z]: &[Vec<f32>; 3], place: &mut [usize]) {
-        let planning = self.push.displacement.grid();
-        let (strides, turn) = (planning.strides(), planning.inverse_step());
-        let last = planning.size().map(|n| (n - 1) as f64);
-        for (i, (((place, x), y), z)) in place.iter_mut().zip(x).zip(y).zip(z).enumerate() {
-            let v = [f64::from(*x), f64::from(*y), f64::from(*z)];
-            let (mut within, mut near) = (true, 0usize);
-            for a in 0..3 {
-                let moved = turn[(a, 0)] * v[0] + turn[(a, 1)] * v[1] + turn[(a, 2)] * v[2];
-                let at = first[a] + along[a] * i as f64 + moved;
-                within &= (at >= 0.0) & (at <= last[a]);
-                near = near.wrapping_add(((at + 0.5) as i32 as usize).wrapping_mul(strides[a]));
-            }
-            *place = if within { near } else { NOWHERE };
-        }
     }
 
     /// What a row has come to: bones where they lie, patiently where the quick search failed, nothing twice.
@@ -221,9 +207,6 @@ impl<V> Search<'_, V> {
         Found { v: v.map(|v| v as f32).into(), residual: residual as f32, place }
     }
 }
-
-/// The position in storage of what lies outside the grid.
-const NOWHERE: usize = usize::MAX;
 
 /// What was found for a voxel.
 struct Found {
