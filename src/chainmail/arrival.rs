@@ -4,29 +4,30 @@
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
+use super::dial::{Nothing, Search};
 use super::engine::Source;
-use super::front::{FrontRules, Hop, LinkTime, TICKS};
+use super::front::{FrontRules, Hop, TICKS};
 use super::lattice::{Lattice, Node};
-use crate::geometry::vectorised;
+use super::slabs;
 use rayon::prelude::*;
 
 /// Time that no wave has come, in cells; all others are below [`MOST`].
-const LATE: i32 = i32::MAX;
+pub(super) const LATE: i32 = i32::MAX;
 /// Times beyond this do not count, whatever the cut-off: sums stay far from overflow.
 const MOST: f64 = (1 << 30) as f64;
 
 /// Cells that are looked at together: a cell's neighbours on one row, and one more that makes it four.
-const SPAN: usize = 4;
+pub(super) const SPAN: usize = 4;
 
 /// Links to the cells of a row.
 #[derive(Debug, Clone, Copy)]
-struct Row {
+pub(super) struct Row {
     /// Distance in storage to the first of [`SPAN`] cells.
-    offset: isize,
+    pub(super) offset: isize,
     /// Factor of each link; see [`FrontRules::factor`].
-    factor: [f32; SPAN],
+    pub(super) factor: [f32; SPAN],
     /// Bit `l` is set where the front runs along link `l`.
-    open: u32,
+    pub(super) open: u32,
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
@@ -34,17 +35,17 @@ pub(super) struct Medium {
     low: [usize; 3],
     size: [usize; 3],
     /// Relative shear of each cell.
-    shear: Vec<f32>,
+    pub(super) shear: Vec<f32>,
     /// Times before a wave: [`LATE`] in soft tissue, 0 where no front may enter.
-    rest: Vec<i32>,
-    rows: Vec<Row>,
-    rules: FrontRules,
+    pub(super) rest: Vec<i32>,
+    pub(super) rows: Vec<Row>,
+    pub(super) rules: FrontRules,
     /// Latest time that counts.
-    limit: i32,
+    pub(super) limit: i32,
     /// The least and the most ticks that a link can take.
-    ticks: [i32; 2],
+    pub(super) ticks: [i32; 2],
     /// Bone and cell of every bone node beside soft tissue, bone by bone.
-    surface: Vec<(u16, u32)>,
+    pub(super) surface: Vec<(u16, u32)>,
 }
 
 /// How a wave went, on the cells of the medium.
@@ -53,38 +54,6 @@ pub(super) struct Arrival<N> {
     limit: i32,
     /// What was noted.
     pub(super) notes: N,
-}
-
-/// What a wave notes besides times.
-pub(super) trait Notes: Send {
-    /// Whether offers that are equally early matter.
-    const TIES: bool;
-    /// `to` takes the offer of `from`, which is earlier than all before.
-    fn earlier(&mut self, from: usize, to: usize);
-    /// `to` is offered the time that it has already.
-    fn equal(&mut self, from: usize, to: usize);
-}
-
-/// Nothing.
-pub(super) struct Nothing;
-
-impl Notes for Nothing {
-    const TIES: bool = false;
-    fn earlier(&mut self, _: usize, _: usize) {}
-    fn equal(&mut self, _: usize, _: usize) {}
-}
-
-/// Which bone comes first; of several at the same time the first in the skeleton.
-pub(super) struct Owners(pub(super) Vec<u16>);
-
-impl Notes for Owners {
-    const TIES: bool = true;
-    fn earlier(&mut self, from: usize, to: usize) {
-        self.0[to] = self.0[from];
-    }
-    fn equal(&mut self, from: usize, to: usize) {
-        self.0[to] = self.0[to].min(self.0[from]);
-    }
 }
 
 impl Medium {
@@ -175,26 +144,6 @@ impl Medium {
 
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
     pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival<Nothing> {
-        self.wave(source, latest, Nothing)
-    }
-
-    /// Runs one wave and notes owners.
-    pub(super) fn owners(&self, source: Source) -> Arrival<Owners> {
-        self.wave(source, None, self.first_owners())
-    }
-
-    fn first_owners(&self) -> Owners {
-        let mut owners = Owners(vec![0; self.len()]);
-        self.surface.iter().for_each(|&(bone, cell)| owners.0[cell as usize] = bone);
-        owners
-    }
-
-    /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
-    pub(super) fn latest(&self, first: &Arrival<Nothing>, ratio: f64) -> Vec<i32> {
-        first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
-    }
-
-    fn wave<N: Notes>(&self, source: Source, latest: Option<&[i32]>, notes: N) -> Arrival<N> {
         let seeds = match source {
             Source::AnyBone => &self.surface[..],
             Source::Bone(b) => {
@@ -203,18 +152,22 @@ impl Medium {
                 &self.surface[from..to]
             }
         };
-        let search = Search { medium: self, times: self.rest.clone(), latest, notes };
-        let (times, notes) = match self.rules.time {
-            LinkTime::FastInStiff => vectorised(
-                #[inline(always)]
-                || search.run::<true>(seeds),
-            ),
-            LinkTime::SlowInStiff | LinkTime::Literal => vectorised(
-                #[inline(always)]
-                || search.run::<false>(seeds),
-            ),
-        };
+        let seeds: Vec<(i32, u32)> = seeds.iter().map(|s| (0, s.1)).collect();
+        let mut search = Search::new(self, 0..self.len(), latest, Nothing);
+        search.run(&seeds);
+        Arrival { times: search.times, limit: self.limit, notes: Nothing }
+    }
+
+    /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
+    /// the skeleton.
+    pub(super) fn owners(&self) -> Arrival<Vec<u16>> {
+        let (times, notes) = slabs::first_arrivals(self, rayon::current_num_threads());
         Arrival { times, limit: self.limit, notes }
+    }
+
+    /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
+    pub(super) fn latest(&self, first: &Arrival<Nothing>, ratio: f64) -> Vec<i32> {
+        first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
     }
 }
 
@@ -241,118 +194,5 @@ impl<N> Arrival<N> {
     pub(super) fn time(&self, cell: usize) -> Option<u32> {
         let t = self.times[cell];
         (t != 0 && t <= self.limit).then_some(t as u32)
-    }
-}
-
-/// A wave on its way.
-struct Search<'a, N> {
-    medium: &'a Medium,
-    times: Vec<i32>,
-    latest: Option<&'a [i32]>,
-    notes: N,
-}
-
-/// Buckets are no wider, ticks: times up to 2^32 / [`WIDEST`] after a bucket are then divided exactly.
-const WIDEST: i32 = 256;
-
-/// Cells that wait, in a ring of buckets as wide as the quickest link: no offer goes into the bucket that is being emptied, so
-/// that all times in it are final, and neighbours that arrive within it are looked at one after the other.
-struct Ring {
-    buckets: Vec<Vec<u32>>,
-    /// The bucket that is being emptied, and the time at which it begins.
-    slot: usize,
-    base: i32,
-    width: i32,
-    /// 2^32 / width, rounded up: the quotient without a division.
-    reciprocal: u64,
-    waiting: usize,
-}
-
-impl Ring {
-    fn new([quickest, slowest]: [i32; 2], seeds: &[(u16, u32)]) -> Self {
-        let width = quickest.clamp(1, WIDEST);
-        let mut buckets = vec![Vec::new(); (slowest / width) as usize + 2];
-        buckets[0].extend(seeds.iter().map(|s| s.1));
-        let reciprocal = (1u64 << 32).div_ceil(width as u64);
-        Self { buckets, slot: 0, base: 0, width, reciprocal, waiting: seeds.len() }
-    }
-
-    /// Puts a cell where its time `due` belongs, unless its time `held` before had put it there already.
-    #[inline(always)]
-    fn put(&mut self, cell: usize, held: i32, due: i32) {
-        let ahead = (((due - self.base) as u64 * self.reciprocal) >> 32) as i32;
-        if held - self.base < (ahead + 1) * self.width {
-            return;
-        }
-        let to = self.slot + ahead as usize;
-        let to = if to >= self.buckets.len() { to - self.buckets.len() } else { to };
-        self.buckets[to].push(cell as u32);
-        self.waiting += 1;
-    }
-}
-
-impl<N: Notes> Search<'_, N> {
-    /// Dial's algorithm with buckets as wide as they may be (Dinitz).
-    #[inline(always)]
-    fn run<const FAST: bool>(mut self, seeds: &[(u16, u32)]) -> (Vec<i32>, N) {
-        let mut ring = Ring::new(self.medium.ticks, seeds);
-        while ring.waiting > 0 && ring.base <= self.medium.limit {
-            let mut bucket = std::mem::take(&mut ring.buckets[ring.slot]);
-            ring.waiting -= bucket.len();
-            for n in bucket.drain(..) {
-                let n = n as usize;
-                let now = self.times[n];
-                // A time before this bucket was dealt with in its own.
-                if now >= ring.base && now <= self.medium.limit {
-                    self.expand::<FAST>(n, now, &mut ring);
-                }
-            }
-            ring.buckets[ring.slot] = bucket;
-            ring.base += ring.width;
-            ring.slot = if ring.slot + 1 == ring.buckets.len() { 0 } else { ring.slot + 1 };
-        }
-        (self.times, self.notes)
-    }
-
-    /// Offers the time of a settled cell to its neighbours.
-    ///
-    /// Whether an offer is early enough is as good as random, so that a branch for each would cost more than to compute a
-    /// row's four at a time and ask once.
-    #[inline(always)]
-    fn expand<const FAST: bool>(&mut self, n: usize, now: i32, ring: &mut Ring) {
-        let shear = self.medium.shear[n];
-        for row in &self.medium.rows {
-            let first = n.wrapping_add_signed(row.offset);
-            let shears = self.medium.shear.get(first..).and_then(|s| s.first_chunk::<SPAN>());
-            let times = self.times.get(first..).and_then(|t| t.first_chunk::<SPAN>());
-            let (Some(shears), Some(times)) = (shears, times) else { continue };
-            let mut due = [0; SPAN];
-            let mut early = 0;
-            for l in 0..SPAN {
-                due[l] = now + FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l]) as i32;
-                early |= u32::from(due[l] - i32::from(N::TIES) < times[l]) << l;
-            }
-            early &= row.open;
-            while early != 0 {
-                let l = early.trailing_zeros() as usize;
-                early &= early - 1;
-                self.offer([n, first + l], due[l % SPAN], ring);
-            }
-        }
-    }
-
-    /// Makes an offer to a neighbour that it will not refuse for being late.
-    #[inline(always)]
-    fn offer(&mut self, [n, m]: [usize; 2], due: i32, ring: &mut Ring) {
-        if self.latest.is_some_and(|latest| due > latest[m]) {
-            return;
-        }
-        let held = self.times[m];
-        if due == held {
-            return self.notes.equal(n, m);
-        }
-        self.times[m] = due;
-        self.notes.earlier(n, m);
-        ring.put(m, held, due);
     }
 }

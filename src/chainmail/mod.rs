@@ -3,6 +3,7 @@
 mod arrival;
 mod blend;
 mod carry;
+mod dial;
 mod engine;
 mod extend;
 mod front;
@@ -16,6 +17,7 @@ mod propagate;
 mod pull;
 mod queue;
 mod relax;
+mod slabs;
 mod stencil;
 mod superpose;
 #[cfg(test)]

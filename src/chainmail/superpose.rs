@@ -1,9 +1,10 @@
 //! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
 //! row, along which a rigid motion's displacement is linear.
 
-use super::arrival::{Arrival, Medium, Nothing};
+use super::arrival::{Arrival, Medium};
 use super::blend::{FirstWave, every_node, weight};
 use super::carry::Initiators;
+use super::dial::Nothing;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
 use super::lattice::{Lattice, Node};
@@ -18,12 +19,12 @@ pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainm
     match options.combination {
         Combination::Superposition => superpose(&medium, lattice, bones, options),
         Combination::Prioritisation => {
-            let wave = medium.owners(Source::AnyBone);
+            let wave = medium.owners();
             every_node(lattice, bones, |_, voxel| {
                 let cell = medium.cell(voxel);
                 wave.time(cell)?;
                 let x = lattice.grid.centre(voxel);
-                let u = bones.transforms[usize::from(wave.notes.0[cell])] * x - x;
+                let u = bones.transforms[usize::from(wave.notes[cell])] * x - x;
                 Some([u.x as f32, u.y as f32, u.z as f32])
             })
         }
@@ -33,7 +34,7 @@ pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainm
 /// As [`super::first_wave`].
 pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> FirstWave {
     let medium = Medium::new(lattice, FrontRules::of(options));
-    let wave = medium.owners(Source::AnyBone);
+    let wave = medium.owners();
     let (mut time, mut owner) = (vec![f64::INFINITY; lattice.node.len()], vec![None; lattice.node.len()]);
     for &n in &lattice.active {
         let n = n as usize;
@@ -41,7 +42,7 @@ pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> First
         (time[n], owner[n]) = match lattice.node[n] {
             Node::Bone(b) => (0.0, Some(b)),
             _ => match wave.time(cell) {
-                Some(t) => (f64::from(t) / TICKS, Some(wave.notes.0[cell])),
+                Some(t) => (f64::from(t) / TICKS, Some(wave.notes[cell])),
                 None => continue,
             },
         };

@@ -1,0 +1,224 @@
+//! A wave as a shortest path search: Dial's algorithm with buckets as wide as they may be (Dinitz), over the cells of a
+//! [`Medium`] or of some of its planes.
+
+use super::arrival::{Medium, SPAN};
+use super::front::{FrontRules, LinkTime};
+use crate::geometry::vectorised;
+use std::ops::Range;
+
+/// What a wave notes besides times. Cells are counted from the first of the search.
+pub(super) trait Notes: Send {
+    /// Whether offers that are equally early matter.
+    const TIES: bool;
+    /// `to` takes the offer of `from`, which is earlier than all before.
+    fn earlier(&mut self, from: usize, to: usize);
+    /// `to` is offered the time that it has already; whether that changes what it would offer to others.
+    fn equal(&mut self, from: usize, to: usize) -> bool;
+}
+
+/// Nothing.
+pub(super) struct Nothing;
+
+impl Notes for Nothing {
+    const TIES: bool = false;
+    fn earlier(&mut self, _: usize, _: usize) {}
+    fn equal(&mut self, _: usize, _: usize) -> bool {
+        false
+    }
+}
+
+/// Which bone comes first; of several at the same time the first in the skeleton.
+pub(super) struct Owners(pub(super) Vec<u16>);
+
+impl Notes for Owners {
+    const TIES: bool = true;
+    fn earlier(&mut self, from: usize, to: usize) {
+        self.0[to] = self.0[from];
+    }
+    fn equal(&mut self, from: usize, to: usize) -> bool {
+        let better = self.0[from] < self.0[to];
+        self.0[to] = self.0[to].min(self.0[from]);
+        better
+    }
+}
+
+/// A wave on its way.
+pub(super) struct Search<'a, N> {
+    medium: &'a Medium,
+    /// The first cell that is looked at.
+    first: usize,
+    /// Cells that hand on what they are told, counted from the first.
+    own: Range<usize>,
+    /// Time of each cell.
+    pub(super) times: Vec<i32>,
+    latest: Option<&'a [i32]>,
+    /// What is noted besides.
+    pub(super) notes: N,
+    /// Cells that were told something and do not hand it on.
+    pub(super) told: Vec<u32>,
+    /// Whether cells may have handed on already what now changes.
+    again: bool,
+}
+
+impl<'a, N: Notes> Search<'a, N> {
+    /// Before the wave: `cells` are looked at, all of which hand on. `latest`: a time for each cell, after which the wave does
+    /// not enter it.
+    pub(super) fn new(medium: &'a Medium, cells: Range<usize>, latest: Option<&'a [i32]>, notes: N) -> Self {
+        // Room at the end for the last row's span.
+        let times = medium.rest[cells.start..cells.end + SPAN].to_vec();
+        let own = 0..cells.len();
+        Self { medium, first: cells.start, own, times, latest, notes, told: Vec::new(), again: false }
+    }
+
+    /// Only these cells hand on what they are told.
+    pub(super) fn handing_on(self, own: Range<usize>) -> Self {
+        Self { own, ..self }
+    }
+
+    /// Runs until nothing changes, from cells whose times are set, earliest first: (time, cell).
+    pub(super) fn run(&mut self, seeds: &[(i32, u32)]) {
+        match self.medium.rules.time {
+            LinkTime::FastInStiff => vectorised(
+                #[inline(always)]
+                || self.spread::<true>(seeds),
+            ),
+            LinkTime::SlowInStiff | LinkTime::Literal => vectorised(
+                #[inline(always)]
+                || self.spread::<false>(seeds),
+            ),
+        }
+        self.again = true;
+    }
+
+    #[inline(always)]
+    fn spread<const FAST: bool>(&mut self, seeds: &[(i32, u32)]) {
+        let mut ring = Ring::new(self.medium.ticks);
+        let mut seeds = seeds.iter().peekable();
+        while let Some(next) = if ring.waiting > 0 { Some(ring.base) } else { seeds.peek().map(|s| s.0) } {
+            if next > self.medium.limit {
+                break;
+            }
+            ring.base = next;
+            let mut bucket = std::mem::take(&mut ring.buckets[ring.slot]);
+            ring.waiting -= bucket.len();
+            while let Some(seed) = seeds.next_if(|s| s.0 < ring.base + ring.width) {
+                bucket.push(seed.1);
+            }
+            for n in bucket.drain(..) {
+                let cell = n as usize;
+                let now = self.times[cell];
+                // A time before this bucket was dealt with in its own.
+                if now < ring.base || now > self.medium.limit {
+                    continue;
+                }
+                if self.own.contains(&cell) {
+                    self.expand::<FAST>(cell, now, &mut ring);
+                } else {
+                    self.told.push(n);
+                }
+            }
+            ring.advance(bucket);
+        }
+    }
+
+    /// Offers the time of a settled cell to its neighbours.
+    ///
+    /// Whether an offer is early enough is as good as random, so that a branch for each would cost more than to compute a
+    /// row's four at a time and ask once.
+    #[inline(always)]
+    fn expand<const FAST: bool>(&mut self, n: usize, now: i32, ring: &mut Ring) {
+        let all = &self.medium.shear[self.first..];
+        let shear = all[n];
+        for row in &self.medium.rows {
+            let first = n.wrapping_add_signed(row.offset);
+            let shears = all.get(first..).and_then(|s| s.first_chunk::<SPAN>());
+            let times = self.times.get(first..).and_then(|t| t.first_chunk::<SPAN>());
+            let (Some(shears), Some(times)) = (shears, times) else { continue };
+            let mut due = [0; SPAN];
+            let mut early = 0;
+            for l in 0..SPAN {
+                due[l] = now + FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l]) as i32;
+                early |= u32::from(due[l] - i32::from(N::TIES) < times[l]) << l;
+            }
+            early &= row.open;
+            while early != 0 {
+                let l = early.trailing_zeros() as usize;
+                early &= early - 1;
+                self.offer([n, first + l], due[l % SPAN], ring);
+            }
+        }
+    }
+
+    /// Makes an offer to a neighbour that it will not refuse for being late.
+    #[inline(always)]
+    fn offer(&mut self, [n, m]: [usize; 2], due: i32, ring: &mut Ring) {
+        if self.latest.is_some_and(|latest| due > latest[m]) {
+            return;
+        }
+        let held = self.times[m];
+        if due == held {
+            if self.notes.equal(n, m) && self.again {
+                ring.put(m, due);
+            }
+            return;
+        }
+        self.times[m] = due;
+        self.notes.earlier(n, m);
+        // What waits in that bucket already is not put there twice.
+        if self.again || !ring.holds(held, due) {
+            ring.put(m, due);
+        }
+    }
+}
+
+/// Buckets are no wider, ticks: times up to 2^32 / [`WIDEST`] after a bucket are then divided exactly.
+const WIDEST: i32 = 256;
+
+/// Cells that wait, in a ring of buckets as wide as the quickest link: no offer goes into the bucket that is being emptied, so
+/// that all times in it are final, and neighbours that arrive within it are looked at one after the other.
+struct Ring {
+    buckets: Vec<Vec<u32>>,
+    /// The bucket that is being emptied, and the time at which it begins.
+    slot: usize,
+    base: i32,
+    width: i32,
+    /// 2^32 / width, rounded up: the quotient without a division.
+    reciprocal: u64,
+    waiting: usize,
+}
+
+impl Ring {
+    fn new([quickest, slowest]: [i32; 2]) -> Self {
+        let width = quickest.clamp(1, WIDEST);
+        let buckets = vec![Vec::new(); (slowest / width) as usize + 2];
+        Self { buckets, slot: 0, base: 0, width, reciprocal: (1u64 << 32).div_ceil(width as u64), waiting: 0 }
+    }
+
+    /// How many buckets ahead a time belongs.
+    #[inline(always)]
+    fn ahead(&self, due: i32) -> i32 {
+        (((due - self.base) as u64 * self.reciprocal) >> 32) as i32
+    }
+
+    /// Whether the bucket of time `due` is also that of the later time `held`, or a later one than that.
+    #[inline(always)]
+    fn holds(&self, held: i32, due: i32) -> bool {
+        held - self.base < (self.ahead(due) + 1) * self.width
+    }
+
+    /// Puts a cell where its time belongs.
+    #[inline(always)]
+    fn put(&mut self, cell: usize, due: i32) {
+        let to = self.slot + self.ahead(due) as usize;
+        let to = if to >= self.buckets.len() { to - self.buckets.len() } else { to };
+        self.buckets[to].push(cell as u32);
+        self.waiting += 1;
+    }
+
+    /// Takes back the emptied bucket and goes on to the next.
+    fn advance(&mut self, emptied: Vec<u32>) {
+        self.buckets[self.slot] = emptied;
+        self.base += self.width;
+        self.slot = if self.slot + 1 == self.buckets.len() { 0 } else { self.slot + 1 };
+    }
+}
