@@ -19,6 +19,9 @@ const MOST: f64 = (1 << 30) as f64;
 /// Cells that are looked at together: a cell's neighbours on one row, and one more that makes it four.
 pub(super) const SPAN: usize = 4;
 
+/// Fewer planes are not worth a thread.
+const LEAST_PLANES: usize = 8;
+
 /// Links to the cells of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
@@ -161,7 +164,7 @@ impl Medium {
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
     /// the skeleton.
     pub(super) fn owners(&self) -> Arrival<Vec<u16>> {
-        let (times, notes) = slabs::first_arrivals(self, rayon::current_num_threads());
+        let (times, notes) = slabs::first_arrivals(self, rayon::current_num_threads().min(self.size[2] / LEAST_PLANES));
         Arrival { times, limit: self.limit, notes }
     }
 

@@ -8,13 +8,9 @@ use super::dial::{Owners, Search};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Fewer planes are not worth a thread.
-const LEAST_PLANES: usize = 8;
-
-/// Time of each cell, and which bone comes first.
-pub(super) fn first_arrivals(medium: &Medium, threads: usize) -> (Vec<i32>, Vec<u16>) {
-    let slabs = cut(medium, threads);
-    let mut parts: Vec<Part<'_>> = slabs.iter().map(|planes| Part::new(medium, planes.clone())).collect();
+/// Time of each cell, and which bone comes first, by at most so many slabs.
+pub(super) fn first_arrivals(medium: &Medium, slabs: usize) -> (Vec<i32>, Vec<u16>) {
+    let mut parts: Vec<Part<'_>> = cut(medium, slabs).into_iter().map(|planes| Part::new(medium, planes)).collect();
     let mut seeds: Vec<Vec<(i32, u32)>> = parts.iter_mut().map(|p| p.surface(medium)).collect();
     while seeds.iter().any(|s| !s.is_empty()) {
         parts.par_iter_mut().zip(&seeds).for_each(|(part, seeds)| part.search.run(seeds));
@@ -29,19 +25,18 @@ pub(super) fn first_arrivals(medium: &Medium, threads: usize) -> (Vec<i32>, Vec<
     (times, owners)
 }
 
-/// Planes for each thread, so that all have as much soft tissue.
-fn cut(medium: &Medium, threads: usize) -> Vec<Range<usize>> {
+/// Slabs of planes with about as much soft tissue each.
+fn cut(medium: &Medium, most: usize) -> Vec<Range<usize>> {
     let [nx, ny, nz] = medium.size();
     let soft: Vec<usize> = medium.rest[..medium.len()]
         .par_chunks(nx * ny)
         .map(|plane| plane.iter().filter(|t| **t == LATE).count())
         .collect();
-    let parts = threads.min(nz / LEAST_PLANES).max(1);
-    let share = soft.iter().sum::<usize>().div_ceil(parts).max(1);
+    let share = soft.iter().sum::<usize>().div_ceil(most.max(1)).max(1);
     let (mut slabs, mut start, mut held) = (Vec::new(), 0, 0);
     for (k, soft) in soft.into_iter().enumerate() {
         held += soft;
-        if held >= share && slabs.len() + 1 < parts {
+        if held >= share && slabs.len() + 1 < most && k + 1 < nz {
             slabs.push(start..k + 1);
             (start, held) = (k + 1, 0);
         }

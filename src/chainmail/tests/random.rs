@@ -1,5 +1,8 @@
 //! Waves over scenes drawn at random: least times, packed cells, threads.
 
+use super::super::arrival::Medium;
+use super::super::front::FrontRules;
+use super::super::slabs::first_arrivals;
 use super::*;
 use proptest::prelude::*;
 
@@ -81,6 +84,27 @@ proptest! {
                             (_, false) => None,
                         };
                         prop_assert_eq!(packed.owner[n], first);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Slabs find what one search over the whole finds, times and owners, also where fronts cross from slab to slab and back.
+    #[test]
+    fn slabs_find_what_the_whole_finds(lattice in random_scene()) {
+        for front in [Front::Round, Front::Rhombus] {
+            for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff] {
+                for cutoff in [800.0, 4.0] {
+                    let medium = Medium::new(&lattice, FrontRules { time: link_time, front, cutoff });
+                    let whole = first_arrivals(&medium, 1);
+                    for slabs in 2..=5 {
+                        let (times, owners) = first_arrivals(&medium, slabs);
+                        // What comes after the cut-off is not computed to the end.
+                        let counts = |n: &usize| whole.0[*n] <= medium.limit || times[*n] <= medium.limit;
+                        for n in (0..medium.len()).filter(counts) {
+                            prop_assert_eq!((times[n], owners[n]), (whole.0[n], whole.1[n]), "cell {} of {} slabs", n, slabs);
+                        }
                     }
                 }
             }
