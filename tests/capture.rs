@@ -6,6 +6,7 @@ mod support;
 use aventail::config::Config;
 use aventail::fit::{BoneSamples, FitOptions, FitResult, fit_pose};
 use aventail::geometry::{Grid, Rigid};
+use aventail::io::pose::read_pose;
 use aventail::io::{read_image, read_labels};
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::pipeline::{BoneMotion, Case, pose};
@@ -14,7 +15,7 @@ use aventail::runtime::Runtime;
 use aventail::skeleton::{JointPose, Pose, Skeleton};
 use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 fn fitted(skeleton: &Skeleton, planning: &Volume<f32>, bones: &LabelMap, fraction: &Volume<f32>) -> FitResult {
     let options = FitOptions::default();
@@ -49,6 +50,39 @@ fn a_fraction_forty_millimetres_and_fifteen_degrees_off_is_found() {
         println!("{axis:?}: bones {middle:.3} mm (median), {most:.3} mm (90th percentile) from where they were found");
         // At 5 mm voxels the smallest bones are drawn and found a little otherwise in a turned image.
         assert!(middle < 0.2 && most < 1.5, "{axis:?}: {middle} {most}");
+    }
+}
+
+/// Arms that hang in planning and are raised beside the head in the fraction: air lies where they were, and the rest is found.
+#[test]
+fn a_patient_who_raised_both_arms_is_found() {
+    let phantom = Phantom::new(&PhantomOptions::coarse()).expect("the options are sensible");
+    let raised =
+        read_pose(Path::new("data/raise_arms.toml"), &phantom.skeleton).expect("the file names the phantom's bones");
+    let case = case(&phantom.planning, &phantom.bones);
+    let config = Config::default();
+    let runtime = Runtime::silent().expect("threads start");
+    let (case, _) = pose(case, &BoneMotion::Pose(raised), 250.0, &config, &runtime).expect("the arms are raised");
+    let found = fitted(&phantom.skeleton, &phantom.planning, &phantom.bones, &case.fraction);
+    for (bone, t) in phantom.skeleton.bones.iter().zip(&found.transforms) {
+        let trunk = bone.name.starts_with("vertebrae") || bone.name == "skull" || bone.name == "mandible";
+        let off = (t * bone.centroid - bone.centroid).norm();
+        // A third of a voxel.
+        assert!(!trunk || off < 2.0, "{} is off by {off} mm", bone.name);
+    }
+}
+
+/// A case without landmarks whose fraction is its own planning CT.
+fn case(planning: &Volume<f32>, bones: &LabelMap) -> Case {
+    Case {
+        planning: planning.clone(),
+        bones: bones.clone(),
+        fraction: planning.clone(),
+        landmarks: Vec::new(),
+        bone_landmarks: Vec::new(),
+        skeleton: None,
+        warnings: Vec::new(),
+        inputs: Vec::new(),
     }
 }
 
@@ -101,16 +135,7 @@ fn a_neck_bent_by_thirty_degrees_is_found() {
             JointPose { rotation, translation: [0.0; 3] }
         };
         let bent = Pose { joints: skeleton.bones.iter().map(|b| of(&b.name)).collect() };
-        let case = Case {
-            planning: planning.clone(),
-            bones: bones.clone(),
-            fraction: planning.clone(),
-            landmarks: Vec::new(),
-            bone_landmarks: Vec::new(),
-            skeleton: None,
-            warnings: Vec::new(),
-            inputs: Vec::new(),
-        };
+        let case = case(&planning, &bones);
         let config = Config::default();
         let (case, _) = pose(case, &BoneMotion::Pose(bent.clone()), 60.0, &config, &runtime).expect("the neck bends");
         let found = fitted(&skeleton, &planning, &bones, &case.fraction);

@@ -70,6 +70,9 @@ impl Range {
     }
 }
 
+/// Lower grey values count as this, HU, that of fat: air where a limb has gone from must not outweigh all bones that are there.
+const LEAST_HU: f64 = -100.0;
+
 /// Evidence for one shift, visible share times `-ln(1 - correlation^2)`, by nearest voxels (the images are blurred wider than a voxel).
 #[inline(always)]
 fn evidence(points: &[Vector3<f64>], values: &[f64], fraction: &Volume<f32>, shift: &Vector3<f64>) -> f64 {
@@ -83,7 +86,8 @@ fn evidence(points: &[Vector3<f64>], values: &[f64], fraction: &Volume<f32>, shi
         if (0..3).any(|d| r[d] < 0.0 || r[d] >= size[d] as f64) {
             continue;
         }
-        let f = f64::from(data[r.x as usize + size[0] * (r.y as usize + size[1] * r.z as usize)]);
+        let f = f64::from(data[r.x as usize + size[0] * (r.y as usize + size[1] * r.z as usize)]).max(LEAST_HU);
+        let a = a.max(LEAST_HU);
         n += 1.0;
         f1 += f;
         a1 += a;
