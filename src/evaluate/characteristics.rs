@@ -118,6 +118,7 @@ impl Tally {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "the same values, found in another way")]
 mod tests {
     use super::*;
     use crate::field::FOLDED;

@@ -243,3 +243,23 @@ pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) ->
         "check that both CTs show the same patient and a common body region, in HU",
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+
+    #[test]
+    fn air_where_a_limb_was_does_not_outweigh_what_is_there() {
+        // Bone and tissue in turn along a row; where the last three tenths were there is air.
+        let size = [100, 1, 1];
+        let grid = Grid::axis_aligned(size, [1.0; 3], [0.0; 3]).unwrap();
+        let planning = |i: usize| if i.is_multiple_of(2) { 700.0 } else { 50.0 };
+        let fraction = Volume::from_fn(grid, |i| if i < 70 { planning(i) as f32 } else { -1000.0 });
+        let points: Vec<Vector3<f64>> = (0..size[0]).map(|i| Vector3::new(i as f64, 0.0, 0.0)).collect();
+        let values: Vec<f64> = (0..size[0]).map(planning).collect();
+        // Correlation squared 0.43; with air as it is 0.11.
+        let found = evidence(&points, &values, &fraction, &Vector3::zeros());
+        assert!((found - 0.556).abs() < 2e-3, "{found}");
+    }
+}

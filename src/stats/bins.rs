@@ -69,6 +69,7 @@ impl Bins {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "the same values, found in another way")]
 mod tests {
     use super::*;
     use proptest::prelude::*;
