@@ -46,9 +46,9 @@ impl Notes for Owners {
 pub(super) struct Search<'a, N> {
     medium: &'a Medium,
     /// The first cell that is looked at.
-    first: usize,
+    pub(super) first: usize,
     /// Cells that hand on what they are told, counted from the first.
-    own: Range<usize>,
+    pub(super) own: Range<usize>,
     /// Time of each cell.
     pub(super) times: Vec<i32>,
     latest: Option<&'a [i32]>,
