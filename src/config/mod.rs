@@ -8,7 +8,7 @@ pub use study::{Published, StudyPlan, StudyStage, StudyTable};
 use crate::body::BodyOptions;
 use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
-use crate::field::{FieldFormat, InvertOptions, Resampling};
+use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use crate::refine::RefineOptions;
 use crate::skeleton::SlidingOptions;
@@ -39,6 +39,8 @@ pub struct Config {
     pub region: RegionOptions,
     /// Inverting the field.
     pub invert: InvertOptions,
+    /// How well the field and its inverse have to agree between voxels.
+    pub consistency: ConsistencyOptions,
     /// Bringing the planning CT onto the fraction grid.
     pub resampling: Resampling,
     /// What is written, and how.
@@ -269,6 +271,7 @@ impl Config {
             within("refine.window_hu, its upper end", f64::from(r.window_hu[1]), -1999.0, 65535.0),
             within("invert.tolerance_mm", self.invert.tolerance_mm, 1e-9, 10.0),
             count("invert.max_iterations", self.invert.max_iterations),
+            within("consistency.limit_mm", self.consistency.limit_mm, 0.01, 100.0),
             within("output.gzip_level", f64::from(self.output.gzip_level), 0.0, 9.0),
             within("body.threshold_hu", b.threshold_hu, -2000.0, 3000.0),
             within("body.opening_mm", b.opening_mm, 0.0, 100.0),

@@ -67,7 +67,7 @@ pub(super) struct Continued<'a> {
 }
 
 impl<'a> Continued<'a> {
-    fn new(u: &'a Volume<[f32; 3]>) -> Self {
+    pub(super) fn new(u: &'a Volume<[f32; 3]>) -> Self {
         Self { u, last: Vector3::from(u.grid().size().map(|n| (n - 1) as f64)) }
     }
 

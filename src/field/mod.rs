@@ -3,6 +3,7 @@
 mod bones;
 mod cells;
 mod chain;
+mod consistency;
 mod contour;
 mod density;
 mod format;
@@ -20,6 +21,7 @@ mod warp;
 
 pub use bones::MovedBones;
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
+pub use consistency::{ConsistencyOptions, ConsistencyReport, agree};
 pub use contour::resample_contours;
 pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;

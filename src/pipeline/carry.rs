@@ -41,12 +41,17 @@ pub(super) fn carry_out(
     })?;
     let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
-    let push = propagation.push;
-    let (pull, mut inverse) = runtime.stage("invert", || {
+    let mut push = propagation.push;
+    let (mut pull, mut inverse) = runtime.stage("invert", || {
         let motions = skeleton.bones.iter().map(|b| b.label).zip(fit.transforms.iter().copied());
         let bones = MovedBones::new(&case.bones, motions, target);
         field::invert(&push, target, Some(&bones), &config.invert)
     })?;
+    let consistency = runtime.stage("make consistent", || {
+        let bone_of_label = bone_of_label(&skeleton);
+        let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
+        field::agree(&mut push, &mut pull, &bone, &config.invert, &config.consistency)
+    });
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         let image = match config.resampling {
             Resampling::PullBack => field::warp_image(&pull, &case.planning, OUTSIDE_HU)?,
@@ -95,6 +100,7 @@ pub(super) fn carry_out(
         uncertainty: None,
         links,
         inverse,
+        consistency,
         landmarks,
         regions,
         warnings,

@@ -7,7 +7,7 @@ use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
-use crate::field::{InverseReport, PullField, PushField};
+use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
@@ -67,6 +67,8 @@ pub struct Outcome {
     pub links: LinkReport,
     /// Quality of the inverse.
     pub inverse: InverseReport,
+    /// Planning to fraction and back through both fields.
+    pub consistency: ConsistencyReport,
     /// Landmark residuals, when landmarks were given.
     pub landmarks: Option<LandmarkReport>,
     /// What the user should know.

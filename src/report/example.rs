@@ -4,7 +4,7 @@ use super::{OutputFile, Run};
 use crate::chainmail::LinkReport;
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{jacobian as jacobians, landmark, rigidity};
-use crate::field::{InverseReport, PullField, PushField, jacobian_and_folds};
+use crate::field::{ConsistencyReport, InverseReport, PullField, PushField, jacobian_and_folds};
 use crate::fit::BoneFit;
 use crate::geometry::{Grid, Rigid, about};
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
@@ -140,6 +140,12 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
             residual_mm: Summary::of(&[0.001, 0.004, 0.01]),
             voxels: fraction_grid.len(),
             ..Default::default()
+        },
+        consistency: ConsistencyReport {
+            there_and_back_mm: Summary::of(&[0.01, 0.02, 0.3]),
+            beyond: 0,
+            beyond_before: 40,
+            moved_mm: 0.9,
         },
         landmarks: Some(landmark::evaluate(&push, &landmarks)),
         push,

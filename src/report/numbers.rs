@@ -6,7 +6,7 @@ use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
-use crate::field::InverseReport;
+use crate::field::{ConsistencyReport, InverseReport};
 use crate::fit::BoneFit;
 use crate::geometry::Grid;
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
@@ -78,6 +78,8 @@ pub struct Report {
     pub links: LinkReport,
     /// Quality of the inverse.
     pub inverse: InverseReport,
+    /// Planning to fraction and back through both fields.
+    pub consistency: ConsistencyReport,
     /// Landmark residuals, when landmarks were given.
     pub landmarks: Option<LandmarkReport>,
     /// Warnings.
@@ -113,6 +115,7 @@ impl Report {
             uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
             links: outcome.links,
             inverse: outcome.inverse,
+            consistency: outcome.consistency,
             landmarks: outcome.landmarks.clone(),
             warnings: outcome.warnings.clone(),
             stages: outcome.stages.clone(),

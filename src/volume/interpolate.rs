@@ -1,7 +1,8 @@
 //! Trilinear sampling at continuous indices, as ITK's linear interpolators do inside the image.
 
 use super::Volume;
-use nalgebra::Vector3;
+use crate::geometry::Grid;
+use nalgebra::{Matrix3, RowVector3, Vector3};
 
 /// Where a continuous index lies along an axis of `size` voxels: the voxel at or below it and the way to the next; `None`
 /// outside the hull of the voxel centres.
@@ -50,10 +51,57 @@ pub fn trilinear_vector(volume: &Volume<[f32; 3]>, index: &Vector3<f64>) -> Opti
     Some(face(b) * (1.0 - fz) + face(b + sz) * fz)
 }
 
+/// The eight voxels around a continuous index: storage positions, trilinear weights, and the weights' derivatives by the index.
+#[derive(Debug, Clone, Copy)]
+pub struct Surrounding {
+    /// Storage positions.
+    pub voxels: [usize; 8],
+    /// They add up to 1.
+    pub weights: [f64; 8],
+    /// By index along each axis; 0 along an axis of one voxel.
+    pub slopes: [[f64; 3]; 8],
+}
+
+impl Surrounding {
+    /// `None` outside the hull of the voxel centres.
+    pub fn of(grid: &Grid, index: &Vector3<f64>) -> Option<Self> {
+        let (size, strides) = (grid.size(), grid.strides());
+        let (mut base, mut t, mut up) = (0, [0.0; 3], [0; 3]);
+        for a in 0..3 {
+            let (low, way) = place(index[a], size[a])?;
+            // The last voxel ends a pair.
+            let first = low.min(size[a].saturating_sub(2));
+            base += first * strides[a];
+            t[a] = way + (low - first) as f64;
+            up[a] = if size[a] > 1 { strides[a] } else { 0 };
+        }
+        let part = |c: usize, a: usize| if c >> a & 1 == 1 { t[a] } else { 1.0 - t[a] };
+        let slope = |c: usize, a: usize| {
+            let sign = if up[a] == 0 { 0.0 } else { [-1.0, 1.0][c >> a & 1] };
+            sign * part(c, (a + 1) % 3) * part(c, (a + 2) % 3)
+        };
+        Some(Self {
+            voxels: std::array::from_fn(|c| base + (0..3).map(|a| (c >> a & 1) * up[a]).sum::<usize>()),
+            weights: std::array::from_fn(|c| part(c, 0) * part(c, 1) * part(c, 2)),
+            slopes: std::array::from_fn(|c| std::array::from_fn(|a| slope(c, a))),
+        })
+    }
+
+    /// The value there of a field on the grid.
+    pub fn value(&self, field: &[[f32; 3]]) -> Vector3<f64> {
+        self.voxels.iter().zip(self.weights).map(|(&v, w)| Vector3::from(field[v].map(f64::from)) * w).sum()
+    }
+
+    /// The derivative there of a field on the grid, by the index.
+    pub fn slope(&self, field: &[[f32; 3]]) -> Matrix3<f64> {
+        let of = |(&v, s): (&usize, &[f64; 3])| Vector3::from(field[v].map(f64::from)) * RowVector3::from(*s);
+        self.voxels.iter().zip(&self.slopes).map(of).sum()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Grid;
     use proptest::prelude::*;
 
     proptest! {
@@ -67,6 +115,26 @@ mod tests {
             let w = Volume::from_fn(grid.clone(), |l| [f(grid.voxel(l).map(|c| c as f64)) as f32; 3]);
             prop_assert!((trilinear_vector(&w, &Vector3::from(at)).unwrap().z - f(at)).abs() < 1e-4);
         }
+    }
+
+    #[test]
+    fn what_surrounds_a_place_gives_value_and_slope() {
+        let grid = Grid::axis_aligned([5, 4, 1], [1.0; 3], [0.0; 3]).unwrap();
+        let data: Vec<[f32; 3]> = (0..grid.len()).map(|n| [n as f32, (n * n % 7) as f32, 1.0]).collect();
+        let volume = Volume::new(grid.clone(), data).unwrap();
+        for at in [[0.3, 1.6, 0.0], [4.0, 3.0, 0.0], [0.0, 2.5, 0.0]].map(Vector3::from) {
+            let around = Surrounding::of(&grid, &at).unwrap();
+            assert!((around.value(volume.data()) - trilinear_vector(&volume, &at).unwrap()).norm() < 1e-12);
+            let slope = around.slope(volume.data());
+            for a in 0..2 {
+                let mut d = Vector3::zeros();
+                d[a] = if at[a] > 2.0 { -1e-4 } else { 1e-4 };
+                let moved = trilinear_vector(&volume, &(at + d)).unwrap() - trilinear_vector(&volume, &at).unwrap();
+                assert!((slope * d - moved).norm() < 1e-10);
+            }
+            assert_eq!(slope.column(2), Vector3::zeros());
+        }
+        assert!(Surrounding::of(&grid, &Vector3::new(4.1, 0.0, 0.0)).is_none());
     }
 
     #[test]

@@ -1,0 +1,134 @@
+//! Inverse consistency of the stored fields: planning to fraction and back should end where it began.
+//!
+//! The pull field inverts the push field at the fraction's voxels, but between them it is interpolated. Where the push field
+//! bends within a voxel, as tissue does that is squeezed beside a rigid bone, interpolation misses by up to a millimetre or
+//! two. Soft tissue around such places is moved a little, bones held, until the way there and back agrees: Gauss-Newton
+//! steps on the misses, as smooth as can be. The pull field stays the exact inverse.
+
+mod ball;
+mod miss;
+mod patch;
+mod system;
+
+use super::invert::InvertOptions;
+use super::{PullField, PushField};
+use crate::stats::Summary;
+use crate::volume::Mask;
+use ball::{balls, touching};
+use miss::{Miss, everywhere, misses};
+use patch::Patch;
+use serde::{Deserialize, Serialize};
+use system::System;
+
+/// The bone that a planning voxel belongs to, by its position in storage.
+type BoneOf<'a> = dyn Fn(usize) -> Option<u16> + Sync + 'a;
+
+/// How well push and pull field have to agree.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ConsistencyOptions {
+    /// Distance between start and end of the way there and back that soft tissue is moved for, mm.
+    pub limit_mm: f64,
+    /// Steps at most; 0 leaves the fields as they are.
+    pub rounds: usize,
+}
+
+impl Default for ConsistencyOptions {
+    fn default() -> Self {
+        Self { limit_mm: 0.5, rounds: 8 }
+    }
+}
+
+/// How well the stored fields agree, planning to fraction and back.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ConsistencyReport {
+    /// |u(x) + v(x + u(x))| over the computed planning voxels x that are not near bone contact and come to lie in the
+    /// fraction, v interpolated, mm.
+    pub there_and_back_mm: Summary,
+    /// Of those, voxels beyond the limit.
+    pub beyond: usize,
+    /// Voxels that were beyond it before soft tissue was moved.
+    pub beyond_before: usize,
+    /// Greatest distance by which soft tissue was moved, mm.
+    pub moved_mm: f64,
+}
+
+/// Bone contact closer than this makes a voxel's way there and back not count, mm: bones that slide on each other fold what lies
+/// between them.
+const CONTACT_MM: f64 = 10.0;
+/// Share of the limit beyond which a miss makes its surroundings movable, and below which a voxel counts as mended.
+const SEED: f64 = 0.6;
+const MENDED: f64 = 0.95;
+/// Distance from such a miss up to which soft tissue may move, mm.
+const REACH_MM: f64 = 8.0;
+/// Misses below this share of the limit have no part in the steps.
+const SMALL: f64 = 0.2;
+/// Misses beyond which nothing is moved: then the motion itself is at fault.
+const MOST: usize = 5000;
+
+/// Moves soft tissue of `push` until the way to the fraction and back through the stored fields misses by no more than the limit, and `pull`
+/// with it; what does not come out better stays as it was.
+///
+/// `bone` tells which rigid bone a planning voxel belongs to; such voxels do not move. No cell is folded that was not.
+pub fn agree(
+    push: &mut PushField,
+    pull: &mut PullField,
+    bone: &BoneOf<'_>,
+    invert: &InvertOptions,
+    options: &ConsistencyOptions,
+) -> ConsistencyReport {
+    let spared = balls(push.displacement.grid(), &touching(push.displacement.grid(), bone), CONTACT_MM);
+    let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
+    let summary = |lengths: &[Vec<f32>]| Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>());
+    let beyond = |misses: &[Miss]| misses.iter().filter(|m| m.length() > options.limit_mm).count();
+    let before = beyond(&found);
+    let mut report = ConsistencyReport {
+        there_and_back_mm: summary(&lengths),
+        beyond: before,
+        beyond_before: before,
+        moved_mm: 0.0,
+    };
+    if before == 0 || before > MOST || options.rounds == 0 {
+        return report;
+    }
+    report.moved_mm = mend(push, pull, found, (bone, &spared), invert, options);
+    let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
+    (report.there_and_back_mm, report.beyond) = (summary(&lengths), beyond(&found));
+    report
+}
+
+/// Takes the steps; returns how far soft tissue was moved at most, mm.
+fn mend(
+    push: &mut PushField,
+    pull: &mut PullField,
+    found: Vec<Miss>,
+    (bone, spared): (&BoneOf<'_>, &Mask),
+    invert: &InvertOptions,
+    options: &ConsistencyOptions,
+) -> f64 {
+    let limit = options.limit_mm;
+    let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
+    let worth = |misses: &[Miss]| {
+        let longest = misses.iter().map(Miss::length).fold(0.0, f64::max);
+        (misses.iter().filter(|m| m.length() > limit).count(), longest)
+    };
+    let mut best = worth(&found);
+    let mut seeds: Vec<usize> = found.iter().map(|m| m.voxel).collect();
+    for _ in 0..options.rounds {
+        patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
+        let rows = misses(push, pull, &patch.watched, limit * SMALL);
+        let steps = System::new(push, pull, &rows, &patch, limit).solve();
+        let sound = patch.advance(&steps, push, pull, invert);
+        let rows = misses(push, pull, &patch.watched, limit * SEED);
+        let now = worth(&rows);
+        if sound && now < best {
+            best = now;
+            patch.keep(push, pull);
+        }
+        if sound && now.1 < limit * MENDED {
+            break;
+        }
+        seeds = rows.iter().map(|m| m.voxel).collect();
+    }
+    patch.restore(push, pull)
+}

@@ -1,0 +1,235 @@
+//! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
+
+use super::ball::balls;
+use super::{BoneOf, REACH_MM};
+use crate::field::invert::{Continued, InvertOptions, solve};
+use crate::field::tetrahedra::cut;
+use crate::field::{PullField, PushField};
+use crate::geometry::Grid;
+use crate::volume::Mask;
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+/// The number of a voxel that does not move.
+pub(super) const FIXED: u32 = u32::MAX;
+/// Longest step of a voxel, mm.
+const STEP_MM: f64 = 1.0;
+
+/// Values of voxels, by position in storage.
+type Values = Vec<(usize, [f32; 3])>;
+
+/// The movable voxels and what depends on them.
+pub(super) struct Patch {
+    /// Planning voxels that may move, by position in storage.
+    pub(super) movable: Vec<usize>,
+    /// The place of each planning voxel among them, or [`FIXED`].
+    pub(super) number: Vec<u32>,
+    /// Planning voxels whose way there and back can change.
+    pub(super) watched: Vec<usize>,
+    seen: Vec<bool>,
+    grid: Grid,
+    strides: [usize; 3],
+    /// Fraction voxels that are inverted anew.
+    inverted: Vec<usize>,
+    asked: Vec<bool>,
+    /// Cells that hold a movable voxel and were not folded.
+    upright: Vec<usize>,
+    cell_known: Vec<bool>,
+    /// Both fields before anything moved, in the order of `movable` and `inverted`.
+    before: [Values; 2],
+    /// The same after the best step.
+    best: [Values; 2],
+}
+
+impl Patch {
+    pub(super) fn new(planning: &Grid, fraction: &Grid) -> Self {
+        Self {
+            movable: Vec::new(),
+            number: vec![FIXED; planning.len()],
+            watched: Vec::new(),
+            seen: vec![false; planning.len()],
+            grid: planning.clone(),
+            strides: planning.strides(),
+            inverted: Vec::new(),
+            asked: vec![false; fraction.len()],
+            upright: Vec::new(),
+            cell_known: vec![false; planning.len()],
+            before: Default::default(),
+            best: Default::default(),
+        }
+    }
+
+    /// Makes soft voxels around `seeds` movable.
+    pub(super) fn extend(
+        &mut self,
+        seeds: &[usize],
+        (bone, spared): (&BoneOf<'_>, &Mask),
+        (push, pull): (&PushField, &PullField),
+        options: &InvertOptions,
+    ) {
+        let u = push.displacement.data();
+        let size = self.grid.size();
+        // The outermost voxels have no neighbours on one side.
+        let inner = |v: usize| self.grid.voxel(v).iter().zip(size).all(|(&c, n)| c > 0 && c + 1 < n);
+        let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
+        let near = balls(&self.grid, seeds, REACH_MM);
+        let new: Vec<usize> = (0..self.grid.len())
+            .into_par_iter()
+            .filter(|&v| near.data()[v] && self.number[v] == FIXED && inner(v) && soft(v))
+            .collect();
+        for &v in &new {
+            self.number[v] = self.movable.len() as u32;
+            self.movable.push(v);
+            self.before[0].push((v, u[v]));
+        }
+        let corners = self.grid.cell_corners();
+        for cell in new.iter().flat_map(|v| corners.map(|c| v - c)) {
+            if !std::mem::replace(&mut self.cell_known[cell], true) && !folded(push, cell) {
+                self.upright.push(cell);
+            }
+        }
+        // Voxels of the pull field reach one voxel of their own grid further.
+        let voxel = self.grid.spacing().into_iter().chain(pull.displacement.grid().spacing()).fold(0.0, f64::max);
+        let wide = balls(&self.grid, seeds, REACH_MM + 2.0 * voxel);
+        let added: Vec<usize> = (0..self.grid.len())
+            .into_par_iter()
+            .filter(|&v| wide.data()[v] && !self.seen[v] && push.computed.data()[v])
+            .collect();
+        for &v in &added {
+            self.seen[v] = true;
+        }
+        self.ask(&added, push, pull, options);
+        self.watched.extend(added.into_iter().filter(|&v| !spared.data()[v]));
+    }
+
+    /// Takes the fraction voxels around where planning voxels come to lie among those that are inverted, if they are now.
+    fn ask(&mut self, voxels: &[usize], push: &PushField, pull: &PullField, options: &InvertOptions) {
+        let fraction = pull.displacement.grid();
+        let size = fraction.size();
+        let mut new = Vec::new();
+        for &v in voxels {
+            let u = Vector3::from(push.displacement.data()[v].map(f64::from));
+            let at = fraction.index(&(self.grid.centre(self.grid.voxel(v)) + u));
+            if !fraction.contains(&at) {
+                continue;
+            }
+            let [low, high] = [-1.0, 2.0].map(|by| [0, 1, 2].map(|a| (at[a].floor() + by).max(0.0) as usize));
+            for k in low[2]..=high[2].min(size[2] - 1) {
+                for j in low[1]..=high[1].min(size[1] - 1) {
+                    let row = fraction.linear([0, j, k]);
+                    for n in row + low[0]..=row + high[0].min(size[0] - 1) {
+                        if !std::mem::replace(&mut self.asked[n], true) {
+                            new.push(n);
+                        }
+                    }
+                }
+            }
+        }
+        let field = Continued::new(&push.displacement);
+        let solved = |&n: &usize| missed(&field, pull, n) < options.tolerance_mm;
+        let new: Vec<usize> = new.into_par_iter().filter(solved).collect();
+        self.before[1].extend(new.iter().map(|&n| (n, pull.displacement.data()[n])));
+        self.inverted.extend(new);
+    }
+
+    /// Moves the voxels and inverts anew; whether nothing folded and everything has its pre-image.
+    pub(super) fn advance(
+        &self,
+        steps: &[Vector3<f64>],
+        push: &mut PushField,
+        pull: &mut PullField,
+        options: &InvertOptions,
+    ) -> bool {
+        let u = push.displacement.data_mut();
+        for (&v, step) in self.movable.iter().zip(steps) {
+            let step = step.cap_magnitude(STEP_MM);
+            for a in 0..3 {
+                u[v][a] += step[a] as f32;
+            }
+        }
+        let field = Continued::new(&push.displacement);
+        let limits = (options.tolerance_mm, options.max_iterations);
+        let fraction = pull.displacement.grid();
+        let anew = |&n: &usize| {
+            if missed(&field, pull, n) < options.tolerance_mm {
+                return Some(None);
+            }
+            let v = Vector3::from(pull.displacement.data()[n].map(f64::from));
+            let (v, _, solved) = solve(&fraction.centre(fraction.voxel(n)).coords, v, &field, limits);
+            solved.then_some(Some(v.map(|v| v as f32).into()))
+        };
+        let found: Vec<Option<Option<[f32; 3]>>> = self.inverted.par_iter().map(anew).collect();
+        let mut sound = true;
+        for (&n, found) in self.inverted.iter().zip(found) {
+            match found {
+                Some(Some(v)) => pull.displacement.data_mut()[n] = v,
+                Some(None) => {}
+                None => sound = false,
+            }
+        }
+        sound && !self.upright.par_iter().any(|&cell| folded(push, cell))
+    }
+
+    /// Remembers the fields as they are.
+    pub(super) fn keep(&mut self, push: &PushField, pull: &PullField) {
+        self.best = [
+            self.movable.iter().map(|&v| (v, push.displacement.data()[v])).collect(),
+            self.inverted.iter().map(|&n| (n, pull.displacement.data()[n])).collect(),
+        ];
+    }
+
+    /// Brings the fields back to what was kept last, or to what they were; how far voxels are from what they were, mm.
+    pub(super) fn restore(&self, push: &mut PushField, pull: &mut PullField) -> f64 {
+        for values in [&self.before, &self.best] {
+            for &(v, u) in &values[0] {
+                push.displacement.data_mut()[v] = u;
+            }
+            for &(n, v) in &values[1] {
+                pull.displacement.data_mut()[n] = v;
+            }
+        }
+        let far = |&(v, before): &(usize, [f32; 3])| {
+            let now = push.displacement.data()[v];
+            (Vector3::from(now) - Vector3::from(before)).norm()
+        };
+        self.before[0].iter().map(far).fold(0.0, f32::max).into()
+    }
+
+    /// The numbers of a movable voxel's neighbours: two along each axis.
+    pub(super) fn neighbours(&self, voxel: usize) -> [u32; 6] {
+        std::array::from_fn(|d| {
+            let stride = self.strides[d / 2];
+            self.number[if d % 2 == 0 { voxel - stride } else { voxel + stride }]
+        })
+    }
+
+    /// How many neighbours along each axis a movable voxel has in the patient.
+    pub(super) fn linked(&self, push: &PushField, voxel: usize) -> [usize; 3] {
+        let computed = push.computed.data();
+        self.strides.map(|s| usize::from(computed[voxel - s]) + usize::from(computed[voxel + s]))
+    }
+}
+
+/// |v + u(y + v)| of a fraction voxel, mm.
+fn missed(field: &Continued<'_>, pull: &PullField, voxel: usize) -> f64 {
+    let v = Vector3::from(pull.displacement.data()[voxel].map(f64::from));
+    let y = pull.displacement.grid().centre(pull.displacement.grid().voxel(voxel));
+    (v + field.value(&(y + v))).norm()
+}
+
+/// Whether any of the 10 tetrahedra of a cell, by both ways to cut it, is turned inside out.
+fn folded(push: &PushField, cell: usize) -> bool {
+    let grid = push.displacement.grid();
+    let first = grid.voxel(cell);
+    let moved: [Point3<f64>; 8] = std::array::from_fn(|c| {
+        let voxel = std::array::from_fn(|a| first[a] + (c >> a & 1));
+        grid.centre(voxel) + Vector3::from(push.displacement.data()[grid.linear(voxel)].map(f64::from))
+    });
+    let volume = |t: &[usize; 4]| {
+        let edge = |n: usize| moved[t[n]] - moved[t[0]];
+        Matrix3::from_columns(&[edge(1), edge(2), edge(3)]).determinant()
+    };
+    // Storage may be left-handed.
+    let sense = grid.step().determinant();
+    [[0; 3], [1, 0, 0]].into_iter().flat_map(cut).any(|t| volume(t) * sense <= 0.0)
+}

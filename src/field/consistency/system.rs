@@ -1,0 +1,194 @@
+//! The linear system of a step: how misses answer to moves of soft voxels, and how smooth the moves are.
+
+use super::miss::Miss;
+use super::patch::{FIXED, Patch};
+use crate::field::{PullField, PushField};
+use crate::volume::Surrounding;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Weight of the moves' roughness (differences between neighbours per mm) against the misses.
+const ROUGHNESS: f64 = 0.3;
+/// Weight of the moves themselves beside their roughness, 1/mm^2: what is not held anywhere stays.
+const REST: f64 = 0.002;
+/// Residual of the conjugate gradients, relative, and their limit.
+const TOLERANCE: f64 = 1e-3;
+const MOST_ITERATIONS: usize = 200;
+
+/// Minimises over moves `d` of the movable voxels: weighted squares of the misses, linear in `d`, plus the roughness of `d`.
+pub(super) struct System {
+    rows: Vec<Row>,
+    inverse: Vec<Answer>,
+    /// The neighbours of each movable voxel, as its own, with the weight of their difference.
+    neighbours: Vec<[u32; 6]>,
+    stiffness: [f64; 3],
+    /// The diagonal's part that the roughness makes.
+    held: Vec<f64>,
+}
+
+/// One miss.
+struct Row {
+    miss: Vector3<f64>,
+    /// Square of its weight: what misses far counts more.
+    weight: f64,
+    /// The voxel itself, if it is movable, and how the miss answers to it.
+    own: u32,
+    by: Matrix3<f64>,
+    /// The fraction voxels around where it comes to lie, and their weights.
+    around: [(u32, f64); 8],
+}
+
+/// How the pull at a fraction voxel answers to moves: by minus the inverse of the map's gradient at its pre-image.
+struct Answer {
+    back: Matrix3<f64>,
+    /// Movable voxels around the pre-image, or [`FIXED`], and their weights.
+    around: [(u32, f64); 8],
+}
+
+impl System {
+    pub(super) fn new(push: &PushField, pull: &PullField, misses: &[Miss], patch: &Patch, limit: f64) -> Self {
+        let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
+        let mut known: BTreeMap<usize, u32> = BTreeMap::new();
+        let mut rows = Vec::with_capacity(misses.len());
+        for m in misses {
+            let u = Vector3::from(push.displacement.data()[m.voxel].map(f64::from));
+            let index = fraction.index(&(planning.centre(planning.voxel(m.voxel)) + u));
+            let Some(around) = Surrounding::of(fraction, &index) else { continue };
+            let mut number = |c: usize| {
+                let next = known.len() as u32;
+                (*known.entry(around.voxels[c]).or_insert(next), around.weights[c])
+            };
+            rows.push(Row {
+                miss: m.by,
+                weight: (m.length() / limit).powi(4),
+                own: patch.number[m.voxel],
+                by: Matrix3::identity() + around.slope(pull.displacement.data()) * fraction.inverse_step(),
+                around: std::array::from_fn(&mut number),
+            });
+        }
+        let mut inverse: Vec<(u32, usize)> = known.into_iter().map(|(voxel, n)| (n, voxel)).collect();
+        inverse.sort_unstable();
+        let answer = |&(_, voxel): &(u32, usize)| {
+            let v = Vector3::from(pull.displacement.data()[voxel].map(f64::from));
+            let around = Surrounding::of(planning, &planning.index(&(fraction.centre(fraction.voxel(voxel)) + v)));
+            let found = around.and_then(|around| {
+                let slope = around.slope(push.displacement.data()) * planning.inverse_step();
+                let back = (Matrix3::identity() + slope).try_inverse()?;
+                let of = |c: usize| (patch.number[around.voxels[c]], around.weights[c]);
+                Some(Answer { back, around: std::array::from_fn(of) })
+            });
+            found.unwrap_or(Answer { back: Matrix3::zeros(), around: [(FIXED, 0.0); 8] })
+        };
+        let inverse = inverse.par_iter().map(answer).collect();
+        let stiffness = planning.spacing().map(|h| ROUGHNESS / (h * h));
+        let neighbours: Vec<[u32; 6]> = patch.movable.iter().map(|&v| patch.neighbours(v)).collect();
+        let held = |&v: &usize| {
+            let linked = patch.linked(push, v);
+            ROUGHNESS * REST + linked.iter().zip(stiffness).map(|(&n, s)| n as f64 * s).sum::<f64>()
+        };
+        Self { rows, inverse, neighbours, stiffness, held: patch.movable.iter().map(held).collect() }
+    }
+
+    /// The moves, mm, by conjugate gradients.
+    pub(super) fn solve(&self) -> Vec<Vector3<f64>> {
+        let n = self.held.len();
+        let mut scratch = vec![Vector3::zeros(); self.inverse.len()];
+        let mut x = vec![Vector3::zeros(); n];
+        let mut r = vec![Vector3::zeros(); n];
+        self.gather(|row| -row.miss * row.weight, &mut scratch, &mut r);
+        let scale: Vec<Vector3<f64>> = self.diagonal().iter().map(|d| d.map(f64::recip)).collect();
+        let mut z: Vec<Vector3<f64>> = r.iter().zip(&scale).map(|(r, s)| r.component_mul(s)).collect();
+        let mut p = z.clone();
+        let mut q = vec![Vector3::zeros(); n];
+        let inner = |a: &[Vector3<f64>], b: &[Vector3<f64>]| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
+        let first = inner(&r, &r);
+        let mut along = inner(&r, &z);
+        for _ in 0..MOST_ITERATIONS {
+            if inner(&r, &r) <= TOLERANCE * TOLERANCE * first {
+                break;
+            }
+            self.apply(&p, &mut scratch, &mut q);
+            let length = along / inner(&p, &q);
+            if !length.is_finite() {
+                break;
+            }
+            for i in 0..n {
+                x[i] += p[i] * length;
+                r[i] -= q[i] * length;
+                z[i] = r[i].component_mul(&scale[i]);
+            }
+            let next = inner(&r, &z);
+            let share = next / along;
+            along = next;
+            for i in 0..n {
+                p[i] = z[i] + p[i] * share;
+            }
+        }
+        x
+    }
+
+    /// `out = (J'WJ + L) x`.
+    fn apply(&self, x: &[Vector3<f64>], scratch: &mut [Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let moved = |n: u32| x.get(n as usize).copied().unwrap_or_default();
+        for (answer, s) in self.inverse.iter().zip(scratch.iter_mut()) {
+            *s = answer.back * answer.around.iter().map(|&(n, w)| moved(n) * w).sum::<Vector3<f64>>();
+        }
+        let answers: Vec<Vector3<f64>> = scratch.to_vec();
+        let change = |row: &Row| {
+            let pulled: Vector3<f64> = row.around.iter().map(|&(n, w)| answers[n as usize] * w).sum();
+            (row.by * moved(row.own) - pulled) * row.weight
+        };
+        self.gather(change, scratch, out);
+        for (i, ((out, near), held)) in out.iter_mut().zip(&self.neighbours).zip(&self.held).enumerate() {
+            let pull: Vector3<f64> = near.iter().enumerate().map(|(d, &n)| moved(n) * self.stiffness[d / 2]).sum();
+            *out += x[i] * *held - pull;
+        }
+    }
+
+    /// `out = J' e`, where `e` is what each row has.
+    fn gather(&self, e: impl Fn(&Row) -> Vector3<f64>, scratch: &mut [Vector3<f64>], out: &mut [Vector3<f64>]) {
+        scratch.fill(Vector3::zeros());
+        out.fill(Vector3::zeros());
+        for row in &self.rows {
+            let e = e(row);
+            if let Some(out) = out.get_mut(row.own as usize) {
+                *out += row.by.transpose() * e;
+            }
+            for &(n, w) in &row.around {
+                scratch[n as usize] -= e * w;
+            }
+        }
+        for (answer, s) in self.inverse.iter().zip(scratch.iter()) {
+            let s = answer.back.transpose() * s;
+            for &(n, w) in &answer.around {
+                if let Some(out) = out.get_mut(n as usize) {
+                    *out += s * w;
+                }
+            }
+        }
+    }
+
+    /// About the diagonal of the system, for the scale of the conjugate gradients: as if no two paths led to one voxel.
+    fn diagonal(&self) -> Vec<Vector3<f64>> {
+        let squares = |m: &Matrix3<f64>| Vector3::from_fn(|c, _| m.column(c).norm_squared());
+        let mut out: Vec<Vector3<f64>> = self.held.iter().map(|&h| Vector3::repeat(h)).collect();
+        let mut weight = vec![0.0; self.inverse.len()];
+        for row in &self.rows {
+            if let Some(out) = out.get_mut(row.own as usize) {
+                *out += squares(&row.by) * row.weight;
+            }
+            for &(n, w) in &row.around {
+                weight[n as usize] += row.weight * w * w;
+            }
+        }
+        for (answer, weight) in self.inverse.iter().zip(weight) {
+            for &(n, w) in &answer.around {
+                if let Some(out) = out.get_mut(n as usize) {
+                    *out += squares(&answer.back) * (weight * w * w);
+                }
+            }
+        }
+        out
+    }
+}
