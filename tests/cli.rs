@@ -382,6 +382,7 @@ fn a_report_runs_again_to_the_same_bytes_and_prints_json() {
         "uncertainty",
         "links",
         "inverse",
+        "consistency",
         "landmarks",
         "warnings",
     ] {

@@ -29,6 +29,8 @@ const RIGID_MM: f64 = 0.001;
 const FOLDED_PERCENT: f64 = 0.05;
 /// Mean error of soft tissue by fraction, mm: half of what plastimatch leaves.
 const SOFT_MM: [(&str, f64); 4] = [("small", 0.33), ("moderate", 0.36), ("change", 0.52), ("spline", 0.35)];
+/// Planning to fraction and back away from bone contact, mean and worst, mm.
+const BACK_MM: (f64, f64) = (0.05, 0.5);
 /// Least rank correlation of the map of uncertainty with the true error.
 const TRUST: f64 = 0.4;
 /// The same for other fractions.
@@ -99,6 +101,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
     let (ranked, below) = trust(map, &outcome.push, &truth);
     let rigid = outcome.rigidity.iter().map(|b| b.rms_mm).fold(0.0, f64::max);
     let folded = outcome.jacobian_report.body.folded_percent;
+    let back = &outcome.consistency.there_and_back_mm;
     let bone = name(&planning.bones, score.worst.0);
     let seconds: f64 = outcome.stages.iter().map(|s| s.seconds).sum();
     let landmarks = outcome.landmarks.as_ref().map_or(f64::NAN, |l| l.after.mean);
@@ -106,6 +109,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         "{case}: bones {:.3} mm, worst {bone} {:.3} mm, soft {:.3} mm, rigid {rigid:.5} mm, folded {folded:.4} %, landmarks {landmarks:.2} mm, {seconds:.1} s",
         score.bones, score.worst.1, score.soft
     );
+    println!("{case}: there and back {:.3} mm mean, {:.3} mm worst of {}", back.mean, back.max, back.n);
     println!("{case}: uncertainty against true error: Spearman {ranked:.3}, {:.0} % of errors below it", 100.0 * below);
     let soft = SOFT_MM.iter().find(|s| s.0 == case).map_or(SOFT_OTHER_MM, |s| s.1);
     let bounds = [
@@ -114,6 +118,8 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         ("soft tissue, mm", score.soft, soft),
         ("departure from rigid, mm", rigid, RIGID_MM),
         ("folded, %", folded, FOLDED_PERCENT),
+        ("there and back, mean, mm", back.mean, BACK_MM.0),
+        ("there and back, worst, mm", back.max, BACK_MM.1),
         ("uncertainty, 1 - rank correlation", 1.0 - ranked, 1.0 - TRUST),
     ];
     let beyond = bounds.into_iter().filter(|(_, value, bound)| value.is_nan() || value > bound);

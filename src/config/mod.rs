@@ -109,6 +109,7 @@ impl Preset {
                 },
                 fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
                 refine: RefineOptions { passes: 4, rounds: 2, ..RefineOptions::default() },
+                consistency: ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() },
                 output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
                 ..base
             },

@@ -138,6 +138,12 @@ impl<'a> Sampler<'a> {
         best
     }
 
+    /// The field's values at the places of a block after displacements `v`.
+    #[inline(always)]
+    pub(super) fn value(&self, block: &Block, v: &WideVector) -> WideVector {
+        self.at(block, v).value
+    }
+
     /// The field at the places of a block after displacements `v`.
     #[inline(always)]
     fn at(&self, block: &Block, v: &WideVector) -> Sample {

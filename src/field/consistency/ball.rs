@@ -3,47 +3,73 @@
 use super::BoneOf;
 use crate::geometry::Grid;
 use crate::geometry::stencil::NEIGHBOURS_26;
-use crate::volume::{Mask, Volume};
 use rayon::prelude::*;
 
-/// The voxels within `radius` mm of any of `centres`, by their position in storage.
-pub(super) fn balls(grid: &Grid, centres: &[usize], radius: f64) -> Mask {
-    let mut out = Volume::filled(grid.clone(), false);
-    let (size, spacing) = (grid.size(), grid.spacing());
-    let reach = spacing.map(|s| (radius / s) as isize);
-    let inside = |at: usize, by: isize, n: usize| at.checked_add_signed(by).filter(|&c| c < n);
-    for &centre in centres {
-        let [i, j, k] = grid.voxel(centre);
-        for dk in -reach[2]..=reach[2] {
-            let Some(k) = inside(k, dk, size[2]) else { continue };
-            for dj in -reach[1]..=reach[1] {
-                let Some(j) = inside(j, dj, size[1]) else { continue };
-                let left = radius.powi(2) - (dk as f64 * spacing[2]).powi(2) - (dj as f64 * spacing[1]).powi(2);
-                if left >= 0.0 {
-                    let along = (left.sqrt() / spacing[0]) as usize;
-                    let row = grid.linear([0, j, k]);
-                    let (low, high) = (i.saturating_sub(along), (i + along).min(size[0] - 1));
-                    out.data_mut()[row + low..=row + high].fill(true);
+/// Voxels near others, gathered bit by bit.
+pub(super) struct Balls {
+    grid: Grid,
+    radii: [f64; 3],
+    within: Vec<bool>,
+}
+
+impl Balls {
+    /// Nothing yet; `radii` along the grid's axes, mm.
+    pub(super) fn new(grid: &Grid, radii: [f64; 3]) -> Self {
+        Self { grid: grid.clone(), radii, within: vec![false; grid.len()] }
+    }
+
+    /// Takes in the voxels around `centres` (positions in storage); returns those that were not in yet.
+    pub(super) fn add(&mut self, centres: &[usize]) -> Vec<usize> {
+        let (size, [nx, ny, nz]) =
+            (self.grid.size(), [0, 1, 2].map(|a| (self.radii[a] / self.grid.spacing()[a]).max(f64::MIN_POSITIVE)));
+        let around = |c: usize, n: f64, size: usize| c.saturating_sub(n as usize)..=(c + n as usize).min(size - 1);
+        let mut new = Vec::new();
+        for &centre in centres {
+            let [i, j, k] = self.grid.voxel(centre);
+            for z in around(k, nz, size[2]) {
+                for y in around(j, ny, size[1]) {
+                    let left = 1.0 - (y.abs_diff(j) as f64 / ny).powi(2) - (z.abs_diff(k) as f64 / nz).powi(2);
+                    if left < 0.0 {
+                        continue;
+                    }
+                    let row = self.grid.linear([0, y, z]);
+                    let along = around(i, nx * left.sqrt(), size[0]);
+                    let first = row + along.start();
+                    let row = &mut self.within[first..=row + along.end()];
+                    // Balls overlap for the most part.
+                    if row.iter().all(|w| *w) {
+                        continue;
+                    }
+                    for (n, within) in row.iter_mut().enumerate() {
+                        if !std::mem::replace(within, true) {
+                            new.push(first + n);
+                        }
+                    }
                 }
             }
         }
+        new
     }
-    out
+
+    /// Whether a voxel is in.
+    pub(super) fn holds(&self, voxel: usize) -> bool {
+        self.within[voxel]
+    }
 }
 
-/// Voxels of a bone beside one of another bone.
-pub(super) fn touching(grid: &Grid, bone: &BoneOf<'_>) -> Vec<usize> {
-    let size = grid.size();
-    let touches = |&voxel: &usize| {
+/// Voxels of a bone beside one of another bone; those at the border of the grid are not looked at.
+pub(super) fn touching(grid: &Grid, bone: &impl BoneOf) -> Vec<usize> {
+    let ([nx, ny, nz], [sx, sy, sz]) = (grid.size(), grid.strides().map(|s| s as isize));
+    let beside = NEIGHBOURS_26.map(|[i, j, k]| i as isize * sx + j as isize * sy + k as isize * sz);
+    let touches = |voxel: usize| {
         let Some(own) = bone(voxel) else { return false };
-        let at = grid.voxel(voxel);
-        NEIGHBOURS_26.iter().any(|by| {
-            let beside = [0, 1, 2].map(|a| at[a].checked_add_signed(by[a] as isize).filter(|&c| c < size[a]));
-            let [Some(i), Some(j), Some(k)] = beside else { return false };
-            bone(grid.linear([i, j, k])).is_some_and(|other| other != own)
-        })
+        beside.iter().any(|by| bone(voxel.wrapping_add_signed(*by)).is_some_and(|other| other != own))
     };
-    (0..grid.len()).into_par_iter().filter(touches).collect()
+    let of_plane = |k: usize| {
+        let rows = (1..ny.max(2) - 1).map(move |j| grid.linear([0, j, k]));
+        rows.flat_map(|row| (row + 1..row + nx.max(2) - 1).filter(|&v| touches(v))).collect::<Vec<_>>()
+    };
+    (1..nz.max(2) - 1).into_par_iter().flat_map_iter(of_plane).collect()
 }
 
 #[cfg(test)]
@@ -53,12 +79,24 @@ mod tests {
     #[test]
     fn balls_are_what_lies_near_enough() {
         let grid = Grid::axis_aligned([12, 9, 7], [1.0, 2.0, 3.0], [0.0; 3]).unwrap();
-        let centres = [grid.linear([1, 4, 3]), grid.linear([10, 8, 6])];
-        let near = balls(&grid, &centres, 4.1);
+        let centres = [grid.linear([1, 4, 3]), grid.linear([10, 8, 6]), grid.linear([2, 4, 3])];
+        let mut balls = Balls::new(&grid, [4.1; 3]);
+        let mut all = balls.add(&centres[..2]);
+        all.extend(balls.add(&centres[2..]));
         for n in 0..grid.len() {
             let x = grid.centre(grid.voxel(n));
             let expected = centres.iter().any(|&c| (grid.centre(grid.voxel(c)) - x).norm() <= 4.1);
-            assert_eq!(near.data()[n], expected, "{:?}", grid.voxel(n));
+            assert_eq!(balls.holds(n), expected, "{:?}", grid.voxel(n));
+            assert_eq!(all.iter().filter(|&&m| m == n).count(), usize::from(expected));
         }
+    }
+
+    #[test]
+    fn bones_touch_across_edges_and_not_themselves() {
+        let grid = Grid::axis_aligned([5, 5, 5], [1.0; 3], [0.0; 3]).unwrap();
+        let at = |i, j, k| grid.linear([i, j, k]);
+        let bones = [(at(1, 1, 1), 0), (at(1, 1, 2), 0), (at(2, 2, 3), 1), (at(3, 3, 1), 1)];
+        let bone = |v: usize| bones.iter().find(|b| b.0 == v).map(|b| b.1);
+        assert_eq!(touching(&grid, &bone), [at(1, 1, 2), at(2, 2, 3)]);
     }
 }

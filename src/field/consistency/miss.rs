@@ -1,7 +1,11 @@
 //! The way to the fraction and back: where it ends beside its start.
 
+use super::ball::Balls;
+use crate::field::newton::{NOWHERE, Sampler};
 use crate::field::{PullField, PushField};
-use crate::volume::{Mask, trilinear_vector};
+use crate::geometry::wide_vector::{dot, plus};
+use crate::geometry::{LANES, Wide, vectorised};
+use crate::volume::trilinear_vector;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -31,14 +35,53 @@ fn miss(push: &PushField, pull: &PullField, voxel: usize) -> Option<Miss> {
 
 /// Distances between start and end of the way of all computed voxels that are not spared, mm, in parts; and those ways that
 /// miss by more than `least` mm.
-pub(super) fn everywhere(push: &PushField, pull: &PullField, spared: &Mask, least: f64) -> (Vec<Vec<f32>>, Vec<Miss>) {
-    let [nx, ny, nz] = push.displacement.grid().size();
+pub(super) fn everywhere(
+    push: &PushField,
+    pull: &PullField,
+    spared: &Balls,
+    least: f64,
+) -> (Vec<Vec<f32>>, Vec<usize>) {
+    let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
+    let [nx, ny, nz] = planning.size();
+    let sampler = Sampler::new(&pull.displacement);
+    let along: Vector3<f64> = fraction.inverse_step() * planning.step().column(0);
+    let (u, computed) = (push.displacement.data(), push.computed.data());
     let of_plane = |k: usize| {
-        let voxels = k * nx * ny..(k + 1) * nx * ny;
-        let counts = |v: &usize| push.computed.data()[*v] && !spared.data()[*v];
-        let all: Vec<Miss> = voxels.filter(counts).filter_map(|v| miss(push, pull, v)).collect();
-        let lengths: Vec<f32> = all.iter().map(|m| m.length() as f32).collect();
-        (lengths, all.into_iter().filter(|m| m.length() > least).collect::<Vec<_>>())
+        let (mut lengths, mut found) = (Vec::new(), Vec::new());
+        for j in 0..ny {
+            let row = planning.linear([0, j, k]);
+            let start = fraction.index(&planning.centre([0, j, k]));
+            vectorised(
+                #[inline(always)]
+                || {
+                    for first in (0..nx).step_by(LANES) {
+                        let run = row + first..row + (first + LANES).min(nx);
+                        if !computed[run.clone()].iter().any(|c| *c) {
+                            continue;
+                        }
+                        let mut moved = [Wide::default(); 3];
+                        for (l, u) in u[run.clone()].iter().enumerate() {
+                            for a in 0..3 {
+                                moved[a].0[l] = u[a];
+                            }
+                        }
+                        let block = Sampler::block(&(start + along * first as f64), &along);
+                        let by = plus(&moved, &sampler.value(&block, &moved));
+                        let length = dot(&by, &by).sqrt();
+                        let place = sampler.land(&block, &moved);
+                        for (l, voxel) in run.enumerate() {
+                            if computed[voxel] && place[l] != NOWHERE && !spared.holds(voxel) {
+                                lengths.push(length.0[l]);
+                                if f64::from(length.0[l]) > least {
+                                    found.push(voxel);
+                                }
+                            }
+                        }
+                    }
+                },
+            );
+        }
+        (lengths, found)
     };
     let (lengths, found): (Vec<_>, Vec<_>) = (0..nz).into_par_iter().map(of_plane).unzip();
     (lengths, found.concat())

@@ -9,19 +9,22 @@ mod ball;
 mod miss;
 mod patch;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use super::invert::InvertOptions;
 use super::{PullField, PushField};
 use crate::stats::Summary;
-use crate::volume::Mask;
-use ball::{balls, touching};
+use ball::{Balls, touching};
 use miss::{Miss, everywhere, misses};
 use patch::Patch;
 use serde::{Deserialize, Serialize};
 use system::System;
 
-/// The bone that a planning voxel belongs to, by its position in storage.
-type BoneOf<'a> = dyn Fn(usize) -> Option<u16> + Sync + 'a;
+/// Gives the rigid bone that a planning voxel belongs to, by its position in storage.
+pub trait BoneOf: Fn(usize) -> Option<u16> + Sync {}
+
+impl<F: Fn(usize) -> Option<u16> + Sync> BoneOf for F {}
 
 /// How well push and pull field have to agree.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -73,28 +76,28 @@ const MOST: usize = 5000;
 pub fn agree(
     push: &mut PushField,
     pull: &mut PullField,
-    bone: &BoneOf<'_>,
+    bone: &impl BoneOf,
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> ConsistencyReport {
-    let spared = balls(push.displacement.grid(), &touching(push.displacement.grid(), bone), CONTACT_MM);
-    let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
-    let summary = |lengths: &[Vec<f32>]| Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>());
-    let beyond = |misses: &[Miss]| misses.iter().filter(|m| m.length() > options.limit_mm).count();
-    let before = beyond(&found);
-    let mut report = ConsistencyReport {
-        there_and_back_mm: summary(&lengths),
-        beyond: before,
-        beyond_before: before,
-        moved_mm: 0.0,
+    let planning = push.displacement.grid();
+    let mut spared = Balls::new(planning, [CONTACT_MM; 3]);
+    spared.add(&touching(planning, bone));
+    let measure = |push: &PushField, pull: &PullField| {
+        let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
+        (Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>()), found)
     };
+    let beyond = |misses: &[Miss]| misses.iter().filter(|m| m.length() > options.limit_mm).count();
+    let (there_and_back_mm, found) = measure(push, pull);
+    let found = misses(push, pull, &found, 0.0);
+    let before = beyond(&found);
+    let report = ConsistencyReport { there_and_back_mm, beyond: before, beyond_before: before, moved_mm: 0.0 };
     if before == 0 || before > MOST || options.rounds == 0 {
         return report;
     }
-    report.moved_mm = mend(push, pull, found, (bone, &spared), invert, options);
-    let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
-    (report.there_and_back_mm, report.beyond) = (summary(&lengths), beyond(&found));
-    report
+    let moved_mm = mend(push, pull, found, (bone, &spared), invert, options);
+    let (there_and_back_mm, found) = measure(push, pull);
+    ConsistencyReport { there_and_back_mm, beyond: beyond(&misses(push, pull, &found, 0.0)), moved_mm, ..report }
 }
 
 /// Takes the steps; returns how far soft tissue was moved at most, mm.
@@ -102,7 +105,7 @@ fn mend(
     push: &mut PushField,
     pull: &mut PullField,
     found: Vec<Miss>,
-    (bone, spared): (&BoneOf<'_>, &Mask),
+    (bone, spared): (&impl BoneOf, &Balls),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> f64 {

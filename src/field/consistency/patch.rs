@@ -1,17 +1,16 @@
 //! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
 
-use super::ball::balls;
+use super::ball::Balls;
 use super::{BoneOf, REACH_MM};
 use crate::field::invert::{Continued, InvertOptions, solve};
 use crate::field::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
-use crate::volume::Mask;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-/// The number of a voxel that does not move.
-pub(super) const FIXED: u32 = u32::MAX;
+/// The number of all voxels that do not move; those of the movable ones follow it.
+pub(super) const FIXED: u32 = 0;
 /// Longest step of a voxel, mm.
 const STEP_MM: f64 = 1.0;
 
@@ -22,11 +21,12 @@ type Values = Vec<(usize, [f32; 3])>;
 pub(super) struct Patch {
     /// Planning voxels that may move, by position in storage.
     pub(super) movable: Vec<usize>,
-    /// The place of each planning voxel among them, or [`FIXED`].
+    /// The number of each planning voxel: one more than its place among them, or [`FIXED`].
     pub(super) number: Vec<u32>,
     /// Planning voxels whose way there and back can change.
     pub(super) watched: Vec<usize>,
-    seen: Vec<bool>,
+    near: Balls,
+    around: Balls,
     grid: Grid,
     strides: [usize; 3],
     /// Fraction voxels that are inverted anew.
@@ -47,7 +47,9 @@ impl Patch {
             movable: Vec::new(),
             number: vec![FIXED; planning.len()],
             watched: Vec::new(),
-            seen: vec![false; planning.len()],
+            near: Balls::new(planning, [REACH_MM; 3]),
+            // A voxel of either field reaches one voxel further.
+            around: Balls::new(planning, planning.spacing().map(|h| REACH_MM + 2.0 * h)),
             grid: planning.clone(),
             strides: planning.strides(),
             inverted: Vec::new(),
@@ -63,7 +65,7 @@ impl Patch {
     pub(super) fn extend(
         &mut self,
         seeds: &[usize],
-        (bone, spared): (&BoneOf<'_>, &Mask),
+        (bone, spared): (&impl BoneOf, &Balls),
         (push, pull): (&PushField, &PullField),
         options: &InvertOptions,
     ) {
@@ -72,14 +74,11 @@ impl Patch {
         // The outermost voxels have no neighbours on one side.
         let inner = |v: usize| self.grid.voxel(v).iter().zip(size).all(|(&c, n)| c > 0 && c + 1 < n);
         let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
-        let near = balls(&self.grid, seeds, REACH_MM);
-        let new: Vec<usize> = (0..self.grid.len())
-            .into_par_iter()
-            .filter(|&v| near.data()[v] && self.number[v] == FIXED && inner(v) && soft(v))
-            .collect();
+        let movable = |&v: &usize| inner(v) && soft(v);
+        let new: Vec<usize> = self.near.add(seeds).into_iter().filter(movable).collect();
         for &v in &new {
-            self.number[v] = self.movable.len() as u32;
             self.movable.push(v);
+            self.number[v] = self.movable.len() as u32;
             self.before[0].push((v, u[v]));
         }
         let corners = self.grid.cell_corners();
@@ -88,18 +87,9 @@ impl Patch {
                 self.upright.push(cell);
             }
         }
-        // Voxels of the pull field reach one voxel of their own grid further.
-        let voxel = self.grid.spacing().into_iter().chain(pull.displacement.grid().spacing()).fold(0.0, f64::max);
-        let wide = balls(&self.grid, seeds, REACH_MM + 2.0 * voxel);
-        let added: Vec<usize> = (0..self.grid.len())
-            .into_par_iter()
-            .filter(|&v| wide.data()[v] && !self.seen[v] && push.computed.data()[v])
-            .collect();
-        for &v in &added {
-            self.seen[v] = true;
-        }
+        let added: Vec<usize> = self.around.add(seeds).into_iter().filter(|&v| push.computed.data()[v]).collect();
         self.ask(&added, push, pull, options);
-        self.watched.extend(added.into_iter().filter(|&v| !spared.data()[v]));
+        self.watched.extend(added.into_iter().filter(|&v| !spared.holds(v)));
     }
 
     /// Takes the fraction voxels around where planning voxels come to lie among those that are inverted, if they are now.
@@ -132,7 +122,7 @@ impl Patch {
         self.inverted.extend(new);
     }
 
-    /// Moves the voxels and inverts anew; whether nothing folded and everything has its pre-image.
+    /// Moves the voxels, by number, and inverts anew; whether nothing folded and everything has its pre-image.
     pub(super) fn advance(
         &self,
         steps: &[Vector3<f64>],
@@ -141,7 +131,7 @@ impl Patch {
         options: &InvertOptions,
     ) -> bool {
         let u = push.displacement.data_mut();
-        for (&v, step) in self.movable.iter().zip(steps) {
+        for (&v, step) in self.movable.iter().zip(&steps[1..]) {
             let step = step.cap_magnitude(STEP_MM);
             for a in 0..3 {
                 u[v][a] += step[a] as f32;

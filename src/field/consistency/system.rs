@@ -16,12 +16,13 @@ const REST: f64 = 0.002;
 const TOLERANCE: f64 = 1e-3;
 const MOST_ITERATIONS: usize = 200;
 
-/// Minimises over moves `d` of the movable voxels: weighted squares of the misses, linear in `d`, plus the roughness of `d`.
+/// Minimises over moves `d` of voxels, by their numbers in the patch: weighted squares of the misses, linear in `d`, plus the roughness of `d`.
 pub(super) struct System {
     rows: Vec<Row>,
     inverse: Vec<Answer>,
-    /// The neighbours of each movable voxel, as its own, with the weight of their difference.
+    /// The neighbours of each voxel by number, two along each axis.
     neighbours: Vec<[u32; 6]>,
+    /// The weight of a difference between neighbours, by axis.
     stiffness: [f64; 3],
     /// The diagonal's part that the roughness makes.
     held: Vec<f64>,
@@ -32,17 +33,25 @@ struct Row {
     miss: Vector3<f64>,
     /// Square of its weight: what misses far counts more.
     weight: f64,
-    /// The voxel itself, if it is movable, and how the miss answers to it.
+    /// The voxel itself by number, and how the miss answers to it.
     own: u32,
     by: Matrix3<f64>,
     /// The fraction voxels around where it comes to lie, and their weights.
     around: [(u32, f64); 8],
 }
 
+impl Row {
+    /// By how much the miss changes when voxels move by `x`, to first order.
+    fn change(&self, x: &[Vector3<f64>], pulled: &[Vector3<f64>]) -> Vector3<f64> {
+        let back: Vector3<f64> = self.around.iter().map(|&(n, w)| pulled[n as usize] * w).sum();
+        self.by * x[self.own as usize] - back
+    }
+}
+
 /// How the pull at a fraction voxel answers to moves: by minus the inverse of the map's gradient at its pre-image.
 struct Answer {
     back: Matrix3<f64>,
-    /// Movable voxels around the pre-image, or [`FIXED`], and their weights.
+    /// The planning voxels around the pre-image by number, and their weights.
     around: [(u32, f64); 8],
 }
 
@@ -82,15 +91,20 @@ impl System {
         };
         let inverse = inverse.par_iter().map(answer).collect();
         let stiffness = planning.spacing().map(|h| ROUGHNESS / (h * h));
-        let neighbours: Vec<[u32; 6]> = patch.movable.iter().map(|&v| patch.neighbours(v)).collect();
         let held = |&v: &usize| {
             let linked = patch.linked(push, v);
             ROUGHNESS * REST + linked.iter().zip(stiffness).map(|(&n, s)| n as f64 * s).sum::<f64>()
         };
-        Self { rows, inverse, neighbours, stiffness, held: patch.movable.iter().map(held).collect() }
+        Self {
+            rows,
+            inverse,
+            neighbours: std::iter::once([FIXED; 6]).chain(patch.movable.iter().map(|&v| patch.neighbours(v))).collect(),
+            stiffness,
+            held: std::iter::once(1.0).chain(patch.movable.iter().map(held)).collect(),
+        }
     }
 
-    /// The moves, mm, by conjugate gradients.
+    /// The moves by number, mm, by conjugate gradients; that of [`FIXED`] is 0.
     pub(super) fn solve(&self) -> Vec<Vector3<f64>> {
         let n = self.held.len();
         let mut scratch = vec![Vector3::zeros(); self.inverse.len()];
@@ -130,20 +144,25 @@ impl System {
 
     /// `out = (J'WJ + L) x`.
     fn apply(&self, x: &[Vector3<f64>], scratch: &mut [Vector3<f64>], out: &mut [Vector3<f64>]) {
-        let moved = |n: u32| x.get(n as usize).copied().unwrap_or_default();
-        for (answer, s) in self.inverse.iter().zip(scratch.iter_mut()) {
-            *s = answer.back * answer.around.iter().map(|&(n, w)| moved(n) * w).sum::<Vector3<f64>>();
-        }
-        let answers: Vec<Vector3<f64>> = scratch.to_vec();
-        let change = |row: &Row| {
-            let pulled: Vector3<f64> = row.around.iter().map(|&(n, w)| answers[n as usize] * w).sum();
-            (row.by * moved(row.own) - pulled) * row.weight
-        };
-        self.gather(change, scratch, out);
+        let pulled = self.pulled(x);
+        self.gather(|row| row.change(x, &pulled) * row.weight, scratch, out);
         for (i, ((out, near), held)) in out.iter_mut().zip(&self.neighbours).zip(&self.held).enumerate() {
-            let pull: Vector3<f64> = near.iter().enumerate().map(|(d, &n)| moved(n) * self.stiffness[d / 2]).sum();
-            *out += x[i] * *held - pull;
+            let linked = |(d, &n): (usize, &u32)| x[n as usize] * self.stiffness[d / 2];
+            *out += x[i] * *held - near.iter().enumerate().map(linked).sum::<Vector3<f64>>();
         }
+    }
+
+    /// By how much pre-images of the fraction voxels around go back when voxels move by `x`.
+    fn pulled(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let of = |a: &Answer| a.back * a.around.iter().map(|&(n, w)| x[n as usize] * w).sum::<Vector3<f64>>();
+        self.inverse.iter().map(of).collect()
+    }
+
+    /// By how much each miss changes when voxels move by `x`, to first order.
+    #[cfg(test)]
+    pub(super) fn changes(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let pulled = self.pulled(x);
+        self.rows.iter().map(|row| row.change(x, &pulled)).collect()
     }
 
     /// `out = J' e`, where `e` is what each row has.
@@ -152,9 +171,7 @@ impl System {
         out.fill(Vector3::zeros());
         for row in &self.rows {
             let e = e(row);
-            if let Some(out) = out.get_mut(row.own as usize) {
-                *out += row.by.transpose() * e;
-            }
+            out[row.own as usize] += row.by.transpose() * e;
             for &(n, w) in &row.around {
                 scratch[n as usize] -= e * w;
             }
@@ -162,11 +179,11 @@ impl System {
         for (answer, s) in self.inverse.iter().zip(scratch.iter()) {
             let s = answer.back.transpose() * s;
             for &(n, w) in &answer.around {
-                if let Some(out) = out.get_mut(n as usize) {
-                    *out += s * w;
-                }
+                out[n as usize] += s * w;
             }
         }
+        // What is fixed stays.
+        out[FIXED as usize] = Vector3::zeros();
     }
 
     /// About the diagonal of the system, for the scale of the conjugate gradients: as if no two paths led to one voxel.
@@ -175,18 +192,14 @@ impl System {
         let mut out: Vec<Vector3<f64>> = self.held.iter().map(|&h| Vector3::repeat(h)).collect();
         let mut weight = vec![0.0; self.inverse.len()];
         for row in &self.rows {
-            if let Some(out) = out.get_mut(row.own as usize) {
-                *out += squares(&row.by) * row.weight;
-            }
+            out[row.own as usize] += squares(&row.by) * row.weight;
             for &(n, w) in &row.around {
                 weight[n as usize] += row.weight * w * w;
             }
         }
         for (answer, weight) in self.inverse.iter().zip(weight) {
             for &(n, w) in &answer.around {
-                if let Some(out) = out.get_mut(n as usize) {
-                    *out += squares(&answer.back) * (weight * w * w);
-                }
+                out[n as usize] += squares(&answer.back) * (weight * w * w);
             }
         }
         out

@@ -92,8 +92,7 @@ pub(super) fn cards(report: &Report) -> Markup {
 /// Figures of the run beside the tolerances of AAPM TG-132, without a verdict.
 pub(super) fn tolerances(report: &Report) -> Markup {
     let voxel = [&report.planning_grid, &report.fraction_grid].iter().flat_map(|g| g.spacing()).fold(0.0, f64::max);
-    let j = &report.jacobian;
-    let inverse = &report.inverse;
+    let (j, back) = (&report.jacobian, &report.consistency.there_and_back_mm);
     html! {
         p.note {
             "Tolerances as AAPM TG-132 (Brock et al., Med. Phys. 44 (2017) e43) is commonly quoted; check them against the report "
@@ -116,7 +115,7 @@ pub(super) fn tolerances(report: &Report) -> Markup {
                 }
                 tr {
                     td { "Consistency, there and back" }
-                    td { (format!("mean {:.3}, 95 % {:.3}, worst {:.3} mm", inverse.residual_mm.mean, inverse.residual_mm.p95, inverse.residual_mm.max)) }
+                    td { (format!("mean {:.3}, 95 % {:.3}, worst {:.3} mm away from bone contact", back.mean, back.p95, back.max)) }
                     td { "largest voxel edge, about 2\u{2013}3 mm" }
                 }
                 tr {

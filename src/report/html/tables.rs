@@ -255,14 +255,16 @@ fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
 pub(super) fn inverse_and_links(report: &Report) -> Markup {
     let (inverse, links) = (&report.inverse, &report.links);
     let share = |n: usize| format!("{} ({:.2} %)", count(n), 100.0 * n as f64 / inverse.voxels.max(1) as f64);
-    let r = &inverse.residual_mm;
+    let (r, back) = (&inverse.residual_mm, &report.consistency.there_and_back_mm);
     html! {
         div.pair {
             table {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Voxels measured" } td.n { (count(r.n)) } }
+                    tr { td { "Planning to fraction and back away from bone contact, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
+                    tr { td { "Of those, beyond the limit (before soft tissue was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
+                    tr { td { "Voxels inverted" } td.n { (count(r.n)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
                     tr { td { "Not converged, in tissue" } td.n { (share(inverse.unconverged_tissue)) } }
                     tr { td { "Of those, shown as outside the planning scan" } td.n { (inverse.strayed) } }
