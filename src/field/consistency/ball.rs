@@ -5,17 +5,45 @@ use crate::geometry::Grid;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use rayon::prelude::*;
 
+/// Voxels that were met, by position in storage.
+pub(super) struct Marks {
+    met: Vec<bool>,
+    list: Vec<usize>,
+}
+
+impl Marks {
+    pub(super) fn new(voxels: usize) -> Self {
+        Self { met: vec![false; voxels], list: Vec::new() }
+    }
+
+    /// Whether a voxel is met for the first time.
+    pub(super) fn first(&mut self, voxel: usize) -> bool {
+        let first = !std::mem::replace(&mut self.met[voxel], true);
+        if first {
+            self.list.push(voxel);
+        }
+        first
+    }
+
+    /// Forgets all of them.
+    pub(super) fn clear(&mut self) {
+        for voxel in self.list.drain(..) {
+            self.met[voxel] = false;
+        }
+    }
+}
+
 /// Voxels near others, gathered bit by bit.
 pub(super) struct Balls {
     grid: Grid,
     radii: [f64; 3],
-    within: Vec<bool>,
+    marks: Marks,
 }
 
 impl Balls {
     /// Nothing yet; `radii` along the grid's axes, mm.
     pub(super) fn new(grid: &Grid, radii: [f64; 3]) -> Self {
-        Self { grid: grid.clone(), radii, within: vec![false; grid.len()] }
+        Self { grid: grid.clone(), radii, marks: Marks::new(grid.len()) }
     }
 
     /// Takes in the voxels around `centres` (positions in storage); returns those that were not in yet.
@@ -23,7 +51,7 @@ impl Balls {
         let (size, [nx, ny, nz]) =
             (self.grid.size(), [0, 1, 2].map(|a| (self.radii[a] / self.grid.spacing()[a]).max(f64::MIN_POSITIVE)));
         let around = |c: usize, n: f64, size: usize| c.saturating_sub(n as usize)..=(c + n as usize).min(size - 1);
-        let mut new = Vec::new();
+        let known = self.marks.list.len();
         for &centre in centres {
             let [i, j, k] = self.grid.voxel(centre);
             for z in around(k, nz, size[2]) {
@@ -34,26 +62,28 @@ impl Balls {
                     }
                     let row = self.grid.linear([0, y, z]);
                     let along = around(i, nx * left.sqrt(), size[0]);
-                    let first = row + along.start();
-                    let row = &mut self.within[first..=row + along.end()];
+                    let row = row + along.start()..row + along.end() + 1;
                     // Balls overlap for the most part.
-                    if row.iter().all(|w| *w) {
+                    if self.marks.met[row.clone()].iter().all(|m| *m) {
                         continue;
                     }
-                    for (n, within) in row.iter_mut().enumerate() {
-                        if !std::mem::replace(within, true) {
-                            new.push(first + n);
-                        }
+                    for voxel in row {
+                        self.marks.first(voxel);
                     }
                 }
             }
         }
-        new
+        self.marks.list[known..].to_vec()
+    }
+
+    /// Lets all of them go.
+    pub(super) fn clear(&mut self) {
+        self.marks.clear();
     }
 
     /// Whether a voxel is in.
     pub(super) fn holds(&self, voxel: usize) -> bool {
-        self.within[voxel]
+        self.marks.met[voxel]
     }
 }
 
@@ -89,6 +119,8 @@ mod tests {
             assert_eq!(balls.holds(n), expected, "{:?}", grid.voxel(n));
             assert_eq!(all.iter().filter(|&&m| m == n).count(), usize::from(expected));
         }
+        balls.clear();
+        assert!((0..grid.len()).all(|n| !balls.holds(n)) && balls.add(&centres[..1]).len() > 20);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::geometry::{LANES, Wide, vectorised};
 use crate::volume::trilinear_vector;
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A planning voxel whose way there and back does not end where it began.
 #[derive(Debug, Clone, Copy)]
@@ -87,7 +88,7 @@ pub(super) fn everywhere(
     (lengths, found.concat())
 }
 
-/// The ways among those of `voxels` that miss by more than `least` mm.
-pub(super) fn misses(push: &PushField, pull: &PullField, voxels: &[usize], least: f64) -> Vec<Miss> {
-    voxels.par_iter().filter_map(|&v| miss(push, pull, v)).filter(|m| m.length() > least).collect()
+/// The ways among those of `voxels` that miss by a length in a range, mm.
+pub(super) fn misses(push: &PushField, pull: &PullField, voxels: &[usize], range: Range<f64>) -> Vec<Miss> {
+    voxels.par_iter().filter_map(|&v| miss(push, pull, v)).filter(|m| range.contains(&m.length())).collect()
 }

@@ -89,49 +89,71 @@ pub fn agree(
     };
     let beyond = |misses: &[Miss]| misses.iter().filter(|m| m.length() > options.limit_mm).count();
     let (there_and_back_mm, found) = measure(push, pull);
-    let found = misses(push, pull, &found, 0.0);
+    let found = misses(push, pull, &found, 0.0..f64::INFINITY);
     let before = beyond(&found);
     let report = ConsistencyReport { there_and_back_mm, beyond: before, beyond_before: before, moved_mm: 0.0 };
-    if before == 0 || before > MOST || options.rounds == 0 {
+    if before == 0 || found.len() > MOST || options.rounds == 0 {
         return report;
     }
-    let moved_mm = mend(push, pull, found, (bone, &spared), invert, options);
+    let moved_mm = mend(push, pull, &found, (bone, &spared), invert, options);
     let (there_and_back_mm, found) = measure(push, pull);
-    ConsistencyReport { there_and_back_mm, beyond: beyond(&misses(push, pull, &found, 0.0)), moved_mm, ..report }
+    ConsistencyReport {
+        there_and_back_mm,
+        beyond: beyond(&misses(push, pull, &found, 0.0..f64::INFINITY)),
+        moved_mm,
+        ..report
+    }
 }
 
-/// Takes the steps; returns how far soft tissue was moved at most, mm.
+/// Takes the steps, cluster by cluster; returns how far soft tissue was moved at most, mm.
 fn mend(
     push: &mut PushField,
     pull: &mut PullField,
-    found: Vec<Miss>,
+    found: &[Miss],
     (bone, spared): (&impl BoneOf, &Balls),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> f64 {
     let limit = options.limit_mm;
+    // Interpolation misses by less than a voxel; what misses by more has been laid on by something else.
+    let grids = [push.displacement.grid(), pull.displacement.grid()];
+    let most = grids.iter().flat_map(|g| g.spacing()).fold(limit, f64::max);
+    let found: Vec<Miss> = found.iter().filter(|m| m.length() < most).copied().collect();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
     let worth = |misses: &[Miss]| {
         let longest = misses.iter().map(Miss::length).fold(0.0, f64::max);
         (misses.iter().filter(|m| m.length() > limit).count(), longest)
     };
-    let mut best = worth(&found);
-    let mut seeds: Vec<usize> = found.iter().map(|m| m.voxel).collect();
-    for _ in 0..options.rounds {
-        patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
-        let rows = misses(push, pull, &patch.watched, limit * SMALL);
-        let steps = System::new(push, pull, &rows, &patch, limit).solve();
-        let sound = patch.advance(&steps, push, pull, invert);
-        let rows = misses(push, pull, &patch.watched, limit * SEED);
-        let now = worth(&rows);
-        if sound && now < best {
-            best = now;
-            patch.keep(push, pull);
+    let mut moved = 0.0f64;
+    for cluster in patch.clusters(&found) {
+        let mut best = worth(&cluster);
+        if best.0 == 0 {
+            continue;
         }
-        if sound && now.1 < limit * MENDED {
-            break;
+        let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
+        for _ in 0..options.rounds {
+            patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
+            let rows = misses(push, pull, &patch.watched, limit * SMALL..most);
+            let steps = System::new(push, pull, &rows, &patch, limit).solve();
+            let astray = patch.advance(&steps, push, pull, invert);
+            if !astray.is_empty() {
+                patch.restore(push, pull);
+                patch.bar(&astray);
+                continue;
+            }
+            let rows = misses(push, pull, &patch.watched, limit * SEED..most);
+            let now = worth(&rows);
+            if now < best {
+                best = now;
+                patch.keep(push, pull);
+            }
+            if now.1 < limit * MENDED {
+                break;
+            }
+            seeds = rows.iter().map(|m| m.voxel).collect();
         }
-        seeds = rows.iter().map(|m| m.voxel).collect();
+        moved = moved.max(patch.restore(push, pull));
+        patch.clear();
     }
-    patch.restore(push, pull)
+    moved
 }

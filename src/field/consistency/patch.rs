@@ -1,6 +1,7 @@
 //! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
 
-use super::ball::Balls;
+use super::ball::{Balls, Marks};
+use super::miss::Miss;
 use super::{BoneOf, REACH_MM};
 use crate::field::invert::{Continued, InvertOptions, solve};
 use crate::field::tetrahedra::cut;
@@ -14,6 +15,9 @@ pub(super) const FIXED: u32 = 0;
 /// Longest step of a voxel, mm.
 const STEP_MM: f64 = 1.0;
 
+/// Distance within which voxels no longer move where moving folded a cell or lost a pre-image, mm.
+const BARRED_MM: f64 = 6.0;
+
 /// Values of voxels, by position in storage.
 type Values = Vec<(usize, [f32; 3])>;
 
@@ -26,16 +30,18 @@ pub(super) struct Patch {
     /// Planning voxels whose way there and back can change.
     pub(super) watched: Vec<usize>,
     near: Balls,
+    /// Around where moving went astray.
+    barred: Balls,
     around: Balls,
     grid: Grid,
     strides: [usize; 3],
     /// Fraction voxels that are inverted anew.
     inverted: Vec<usize>,
-    asked: Vec<bool>,
+    asked: Marks,
     /// Cells that hold a movable voxel and were not folded.
     upright: Vec<usize>,
-    cell_known: Vec<bool>,
-    /// Both fields before anything moved, in the order of `movable` and `inverted`.
+    cells: Marks,
+    /// Both fields before anything moved.
     before: [Values; 2],
     /// The same after the best step.
     best: [Values; 2],
@@ -48,17 +54,59 @@ impl Patch {
             number: vec![FIXED; planning.len()],
             watched: Vec::new(),
             near: Balls::new(planning, [REACH_MM; 3]),
+            barred: Balls::new(planning, [BARRED_MM; 3]),
             // A voxel of either field reaches one voxel further.
             around: Balls::new(planning, planning.spacing().map(|h| REACH_MM + 2.0 * h)),
             grid: planning.clone(),
             strides: planning.strides(),
             inverted: Vec::new(),
-            asked: vec![false; fraction.len()],
+            asked: Marks::new(fraction.len()),
             upright: Vec::new(),
-            cell_known: vec![false; planning.len()],
+            cells: Marks::new(planning.len()),
             before: Default::default(),
             best: Default::default(),
         }
+    }
+
+    /// Misses in groups so far apart that what is moved for one does not reach the other.
+    pub(super) fn clusters(&self, misses: &[Miss]) -> Vec<Vec<Miss>> {
+        let apart = self.grid.spacing().map(|h| 2.0 * (REACH_MM / h + 2.0) + 1.0);
+        let at: Vec<[usize; 3]> = misses.iter().map(|m| self.grid.voxel(m.voxel)).collect();
+        let mut left: Vec<usize> = (0..misses.len()).rev().collect();
+        let mut out = Vec::new();
+        while let Some(first) = left.pop() {
+            let mut cluster = vec![first];
+            let mut next = 0;
+            while let Some(&here) = cluster.get(next) {
+                next += 1;
+                left.retain(|&n| {
+                    let close = (0..3).all(|a| at[n][a].abs_diff(at[here][a]) as f64 <= apart[a]);
+                    if close {
+                        cluster.push(n);
+                    }
+                    !close
+                });
+            }
+            cluster.sort_unstable();
+            out.push(cluster.into_iter().map(|n| misses[n]).collect());
+        }
+        out
+    }
+
+    /// Lets everything go.
+    pub(super) fn clear(&mut self) {
+        for voxel in self.movable.drain(..) {
+            self.number[voxel] = FIXED;
+        }
+        self.watched.clear();
+        self.inverted.clear();
+        self.upright.clear();
+        self.near.clear();
+        self.barred.clear();
+        self.around.clear();
+        self.asked.clear();
+        self.cells.clear();
+        (self.before, self.best) = Default::default();
     }
 
     /// Makes soft voxels around `seeds` movable.
@@ -74,7 +122,7 @@ impl Patch {
         // The outermost voxels have no neighbours on one side.
         let inner = |v: usize| self.grid.voxel(v).iter().zip(size).all(|(&c, n)| c > 0 && c + 1 < n);
         let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
-        let movable = |&v: &usize| inner(v) && soft(v);
+        let movable = |&v: &usize| inner(v) && soft(v) && !self.barred.holds(v);
         let new: Vec<usize> = self.near.add(seeds).into_iter().filter(movable).collect();
         for &v in &new {
             self.movable.push(v);
@@ -83,7 +131,7 @@ impl Patch {
         }
         let corners = self.grid.cell_corners();
         for cell in new.iter().flat_map(|v| corners.map(|c| v - c)) {
-            if !std::mem::replace(&mut self.cell_known[cell], true) && !folded(push, cell) {
+            if self.cells.first(cell) && !folded(push, cell) {
                 self.upright.push(cell);
             }
         }
@@ -108,7 +156,7 @@ impl Patch {
                 for j in low[1]..=high[1].min(size[1] - 1) {
                     let row = fraction.linear([0, j, k]);
                     for n in row + low[0]..=row + high[0].min(size[0] - 1) {
-                        if !std::mem::replace(&mut self.asked[n], true) {
+                        if self.asked.first(n) {
                             new.push(n);
                         }
                     }
@@ -122,14 +170,14 @@ impl Patch {
         self.inverted.extend(new);
     }
 
-    /// Moves the voxels, by number, and inverts anew; whether nothing folded and everything has its pre-image.
+    /// Moves the voxels, by number, and inverts anew; where cells folded or pre-images were lost, as planning voxels.
     pub(super) fn advance(
         &self,
         steps: &[Vector3<f64>],
         push: &mut PushField,
         pull: &mut PullField,
         options: &InvertOptions,
-    ) -> bool {
+    ) -> Vec<usize> {
         let u = push.displacement.data_mut();
         for (&v, step) in self.movable.iter().zip(&steps[1..]) {
             let step = step.cap_magnitude(STEP_MM);
@@ -142,22 +190,39 @@ impl Patch {
         let fraction = pull.displacement.grid();
         let anew = |&n: &usize| {
             if missed(&field, pull, n) < options.tolerance_mm {
-                return Some(None);
+                return Ok(None);
             }
-            let v = Vector3::from(pull.displacement.data()[n].map(f64::from));
-            let (v, _, solved) = solve(&fraction.centre(fraction.voxel(n)).coords, v, &field, limits);
-            solved.then_some(Some(v.map(|v| v as f32).into()))
+            let (y, was) =
+                (fraction.centre(fraction.voxel(n)), Vector3::from(pull.displacement.data()[n].map(f64::from)));
+            let (v, _, solved) = solve(&y.coords, was, &field, limits);
+            if solved { Ok(Some(v.map(|v| v as f32).into())) } else { Err(y + was) }
         };
-        let found: Vec<Option<Option<[f32; 3]>>> = self.inverted.par_iter().map(anew).collect();
-        let mut sound = true;
+        let found: Vec<std::result::Result<Option<[f32; 3]>, Point3<f64>>> =
+            self.inverted.par_iter().map(anew).collect();
+        let mut astray: Vec<usize> = self.upright.par_iter().copied().filter(|&cell| folded(push, cell)).collect();
+        let last = self.grid.size().map(|n| (n - 1) as f64);
         for (&n, found) in self.inverted.iter().zip(found) {
             match found {
-                Some(Some(v)) => pull.displacement.data_mut()[n] = v,
-                Some(None) => {}
-                None => sound = false,
+                Ok(Some(v)) => pull.displacement.data_mut()[n] = v,
+                Ok(None) => {}
+                Err(x) => {
+                    let at = self.grid.index(&x);
+                    astray.push(self.grid.linear([0, 1, 2].map(|a| at[a].round().clamp(0.0, last[a]) as usize)));
+                }
             }
         }
-        sound && !self.upright.par_iter().any(|&cell| folded(push, cell))
+        astray
+    }
+
+    /// Lets no voxel near these move any more.
+    pub(super) fn bar(&mut self, astray: &[usize]) {
+        for voxel in self.barred.add(astray) {
+            self.number[voxel] = FIXED;
+        }
+        self.movable.retain(|&v| !self.barred.holds(v));
+        for (n, &voxel) in self.movable.iter().enumerate() {
+            self.number[voxel] = n as u32 + 1;
+        }
     }
 
     /// Remembers the fields as they are.
