@@ -61,11 +61,15 @@ pub struct ConsistencyReport {
 const CONTACT_MM: f64 = 10.0;
 /// Share of the limit beyond which a miss makes its surroundings movable, and below which a voxel counts as mended.
 const SEED: f64 = 0.6;
-const MENDED: f64 = 0.95;
+const MENDED: f64 = 0.99;
 /// Distance from such a miss up to which soft tissue may move, mm.
 const REACH_MM: f64 = 8.0;
 /// Misses below this share of the limit have no part in the steps.
 const SMALL: f64 = 0.2;
+/// A step that would move a voxel farther is none: what is laid over something else has no way back, mm.
+const WILD_MM: f64 = 4.0;
+/// Times that a step is tried, each half as long as the one before.
+const HALVINGS: usize = 3;
 /// Misses beyond which nothing is moved: then the motion itself is at fault.
 const MOST: usize = 5000;
 
@@ -120,40 +124,59 @@ fn mend(
     let most = grids.iter().flat_map(|g| g.spacing()).fold(limit, f64::max);
     let found: Vec<Miss> = found.iter().filter(|m| m.length() < most).copied().collect();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
-    let worth = |misses: &[Miss]| {
-        let longest = misses.iter().map(Miss::length).fold(0.0, f64::max);
-        (misses.iter().filter(|m| m.length() > limit).count(), longest)
-    };
     let mut moved = 0.0f64;
     for cluster in patch.clusters(&found) {
-        let mut best = worth(&cluster);
-        if best.0 == 0 {
+        if longest(&cluster) <= limit {
             continue;
         }
+        let mut best = merit(&cluster, limit);
         let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
         for _ in 0..options.rounds {
             patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
             let rows = misses(push, pull, &patch.watched, limit * SMALL..most);
-            let steps = System::new(push, pull, &rows, &patch, limit).solve();
-            let astray = patch.advance(&steps, push, pull, invert);
-            if !astray.is_empty() {
-                patch.restore(push, pull);
-                patch.bar(&astray);
+            let mut steps = System::new(push, pull, &rows, &patch, limit).solve();
+            let wild = patch.beyond(&steps, WILD_MM);
+            if !wild.is_empty() {
+                patch.bar(&wild);
                 continue;
             }
-            let rows = misses(push, pull, &patch.watched, limit * SEED..most);
-            let now = worth(&rows);
-            if now < best {
-                best = now;
-                patch.keep(push, pull);
-            }
-            if now.1 < limit * MENDED {
+            let mut astray = Vec::new();
+            let taken = (0..HALVINGS).find_map(|_| {
+                astray = patch.advance(&steps, push, pull, invert);
+                let left = misses(push, pull, &patch.watched, limit * SEED..most);
+                if astray.is_empty() && merit(&left, limit) < best {
+                    return Some(left);
+                }
+                patch.restore(push, pull);
+                steps.iter_mut().for_each(|step| *step *= 0.5);
+                None
+            });
+            let Some(left) = taken else {
+                if astray.is_empty() {
+                    break;
+                }
+                patch.bar(&astray);
+                continue;
+            };
+            best = merit(&left, limit);
+            patch.keep(push, pull);
+            if longest(&left) < limit * MENDED {
                 break;
             }
-            seeds = rows.iter().map(|m| m.voxel).collect();
+            seeds = left.iter().map(|m| m.voxel).collect();
         }
         moved = moved.max(patch.restore(push, pull));
         patch.clear();
     }
     moved
+}
+
+/// The longest miss, mm.
+fn longest(misses: &[Miss]) -> f64 {
+    misses.iter().map(Miss::length).fold(0.0, f64::max)
+}
+
+/// What steps are to make smaller: the system's weights make it the sixth power of the misses.
+fn merit(misses: &[Miss], limit: f64) -> f64 {
+    misses.iter().map(|m| (m.length() / limit).powi(6)).sum()
 }

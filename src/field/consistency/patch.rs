@@ -12,8 +12,6 @@ use rayon::prelude::*;
 
 /// The number of all voxels that do not move; those of the movable ones follow it.
 pub(super) const FIXED: u32 = 0;
-/// Longest step of a voxel, mm.
-const STEP_MM: f64 = 1.0;
 
 /// Distance within which voxels no longer move where moving folded a cell or lost a pre-image, mm.
 const BARRED_MM: f64 = 6.0;
@@ -180,7 +178,6 @@ impl Patch {
     ) -> Vec<usize> {
         let u = push.displacement.data_mut();
         for (&v, step) in self.movable.iter().zip(&steps[1..]) {
-            let step = step.cap_magnitude(STEP_MM);
             for a in 0..3 {
                 u[v][a] += step[a] as f32;
             }
@@ -212,6 +209,11 @@ impl Patch {
             }
         }
         astray
+    }
+
+    /// The voxels that steps, by number, would move by more than `most` mm.
+    pub(super) fn beyond(&self, steps: &[Vector3<f64>], most: f64) -> Vec<usize> {
+        self.movable.iter().zip(&steps[1..]).filter(|(_, step)| step.norm() > most).map(|(&v, _)| v).collect()
     }
 
     /// Lets no voxel near these move any more.
