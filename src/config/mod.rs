@@ -67,7 +67,8 @@ pub enum Preset {
     /// What measures best (docs/validation.md).
     #[default]
     Default,
-    /// Elements of 5 mm, fewer samples of the fit and comparisons of the images, no map of uncertainty.
+    /// Elements of 5 mm, fewer samples of the fit and comparisons of the images, no map of uncertainty, fields not made to agree
+    /// between voxels.
     Fast,
     /// More comparisons of the images and rounds of relaxation.
     Accurate,

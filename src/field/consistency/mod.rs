@@ -60,7 +60,7 @@ pub struct ConsistencyReport {
 /// between them.
 const CONTACT_MM: f64 = 10.0;
 /// Share of the limit beyond which a miss makes its surroundings movable, and below which a voxel counts as mended.
-const SEED: f64 = 0.6;
+const SEED: f64 = 0.8;
 const MENDED: f64 = 0.99;
 /// Distance from such a miss up to which soft tissue may move, mm.
 const REACH_MM: f64 = 8.0;
