@@ -8,6 +8,7 @@ mod engine;
 mod extend;
 mod front;
 mod growth;
+mod islands;
 mod lattice;
 mod links;
 mod material;

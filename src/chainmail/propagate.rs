@@ -4,6 +4,7 @@ use super::blend::{first_wave, spread};
 use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::growth::Growth;
+use super::islands::islands;
 use super::lattice::{Lattice, Node, Tissue};
 use super::material::Organs;
 use super::mend::mend;
@@ -100,7 +101,7 @@ const RELEASES: usize = 6;
 const AROUND: usize = 5;
 
 /// Relaxes by mechanics alone (several times where organs change their volume, until they do), then with the images' pull,
-/// which lets go where cells would tangle.
+/// which lets go where cells would tangle and has no hold on small islands.
 fn relax(
     mut relaxation: Relaxation,
     lattice: &Lattice,
@@ -117,7 +118,7 @@ fn relax(
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);
-    let mut released = vec![false; lattice.node.len()];
+    let mut released = islands(lattice);
     for pass in 0..passes {
         let mut pull = compare(&relaxation.displacements());
         pull.release(lattice, &released);
