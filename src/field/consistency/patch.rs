@@ -117,20 +117,24 @@ impl Patch {
     ) {
         let u = push.displacement.data();
         let size = self.grid.size();
-        // The outermost voxels have no neighbours on one side.
-        let inner = |v: usize| self.grid.voxel(v).iter().zip(size).all(|(&c, n)| c > 0 && c + 1 < n);
         let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
-        let movable = |&v: &usize| inner(v) && soft(v) && !self.barred.holds(v);
+        let movable = |&v: &usize| soft(v) && !self.barred.holds(v);
         let new: Vec<usize> = self.near.add(seeds).into_iter().filter(movable).collect();
         for &v in &new {
             self.movable.push(v);
             self.number[v] = self.movable.len() as u32;
             self.before[0].push((v, u[v]));
         }
-        let corners = self.grid.cell_corners();
-        for cell in new.iter().flat_map(|v| corners.map(|c| v - c)) {
-            if self.cells.first(cell) && !folded(push, cell) {
-                self.upright.push(cell);
+        for &v in &new {
+            let at = self.grid.voxel(v);
+            // The cells around a voxel begin at it or one before it along each axis.
+            for c in 0..8 {
+                let first = [0, 1, 2].map(|a| at[a].checked_sub(c >> a & 1).filter(|&i| i + 1 < size[a]));
+                let [Some(i), Some(j), Some(k)] = first else { continue };
+                let cell = self.grid.linear([i, j, k]);
+                if self.cells.first(cell) && !folded(push, cell) {
+                    self.upright.push(cell);
+                }
             }
         }
         let added: Vec<usize> = self.around.add(seeds).into_iter().filter(|&v| push.computed.data()[v]).collect();
@@ -254,16 +258,23 @@ impl Patch {
 
     /// The numbers of a movable voxel's neighbours: two along each axis.
     pub(super) fn neighbours(&self, voxel: usize) -> [u32; 6] {
-        std::array::from_fn(|d| {
-            let stride = self.strides[d / 2];
-            self.number[if d % 2 == 0 { voxel - stride } else { voxel + stride }]
-        })
+        self.beside(voxel).map(|n| n.map_or(FIXED, |n| self.number[n]))
     }
 
     /// How many neighbours along each axis a movable voxel has in the patient.
     pub(super) fn linked(&self, push: &PushField, voxel: usize) -> [usize; 3] {
-        let computed = push.computed.data();
-        self.strides.map(|s| usize::from(computed[voxel - s]) + usize::from(computed[voxel + s]))
+        let beside = self.beside(voxel);
+        let there = |d: usize| usize::from(beside[d].is_some_and(|n| push.computed.data()[n]));
+        [0, 1, 2].map(|a| there(2 * a) + there(2 * a + 1))
+    }
+
+    /// The voxels before and behind one along each axis.
+    fn beside(&self, voxel: usize) -> [Option<usize>; 6] {
+        let (at, size) = (self.grid.voxel(voxel), self.grid.size());
+        std::array::from_fn(|d| {
+            let (a, stride) = (d / 2, self.strides[d / 2]);
+            if d % 2 == 0 { (at[a] > 0).then(|| voxel - stride) } else { (at[a] + 1 < size[a]).then(|| voxel + stride) }
+        })
     }
 }
 
