@@ -137,6 +137,19 @@ fn the_inverse_undoes_the_field() {
 }
 
 #[test]
+fn the_way_there_and_back_ends_where_it_began() {
+    let report = &done().1.consistency;
+    let back = &report.there_and_back_mm;
+    println!(
+        "planning to fraction and back: {:.4} mm mean, {:.3} mm worst of {}, beyond 0.5 mm {} (before {})",
+        back.mean, back.max, back.n, report.beyond, report.beyond_before
+    );
+    assert!(back.n > 100_000 && back.mean <= 0.05, "{back:?}");
+    // Islands of tissue in the lung once came back from up to 12 mm away.
+    assert!(back.max <= 1.0 && report.beyond * 100_000 <= back.n, "{report:?}");
+}
+
+#[test]
 fn the_fit_says_which_bones_the_image_shows() {
     let outcome = &done().1;
     let by_image = outcome.bone_fits.iter().filter(|f| f.determined_by == "image").count();

@@ -69,7 +69,7 @@ const SMALL: f64 = 0.2;
 /// A step that would move a voxel farther is none: what is laid over something else has no way back, mm.
 const WILD_MM: f64 = 4.0;
 /// Times that a step is tried, each half as long as the one before.
-const HALVINGS: usize = 3;
+const HALVINGS: usize = 5;
 /// Misses beyond which nothing is moved: then the motion itself is at fault.
 const MOST: usize = 5000;
 
