@@ -52,10 +52,10 @@ mod tests {
         let grid = Grid::axis_aligned([30, 20, 20], [2.0; 3], [0.0; 3]).unwrap();
         let mut node = vec![Node::Outside; grid.len()];
         let mut fill = |low: [usize; 3], high: [usize; 3], kind: Node| {
-            for n in 0..grid.len() {
+            for (n, node) in node.iter_mut().enumerate() {
                 let at = grid.voxel(n);
                 if (0..3).all(|a| (low[a]..=high[a]).contains(&at[a])) {
-                    node[n] = kind;
+                    *node = kind;
                 }
             }
         };
@@ -66,12 +66,11 @@ mod tests {
         fill([27, 18, 18], [27, 18, 18], Node::Bone(1));
         let active = (0..grid.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
         let lattice = Lattice { constraint: vec![RIGID; grid.len()], active, node, grid: grid.clone() };
-        let found = islands(&lattice);
-        for n in 0..grid.len() {
+        for (n, found) in islands(&lattice).into_iter().enumerate() {
             let at = grid.voxel(n);
             // The first piece touches a bone at its corner; the third has 8 ml.
             let expected = (10..=11).contains(&at[0]) && lattice.node[n] == Node::Soft;
-            assert_eq!(found[n], expected, "{at:?}");
+            assert_eq!(found, expected, "{at:?}");
         }
     }
 }
