@@ -123,17 +123,20 @@ fn mend(
     let grids = [push.displacement.grid(), pull.displacement.grid()];
     let most = grids.iter().flat_map(|g| g.spacing()).fold(limit, f64::max);
     let found: Vec<Miss> = found.iter().filter(|m| m.length() < most).copied().collect();
+    // What steps are to make smaller: the system's weights make it the sixth power.
+    let merit = |misses: &[Miss]| misses.iter().map(|m| (m.length().min(most) / limit).powi(6)).sum::<f64>();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
     let mut moved = 0.0f64;
     for cluster in patch.clusters(&found) {
         if longest(&cluster) <= limit {
             continue;
         }
-        let mut best = merit(&cluster, limit);
         let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
         for _ in 0..options.rounds {
             patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
-            let rows = misses(push, pull, &patch.watched, limit * SMALL..most);
+            let mut rows = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
+            let best = merit(&rows);
+            rows.retain(|m| m.length() < most);
             let mut steps = System::new(push, pull, &rows, &patch, limit).solve();
             let wild = patch.beyond(&steps, WILD_MM);
             if !wild.is_empty() {
@@ -143,22 +146,22 @@ fn mend(
             let mut astray = Vec::new();
             let taken = (0..HALVINGS).find_map(|_| {
                 astray = patch.advance(&steps, push, pull, invert);
-                let left = misses(push, pull, &patch.watched, limit * SEED..most);
-                if astray.is_empty() && merit(&left, limit) < best {
+                let left = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
+                if astray.is_empty() && merit(&left) < best {
                     return Some(left);
                 }
                 patch.restore(push, pull);
                 steps.iter_mut().for_each(|step| *step *= 0.5);
                 None
             });
-            let Some(left) = taken else {
+            let Some(mut left) = taken else {
                 if astray.is_empty() {
                     break;
                 }
                 patch.bar(&astray);
                 continue;
             };
-            best = merit(&left, limit);
+            left.retain(|m| (limit * SEED..most).contains(&m.length()));
             patch.keep(push, pull);
             if longest(&left) < limit * MENDED {
                 break;
@@ -174,9 +177,4 @@ fn mend(
 /// The longest miss, mm.
 fn longest(misses: &[Miss]) -> f64 {
     misses.iter().map(Miss::length).fold(0.0, f64::max)
-}
-
-/// What steps are to make smaller: the system's weights make it the sixth power of the misses.
-fn merit(misses: &[Miss], limit: f64) -> f64 {
-    misses.iter().map(|m| (m.length() / limit).powi(6)).sum()
 }
