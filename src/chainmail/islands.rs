@@ -1,44 +1,26 @@
 //! Small pieces of tissue that hang on nothing: vessels and noise in the lung.
 
 use super::lattice::{Lattice, Node};
-use crate::geometry::stencil::NEIGHBOURS_26;
+use crate::volume::components::{Components, Connectivity};
+use crate::volume::{Mask, Volume};
 
 /// Islands smaller than this follow what is around them, mm^3: images cannot tell so little tissue from noise, and nothing would hold
 /// it back.
 const LEAST_MM3: f64 = 1000.0;
 
 /// Sets every soft node that no link joins to a bone, over however many nodes, unless its island is large.
-pub(super) fn islands(lattice: &Lattice) -> Vec<bool> {
-    let strides = lattice.grid.strides().map(|s| s as isize);
-    let beside = NEIGHBOURS_26.map(|by| (0..3).map(|a| by[a] as isize * strides[a]).sum::<isize>());
-    let mut met: Vec<bool> = lattice.node.iter().map(|n| *n == Node::Outside).collect();
-    // An active node is never on the border, so its neighbours lie in the grid.
-    let mut flood = |from: Vec<usize>| {
-        let mut piece = from;
-        piece.retain(|&n| !std::mem::replace(&mut met[n], true));
-        let mut next = 0;
-        while let Some(&n) = piece.get(next) {
-            next += 1;
-            for by in beside {
-                let m = n.wrapping_add_signed(by);
-                if !std::mem::replace(&mut met[m], true) {
-                    piece.push(m);
-                }
-            }
-        }
-        piece
-    };
-    let active = || lattice.active.iter().map(|&n| n as usize);
-    flood(active().filter(|&n| matches!(lattice.node[n], Node::Bone(_))).collect());
-    let most = LEAST_MM3 / lattice.grid.voxel_volume();
-    let mut out = vec![false; lattice.node.len()];
-    for n in active() {
-        let piece = flood(vec![n]);
-        if (piece.len() as f64) < most {
-            piece.into_iter().for_each(|n| out[n] = true);
-        }
+pub(super) fn islands(lattice: &Lattice) -> Mask {
+    let mut active = Volume::filled(lattice.grid.clone(), false);
+    for &n in &lattice.active {
+        active.data_mut()[n as usize] = true;
     }
-    out
+    let pieces = Components::of(&active, false, Connectivity::Corner);
+    let mut held = vec![false; pieces.len()];
+    for run in &pieces.runs {
+        held[run.component] |= lattice.node[run.start..run.end].iter().any(|n| matches!(n, Node::Bone(_)));
+    }
+    let most = LEAST_MM3 / lattice.grid.voxel_volume();
+    pieces.select(&active, |piece| !held[piece] && (pieces.sizes[piece] as f64) < most)
 }
 
 #[cfg(test)]
@@ -66,11 +48,11 @@ mod tests {
         fill([27, 18, 18], [27, 18, 18], Node::Bone(1));
         let active = (0..grid.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
         let lattice = Lattice { constraint: vec![RIGID; grid.len()], active, node, grid: grid.clone() };
-        for (n, found) in islands(&lattice).into_iter().enumerate() {
+        for (n, found) in islands(&lattice).data().iter().enumerate() {
             let at = grid.voxel(n);
             // The first piece touches a bone at its corner; the third has 8 ml.
             let expected = (10..=11).contains(&at[0]) && lattice.node[n] == Node::Soft;
-            assert_eq!(found, expected, "{at:?}");
+            assert_eq!(*found, expected, "{at:?}");
         }
     }
 }

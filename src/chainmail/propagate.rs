@@ -118,7 +118,7 @@ fn relax(
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);
-    let mut released = islands(lattice);
+    let mut released = islands(lattice).into_data();
     for pass in 0..passes {
         let mut pull = compare(&relaxation.displacements());
         pull.release(lattice, &released);

@@ -87,26 +87,21 @@ pub fn agree(
     let planning = push.displacement.grid();
     let mut spared = Balls::new(planning, [CONTACT_MM; 3]);
     spared.add(&touching(planning, bone));
+    // The lengths of all ways, how many of them are beyond the limit, and the ways that miss by nearly as much.
     let measure = |push: &PushField, pull: &PullField| {
         let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
-        (Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>()), found)
+        let found = misses(push, pull, &found, 0.0..f64::INFINITY);
+        let beyond = found.iter().filter(|m| m.length() > options.limit_mm).count();
+        (Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>()), beyond, found)
     };
-    let beyond = |misses: &[Miss]| misses.iter().filter(|m| m.length() > options.limit_mm).count();
-    let (there_and_back_mm, found) = measure(push, pull);
-    let found = misses(push, pull, &found, 0.0..f64::INFINITY);
-    let before = beyond(&found);
-    let report = ConsistencyReport { there_and_back_mm, beyond: before, beyond_before: before, moved_mm: 0.0 };
-    if before == 0 || found.len() > MOST || options.rounds == 0 {
+    let (there_and_back_mm, beyond_before, found) = measure(push, pull);
+    let report = ConsistencyReport { there_and_back_mm, beyond: beyond_before, beyond_before, moved_mm: 0.0 };
+    if beyond_before == 0 || found.len() > MOST || options.rounds == 0 {
         return report;
     }
     let moved_mm = mend(push, pull, &found, (bone, &spared), invert, options);
-    let (there_and_back_mm, found) = measure(push, pull);
-    ConsistencyReport {
-        there_and_back_mm,
-        beyond: beyond(&misses(push, pull, &found, 0.0..f64::INFINITY)),
-        moved_mm,
-        ..report
-    }
+    let (there_and_back_mm, beyond, _) = measure(push, pull);
+    ConsistencyReport { there_and_back_mm, beyond, beyond_before, moved_mm }
 }
 
 /// Takes the steps, cluster by cluster; returns how far soft tissue was moved at most, mm.

@@ -32,7 +32,6 @@ pub(super) struct Patch {
     barred: Balls,
     around: Balls,
     grid: Grid,
-    strides: [usize; 3],
     /// Fraction voxels that are inverted anew.
     inverted: Vec<usize>,
     asked: Marks,
@@ -56,7 +55,6 @@ impl Patch {
             // A voxel of either field reaches one voxel further.
             around: Balls::new(planning, planning.spacing().map(|h| REACH_MM + 2.0 * h)),
             grid: planning.clone(),
-            strides: planning.strides(),
             inverted: Vec::new(),
             asked: Marks::new(fraction.len()),
             upright: Vec::new(),
@@ -270,9 +268,9 @@ impl Patch {
 
     /// The voxels before and behind one along each axis.
     fn beside(&self, voxel: usize) -> [Option<usize>; 6] {
-        let (at, size) = (self.grid.voxel(voxel), self.grid.size());
+        let (at, size, strides) = (self.grid.voxel(voxel), self.grid.size(), self.grid.strides());
         std::array::from_fn(|d| {
-            let (a, stride) = (d / 2, self.strides[d / 2]);
+            let (a, stride) = (d / 2, strides[d / 2]);
             if d % 2 == 0 { (at[a] > 0).then(|| voxel - stride) } else { (at[a] + 1 < size[a]).then(|| voxel + stride) }
         })
     }
