@@ -38,7 +38,7 @@ pub struct ConsistencyOptions {
 
 impl Default for ConsistencyOptions {
     fn default() -> Self {
-        Self { limit_mm: 0.5, rounds: 8 }
+        Self { limit_mm: 0.5, rounds: 40 }
     }
 }
 
@@ -69,7 +69,15 @@ const SMALL: f64 = 0.2;
 /// A step that would move a voxel farther is none: what is laid over something else has no way back, mm.
 const WILD_MM: f64 = 4.0;
 /// Times that a step is tried, each half as long as the one before.
-const HALVINGS: usize = 5;
+const HALVINGS: usize = 3;
+/// The power of a miss that steps make smaller: high, so that the longest counts, and not so high that nothing else does.
+const POWER: i32 = 8;
+/// Weight of the moves' roughness (differences between neighbours per mm) against the misses: where it starts, by how much it grows after
+/// a step that brought nothing and shrinks after one that did, and where that ends.
+const ROUGHNESS: f64 = 0.3;
+const STIFFER: f64 = 4.0;
+const SOFTER: f64 = 0.5;
+const ROUGHNESS_RANGE: std::ops::Range<f64> = 0.1..5.0;
 /// Misses beyond which nothing is moved: then the motion itself is at fault.
 const MOST: usize = 5000;
 
@@ -118,21 +126,22 @@ fn mend(
     let grids = [push.displacement.grid(), pull.displacement.grid()];
     let most = grids.iter().flat_map(|g| g.spacing()).fold(limit, f64::max);
     let found: Vec<Miss> = found.iter().filter(|m| m.length() < most).copied().collect();
-    // What steps are to make smaller: the system's weights make it the sixth power.
-    let merit = |misses: &[Miss]| misses.iter().map(|m| (m.length().min(most) / limit).powi(6)).sum::<f64>();
+    // What steps are to make smaller, as the system's weights do.
+    let merit = |misses: &[Miss]| misses.iter().map(|m| (m.length().min(most) / limit).powi(POWER)).sum::<f64>();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
     let mut moved = 0.0f64;
     for cluster in patch.clusters(&found) {
         if longest(&cluster) <= limit {
             continue;
         }
+        let mut roughness = ROUGHNESS;
         let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
         for _ in 0..options.rounds {
             patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
             let mut rows = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
             let best = merit(&rows);
             rows.retain(|m| m.length() < most);
-            let mut steps = System::new(push, pull, &rows, &patch, limit).solve();
+            let mut steps = System::new(push, pull, &rows, &patch, (limit, roughness)).solve();
             let wild = patch.beyond(&steps, WILD_MM);
             if !wild.is_empty() {
                 patch.bar(&wild);
@@ -150,14 +159,19 @@ fn mend(
                 None
             });
             let Some(mut left) = taken else {
-                if astray.is_empty() {
+                if !astray.is_empty() {
+                    patch.bar(&astray);
+                    continue;
+                }
+                roughness *= STIFFER;
+                if roughness > ROUGHNESS_RANGE.end {
                     break;
                 }
-                patch.bar(&astray);
                 continue;
             };
             left.retain(|m| (limit * SEED..most).contains(&m.length()));
             patch.keep(push, pull);
+            roughness = (roughness * SOFTER).max(ROUGHNESS_RANGE.start);
             if longest(&left) < limit * MENDED {
                 break;
             }

@@ -232,7 +232,8 @@ impl Patch {
     /// Remembers the fields as they are.
     pub(super) fn keep(&mut self, push: &PushField, pull: &PullField) {
         self.best = [
-            self.movable.iter().map(|&v| (v, push.displacement.data()[v])).collect(),
+            // Also those that may no longer move.
+            self.before[0].iter().map(|&(v, _)| (v, push.displacement.data()[v])).collect(),
             self.inverted.iter().map(|&n| (n, pull.displacement.data()[n])).collect(),
         ];
     }

@@ -1,5 +1,6 @@
 //! The linear system of a step: how misses answer to moves of soft voxels, and how smooth the moves are.
 
+use super::POWER;
 use super::miss::Miss;
 use super::patch::{FIXED, Patch};
 use crate::field::{PullField, PushField};
@@ -8,8 +9,6 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Weight of the moves' roughness (differences between neighbours per mm) against the misses.
-const ROUGHNESS: f64 = 0.3;
 /// Weight of the moves themselves beside their roughness, 1/mm^2: what is not held anywhere stays.
 const REST: f64 = 0.002;
 /// Residual of the conjugate gradients, relative, and their limit.
@@ -56,7 +55,13 @@ struct Answer {
 }
 
 impl System {
-    pub(super) fn new(push: &PushField, pull: &PullField, misses: &[Miss], patch: &Patch, limit: f64) -> Self {
+    pub(super) fn new(
+        push: &PushField,
+        pull: &PullField,
+        misses: &[Miss],
+        patch: &Patch,
+        (limit, roughness): (f64, f64),
+    ) -> Self {
         let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
         let mut known: BTreeMap<usize, u32> = BTreeMap::new();
         let mut rows = Vec::with_capacity(misses.len());
@@ -70,7 +75,7 @@ impl System {
             };
             rows.push(Row {
                 miss: m.by,
-                weight: (m.length() / limit).powi(4),
+                weight: (m.length() / limit).powi(POWER - 2),
                 own: patch.number[m.voxel],
                 by: Matrix3::identity() + around.slope(pull.displacement.data()) * fraction.inverse_step(),
                 around: std::array::from_fn(&mut number),
@@ -90,10 +95,10 @@ impl System {
             found.unwrap_or(Answer { back: Matrix3::zeros(), around: [(FIXED, 0.0); 8] })
         };
         let inverse = inverse.par_iter().map(answer).collect();
-        let stiffness = planning.spacing().map(|h| ROUGHNESS / (h * h));
+        let stiffness = planning.spacing().map(|h| roughness / (h * h));
         let held = |&v: &usize| {
             let linked = patch.linked(push, v);
-            ROUGHNESS * REST + linked.iter().zip(stiffness).map(|(&n, s)| n as f64 * s).sum::<f64>()
+            roughness * REST + linked.iter().zip(stiffness).map(|(&n, s)| n as f64 * s).sum::<f64>()
         };
         Self {
             rows,

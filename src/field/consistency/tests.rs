@@ -89,7 +89,7 @@ fn misses_change_as_the_system_says() {
     let mut patch = Patch::new(&grid, &fraction);
     patch.extend(&[grid.linear([20, 20, BONE - 1])], (&rigid, &Balls::new(&grid, [1.0; 3])), (&push, &pull), &exact);
     let rows = misses(&push, &pull, &patch.watched, 0.05..3.0);
-    let system = System::new(&push, &pull, &rows, &patch, 0.5);
+    let system = System::new(&push, &pull, &rows, &patch, (0.5, 0.3));
     // A small move without pattern.
     let part = |n: usize| (n as f64 * 12.9898).sin();
     let steps: Vec<Vector3<f64>> = (0..=patch.movable.len())
@@ -106,4 +106,24 @@ fn misses_change_as_the_system_says() {
         (wrong, all) = (wrong + (change - predicted).norm(), all + change.norm());
     }
     assert!(all / rows.len() as f64 > 1e-3 && wrong < 0.05 * all, "{wrong} of {all}");
+}
+
+#[test]
+fn what_was_kept_stays_kept_where_nothing_may_move_any_more() {
+    let (mut push, fraction) = pressed(1.0);
+    let options = InvertOptions::default();
+    let (mut pull, _) = invert(&push, &fraction, None, &options).unwrap();
+    let grid = push.displacement.grid().clone();
+    let mut patch = Patch::new(&grid, &fraction);
+    let seed = grid.linear([20, 20, BONE - 3]);
+    patch.extend(&[seed], (&bone(&grid), &Balls::new(&grid, [1.0; 3])), (&push, &pull), &options);
+    let steps = vec![Vector3::new(0.01, 0.02, -0.01); patch.movable.len() + 1];
+    assert!(patch.advance(&steps, &mut push, &mut pull, &options).is_empty());
+    let after = push.displacement.clone();
+    patch.keep(&push, &pull);
+    patch.bar(&[seed]);
+    assert!(patch.movable.len() + 2 < steps.len());
+    patch.keep(&push, &pull);
+    patch.restore(&mut push, &mut pull);
+    assert!(push.displacement == after);
 }
