@@ -80,6 +80,8 @@ const SOFTER: f64 = 0.5;
 const ROUGHNESS_RANGE: std::ops::Range<f64> = 0.1..5.0;
 /// Misses beyond which nothing is moved: then the motion itself is at fault.
 const MOST: usize = 5000;
+/// Voxels moved in all steps of a cluster beyond which it is left as it has become: bounds the time, about 6 us each.
+const MOST_MOVES: usize = 200_000;
 
 /// Moves soft tissue of `push` until the way to the fraction and back through the stored fields misses by no more than the limit, and `pull`
 /// with it; what does not come out better stays as it was.
@@ -134,10 +136,14 @@ fn mend(
         if longest(&cluster) <= limit {
             continue;
         }
-        let mut roughness = ROUGHNESS;
+        let (mut roughness, mut moves) = (ROUGHNESS, 0);
         let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
         for _ in 0..options.rounds {
             patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
+            moves += patch.movable.len();
+            if moves > MOST_MOVES {
+                break;
+            }
             let mut rows = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
             let best = merit(&rows);
             rows.retain(|m| m.length() < most);
