@@ -15,11 +15,6 @@ use aventail::volume::{Volume, gaussian};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Point3;
 
-/// That of the program.
-#[cfg(target_os = "linux")]
-#[global_allocator]
-static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
-
 /// The phantom at a spacing, with its true field.
 fn phantom(spacing: [f64; 3]) -> (Phantom, PushField) {
     let base = PhantomOptions::default();
