@@ -501,10 +501,12 @@ fn skeleton_shows_the_tree_and_writes_it() {
     let field = "planning_to_fraction.nii.gz";
     let (own, built) = (register.out.join(field), done().0.join(field));
     let (own, built) = [own, built].map(|f| aventail::io::read_field(f).unwrap().value).into();
-    // The file rounds; at 5 mm voxels a weakly determined bone moves by a little more than that.
-    let computed = aventail::io::read_image(done().0.join("computed.nii.gz")).unwrap().value;
-    let tissue = own.data().iter().zip(built.data()).zip(computed.data()).filter(|(_, c)| **c > 0.0);
-    let apart: Vec<f64> = tissue.flat_map(|((a, b), _)| (0..3).map(|c| f64::from((a[c] - b[c]).abs()))).collect();
+    // The file rounds; at 5 mm voxels a weakly determined bone moves by a little more than that, and soft tissue beside it gives way
+    // in other steps.
+    let labels = aventail::io::read_image(bones).unwrap().value;
+    let bony = own.data().iter().zip(built.data()).zip(labels.data()).filter(|(_, label)| **label > 0.0);
+    let apart: Vec<f64> = bony.flat_map(|((a, b), _)| (0..3).map(|c| f64::from((a[c] - b[c]).abs()))).collect();
+    assert!(apart.len() > 10_000);
     let mean = apart.iter().sum::<f64>() / apart.len() as f64;
     assert!(mean < 0.02, "{mean} mm");
     let broken = files::bytes(&at("broken_skeleton.toml"), b"[[bones]\n");
