@@ -14,7 +14,7 @@ contact of bones / in contact, points those voxels whose way to the fraction and
 report counts them. Times are the program's own, with its files. The tables go to the terminal, row by row.
 """
 import argparse
-import gzip
+import functools
 import json
 import os
 import shutil
@@ -23,7 +23,7 @@ import tempfile
 
 import numpy as np
 import SimpleITK as sitk
-from side_by_side import errors
+from side_by_side import errors, true_points
 
 INGREDIENTS = [
     ("default", ""),
@@ -50,6 +50,7 @@ INGREDIENTS = [
 class Job:
     def __init__(self, options):
         self.options, self.folder = options, tempfile.mkdtemp(prefix="ablation-")
+        self.truth = functools.cache(true_points)
         self.planning, self.bones, self.names = (
             f"{options.cases}/{n}" for n in ("planning_ct.nii.gz", "bones.nii.gz", "bones.json")
         )
@@ -69,12 +70,10 @@ class Job:
             capture_output=True, text=True, check=False,
         )
         if done.returncode != 0:
-            return [f"refused, exit {done.returncode}: {done.stderr.strip().splitlines()[-1]}"] + [""] * 7
+            return [f"refused, exit {done.returncode}: {done.stderr.strip().splitlines()[-1]}"] + [""] * 6
         with open(f"{out}/report.json", encoding="utf-8") as file:
             report = json.load(file)
-        with gzip.open(f"{self.case(case)}/truth_points.csv.gz", "rt") as file:
-            next(file)
-            truth = np.loadtxt(file, delimiter=",")
+        truth = self.truth(self.case(case))
         error = errors(f"{out}/planning_to_fraction.nii.gz", truth)
         shutil.rmtree(out)
         label, points = np.unique(truth[:, 6], return_counts=True)

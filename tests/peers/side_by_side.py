@@ -133,6 +133,13 @@ def installed(tool):
     return tool in ("aventail", "fast") or shutil.which(tool) is not None
 
 
+def true_points(case):
+    """Rows of x, y, z, true displacement, label of a case's folder."""
+    with gzip.open(f"{case}/truth_points.csv.gz", "rt") as file:
+        next(file)
+        return np.loadtxt(file, delimiter=",")
+
+
 def errors(field, truth):
     """Error at each true point, mm."""
     image = sitk.ReadImage(field, sitk.sitkVectorFloat32)
@@ -156,9 +163,7 @@ def main():
     folder = job.out or tempfile.mkdtemp(prefix="side-by-side-")
     job.fixed, job.bones, job.names = (f"{job.cases}/{n}" for n in ("planning_ct.nii.gz", "bones.nii.gz", "bones.json"))
     job.moving = f"{job.cases}/{job.case}/fraction_ct.nii.gz"
-    with gzip.open(f"{job.cases}/{job.case}/truth_points.csv.gz", "rt") as file:
-        next(file)
-        truth = np.loadtxt(file, delimiter=",")
+    truth = true_points(f"{job.cases}/{job.case}")
     bone = truth[:, 6]
     job.out = f"{folder}/mask"
     os.makedirs(job.out, exist_ok=True)
