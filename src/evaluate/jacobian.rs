@@ -143,18 +143,11 @@ impl Found {
 /// corners that carry the label. `None` where no cell does or all are folded.
 pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Option<f64> {
     let grid = map.grid();
-    let corners = grid.cell_corners();
-    let size = grid.size();
     let data = labels.volume.data();
     let mut sums: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
     for (l, _) in data.iter().enumerate().filter(|(_, l)| **l == label) {
-        let at = grid.voxel(l);
-        // The voxel is a corner of the eight cells before and at it.
-        for c in corners.iter().enumerate().filter(|(c, _)| (0..3).all(|a| *c >> a & 1 <= at[a])).map(|(_, o)| l - o) {
-            let cell = grid.voxel(c);
-            if (0..3).all(|a| cell[a] + 1 < size[a]) {
-                *sums.entry(c).or_default() += 0.125;
-            }
+        for cell in grid.cells_around(grid.voxel(l)) {
+            *sums.entry(cell).or_default() += 0.125;
         }
     }
     let cells = sums.iter().filter(|(c, _)| map.data()[**c] > 0.0);

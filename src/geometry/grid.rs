@@ -167,6 +167,14 @@ impl Grid {
         let [i, j, k] = self.strides();
         [0, i, j, i + j, k, i + k, j + k, i + j + k]
     }
+    /// The cells that have a voxel as a corner, by their first voxel in storage: eight, at the border of the grid fewer.
+    pub fn cells_around(&self, voxel: [usize; 3]) -> impl Iterator<Item = usize> {
+        let (own, size) = (self.linear(voxel), self.size);
+        // The cell of which the voxel is corner `c` begins one voxel before it along the axes of `c`.
+        let begins =
+            move |c: usize| (0..3).all(|a| voxel[a].checked_sub(c >> a & 1).is_some_and(|first| first + 1 < size[a]));
+        self.cell_corners().into_iter().enumerate().filter(move |(c, _)| begins(*c)).map(move |(_, by)| own - by)
+    }
     /// From a voxel's centre to the middles of its eight parts, mm.
     pub fn eighths(&self) -> [Vector3<f64>; 8] {
         std::array::from_fn(|c| self.step() * Vector3::from_fn(|a, _| if c >> a & 1 == 1 { 0.25 } else { -0.25 }))

@@ -114,7 +114,6 @@ impl Patch {
         options: &InvertOptions,
     ) {
         let u = push.displacement.data();
-        let size = self.grid.size();
         let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
         let movable = |&v: &usize| soft(v) && !self.barred.holds(v);
         let new: Vec<usize> = self.near.add(seeds).into_iter().filter(movable).collect();
@@ -123,16 +122,9 @@ impl Patch {
             self.number[v] = self.movable.len() as u32;
             self.before[0].push((v, u[v]));
         }
-        for &v in &new {
-            let at = self.grid.voxel(v);
-            // The cells around a voxel begin at it or one before it along each axis.
-            for c in 0..8 {
-                let first = [0, 1, 2].map(|a| at[a].checked_sub(c >> a & 1).filter(|&i| i + 1 < size[a]));
-                let [Some(i), Some(j), Some(k)] = first else { continue };
-                let cell = self.grid.linear([i, j, k]);
-                if self.cells.first(cell) && !folded(push, cell) {
-                    self.upright.push(cell);
-                }
+        for cell in new.iter().flat_map(|&v| self.grid.cells_around(self.grid.voxel(v))) {
+            if self.cells.first(cell) && !folded(push, cell) {
+                self.upright.push(cell);
             }
         }
         let added: Vec<usize> = self.around.add(seeds).into_iter().filter(|&v| push.computed.data()[v]).collect();
