@@ -55,7 +55,7 @@ impl<V> Search<'_, V> {
             }
             let y = self.fraction.centre([0, j, k]).coords;
             self.starts(&y, drawn, &mut rows);
-            self.row(&y, &mut rows);
+            self.row(&y, drawn, &mut rows);
             self.settle(&y, (drawn, owner), (v, inside), &mut rows, &mut t);
             rows.advance();
         }
@@ -86,7 +86,7 @@ impl<V> Search<'_, V> {
     }
 
     /// The quick search of a row, from where its voxels start.
-    fn row(&self, y: &Vector3<f64>, rows: &mut Rows) {
+    fn row(&self, y: &Vector3<f64>, drawn: &[Drop<3>], rows: &mut Rows) {
         let planning = self.push.displacement.grid();
         let first = planning.index(&Point3::from(*y));
         let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
@@ -100,7 +100,8 @@ impl<V> Search<'_, V> {
                 let blocks = x.iter_mut().zip(y).zip(z).zip(rows.residual.as_chunks_mut::<LANES>().0);
                 for (n, (((x, y), z), residual)) in blocks.enumerate() {
                     let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
-                    let found = self.quick.invert(&block, [Wide(*x), Wide(*y), Wide(*z)], limits);
+                    let rough = drawn[n * LANES..].iter().take(LANES).any(|d| d.rank > 0);
+                    let found = self.quick.invert(&block, ([Wide(*x), Wide(*y), Wide(*z)], rough), limits);
                     [*x, *y, *z] = found.v.map(|v| v.0);
                     *residual = found.residual.0;
                 }
@@ -124,30 +125,52 @@ impl<V> Search<'_, V> {
         t: &mut Tally,
     ) {
         let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
-        for (i, (drawn, owner)) in drawn.iter().zip(owner).enumerate() {
-            let mut found =
-                Found { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
-            let arrived = |found: &Found| f64::from(found.residual) < self.options.tolerance_mm;
-            if *owner > 0 || !arrived(&found) {
-                found = self.patiently(&(y + along * i as f64), drawn, *owner, &found, t);
+        let arrived = |residual: f32| f64::from(residual) < self.options.tolerance_mm;
+        for start in (0..v.len()).step_by(LANES) {
+            let block = start..(start + LANES).min(v.len());
+            let plain = owner[block.clone()].iter().all(|o| *o == 0)
+                && rows.residual[block.clone()].iter().all(|r| arrived(*r));
+            if !plain {
+                for i in block.clone() {
+                    self.settle_one(&(y + along * i as f64), (&drawn[i], owner[i]), i, rows, t);
+                }
             }
-            let converged = arrived(&found);
-            let tissue = self.tissue(found.place);
-            rows.now.solved[i] = converged;
-            for a in 0..3 {
-                rows.now.v[a][i] = found.v[a];
+            for i in block {
+                let place = rows.place[i];
+                v[i] = rows.now.v.each_ref().map(|v| v[i]);
+                inside[i] = place != NOWHERE;
+                rows.now.solved[i] = plain || arrived(rows.residual[i]);
+                t.outside += usize::from(place == NOWHERE);
+                if rows.now.solved[i] && self.tissue(place) {
+                    t.residuals.push(rows.residual[i]);
+                }
             }
-            v[i] = found.v;
-            inside[i] = found.place != NOWHERE;
-            t.outside += usize::from(found.place == NOWHERE);
-            if converged && tissue {
-                t.residuals.push(found.residual);
-            }
-            if !converged {
-                t.unconverged += 1;
-                t.tissue += usize::from(tissue);
-                t.worst = t.worst.max(f64::from(found.residual));
-            }
+        }
+    }
+
+    /// As [`Search::settle`], of one voxel that may lie in a bone or that the quick search failed at.
+    fn settle_one(
+        &self,
+        y: &Vector3<f64>,
+        (drawn, owner): (&Drop<3>, u16),
+        i: usize,
+        rows: &mut Rows,
+        t: &mut Tally,
+    ) {
+        let tolerance_mm = self.options.tolerance_mm;
+        let quick = Found { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
+        if owner == 0 && f64::from(quick.residual) < tolerance_mm {
+            return;
+        }
+        let found = self.patiently(y, drawn, owner, &quick, t);
+        for a in 0..3 {
+            rows.now.v[a][i] = found.v[a];
+        }
+        (rows.residual[i], rows.place[i]) = (found.residual, found.place);
+        if f64::from(found.residual) >= tolerance_mm {
+            t.unconverged += 1;
+            t.tissue += usize::from(self.tissue(found.place));
+            t.worst = t.worst.max(f64::from(found.residual));
         }
     }
 

@@ -5,7 +5,7 @@
 //! tetrahedra fill space without gap or overlap.
 
 use super::PushField;
-use crate::geometry::Grid;
+use crate::geometry::{Grid, vectorised};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -152,6 +152,7 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
     }
 
     /// Target indices of the row of planning voxels (j, k).
+    #[inline(always)]
     fn places(&self, j: usize, k: usize, out: &mut Vec<Vector3<f64>>) {
         let own = self.push.displacement.grid();
         let start = own.linear([0, j, k]);
@@ -168,6 +169,14 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
 
     /// Draws all cells into the planes of `part`, the first of which is plane `first` of the target.
     pub(super) fn draw_slab(&self, first: usize, part: &mut [Drop<N>]) {
+        vectorised(
+            #[inline(always)]
+            || self.draw_cells(first, part),
+        );
+    }
+
+    #[inline(always)]
+    fn draw_cells(&self, first: usize, part: &mut [Drop<N>]) {
         let own = self.push.displacement.grid();
         let [ni, nj, nk] = own.size();
         let planes = part.len() / (self.target.size()[0] * self.target.size()[1]);
@@ -200,6 +209,7 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
     }
 
     /// Draws one tetrahedron.
+    #[inline(always)]
     fn tetrahedron(&self, p: [Vector3<f64>; 4], vertex: [usize; 4], first: usize, part: &mut [Drop<N>]) {
         let [nx, ny, _] = self.target.size();
         let planes = part.len() / (nx * ny);
@@ -226,9 +236,11 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
         let dual = [e2.cross(&e3) / volume, e3.cross(&e1) / volume, e1.cross(&e2) / volume];
         for z in range[2].0..range[2].1 {
             for y in range[1].0..range[1].1 {
+                let (dy, dz) = (y as f64 - p[0].y, z as f64 - p[0].z);
+                let of_row = dual.map(|v| v.y * dy + v.z * dz);
                 for x in range[0].0..range[0].1 {
-                    let d = Vector3::new(x as f64, y as f64, z as f64) - p[0];
-                    let b = dual.map(|v| v.dot(&d));
+                    let dx = x as f64 - p[0].x;
+                    let b: [f64; 3] = std::array::from_fn(|n| of_row[n] + dual[n].x * dx);
                     let b = [1.0 - b[0] - b[1] - b[2], b[0], b[1], b[2]];
                     let least = b.iter().copied().fold(f64::MAX, f64::min);
                     if least < INSIDE {
