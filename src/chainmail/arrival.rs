@@ -8,7 +8,7 @@ use super::dial::{Nothing, Search};
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
 use super::lattice::{Lattice, Node};
-use super::slabs;
+use super::slabs::FirstArrivals;
 use rayon::prelude::*;
 
 /// Time that no wave has come, in cells; all others are below [`MOST`].
@@ -52,11 +52,9 @@ pub(super) struct Medium {
 }
 
 /// How a wave went, on the cells of the medium.
-pub(super) struct Arrival<N> {
+pub(super) struct Arrival {
     times: Vec<i32>,
     limit: i32,
-    /// What was noted.
-    pub(super) notes: N,
 }
 
 impl Medium {
@@ -146,7 +144,7 @@ impl Medium {
     }
 
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
-    pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival<Nothing> {
+    pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival {
         let seeds = match source {
             Source::AnyBone => &self.surface[..],
             Source::Bone(b) => {
@@ -158,18 +156,17 @@ impl Medium {
         let seeds: Vec<(i32, u32)> = seeds.iter().map(|s| (0, s.1)).collect();
         let mut search = Search::new(self, 0..self.len(), latest, Nothing);
         search.run(&seeds);
-        Arrival { times: search.times, limit: self.limit, notes: Nothing }
+        Arrival { times: search.times, limit: self.limit }
     }
 
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
     /// the skeleton.
-    pub(super) fn owners(&self) -> Arrival<Vec<u16>> {
-        let (times, notes) = slabs::first_arrivals(self, rayon::current_num_threads().min(self.size[2] / LEAST_PLANES));
-        Arrival { times, limit: self.limit, notes }
+    pub(super) fn first_arrivals(&self) -> FirstArrivals<'_> {
+        FirstArrivals::of(self, rayon::current_num_threads().min(self.size[2] / LEAST_PLANES))
     }
 
     /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
-    pub(super) fn latest(&self, first: &Arrival<Nothing>, ratio: f64) -> Vec<i32> {
+    pub(super) fn latest(&self, first: &Arrival, ratio: f64) -> Vec<i32> {
         first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
     }
 }
@@ -191,11 +188,16 @@ fn rows_of(hops: &[Hop], rules: &FrontRules, size: [usize; 3]) -> Vec<Row> {
     rows
 }
 
-impl<N> Arrival<N> {
+impl Arrival {
     /// Ticks at a cell of soft tissue; `None` where the wave does not come, and in bones.
     #[inline(always)]
     pub(super) fn time(&self, cell: usize) -> Option<u32> {
-        let t = self.times[cell];
-        (t != 0 && t <= self.limit).then_some(t as u32)
+        arrived(self.times[cell], self.limit)
     }
+}
+
+/// Ticks of a time that came to soft tissue within the limit.
+#[inline(always)]
+pub(super) fn arrived(time: i32, limit: i32) -> Option<u32> {
+    (time != 0 && time <= limit).then_some(time as u32)
 }

@@ -57,7 +57,8 @@ pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainmail
     }
 }
 
-/// Displacement of every node that a front reaches, mm; `None` elsewhere. Bones move exactly with their transform.
+/// Displacement of each active node of the lattice, in their order, mm; `None` where no front comes. Bones move exactly with
+/// their transform.
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
 pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
@@ -70,7 +71,7 @@ pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOpti
         Combination::Prioritisation => {
             let wave = run(&scene, Source::AnyBone, None);
             let owner = &wave.trace.owner;
-            every_node(lattice, bones, |node, voxel| {
+            each_active(lattice, bones, |node, voxel| {
                 let u = (wave.time[node] != NEVER).then(|| scene.brought(&wave, owner[node], node, voxel))?;
                 Some([u.x as f32, u.y as f32, u.z as f32])
             })
@@ -115,33 +116,24 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) 
             }
         });
     }
-    every_node(lattice, bones, |node, _| {
+    each_active(lattice, bones, |node, _| {
         let s = sums[node];
         (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
     })
 }
 
-/// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue.
-pub(super) fn every_node(
+/// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue; in the order of the active nodes.
+pub(super) fn each_active(
     lattice: &Lattice,
     bones: &Initiators<'_>,
     soft: impl Fn(usize, [usize; 3]) -> Option<[f32; 3]> + Sync,
 ) -> Vec<Option<[f32; 3]>> {
-    let [nx, ny, _] = lattice.grid.size();
-    let mut out = vec![None; lattice.node.len()];
-    out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, out)| {
-        for (at, o) in out.iter_mut().enumerate() {
-            let (node, voxel) = (k * nx * ny + at, [at % nx, at / nx, k]);
-            *o = match lattice.node[node] {
-                Node::Outside => None,
-                Node::Bone(b) => {
-                    let x = lattice.grid.centre(voxel);
-                    let u = bones.transforms[usize::from(b)] * x - x;
-                    Some([u.x as f32, u.y as f32, u.z as f32])
-                }
-                Node::Soft => soft(node, voxel),
-            };
-        }
-    });
-    out
+    let of = |&n: &u32| {
+        let (node, voxel) = (n as usize, lattice.grid.voxel(n as usize));
+        let Node::Bone(b) = lattice.node[node] else { return soft(node, voxel) };
+        let x = lattice.grid.centre(voxel);
+        let u = bones.transforms[usize::from(b)] * x - x;
+        Some([u.x as f32, u.y as f32, u.z as f32])
+    };
+    lattice.active.par_iter().map(of).collect()
 }

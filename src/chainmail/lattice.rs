@@ -140,6 +140,13 @@ impl Lattice {
         Self { grid, node, constraint, active }
     }
 
+    /// Values of the active nodes, in their order, on all nodes; the others have `outside`.
+    pub fn on_all_nodes<T: Copy>(&self, active: &[T], outside: T) -> Vec<T> {
+        let mut out = vec![outside; self.node.len()];
+        self.active.iter().zip(active).for_each(|(&n, v)| out[n as usize] = *v);
+        out
+    }
+
     /// The nodes of soft tissue, ascending.
     pub fn soft(&self) -> impl Iterator<Item = u32> + '_ {
         self.active.iter().copied().filter(|&n| self.node[n as usize] == Node::Soft)

@@ -208,13 +208,14 @@ fn start(
     (corrected, plain)
 }
 
-/// Islands that no front reaches take the motion around them; outside the elements the field is zero for now.
+/// The displacements of active nodes on the whole lattice: islands that no front reaches take the motion around them; outside
+/// the elements the field is zero for now.
 fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
-    let island = |n: usize| lattice.node[n] == Node::Soft && reached[n].is_none();
-    if lattice.active.iter().any(|&n| island(n as usize)) {
-        return fill(lattice, reached, usize::MAX).0;
+    let on_all = lattice.on_all_nodes(reached, None);
+    if reached.iter().any(Option::is_none) {
+        return fill(lattice, &on_all, usize::MAX).0;
     }
-    reached.iter().map(|u| u.unwrap_or_default()).collect()
+    on_all.into_iter().map(Option::unwrap_or_default).collect()
 }
 
 /// The lattice's displacements on the planning grid, whose axes it shares; bone voxels move exactly with their bone.

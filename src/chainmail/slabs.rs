@@ -3,27 +3,40 @@
 //!
 //! Times are least sums, and of equal times the first bone counts: whatever the planes, the end is the same.
 
-use super::arrival::{LATE, Medium, SPAN};
+use super::arrival::{LATE, Medium, arrived};
 use super::dial::{Owners, Search};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Time of each cell, and which bone comes first, by at most so many slabs.
-pub(super) fn first_arrivals(medium: &Medium, slabs: usize) -> (Vec<i32>, Vec<u16>) {
-    let mut parts: Vec<Search<'_, Owners>> =
-        cut(medium, slabs).into_iter().map(|planes| slab(medium, planes)).collect();
-    let mut seeds: Vec<Vec<(i32, u32)>> = parts.iter_mut().map(|p| p.surface(medium)).collect();
-    while seeds.iter().any(|s| !s.is_empty()) {
-        parts.par_iter_mut().zip(&seeds).for_each(|(part, seeds)| part.run(seeds));
-        let news: Vec<News> = parts.iter_mut().flat_map(Search::news).collect();
-        seeds = parts.iter_mut().map(|part| part.learn(&news)).collect();
+/// How one wave from all bones went: when it came to each cell, and from which bone.
+pub(super) struct FirstArrivals<'a> {
+    /// The slabs' searches, in order.
+    parts: Vec<Search<'a, Owners>>,
+    /// Latest time that counts.
+    limit: i32,
+}
+
+impl<'a> FirstArrivals<'a> {
+    /// Runs the wave, by at most so many slabs.
+    pub(super) fn of(medium: &'a Medium, slabs: usize) -> Self {
+        let mut parts: Vec<Search<'_, Owners>> =
+            cut(medium, slabs).into_par_iter().map(|planes| slab(medium, planes)).collect();
+        let mut seeds: Vec<Vec<(i32, u32)>> = parts.iter_mut().map(|p| p.surface(medium)).collect();
+        while seeds.iter().any(|s| !s.is_empty()) {
+            parts.par_iter_mut().zip(&seeds).for_each(|(part, seeds)| part.run(seeds));
+            let news: Vec<News> = parts.iter_mut().flat_map(Search::news).collect();
+            seeds = parts.iter_mut().map(|part| part.learn(&news)).collect();
+        }
+        Self { parts, limit: medium.limit }
     }
-    let (mut times, mut owners) = (Vec::with_capacity(medium.len() + SPAN), Vec::with_capacity(medium.len()));
-    for part in &parts {
-        times.extend_from_slice(&part.times[part.own.clone()]);
-        owners.extend_from_slice(&part.notes.0[part.own.clone()]);
+
+    /// Ticks at a cell of soft tissue and the bone; `None` where the wave does not come, and in bones.
+    pub(super) fn at(&self, cell: usize) -> Option<(u32, u16)> {
+        // The parts' own cells follow each other.
+        let part = &self.parts[self.parts.partition_point(|p| p.first + p.own.end <= cell)];
+        let own = cell - part.first;
+        Some((arrived(part.times[own], self.limit)?, part.notes.0[own]))
     }
-    (times, owners)
 }
 
 /// Slabs of planes with about as much soft tissue each.

@@ -2,9 +2,8 @@
 //! row, along which a rigid motion's displacement is linear.
 
 use super::arrival::{Arrival, Medium};
-use super::blend::{FirstWave, every_node, weight};
+use super::blend::{FirstWave, each_active, weight};
 use super::carry::Initiators;
-use super::dial::Nothing;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
 use super::lattice::{Lattice, Node};
@@ -19,12 +18,11 @@ pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainm
     match options.combination {
         Combination::Superposition => superpose(&medium, lattice, bones, options),
         Combination::Prioritisation => {
-            let wave = medium.owners();
-            every_node(lattice, bones, |_, voxel| {
-                let cell = medium.cell(voxel);
-                wave.time(cell)?;
+            let wave = medium.first_arrivals();
+            each_active(lattice, bones, |_, voxel| {
+                let (_, bone) = wave.at(medium.cell(voxel))?;
                 let x = lattice.grid.centre(voxel);
-                let u = bones.transforms[usize::from(wave.notes[cell])] * x - x;
+                let u = bones.transforms[usize::from(bone)] * x - x;
                 Some([u.x as f32, u.y as f32, u.z as f32])
             })
         }
@@ -34,15 +32,15 @@ pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainm
 /// As [`super::first_wave`].
 pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> FirstWave {
     let medium = Medium::new(lattice, FrontRules::of(options));
-    let wave = medium.owners();
+    let wave = medium.first_arrivals();
     let (mut time, mut owner) = (vec![f64::INFINITY; lattice.node.len()], vec![None; lattice.node.len()]);
     for &n in &lattice.active {
         let n = n as usize;
         let cell = medium.cell(lattice.grid.voxel(n));
         (time[n], owner[n]) = match lattice.node[n] {
             Node::Bone(b) => (0.0, Some(b)),
-            _ => match wave.time(cell) {
-                Some(t) => (f64::from(t) / TICKS, Some(wave.notes[cell])),
+            _ => match wave.at(cell) {
+                Some((t, bone)) => (f64::from(t) / TICKS, Some(bone)),
                 None => continue,
             },
         };
@@ -66,7 +64,7 @@ fn superpose(
     let mut sums = vec![[0f64; 4]; medium.len()];
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<(&Rigid, Arrival<Nothing>)> = group
+        let waves: Vec<(&Rigid, Arrival)> = group
             .par_iter()
             .map(|&b| (&bones.transforms[usize::from(b)], medium.times(Source::Bone(b), latest.as_deref())))
             .collect();
@@ -76,7 +74,7 @@ fn superpose(
             }
         });
     }
-    every_node(lattice, bones, |_, voxel| {
+    each_active(lattice, bones, |_, voxel| {
         let s = sums[medium.cell(voxel)];
         (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
     })
@@ -86,7 +84,7 @@ fn superpose(
 fn add_row(
     medium: &Medium,
     lattice: &Lattice,
-    (motion, wave): (&Rigid, &Arrival<Nothing>),
+    (motion, wave): (&Rigid, &Arrival),
     (j, k): (usize, usize),
     exponent: f64,
     sums: &mut [[f64; 4]],
