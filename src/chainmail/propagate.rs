@@ -13,7 +13,7 @@ use super::pull::ImagePull;
 use super::relax::Relaxation;
 use super::untangle::{around, tangled};
 use crate::error::Result;
-use crate::field::PushField;
+use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
 use crate::volume::{Volume, place, trilinear_vector};
@@ -222,7 +222,7 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
 ///
 /// Trilinear: between rows of elements first, so that a voxel costs one step along its row.
 fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]>) -> Result<PushField> {
-    let grid = tissue.ct.grid().clone();
+    let (grid, computed) = (tissue.ct.grid().clone(), tissue.computed());
     let [nx, ny, _] = grid.size();
     let base = coarse.grid().index(&grid.origin());
     let step = coarse.grid().inverse_step() * grid.step();
@@ -257,8 +257,9 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
                 (None, Some((low, high, t))) if !between.is_empty() => between[low] * (1.0 - t) + between[high] * t,
                 _ => continue,
             };
-            *o = [d.x as f32, d.y as f32, d.z as f32];
+            let d = [d.x as f32, d.y as f32, d.z as f32];
+            *o = if computed.data()[line * nx + i] { d } else { in_steps(d) };
         }
     });
-    Ok(PushField { displacement: Volume::new(grid, u)?, computed: tissue.computed() })
+    Ok(PushField { displacement: Volume::new(grid, u)?, computed })
 }

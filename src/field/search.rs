@@ -1,6 +1,6 @@
 //! The search for the pre-images of a slab of fraction voxels.
 
-use super::PushField;
+use super::{PushField, in_steps};
 use super::bones::MovedBones;
 use super::invert::{Continued, InvertOptions, solve};
 use super::newton::{NOWHERE, Sampler};
@@ -137,11 +137,12 @@ impl<V> Search<'_, V> {
             }
             for i in block {
                 let place = rows.place[i];
-                v[i] = rows.now.v.each_ref().map(|v| v[i]);
+                let (found, tissue) = (rows.now.v.each_ref().map(|v| v[i]), self.tissue(place));
+                v[i] = if tissue { found } else { in_steps(found) };
                 inside[i] = place != NOWHERE;
                 rows.now.solved[i] = plain || arrived(rows.residual[i]);
                 t.outside += usize::from(place == NOWHERE);
-                if rows.now.solved[i] && self.tissue(place) {
+                if rows.now.solved[i] && tissue {
                     t.residuals.push(rows.residual[i]);
                 }
             }
