@@ -80,7 +80,7 @@ pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOpti
 }
 
 /// Whether nothing but the least time along paths decides: the variant that [`superpose`] serves.
-fn only_times(options: &ChainmailOptions) -> bool {
+pub(super) fn only_times(options: &ChainmailOptions) -> bool {
     options.order == Order::Timestamps && options.structures == Structures::None && options.carry == Carry::Rigid
 }
 

@@ -1,11 +1,11 @@
 //! From bone transforms to the push field on the planning grid.
 
-use super::blend::{first_wave, spread};
+use super::blend::first_wave;
 use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::growth::Growth;
-use super::islands::islands;
 use super::lattice::{Lattice, Node, Tissue};
+use super::mail::{Level, Mail};
 use super::material::Organs;
 use super::mend::mend;
 use super::options::ChainmailOptions;
@@ -19,13 +19,14 @@ use crate::progress::Progress;
 use crate::volume::{Volume, place, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// The propagation's result: the field, and the lattice with its displacements for the links' report.
 pub struct Propagation {
     /// Planning to fraction.
     pub push: PushField,
     /// The elements.
-    pub lattice: Lattice,
+    pub lattice: Arc<Lattice>,
     /// Displacement of each element, mm.
     pub displacement: Vec<[f32; 3]>,
 }
@@ -41,56 +42,77 @@ pub fn propagate(
     image: Option<&dyn ImagePull>,
     progress: &dyn Progress,
 ) -> Result<Propagation> {
-    let (lattice, coarse) = elements(tissue, bones, options, image, progress)?;
-    let steps = options.relaxation.len() + 2;
-    progress.step(steps - 1, steps, "all voxels");
-    let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
-    mend(tissue, &rotation_matrices(bones.transforms), options, &organs(tissue, options)?, &mut push);
-    Ok(Propagation { push, lattice, displacement: coarse.into_data() })
+    Mail::new(tissue, options, &[])?.propagate(tissue, bones, options, image, progress)
 }
 
-/// Carries the bones' motion to the elements alone: the lattice, and its displacements continued beyond the patient.
-///
-/// # Errors
-/// [`crate::Error::Usage`] when the options name an organ that the labels lack.
-pub fn elements(
-    tissue: &Tissue<'_>,
-    bones: &Initiators<'_>,
-    options: &ChainmailOptions,
-    image: Option<&dyn ImagePull>,
-    progress: &dyn Progress,
-) -> Result<(Lattice, Volume<[f32; 3]>)> {
-    let organs = organs(tissue, options)?;
-    let turns = rotation_matrices(bones.transforms);
-    let mut growth = Growth::new(&options.volume_change, tissue)?;
-    let steps = options.relaxation.len() + 2;
-    // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
-    let mut change: Option<Volume<[f32; 3]>> = None;
-    for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
-        progress.step(n, steps, &format!("relax at {spacing} mm"));
-        let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
-        let start = start(&lattice, bones, options, change.as_ref());
-        growth.enter(&lattice, tissue);
-        let relaxation = Relaxation::new(&lattice, &start.0, &turns, options.elasticity, options.poisson);
-        let relaxed = relax(relaxation, &lattice, rounds, &mut growth, image);
-        let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
-            .map(|n| (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a])))
-            .collect();
-        change = Some(Volume::new(lattice.grid.clone(), fill(&lattice, &difference, 2).0)?);
+impl Mail {
+    /// As [`propagate`], with the mail of this very tissue and these options.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] when the mail was made for other options.
+    pub fn propagate(
+        &self,
+        tissue: &Tissue<'_>,
+        bones: &Initiators<'_>,
+        options: &ChainmailOptions,
+        image: Option<&dyn ImagePull>,
+        progress: &dyn Progress,
+    ) -> Result<Propagation> {
+        let (lattice, coarse) = self.elements(tissue, bones, options, image, progress)?;
+        let steps = options.relaxation.len() + 2;
+        progress.step(steps - 1, steps, "all voxels");
+        let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
+        mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
+        Ok(Propagation { push, lattice, displacement: coarse.into_data() })
     }
-    progress.step(steps - 2, steps, "propagate");
-    let lattice = Lattice::new(tissue, &options.material, &organs, options.spacing_mm);
-    let (mut displacement, _) = start(&lattice, bones, options, change.as_ref());
-    if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
-        growth.enter(&lattice, tissue);
-        let relaxation = Relaxation::new(&lattice, &displacement, &turns, options.elasticity, options.poisson);
-        displacement = relax(relaxation, &lattice, rounds, &mut growth, image);
+
+    /// Carries the bones' motion to the elements alone: the lattice, and its displacements continued beyond the patient.
+    ///
+    /// # Errors
+    /// As [`Mail::propagate`].
+    pub fn elements(
+        &self,
+        tissue: &Tissue<'_>,
+        bones: &Initiators<'_>,
+        options: &ChainmailOptions,
+        image: Option<&dyn ImagePull>,
+        progress: &dyn Progress,
+    ) -> Result<(Arc<Lattice>, Volume<[f32; 3]>)> {
+        let turns = rotation_matrices(bones.transforms);
+        let mut growth = Growth::new(&options.volume_change, tissue)?;
+        let steps = options.relaxation.len() + 2;
+        // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
+        let mut change: Option<Volume<[f32; 3]>> = None;
+        for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
+            progress.step(n, steps, &format!("relax at {spacing} mm"));
+            let level = self.at(spacing)?;
+            let lattice = &level.lattice;
+            let start = start(level, bones, options, change.as_ref());
+            growth.enter(lattice, tissue);
+            let relaxation = Relaxation::new(lattice, &start.0, &turns, options.elasticity, options.poisson);
+            let relaxed = relax(relaxation, level, rounds, &mut growth, image);
+            let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
+                .map(|n| {
+                    (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
+                })
+                .collect();
+            change = Some(Volume::new(lattice.grid.clone(), fill(lattice, &difference, 2).0)?);
+        }
+        progress.step(steps - 2, steps, "propagate");
+        let level = self.at(options.spacing_mm)?;
+        let lattice = &level.lattice;
+        let (mut displacement, _) = start(level, bones, options, change.as_ref());
+        if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
+            growth.enter(lattice, tissue);
+            let relaxation = Relaxation::new(lattice, &displacement, &turns, options.elasticity, options.poisson);
+            displacement = relax(relaxation, level, rounds, &mut growth, image);
+        }
+        let known: Vec<Option<[f32; 3]>> =
+            (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
+        displacement = extend(lattice, &known);
+        let displacement = Volume::new(lattice.grid.clone(), displacement)?;
+        Ok((lattice.clone(), displacement))
     }
-    let known: Vec<Option<[f32; 3]>> =
-        (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
-    displacement = extend(&lattice, &known);
-    let displacement = Volume::new(lattice.grid.clone(), displacement)?;
-    Ok((lattice, displacement))
 }
 
 /// Relative volume of a cell's corner below which (or above its inverse) images let go of its elements.
@@ -104,11 +126,12 @@ const AROUND: usize = 5;
 /// which lets go where cells would tangle and has no hold on small islands.
 fn relax(
     mut relaxation: Relaxation,
-    lattice: &Lattice,
+    level: &Level,
     rounds: usize,
     growth: &mut Growth,
     image: Option<&dyn ImagePull>,
 ) -> Vec<[f32; 3]> {
+    let lattice = &*level.lattice;
     let everywhere = relaxation.everywhere();
     for _ in 0..growth.passes() {
         relaxation.scale_links(growth.scale(lattice.node.len()));
@@ -118,7 +141,7 @@ fn relax(
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);
-    let mut released = islands(lattice).into_data();
+    let mut released = level.islands.clone();
     for pass in 0..passes {
         let mut pull = compare(&relaxation.displacements());
         pull.release(lattice, &released);
@@ -182,12 +205,13 @@ pub fn regions(
 
 /// What the waves bring plus the coarser correction on the whole lattice, and the former alone.
 fn start(
-    lattice: &Lattice,
+    level: &Level,
     bones: &Initiators<'_>,
     options: &ChainmailOptions,
     change: Option<&Volume<[f32; 3]>>,
 ) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let plain = reached_or_filled(lattice, &spread(lattice, bones, options));
+    let lattice = &*level.lattice;
+    let plain = reached_or_filled(lattice, &level.spread(bones, options));
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];

@@ -51,33 +51,94 @@ pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> First
     FirstWave { order, time, owner, angle: Vec::new() }
 }
 
-/// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
+/// Waves are kept up to this many bytes.
+const MOST_KEPT: usize = 64 << 20;
+
+/// When each bone's wave comes to each element.
+pub(super) struct Waves {
+    medium: Medium,
+    /// In the order of the skeleton.
+    each: Vec<Arrival>,
+}
+
+impl Waves {
+    /// Runs the waves of so many bones; `None` where they would take too much room.
+    pub(super) fn new(lattice: &Lattice, bones: u16, options: &ChainmailOptions) -> Option<Self> {
+        let medium = Medium::new(lattice, FrontRules::of(options));
+        if medium.len() * usize::from(bones) * size_of::<i32>() > MOST_KEPT {
+            return None;
+        }
+        let latest = latest(&medium, options);
+        let each = (0..bones).into_par_iter().map(|b| medium.times(Source::Bone(b), latest.as_deref())).collect();
+        Some(Self { medium, each })
+    }
+
+    /// As [`super::spread`].
+    pub(super) fn blend(
+        &self,
+        lattice: &Lattice,
+        bones: &Initiators<'_>,
+        options: &ChainmailOptions,
+    ) -> Vec<Option<[f32; 3]>> {
+        let mut sums = Sums::new(&self.medium, lattice, options.exponent);
+        sums.add(&bones.transforms.iter().zip(&self.each).collect::<Vec<_>>());
+        sums.blended(bones)
+    }
+}
+
+/// The latest time at each cell, where waves are let go.
+fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<i32>> {
+    (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
+}
+
+/// Eq. 5.7: as many waves at a time as there are threads, added row by row.
 fn superpose(
     medium: &Medium,
     lattice: &Lattice,
     bones: &Initiators<'_>,
     options: &ChainmailOptions,
 ) -> Vec<Option<[f32; 3]>> {
-    let [nx, ny, _] = medium.size();
-    let latest =
-        (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio));
-    let mut sums = vec![[0f64; 4]; medium.len()];
+    let latest = latest(medium, options);
+    let mut sums = Sums::new(medium, lattice, options.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<(&Rigid, Arrival)> = group
-            .par_iter()
-            .map(|&b| (&bones.transforms[usize::from(b)], medium.times(Source::Bone(b), latest.as_deref())))
-            .collect();
-        sums.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
-            for (motion, wave) in &waves {
-                add_row(medium, lattice, (motion, wave), (row % ny, row / ny), options.exponent, sums);
+        let waves: Vec<Arrival> = group.par_iter().map(|&b| medium.times(Source::Bone(b), latest.as_deref())).collect();
+        let motions = group.iter().map(|&b| &bones.transforms[usize::from(b)]);
+        sums.add(&motions.zip(&waves).collect::<Vec<_>>());
+    }
+    sums.blended(bones)
+}
+
+/// Weights and weighted displacements of the waves so far, cell by cell.
+struct Sums<'a> {
+    medium: &'a Medium,
+    lattice: &'a Lattice,
+    exponent: f64,
+    cells: Vec<[f64; 4]>,
+}
+
+impl<'a> Sums<'a> {
+    fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
+        Self { medium, lattice, exponent, cells: vec![[0.0; 4]; medium.len()] }
+    }
+
+    /// Adds waves in their order, whatever the number of threads.
+    fn add(&mut self, waves: &[(&Rigid, &Arrival)]) {
+        let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
+        let [nx, ny, _] = medium.size();
+        self.cells.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
+            for &wave in waves {
+                add_row(medium, lattice, wave, (row % ny, row / ny), exponent, sums);
             }
         });
     }
-    each_active(lattice, bones, |_, voxel| {
-        let s = sums[medium.cell(voxel)];
-        (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
-    })
+
+    fn blended(&self, bones: &Initiators<'_>) -> Vec<Option<[f32; 3]>> {
+        each_active(self.lattice, bones, |_, voxel| {
+            let s = self.cells[self.medium.cell(voxel)];
+            (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
+        })
+    }
 }
 
 /// Adds a wave's weights and weighted displacements along a row of cells.

@@ -58,58 +58,81 @@ pub struct ContactReport {
 /// Overlaps below this are not listed, mm: the surface of a label is not known better than half a voxel.
 pub const LISTED_MM: f64 = 0.5;
 
-/// One bone as [`bones`] needs it.
-#[derive(Debug, Clone, Copy)]
-pub struct MovedBone<'a> {
+/// One bone as [`RestingBones`] needs it.
+#[derive(Debug, Clone)]
+pub struct Bone {
     /// Its name.
-    pub name: &'a str,
+    pub name: String,
     /// Its label.
     pub label: u16,
-    /// Planning to fraction.
-    pub transform: &'a Rigid,
     /// Position of its parent in the list; `None` for the root.
     pub parent: Option<usize>,
     /// How far the joint to the parent lets it shift, mm.
     pub play_mm: f64,
 }
 
-/// Overlaps and joint gaps of bones that lie in `labels` in the planning frame. Bones without voxels take no part.
-pub fn bones(labels: &LabelMap, bones: &[MovedBone<'_>]) -> ContactReport {
-    let solids = solids(labels, bones);
-    let pairs: Vec<(usize, usize)> = (0..bones.len()).flat_map(|a| (a + 1..bones.len()).map(move |b| (a, b))).collect();
-    let overlap = |&(a, b): &(usize, usize)| {
-        let (one, other) = (solids[a].as_ref()?, solids[b].as_ref()?);
-        let (ta, tb) = (bones[a].transform, bones[b].transform);
-        let there = tb.inverse() * ta;
-        let (depth, at) = [
-            one.depth(other, &there).map(|(d, p)| (d, ta * p)),
-            other.depth(one, &there.inverse()).map(|(d, p)| (d, tb * p)),
-        ]
-        .into_iter()
-        .flatten()
-        .max_by(|x, y| x.0.total_cmp(&y.0))?;
+/// Bones where they lie in the planning CT: their surfaces, and what overlaps and how far joints are apart before anything moves.
+#[derive(Debug, Clone)]
+pub struct RestingBones {
+    bones: Vec<Bone>,
+    /// `None` for bones without voxels.
+    solids: Vec<Option<Solid>>,
+    /// Every pair of bones, with the depth of its overlap, mm; 0 for none.
+    pairs: Vec<([usize; 2], f64)>,
+    /// Gap of each bone's joint to its parent, mm.
+    gaps: Vec<Option<f64>>,
+}
+
+impl RestingBones {
+    /// Cuts bones out of a label map in the planning frame. Those without voxels take no part.
+    pub fn new(labels: &LabelMap, bones: Vec<Bone>) -> Self {
+        let solids = solids(labels, &bones);
         let still = Rigid::identity();
-        let before = [one.depth(other, &still), other.depth(one, &still)];
-        let before = before.into_iter().flatten().map(|d| d.0).fold(0.0, f64::max);
-        let names = [bones[a].name.to_owned(), bones[b].name.to_owned()];
-        (depth - before >= LISTED_MM).then_some(BoneOverlap { bones: names, depth_mm: depth - before, at })
-    };
-    let mut overlaps: Vec<BoneOverlap> = pairs.par_iter().filter_map(overlap).collect();
-    overlaps.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
-    let gap = |b: usize| {
-        let parent = bones[b].parent?;
-        let (own, other) = (solids[b].as_ref()?, solids[parent].as_ref()?);
-        let there = bones[parent].transform.inverse() * bones[b].transform;
-        Some(JointGap {
-            bones: [bones[b].name.to_owned(), bones[parent].name.to_owned()],
-            planning_mm: own.gap(other, &Rigid::identity()),
-            fraction_mm: own.gap(other, &there),
-            play_mm: bones[b].play_mm,
-        })
-    };
-    let mut joints: Vec<JointGap> = (0..bones.len()).into_par_iter().filter_map(gap).collect();
-    joints.sort_by(|a, b| b.growth_mm().total_cmp(&a.growth_mm()));
-    ContactReport { overlaps, joints, ..ContactReport::default() }
+        let depth = |[a, b]: [usize; 2]| {
+            let (Some(one), Some(other)) = (&solids[a], &solids[b]) else { return ([a, b], 0.0) };
+            let both = [one.depth(other, &still), other.depth(one, &still)];
+            ([a, b], both.into_iter().flatten().map(|d| d.0).fold(0.0, f64::max))
+        };
+        let all: Vec<[usize; 2]> = (0..bones.len()).flat_map(|a| (a + 1..bones.len()).map(move |b| [a, b])).collect();
+        let pairs = all.into_par_iter().map(depth).collect();
+        let gap = |b: usize| Some(solids[b].as_ref()?.gap(solids[bones[b].parent?].as_ref()?, &still));
+        let gaps = (0..bones.len()).into_par_iter().map(gap).collect();
+        Self { bones, solids, pairs, gaps }
+    }
+
+    /// Overlaps and joint gaps after motions, planning to fraction, one for each bone.
+    pub fn moved(&self, motions: &[Rigid]) -> ContactReport {
+        let names = |a: usize, b: usize| [a, b].map(|n| self.bones[n].name.clone());
+        let overlap = |&([a, b], before): &([usize; 2], f64)| {
+            let (one, other) = (self.solids[a].as_ref()?, self.solids[b].as_ref()?);
+            let (ta, tb) = (motions[a], motions[b]);
+            let there = tb.inverse() * ta;
+            let (depth, at) = [
+                one.depth(other, &there).map(|(d, p)| (d, ta * p)),
+                other.depth(one, &there.inverse()).map(|(d, p)| (d, tb * p)),
+            ]
+            .into_iter()
+            .flatten()
+            .max_by(|x, y| x.0.total_cmp(&y.0))?;
+            (depth - before >= LISTED_MM).then(|| BoneOverlap { bones: names(a, b), depth_mm: depth - before, at })
+        };
+        let mut overlaps: Vec<BoneOverlap> = self.pairs.par_iter().filter_map(overlap).collect();
+        overlaps.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
+        let gap = |b: usize| {
+            let parent = self.bones[b].parent?;
+            let (own, other) = (self.solids[b].as_ref()?, self.solids[parent].as_ref()?);
+            let there = motions[parent].inverse() * motions[b];
+            Some(JointGap {
+                bones: names(b, parent),
+                planning_mm: self.gaps[b]?,
+                fraction_mm: own.gap(other, &there),
+                play_mm: self.bones[b].play_mm,
+            })
+        };
+        let mut joints: Vec<JointGap> = (0..self.bones.len()).into_par_iter().filter_map(gap).collect();
+        joints.sort_by(|a, b| b.growth_mm().total_cmp(&a.growth_mm()));
+        ContactReport { overlaps, joints, ..ContactReport::default() }
+    }
 }
 
 /// Points that stand for a surface when the least distance is looked for.
@@ -118,6 +141,7 @@ const SAMPLES: usize = 1500;
 const NEIGHBOURHOOD_MM: f64 = 12.0;
 
 /// A bone in its own box of the label map.
+#[derive(Debug, Clone)]
 struct Solid {
     inside: Mask,
     surface: Surface,
@@ -163,7 +187,7 @@ impl Solid {
 }
 
 /// Each bone cut out of the label map; `None` for those without voxels.
-fn solids(labels: &LabelMap, bones: &[MovedBone<'_>]) -> Vec<Option<Solid>> {
+fn solids(labels: &LabelMap, bones: &[Bone]) -> Vec<Option<Solid>> {
     let grid = labels.volume.grid();
     let mut slot = vec![usize::MAX; usize::from(u16::MAX) + 1];
     bones.iter().enumerate().for_each(|(b, bone)| slot[usize::from(bone.label)] = b);
@@ -175,7 +199,7 @@ fn solids(labels: &LabelMap, bones: &[MovedBone<'_>]) -> Vec<Option<Solid>> {
             *high = std::array::from_fn(|a| high[a].max(v[a]));
         }
     }
-    let cut = |(bone, [low, high]): (&MovedBone<'_>, &[[usize; 3]; 2])| {
+    let cut = |(bone, [low, high]): (&Bone, &[[usize; 3]; 2])| {
         if low[0] > high[0] {
             return None;
         }
@@ -218,9 +242,9 @@ mod tests {
         let common =
             crate::geometry::about(&Point3::origin(), Vector3::new(0.3, 0.2, -0.4), Vector3::new(400.0, 0.0, 7.0));
         let own = common * nalgebra::Translation3::from(along * shift_mm);
-        let bone =
-            |name: &'static str, label, transform, parent| MovedBone { name, label, transform, parent, play_mm: 1.0 };
-        bones(&labels, &[bone("a", 1, &own, None), bone("b", 2, &common, Some(0)), bone("c", 3, &common, Some(1))])
+        let bone = |name: &str, label, parent| Bone { name: name.into(), label, parent, play_mm: 1.0 };
+        let bones = vec![bone("a", 1, None), bone("b", 2, Some(0)), bone("c", 3, Some(1))];
+        RestingBones::new(&labels, bones).moved(&[own, common, common])
     }
 
     #[test]
@@ -251,10 +275,10 @@ mod tests {
         let volume = Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] < 10 { 1 } else { 2u16 });
         let labels = LabelMap { volume, names: BTreeMap::new() };
         let still = Rigid::identity();
-        let bone = |name, label, transform| MovedBone { name, label, transform, parent: None, play_mm: 0.0 };
-        assert!(bones(&labels, &[bone("a", 1, &still), bone("b", 2, &still)]).overlaps.is_empty());
-        let push = Rigid::translation(2.0, 0.0, 0.0);
-        let r = bones(&labels, &[bone("a", 1, &push), bone("b", 2, &still)]);
+        let bone = |name: &str, label| Bone { name: name.into(), label, parent: None, play_mm: 0.0 };
+        let bones = RestingBones::new(&labels, vec![bone("a", 1), bone("b", 2)]);
+        assert!(bones.moved(&[still, still]).overlaps.is_empty());
+        let r = bones.moved(&[Rigid::translation(2.0, 0.0, 0.0), still]);
         assert!((r.overlaps[0].depth_mm - 2.0).abs() < 0.6, "{r:?}");
     }
 }

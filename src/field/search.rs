@@ -1,10 +1,10 @@
 //! The search for the pre-images of a slab of fraction voxels.
 
-use super::{PushField, in_steps};
 use super::bones::MovedBones;
 use super::invert::{Continued, InvertOptions, solve};
 use super::newton::{NOWHERE, Sampler};
 use super::tetrahedra::{Drop, Mesh};
+use super::{PushField, in_steps};
 use crate::geometry::{Grid, LANES, Wide, vectorised};
 use nalgebra::{Point3, Vector3};
 
@@ -150,14 +150,7 @@ impl<V> Search<'_, V> {
     }
 
     /// As [`Search::settle`], of one voxel that may lie in a bone or that the quick search failed at.
-    fn settle_one(
-        &self,
-        y: &Vector3<f64>,
-        (drawn, owner): (&Drop<3>, u16),
-        i: usize,
-        rows: &mut Rows,
-        t: &mut Tally,
-    ) {
+    fn settle_one(&self, y: &Vector3<f64>, (drawn, owner): (&Drop<3>, u16), i: usize, rows: &mut Rows, t: &mut Tally) {
         let tolerance_mm = self.options.tolerance_mm;
         let quick = Found { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
         if owner == 0 && f64::from(quick.residual) < tolerance_mm {

@@ -1,10 +1,11 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
 use super::contact;
+use super::planning::Resting;
 use super::study::CARRYING;
 use super::{Case, Outcome, VolumeReached};
 use crate::chainmail::{
-    self, ImagePull, Initiators, Lattice, Propagation, Tissue, VolumeChange, check_links, propagate,
+    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -29,6 +30,7 @@ pub(super) fn carry_out(
     case: &Case,
     target: &Grid,
     (skeleton, body, fit): (Skeleton, Mask, FitResult),
+    resting: &Resting,
     fraction_body: Option<&Mask>,
     mut warnings: Vec<Warning>,
     config: &Config,
@@ -37,7 +39,8 @@ pub(super) fn carry_out(
     let (propagation, regions) = runtime.stage(CARRYING, || {
         let of = |fraction_body| Images::new((&case.planning, &body), (&case.fraction, fraction_body), &config.refine);
         let images = fraction_body.map(of);
-        soft_tissue(case, &skeleton, &body, &fit.transforms, images.as_ref(), config, runtime)
+        let mail = resting.mail.as_ref().map(|mail| (mail, images.as_ref()));
+        soft_tissue(case, &skeleton, &body, &fit.transforms, mail, config, runtime)
     })?;
     let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
@@ -71,7 +74,7 @@ pub(super) fn carry_out(
         let multiple = field::multiple_preimages(&push, &map, target);
         (map, report, rigidity, landmarks, multiple)
     };
-    let meeting = || contact::measure(&case.bones, &skeleton, &fit.transforms, &push, &body, target);
+    let meeting = || contact::measure(&resting.bones, &fit.transforms, &push, &body, target);
     // Both have parts that one thread does alone.
     let (figures, (contact, skin_contact)) = runtime.stage("evaluate", || rayon::join(figures, meeting));
     let (jacobian, jacobian_report, rigidity, landmarks, multiple) = figures;
@@ -147,31 +150,36 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
     out
 }
 
-/// Carries the bones' motion to every voxel by the model that the settings name; with it the regions of influence, if
-/// they are asked for and the model has any.
-pub(super) fn soft_tissue(
+/// What the chain mail of a case is made from.
+pub(super) fn tissue<'a>(
+    case: &'a Case,
+    body: &'a Mask,
+    bone_of_label: &'a [Option<u16>],
+    options: &ChainmailOptions,
+) -> Tissue<'a> {
+    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, least_hu: options.least_hu }
+}
+
+/// Carries the bones' motion to every voxel by the model that the settings name: the chain mail with the images that pull it,
+/// where that is the model. With it the regions of influence, if they are asked for and the model has any.
+fn soft_tissue(
     case: &Case,
     skeleton: &Skeleton,
     body: &Mask,
     transforms: &[Rigid],
-    images: Option<&Images>,
+    mail: Option<(&Mail, Option<&Images>)>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Propagation, Option<LabelMap>)> {
     let bone_of_label = bone_of_label(skeleton);
-    let tissue = Tissue {
-        ct: &case.planning,
-        body,
-        labels: &case.bones,
-        bone_of_label: &bone_of_label,
-        least_hu: config.chainmail.least_hu,
-    };
+    let tissue = tissue(case, body, &bone_of_label, &config.chainmail);
     let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
     let bones = Initiators { transforms, centroids: &centroids };
     let push = match config.soft_tissue {
         SoftTissue::ChainMail => {
-            let propagation =
-                propagate(&tissue, &bones, &config.chainmail, images.map(|i| i as &dyn ImagePull), runtime.progress())?;
+            let (mail, images) = mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
+            let images = images.map(|i| i as &dyn ImagePull);
+            let propagation = mail.propagate(&tissue, &bones, &config.chainmail, images, runtime.progress())?;
             let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);
             let regions = config.output.regions.then(regions).transpose()?;
             return Ok((propagation, regions));
@@ -187,7 +195,7 @@ pub(super) fn soft_tissue(
         u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
     };
     let displacement = (0..lattice.node.len()).map(at).collect();
-    Ok((Propagation { push, lattice, displacement }, None))
+    Ok((Propagation { push, lattice: lattice.into(), displacement }, None))
 }
 
 /// The label of the bone that reaches each voxel first.

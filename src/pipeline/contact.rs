@@ -1,9 +1,9 @@
 //! Bones that run into each other or come apart, and skin that meets skin: measured, and said.
 
-use crate::evaluate::contact::{self, ContactReport, MovedBone};
+use crate::evaluate::contact::{Bone, ContactReport, RestingBones};
 use crate::field::{self, PushField};
 use crate::geometry::{Grid, Rigid};
-use crate::skeleton::Skeleton;
+use crate::skeleton::{self, Skeleton};
 use crate::volume::{LabelMap, Mask};
 use crate::warning::Warning;
 
@@ -13,28 +13,26 @@ const DEPTH_MM: f64 = 1.0;
 /// Gaps that grow by this much more than the joint's soft range are warned of, mm.
 const APART_MM: f64 = 2.0;
 
+/// The bones of a skeleton where their labels lie.
+pub(super) fn resting(labels: &LabelMap, skeleton: &Skeleton) -> RestingBones {
+    let bone = |bone: &skeleton::Bone| Bone {
+        name: bone.name.clone(),
+        label: bone.label,
+        parent: bone.parent,
+        play_mm: bone.joint.translation_range_mm.iter().map(|m| m * m).sum::<f64>().sqrt(),
+    };
+    RestingBones::new(labels, skeleton.bones.iter().map(bone).collect())
+}
+
 /// Contact of the moved bones, and of skin with the mask of the fraction voxels concerned, if there are any.
 pub(super) fn measure(
-    labels: &LabelMap,
-    skeleton: &Skeleton,
+    bones: &RestingBones,
     transforms: &[Rigid],
     push: &PushField,
     body: &Mask,
     target: &Grid,
 ) -> (ContactReport, Option<Mask>) {
-    let moved: Vec<MovedBone<'_>> = skeleton
-        .bones
-        .iter()
-        .zip(transforms)
-        .map(|(bone, transform)| MovedBone {
-            name: &bone.name,
-            label: bone.label,
-            transform,
-            parent: bone.parent,
-            play_mm: bone.joint.translation_range_mm.iter().map(|m| m * m).sum::<f64>().sqrt(),
-        })
-        .collect();
-    let mut report = contact::bones(labels, &moved);
+    let mut report = bones.moved(transforms);
     let skin = field::overlaps(push, body, target);
     report.skin_voxels = skin.count();
     report.skin_ml = report.skin_voxels as f64 * target.voxel_volume() / 1000.0;

@@ -1,11 +1,15 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
+use super::carry::{bone_of_label, tissue};
+use super::contact;
 use super::register::{check_image, check_labels};
+use super::uncertainty::alone_mm;
 use crate::body;
-use crate::chainmail::{Organs, organ_label};
-use crate::config::Config;
+use crate::chainmail::{Mail, Organs, organ_label};
+use crate::config::{Config, SoftTissue};
 use crate::error::Result;
+use crate::evaluate::contact::RestingBones;
 use crate::fit::{BoneSamples, LandmarkUse};
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
@@ -13,7 +17,6 @@ use crate::volume::Mask;
 use crate::warning::Warning;
 
 /// What every way to move the bones begins with: the skeleton and the patient.
-#[derive(Debug, Clone)]
 pub(super) struct Patient {
     pub(super) skeleton: Skeleton,
     /// Inside of the skin in the planning CT.
@@ -50,10 +53,46 @@ impl Patient {
     }
 }
 
+/// What bones and tissue are before anything moves.
+pub(super) struct Resting {
+    /// The bones' surfaces.
+    pub(super) bones: RestingBones,
+    /// The chain mail; `None` where another model carries the motion.
+    pub(super) mail: Option<Mail>,
+}
+
+impl Resting {
+    /// Of a case or a part of it, with its patient.
+    ///
+    /// # Errors
+    /// As [`Mail::new`].
+    pub(super) fn new(
+        case: &Case,
+        skeleton: &Skeleton,
+        body: &Mask,
+        config: &Config,
+        runtime: &Runtime,
+    ) -> Result<Self> {
+        runtime.stage("link elements", || {
+            let options = &config.chainmail;
+            let mail = || {
+                let bone_of_label = bone_of_label(skeleton);
+                let alone = config.output.uncertainty.then(|| alone_mm(options));
+                Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
+            };
+            let wanted = config.soft_tissue == SoftTissue::ChainMail;
+            let (bones, mail) =
+                rayon::join(|| contact::resting(&case.bones, skeleton), || wanted.then(mail).transpose());
+            Ok(Self { bones, mail: mail? })
+        })
+    }
+}
+
 /// The planning side of a registration. Results are the same bits whether fractions share one or each has its own.
-#[derive(Debug, Clone)]
 pub struct Planning {
     pub(super) patient: Patient,
+    /// Of the whole scan; a region of interest has its own.
+    pub(super) resting: Option<Resting>,
     /// Each bone's look in the planning CT; `None` where landmarks alone place the bones.
     pub(super) samples: Option<BoneSamples>,
 }
@@ -70,7 +109,9 @@ impl Planning {
             (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
         };
         let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
-        Ok(Self { patient, samples })
+        let resting = || Resting::new(case, &patient.skeleton, &patient.body, config, runtime);
+        let resting = (!config.region.is_some()).then(resting).transpose()?;
+        Ok(Self { patient, resting, samples })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Moving the skeleton by hand: an artificial CT in another posture (thesis 6.2.2).
 
 use super::carry::{OUTSIDE_HU, carry_out};
-use super::planning::Patient;
+use super::planning::{Patient, Resting};
 use super::register::{check_image, fit_warnings};
 use super::{Case, Outcome};
 use crate::config::Config;
@@ -44,7 +44,8 @@ pub fn pose(
     let warnings = [case.warnings.as_slice(), &warnings, &fit_warnings(&fit)].concat();
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
-    let outcome = carry_out(&case, &target, (skeleton, body, fit), None, warnings, config, runtime)?;
+    let resting = Resting::new(&case, &skeleton, &body, config, runtime)?;
+    let outcome = carry_out(&case, &target, (skeleton, body, fit), &resting, None, warnings, config, runtime)?;
     case.fraction = outcome.planning_on_fraction.clone();
     Ok((case, outcome))
 }

@@ -1,7 +1,7 @@
 //! The registration: one call per stage.
 
 use super::carry::{carry_out, images_pull};
-use super::planning::{Patient, Planning};
+use super::planning::{Patient, Planning, Resting};
 use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::body;
@@ -48,25 +48,30 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
         let fraction_body = fraction_body.map(|whole| part_of_body(&whole, part.fraction.grid()));
+        let resting = Resting::new(&part, skeleton, &body, config, runtime)?;
         let moved = (skeleton.clone(), body, fit);
-        let outcome = carried(&part, moved, fraction_body.as_ref(), warnings, config, runtime)?;
+        let outcome = carried(&part, moved, &resting, fraction_body.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
     }
-    carried(case, (skeleton.clone(), body.clone(), fit), fraction_body.as_ref(), warnings, config, runtime)
+    let resting = planning.resting.as_ref();
+    let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
+    carried(case, (skeleton.clone(), body.clone(), fit), resting, fraction_body.as_ref(), warnings, config, runtime)
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
     case: &Case,
     moved: (Skeleton, Mask, FitResult),
+    resting: &Resting,
     fraction_body: Option<&Mask>,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let mut outcome = carry_out(case, case.fraction.grid(), moved, fraction_body, warnings, config, runtime)?;
+    let mut outcome = carry_out(case, case.fraction.grid(), moved, resting, fraction_body, warnings, config, runtime)?;
     if config.output.uncertainty {
-        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, fraction_body.is_some(), config))?;
+        let mail = resting.mail.as_ref().filter(|_| fraction_body.is_some());
+        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, mail, config))?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
     }

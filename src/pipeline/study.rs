@@ -1,7 +1,7 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
 use super::carry::{carry_out, images_pull};
-use super::planning::Patient;
+use super::planning::{Patient, Resting};
 use super::{Case, Outcome};
 use crate::body;
 use crate::config::Config;
@@ -32,6 +32,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
     let find = || body::find(&case.fraction, None, &config.body);
     let wanted = seen && images_pull(config);
     let fraction_body = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
+    let resting = Resting::new(case, &skeleton, &body, config, runtime)?;
     let moved = (skeleton, body, fit.clone());
-    carry_out(case, case.fraction.grid(), moved, fraction_body.as_ref(), warnings, config, runtime)
+    carry_out(case, case.fraction.grid(), moved, &resting, fraction_body.as_ref(), warnings, config, runtime)
 }

@@ -1,8 +1,8 @@
 //! How far a registration may be trusted, place by place.
 
-use super::carry::bone_of_label;
+use super::carry::{self, bone_of_label};
 use super::{Case, Outcome};
-use crate::chainmail::{self, ChainmailOptions, Initiators, Tissue};
+use crate::chainmail::{ChainmailOptions, Initiators, Mail};
 use crate::config::Config;
 use crate::error::Result;
 use crate::evaluate::jacobian::tissue;
@@ -16,15 +16,20 @@ use std::collections::BTreeMap;
 /// Spacing of the field of the bones alone, mm: it is compared with, not used.
 const ALONE_MM: f64 = 8.0;
 
-/// The map of a registration. `images` tells whether they took part in soft tissue.
+/// Spacing of the field of the bones alone under these options, mm.
+pub(super) fn alone_mm(options: &ChainmailOptions) -> f64 {
+    options.spacing_mm.max(ALONE_MM)
+}
+
+/// The map of a registration. `mail` is the chain mail, where images pulled it.
 pub(super) fn of(
     case: &Case,
     outcome: &Outcome,
-    images: bool,
+    mail: Option<&Mail>,
     config: &Config,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
     let tissue = tissue(&outcome.body, &case.planning);
-    let alone = images.then(|| bones_alone(case, outcome, &config.chainmail)).transpose()?;
+    let alone = mail.map(|mail| bones_alone(mail, case, outcome, &config.chainmail)).transpose()?;
     let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits);
     let bone_mm: BTreeMap<u16, f64> = bones
         .map(|(bone, fit)| {
@@ -47,23 +52,17 @@ pub(super) fn of(
 }
 
 /// What the bones alone would have made of soft tissue, coarsely.
-fn bones_alone(case: &Case, outcome: &Outcome, options: &ChainmailOptions) -> Result<Volume<[f32; 3]>> {
-    let spacing = options.spacing_mm.max(ALONE_MM);
+fn bones_alone(mail: &Mail, case: &Case, outcome: &Outcome, options: &ChainmailOptions) -> Result<Volume<[f32; 3]>> {
+    let spacing = alone_mm(options);
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
         relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
         ..options.clone()
     };
     let bone_of_label = bone_of_label(&outcome.skeleton);
-    let tissue = Tissue {
-        ct: &case.planning,
-        body: &outcome.body,
-        labels: &case.bones,
-        bone_of_label: &bone_of_label,
-        least_hu: options.least_hu,
-    };
+    let tissue = carry::tissue(case, &outcome.body, &bone_of_label, options);
     let transforms: Vec<Rigid> = outcome.bone_fits.iter().map(|b| b.transform).collect();
     let centroids: Vec<Point3<f64>> = outcome.skeleton.bones.iter().map(|b| b.centroid).collect();
     let bones = Initiators { transforms: &transforms, centroids: &centroids };
-    Ok(chainmail::elements(&tissue, &bones, &coarse, None, &Silent)?.1)
+    Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.1)
 }

@@ -2,7 +2,7 @@
 
 use super::super::arrival::Medium;
 use super::super::front::FrontRules;
-use super::super::slabs::first_arrivals;
+use super::super::slabs::FirstArrivals;
 use super::*;
 use proptest::prelude::*;
 
@@ -97,13 +97,12 @@ proptest! {
             for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff] {
                 for cutoff in [800.0, 4.0] {
                     let medium = Medium::new(&lattice, FrontRules { time: link_time, front, cutoff });
-                    let whole = first_arrivals(&medium, 1);
+                    let whole = FirstArrivals::of(&medium, 1);
                     for slabs in 2..=5 {
-                        let (times, owners) = first_arrivals(&medium, slabs);
-                        // What comes after the cut-off is not computed to the end.
-                        let counts = |n: &usize| whole.0[*n] <= medium.limit || times[*n] <= medium.limit;
-                        for n in (0..medium.len()).filter(counts) {
-                            prop_assert_eq!((times[n], owners[n]), (whole.0[n], whole.1[n]), "cell {} of {} slabs", n, slabs);
+                        // What comes after the cut-off is not computed to the end, and counts as not come.
+                        let parts = FirstArrivals::of(&medium, slabs);
+                        for n in 0..medium.len() {
+                            prop_assert_eq!(parts.at(n), whole.at(n), "cell {} of {} slabs", n, slabs);
                         }
                     }
                 }

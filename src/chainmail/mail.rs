@@ -1,0 +1,76 @@
+//! The chain mail of a patient at rest: the elements at every spacing that a propagation goes through, and when each bone's
+//! wave comes to them. None of it depends on how the bones move, so that all fractions of a patient share it.
+
+use super::blend::{only_times, spread};
+use super::carry::Initiators;
+use super::islands::islands;
+use super::lattice::{Lattice, Tissue};
+use super::material::Organs;
+use super::options::{ChainmailOptions, Combination};
+use super::propagate::organs;
+use super::superpose::Waves;
+use crate::error::{Error, Result};
+use std::sync::Arc;
+
+/// The elements of a patient at rest.
+pub struct Mail {
+    pub(super) organs: Organs,
+    levels: Vec<Level>,
+}
+
+/// The elements at one spacing.
+pub(super) struct Level {
+    /// mm.
+    spacing: f64,
+    pub(super) lattice: Arc<Lattice>,
+    /// Nodes of small islands, on which images have no hold.
+    pub(super) islands: Vec<bool>,
+    /// Each bone's wave, where they are few enough to be kept.
+    waves: Option<Waves>,
+}
+
+impl Mail {
+    /// Links the elements at all spacings of the options, and at `further` ones (mm).
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when the options name an organ that the labels lack.
+    pub fn new(tissue: &Tissue<'_>, options: &ChainmailOptions, further: &[f64]) -> Result<Self> {
+        let organs = organs(tissue, options)?;
+        let coarser = options.relaxation.iter().map(|r| r.0).filter(|s| *s > options.spacing_mm);
+        let mut spacings: Vec<f64> = coarser.chain([options.spacing_mm]).chain(further.iter().copied()).collect();
+        spacings.sort_by(f64::total_cmp);
+        spacings.dedup();
+        let bones = tissue.bone_of_label.iter().flatten().max().map_or(0, |b| b + 1);
+        let level = |spacing| {
+            let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
+            let kept = only_times(options) && options.combination == Combination::Superposition;
+            Level {
+                spacing,
+                islands: islands(&lattice).into_data(),
+                waves: if kept { Waves::new(&lattice, bones, options) } else { None },
+                lattice: Arc::new(lattice),
+            }
+        };
+        let levels = spacings.into_iter().map(level).collect();
+        Ok(Self { organs, levels })
+    }
+
+    /// The elements at a spacing, mm.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] when it was not asked for.
+    pub(super) fn at(&self, spacing: f64) -> Result<&Level> {
+        let found = self.levels.iter().find(|l| (l.spacing - spacing).abs() < f64::EPSILON);
+        found.ok_or_else(|| Error::Internal(format!("no elements of {spacing} mm were made")))
+    }
+}
+
+impl Level {
+    /// As [`spread`].
+    pub(super) fn spread(&self, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+        match &self.waves {
+            Some(waves) => waves.blend(&self.lattice, bones, options),
+            None => spread(&self.lattice, bones, options),
+        }
+    }
+}
