@@ -246,9 +246,9 @@ impl<'a> Sampler<'a> {
             *value = in_cell(pairs, t);
         }
         let mut out = [Wide::default(); 3];
-        for a in 0..3 {
-            for l in 0..LANES {
-                out[a].0[l] = values[l][a];
+        for (a, out) in out.iter_mut().enumerate() {
+            for (out, value) in out.0.iter_mut().zip(&values) {
+                *out = value[a];
             }
         }
         out
@@ -362,9 +362,9 @@ fn in_line(runs: [Run<'_>; 4], t: &WideVector) -> WideVector {
     // Eight numbers at a time of the run from `first` on.
     let part = |run: Run<'_>, first: usize| {
         let mut out = [Wide::default(); 3];
-        for c in 0..3 {
+        for (c, out) in out.iter_mut().enumerate() {
             for l in 0..LANES {
-                out[c].0[l] = run[first + c * LANES + l];
+                out.0[l] = run[first + c * LANES + l];
             }
         }
         out
@@ -391,9 +391,9 @@ fn in_line(runs: [Run<'_>; 4], t: &WideVector) -> WideVector {
     let mixed = mix(&low, &tz, &high);
     let mut out = [Wide::default(); 3];
     for l in 0..LANES {
-        for c in 0..3 {
+        for (c, out) in out.iter_mut().enumerate() {
             let n = 3 * l + c;
-            out[c].0[l] = mixed[n / LANES].0[n % LANES];
+            out.0[l] = mixed[n / LANES].0[n % LANES];
         }
     }
     out

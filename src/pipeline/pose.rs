@@ -45,7 +45,7 @@ pub fn pose(
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
     let resting = Resting::new(&case, &skeleton, &body, config, runtime)?;
-    let outcome = carry_out(&case, &target, (skeleton, body, fit), &resting, None, warnings, config, runtime)?;
+    let outcome = carry_out(&case, &target, (skeleton, body, fit), (&resting, None), warnings, config, runtime)?;
     case.fraction = outcome.planning_on_fraction.clone();
     Ok((case, outcome))
 }

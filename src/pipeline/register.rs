@@ -68,7 +68,8 @@ fn carried(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let mut outcome = carry_out(case, case.fraction.grid(), moved, resting, fraction_body, warnings, config, runtime)?;
+    let mut outcome =
+        carry_out(case, case.fraction.grid(), moved, (resting, fraction_body), warnings, config, runtime)?;
     if config.output.uncertainty {
         let mail = resting.mail.as_ref().filter(|_| fraction_body.is_some());
         let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, mail, config))?;

@@ -34,5 +34,5 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
     let fraction_body = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
     let resting = Resting::new(case, &skeleton, &body, config, runtime)?;
     let moved = (skeleton, body, fit.clone());
-    carry_out(case, case.fraction.grid(), moved, &resting, fraction_body.as_ref(), warnings, config, runtime)
+    carry_out(case, case.fraction.grid(), moved, (&resting, fraction_body.as_ref()), warnings, config, runtime)
 }
