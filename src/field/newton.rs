@@ -246,9 +246,9 @@ impl<'a> Sampler<'a> {
             *value = in_cell(pairs, t);
         }
         let mut out = [Wide::default(); 3];
-        for (a, out) in out.iter_mut().enumerate() {
-            for (out, value) in out.0.iter_mut().zip(&values) {
-                *out = value[a];
+        for (l, value) in values.iter().enumerate() {
+            for (a, out) in out.iter_mut().enumerate() {
+                out.0[l] = value[a];
             }
         }
         out
