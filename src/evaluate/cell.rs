@@ -4,6 +4,7 @@ use super::interface::Interfaces;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// What a cell holds, by its 8 corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,34 +80,37 @@ impl<'a> Kinds<'a> {
         Self { grid, corners: grid.cell_corners(), tissue: tissue.data(), labels, bone_of, interfaces }
     }
 
-    /// The row of cells (j, k); false, and `cells` as they were, where all lie outside.
-    pub(super) fn row(&self, j: usize, k: usize, cells: &mut [Cell]) -> bool {
+    /// Fills the row of cells (j, k) from the first column of tissue to the last, and returns which cells these are: the others
+    /// lie outside, and are left as they were.
+    pub(super) fn row(&self, j: usize, k: usize, cells: &mut [Cell]) -> Range<usize> {
         let [ni, nj, nk] = self.grid.size();
         if j + 1 == nj || k + 1 == nk {
-            return false;
+            return 0..0;
         }
         let start = self.grid.linear([0, j, k]);
         let [_, up, above] = self.grid.strides();
         let rows = [0, up, above, above + up].map(|o| start + o);
         let [a, b, c, d] = rows.map(|r| &self.tissue[r..][..ni]);
-        if !a.iter().zip(b).zip(c).zip(d).fold(false, |any, (((a, b), c), d)| any | (a & b & c & d)) {
-            return false;
+        let solid = || a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a & b & c & d);
+        if !solid().fold(false, |any, column| any | column) {
+            return 0..0;
         }
+        let first = solid().position(|column| column).unwrap_or(ni);
+        let last = solid().rposition(|column| column).unwrap_or(0);
         let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
-        let solid = a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a & b & c & d);
-        let labels = p.iter().zip(q).zip(r).zip(s).map(|(((p, q), r), s)| p | q | r | s);
-        let (mut any, mut before) = (false, (false, 0));
+        let column = |i: usize| (a[i] & b[i] & c[i] & d[i], p[i] | q[i] | r[i] | s[i]);
         // A cell lies between one column of voxels and the next.
-        for (i, (column, cell)) in solid.zip(labels).zip(std::iter::once(&mut Cell::Outside).chain(cells)).enumerate() {
-            *cell = Cell::Outside;
-            if before.0 & column.0 {
-                any = true;
-                let at = [i - 1, j, k];
-                *cell = if before.1 | column.1 == 0 { self.where_it_slides(Cell::Soft, at) } else { self.kind(at) };
-            }
-            before = column;
+        let mut before = column(first);
+        for i in first..last {
+            let next = column(i + 1);
+            cells[i] = match before.0 & next.0 {
+                false => Cell::Outside,
+                true if before.1 | next.1 == 0 => self.where_it_slides(Cell::Soft, [i, j, k]),
+                true => self.kind([i, j, k]),
+            };
+            before = next;
         }
-        any
+        first..last
     }
 
     /// The kind of the cell with this lowest corner.

@@ -42,7 +42,10 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
     let rows = body.grid().size()[0];
     let from = body.data().par_chunks(rows).zip(ct.data().par_chunks(rows));
     out.data_mut().par_chunks_mut(rows).zip(from).for_each(|(out, (body, ct))| {
-        out.iter_mut().zip(body).zip(ct).for_each(|((out, body), hu)| *out = *body & (*hu > TISSUE_HU));
+        // Rows outside the patient stay as they are, unread.
+        if body.iter().fold(false, |any, body| any | body) {
+            out.iter_mut().zip(body).zip(ct).for_each(|((out, body), hu)| *out = *body & (*hu > TISSUE_HU));
+        }
     });
     out
 }
@@ -67,10 +70,10 @@ pub fn evaluate(
         row.resize(ni, Cell::Outside);
         let mut found = Found::default();
         for j in 0..nj {
-            if kinds.row(j, k, row) {
-                let start = map.grid().linear([0, j, k]);
-                found.take(row, start, &map.data()[start..][..ni], &folds.data()[start..][..ni]);
-            }
+            let range = kinds.row(j, k, row);
+            let start = map.grid().linear([range.start, j, k]);
+            let of_row = start..start + range.len();
+            found.take(&row[range], start, &map.data()[of_row.clone()], &folds.data()[of_row]);
         }
         found
     };
