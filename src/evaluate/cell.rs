@@ -101,9 +101,9 @@ impl<'a> Kinds<'a> {
         let column = |i: usize| (a[i] & b[i] & c[i] & d[i], p[i] | q[i] | r[i] | s[i]);
         // A cell lies between one column of voxels and the next.
         let mut before = column(first);
-        for i in first..last {
+        for (i, cell) in (first..last).zip(&mut cells[first..]) {
             let next = column(i + 1);
-            cells[i] = match before.0 & next.0 {
+            *cell = match before.0 & next.0 {
                 false => Cell::Outside,
                 true if before.1 | next.1 == 0 => self.where_it_slides(Cell::Soft, [i, j, k]),
                 true => self.kind([i, j, k]),

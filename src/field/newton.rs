@@ -13,6 +13,9 @@ use nalgebra::Vector3;
 /// The position in storage of what lies outside the grid.
 pub(super) const NOWHERE: usize = usize::MAX;
 
+/// Residuals below this many tolerances are taken for steps: where the field changes by a tenth of the way, that will do.
+const CLOSE: f32 = 10.0;
+
 /// Places are held within this many voxels: farther out no image has any.
 const FAR: f64 = 1e6;
 
@@ -126,6 +129,7 @@ impl<'a> Sampler<'a> {
     ) -> Best {
         let mut v = start;
         let mut best = Best { v, residual: Wide::all(f32::INFINITY) };
+        let mut newton = true;
         for step in 0..=steps {
             let cells = self.cells(block, &v);
             let (value, slope) = if rough && step == 0 {
@@ -136,7 +140,7 @@ impl<'a> Sampler<'a> {
             };
             let r = plus(&v, &value);
             let size = dot(&r, &r).sqrt();
-            let mut open = false;
+            let (mut open, mut close) = (false, true);
             for l in 0..LANES {
                 let better = size.0[l] < best.residual.0[l];
                 best.residual.0[l] = if better { size.0[l] } else { best.residual.0[l] };
@@ -144,16 +148,19 @@ impl<'a> Sampler<'a> {
                     best.0[l] = if better { v.0[l] } else { best.0[l] };
                 }
                 open |= best.residual.0[l] >= tolerance;
+                close &= best.residual.0[l] < CLOSE * tolerance;
             }
             if !open || step == steps {
                 break;
             }
+            // A small residual is its own step, for which no slope is needed; but not twice in a row.
+            newton = !(newton && close);
             // No closure: it would not be compiled for wide registers.
-            let slope = match slope {
-                Some(slope) => slope,
-                None => self.at(block, &cells).slope,
+            let by = match slope {
+                Some(slope) => self.step(&slope, &r),
+                None if newton => self.step(&self.at(block, &cells).slope, &r),
+                None => r,
             };
-            let by = self.step(&slope, &r);
             // A step is kept short, so that it stays in its basin.
             let length = dot(&by, &by).sqrt();
             for l in 0..LANES {
