@@ -6,7 +6,8 @@
 //! fixed point v <- -u(y + v) (Chen et al. 2008) takes over, with shortened Newton steps where it stalls.
 
 use super::bones::MovedBones;
-use super::newton::{Sampler, thinned};
+use super::newton::thinned;
+use super::sampler::Sampler;
 use super::search::{Search, Tally};
 use super::tetrahedra::{Drop, Mesh};
 use super::{PullField, PushField};

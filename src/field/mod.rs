@@ -13,6 +13,7 @@ mod label_vote;
 mod multiple;
 mod newton;
 mod overlap;
+mod sampler;
 mod scatter;
 mod search;
 mod tetrahedra;

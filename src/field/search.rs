@@ -2,7 +2,7 @@
 
 use super::bones::MovedBones;
 use super::invert::{Continued, InvertOptions, solve};
-use super::newton::{NOWHERE, Sampler};
+use super::sampler::{NOWHERE, Sampler};
 use super::tetrahedra::{Drop, Mesh};
 use super::{PushField, in_steps};
 use crate::geometry::{Grid, LANES, Wide, vectorised};

@@ -1,7 +1,7 @@
 //! The way to the fraction and back: where it ends beside its start.
 
 use super::ball::Balls;
-use crate::field::newton::{NOWHERE, Sampler};
+use crate::field::sampler::{NOWHERE, Sampler};
 use crate::field::{PullField, PushField};
 use crate::geometry::wide_vector::{dot, plus};
 use crate::geometry::{LANES, Wide, vectorised};
