@@ -1,9 +1,10 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
-use super::carry::{bone_of_label, tissue};
+use super::carry::{bone_of_label, images_pull, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
+use super::study::CARRYING;
 use super::uncertainty::alone_mm;
 use crate::body;
 use crate::chainmail::{Mail, Organs, organ_label};
@@ -62,22 +63,22 @@ pub(super) struct Resting {
 }
 
 impl Resting {
-    /// Of a case or a part of it, with its patient.
+    /// Of a case or a part of it, with its patient; `images` tells whether they will pull.
     ///
     /// # Errors
     /// As [`Mail::new`].
     pub(super) fn new(
         case: &Case,
-        skeleton: &Skeleton,
-        body: &Mask,
+        (skeleton, body): (&Skeleton, &Mask),
+        images: bool,
         config: &Config,
         runtime: &Runtime,
     ) -> Result<Self> {
-        runtime.stage("link elements", || {
+        runtime.stage(CARRYING[0], || {
             let options = &config.chainmail;
             let mail = || {
                 let bone_of_label = bone_of_label(skeleton);
-                let alone = config.output.uncertainty.then(|| alone_mm(options));
+                let alone = (images && config.output.uncertainty).then(|| alone_mm(options));
                 Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
@@ -109,7 +110,7 @@ impl Planning {
             (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
         };
         let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
-        let resting = || Resting::new(case, &patient.skeleton, &patient.body, config, runtime);
+        let resting = || Resting::new(case, (&patient.skeleton, &patient.body), images_pull(config), config, runtime);
         let resting = (!config.region.is_some()).then(resting).transpose()?;
         Ok(Self { patient, resting, samples })
     }

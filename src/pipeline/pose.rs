@@ -44,7 +44,7 @@ pub fn pose(
     let warnings = [case.warnings.as_slice(), &warnings, &fit_warnings(&fit)].concat();
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
-    let resting = Resting::new(&case, &skeleton, &body, config, runtime)?;
+    let resting = Resting::new(&case, (&skeleton, &body), false, config, runtime)?;
     let outcome = carry_out(&case, &target, (skeleton, body, fit), (&resting, None), warnings, config, runtime)?;
     case.fraction = outcome.planning_on_fraction.clone();
     Ok((case, outcome))

@@ -9,8 +9,8 @@ use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
 
-/// Name of the stage of [`Outcome::stages`] that carries the motion: what a study compares the time of.
-pub const CARRYING: &str = "propagate to soft tissue";
+/// Stages of [`Outcome::stages`] that carry the motion: what a study compares the time of. The first makes the bones' surfaces too.
+pub const CARRYING: [&str; 2] = ["link elements", "propagate to soft tissue"];
 
 /// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction`.
 ///
@@ -32,7 +32,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
     let find = || body::find(&case.fraction, None, &config.body);
     let wanted = seen && images_pull(config);
     let fraction_body = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
-    let resting = Resting::new(case, &skeleton, &body, config, runtime)?;
+    let resting = Resting::new(case, (&skeleton, &body), false, config, runtime)?;
     let moved = (skeleton, body, fit.clone());
     carry_out(case, case.fraction.grid(), moved, (&resting, fraction_body.as_ref()), warnings, config, runtime)
 }

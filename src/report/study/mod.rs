@@ -49,7 +49,7 @@ impl StageRecord {
         Self {
             key,
             settings,
-            seconds: outcome.stages.iter().filter(|s| s.stage == CARRYING).map(|s| s.seconds).sum(),
+            seconds: outcome.stages.iter().filter(|s| CARRYING.contains(&s.stage.as_str())).map(|s| s.seconds).sum(),
             threads,
             jacobian: outcome.jacobian_report.clone(),
             links_violated_percent: outcome.links.violated_percent,
