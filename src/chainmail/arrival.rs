@@ -60,19 +60,7 @@ pub(super) struct Arrival {
 impl Medium {
     /// Packs a lattice.
     pub(super) fn new(lattice: &Lattice, rules: FrontRules) -> Self {
-        let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
-        for &n in &lattice.active {
-            let at = lattice.grid.voxel(n as usize);
-            for a in 0..3 {
-                (low[a], high[a]) = (low[a].min(at[a]), high[a].max(at[a]));
-            }
-        }
-        if lattice.active.is_empty() {
-            (low, high) = ([1; 3], [1; 3]);
-        }
-        // The lattice's border is outside, so there is always one more node around the active ones.
-        let low = low.map(|l| l - 1);
-        let size: [usize; 3] = std::array::from_fn(|a| high[a] + 2 - low[a]);
+        let [low, size] = active_box(lattice);
         let cells: usize = size.iter().product();
         // Room at the end for the last row's span.
         let (mut shear, mut rest) = (vec![0f32; cells + SPAN], vec![0i32; cells + SPAN]);
@@ -169,6 +157,23 @@ impl Medium {
     pub(super) fn latest(&self, first: &Arrival, ratio: f64) -> Vec<i32> {
         first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
     }
+}
+
+/// The lowest voxel and the size of the box that holds all active nodes, with a border of one.
+pub(super) fn active_box(lattice: &Lattice) -> [[usize; 3]; 2] {
+    let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
+    for &n in &lattice.active {
+        let at = lattice.grid.voxel(n as usize);
+        for a in 0..3 {
+            (low[a], high[a]) = (low[a].min(at[a]), high[a].max(at[a]));
+        }
+    }
+    if lattice.active.is_empty() {
+        (low, high) = ([1; 3], [1; 3]);
+    }
+    // The lattice's border is outside, so there is always one more node around the active ones.
+    let low = low.map(|l| l - 1);
+    [low, std::array::from_fn(|a| high[a] + 2 - low[a])]
 }
 
 /// The links by rows of cells.

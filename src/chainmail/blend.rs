@@ -116,10 +116,12 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) 
             }
         });
     }
-    each_active(lattice, bones, |node, _| {
-        let s = sums[node];
-        (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
-    })
+    each_active(lattice, bones, |node, _| weighted_mean(sums[node]))
+}
+
+/// The mean displacement of a sum of weights and one of weighted displacements; `None` without weight.
+pub(super) fn weighted_mean([weight, x, y, z]: [f64; 4]) -> Option<[f32; 3]> {
+    (weight > 0.0).then(|| [x, y, z].map(|sum| (sum / weight) as f32))
 }
 
 /// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue; in the order of the active nodes.

@@ -141,9 +141,9 @@ impl Lattice {
     }
 
     /// Values of the active nodes, in their order, on all nodes; the others have `outside`.
-    pub fn on_all_nodes<T: Copy>(&self, active: &[T], outside: T) -> Vec<T> {
+    pub fn on_all_nodes<T: Copy>(&self, active: impl IntoIterator<Item = T>, outside: T) -> Vec<T> {
         let mut out = vec![outside; self.node.len()];
-        self.active.iter().zip(active).for_each(|(&n, v)| out[n as usize] = *v);
+        self.active.iter().zip(active).for_each(|(&n, v)| out[n as usize] = v);
         out
     }
 

@@ -3,11 +3,9 @@
 
 use super::blend::{only_times, spread};
 use super::carry::Initiators;
-use super::islands::islands;
 use super::lattice::{Lattice, Tissue};
 use super::material::Organs;
 use super::options::{ChainmailOptions, Combination};
-use super::propagate::organs;
 use super::superpose::Waves;
 use crate::error::{Error, Result};
 use std::sync::Arc;
@@ -23,8 +21,6 @@ pub(super) struct Level {
     /// mm.
     spacing: f64,
     pub(super) lattice: Arc<Lattice>,
-    /// Nodes of small islands, on which images have no hold.
-    pub(super) islands: Vec<bool>,
     /// Each bone's wave, where they are few enough to be kept.
     waves: Option<Waves>,
 }
@@ -46,7 +42,6 @@ impl Mail {
             let kept = only_times(options) && options.combination == Combination::Superposition;
             Level {
                 spacing,
-                islands: islands(&lattice).into_data(),
                 waves: if kept { Waves::new(&lattice, bones, options) } else { None },
                 lattice: Arc::new(lattice),
             }
@@ -73,4 +68,12 @@ impl Level {
             None => spread(&self.lattice, bones, options),
         }
     }
+}
+
+/// Finds the organs that have constraints of their own.
+///
+/// # Errors
+/// [`crate::Error::Usage`] when a name is no label's, or a bone's.
+pub fn organs(tissue: &Tissue<'_>, options: &ChainmailOptions) -> Result<Organs> {
+    Organs::new(&options.organs, tissue.labels, |l| tissue.bone_of_label[usize::from(l)].is_some())
 }

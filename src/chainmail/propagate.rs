@@ -4,9 +4,9 @@ use super::blend::first_wave;
 use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::growth::Growth;
+use super::islands::islands;
 use super::lattice::{Lattice, Node, Tissue};
 use super::mail::{Level, Mail};
-use super::material::Organs;
 use super::mend::mend;
 use super::options::ChainmailOptions;
 use super::pull::ImagePull;
@@ -90,7 +90,7 @@ impl Mail {
             let start = start(level, bones, options, change.as_ref());
             growth.enter(lattice, tissue);
             let relaxation = Relaxation::new(lattice, &start.0, &turns, options.elasticity, options.poisson);
-            let relaxed = relax(relaxation, level, rounds, &mut growth, image);
+            let relaxed = relax(relaxation, lattice, rounds, &mut growth, image);
             let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
                 .map(|n| {
                     (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
@@ -105,7 +105,7 @@ impl Mail {
         if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
             growth.enter(lattice, tissue);
             let relaxation = Relaxation::new(lattice, &displacement, &turns, options.elasticity, options.poisson);
-            displacement = relax(relaxation, level, rounds, &mut growth, image);
+            displacement = relax(relaxation, lattice, rounds, &mut growth, image);
         }
         let known: Vec<Option<[f32; 3]>> =
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
@@ -126,12 +126,11 @@ const AROUND: usize = 5;
 /// which lets go where cells would tangle and has no hold on small islands.
 fn relax(
     mut relaxation: Relaxation,
-    level: &Level,
+    lattice: &Lattice,
     rounds: usize,
     growth: &mut Growth,
     image: Option<&dyn ImagePull>,
 ) -> Vec<[f32; 3]> {
-    let lattice = &*level.lattice;
     let everywhere = relaxation.everywhere();
     for _ in 0..growth.passes() {
         relaxation.scale_links(growth.scale(lattice.node.len()));
@@ -141,7 +140,7 @@ fn relax(
     let Some(image) = image else { return relaxation.displacements() };
     let (passes, rounds) = image.passes();
     let compare = image.at(lattice);
-    let mut released = level.islands.clone();
+    let mut released = islands(lattice).into_data();
     for pass in 0..passes {
         let mut pull = compare(&relaxation.displacements());
         pull.release(lattice, &released);
@@ -158,14 +157,6 @@ fn relax(
         }
     }
     relaxation.displacements()
-}
-
-/// Finds the organs that have constraints of their own.
-///
-/// # Errors
-/// [`crate::Error::Usage`] when a name is no label's, or a bone's.
-pub fn organs(tissue: &Tissue<'_>, options: &ChainmailOptions) -> Result<Organs> {
-    Organs::new(&options.organs, tissue.labels, |l| tissue.bone_of_label[usize::from(l)].is_some())
 }
 
 /// Regions of influence on the planning grid: 0 where no bone's motion comes, else the position in the skeleton plus 1
@@ -235,11 +226,10 @@ fn start(
 /// The displacements of active nodes on the whole lattice: islands that no front reaches take the motion around them; outside
 /// the elements the field is zero for now.
 fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
-    let on_all = lattice.on_all_nodes(reached, None);
     if reached.iter().any(Option::is_none) {
-        return fill(lattice, &on_all, usize::MAX).0;
+        return fill(lattice, &lattice.on_all_nodes(reached.iter().copied(), None), usize::MAX).0;
     }
-    on_all.into_iter().map(Option::unwrap_or_default).collect()
+    lattice.on_all_nodes(reached.iter().map(|u| u.unwrap_or_default()), [0.0; 3])
 }
 
 /// The lattice's displacements on the planning grid, whose axes it shares; bone voxels move exactly with their bone.

@@ -1,8 +1,8 @@
 //! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
 //! row, along which a rigid motion's displacement is linear.
 
-use super::arrival::{Arrival, Medium};
-use super::blend::{FirstWave, each_active, weight};
+use super::arrival::{Arrival, Medium, active_box};
+use super::blend::{FirstWave, each_active, weight, weighted_mean};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
@@ -64,10 +64,11 @@ pub(super) struct Waves {
 impl Waves {
     /// Runs the waves of so many bones; `None` where they would take too much room.
     pub(super) fn new(lattice: &Lattice, bones: u16, options: &ChainmailOptions) -> Option<Self> {
-        let medium = Medium::new(lattice, FrontRules::of(options));
-        if medium.len() * usize::from(bones) * size_of::<i32>() > MOST_KEPT {
+        let cells: usize = active_box(lattice)[1].iter().product();
+        if cells * usize::from(bones) * size_of::<i32>() > MOST_KEPT {
             return None;
         }
+        let medium = Medium::new(lattice, FrontRules::of(options));
         let latest = latest(&medium, options);
         let each = (0..bones).into_par_iter().map(|b| medium.times(Source::Bone(b), latest.as_deref())).collect();
         Some(Self { medium, each })
@@ -134,10 +135,7 @@ impl<'a> Sums<'a> {
     }
 
     fn blended(&self, bones: &Initiators<'_>) -> Vec<Option<[f32; 3]>> {
-        each_active(self.lattice, bones, |_, voxel| {
-            let s = self.cells[self.medium.cell(voxel)];
-            (s[0] > 0.0).then(|| [(s[1] / s[0]) as f32, (s[2] / s[0]) as f32, (s[3] / s[0]) as f32])
-        })
+        each_active(self.lattice, bones, |_, voxel| weighted_mean(self.cells[self.medium.cell(voxel)]))
     }
 }
 

@@ -51,7 +51,7 @@ fn spread_of(lattice: &Lattice, moves: &[[f64; 3]], options: &ChainmailOptions) 
     let transforms: Vec<Rigid> = moves.iter().map(|&t| Rigid::translation(t[0], t[1], t[2])).collect();
     let centroids = vec![Point3::origin(); transforms.len()];
     let u = spread(lattice, &Initiators { transforms: &transforms, centroids: &centroids }, options);
-    lattice.on_all_nodes(&u, None)
+    lattice.on_all_nodes(u, None)
 }
 
 fn near(a: f32, b: f64) -> bool {
@@ -159,7 +159,7 @@ fn turned_chain(angle: f64, centre: f64, carry: Carry) -> (Lattice, FirstWave, V
     )];
     let bones = Initiators { transforms: &t, centroids: &[c] };
     let o = ChainmailOptions { carry, ..options() };
-    let (wave, u) = (first_wave(&lattice, &bones, &o), lattice.on_all_nodes(&spread(&lattice, &bones, &o), None));
+    let (wave, u) = (first_wave(&lattice, &bones, &o), lattice.on_all_nodes(spread(&lattice, &bones, &o), None));
     (lattice, wave, u)
 }
 
@@ -215,7 +215,7 @@ fn rigid_tissue_turns_as_a_whole() {
     for carry in [Carry::ConstraintBased, Carry::LinearDecay, Carry::Rigid] {
         for order in [Order::Timestamps, Order::ConstraintViolation] {
             let u = spread(&lattice, &bones, &ChainmailOptions { carry, order, ..options() });
-            let u = lattice.on_all_nodes(&u, None);
+            let u = lattice.on_all_nodes(u, None);
             for (i, j) in [(1, 0), (2, 0), (0, 1), (2, 1)] {
                 let n = at(&lattice, i, j);
                 let x = lattice.rest(n);

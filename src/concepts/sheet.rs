@@ -101,7 +101,7 @@ impl Sheet {
 
     /// Displacement of each element, mm; zero where no wave comes. x fastest.
     pub(super) fn displacement(&self, options: &ChainmailOptions) -> Vec<[f64; 2]> {
-        let u = self.lattice.on_all_nodes(&spread(&self.lattice, &self.bones(), options), None);
+        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), options), None);
         let of = |[i, j]: [usize; 2]| u[self.node(i, j)].map_or([0.0; 2], |u| [f64::from(u[0]), f64::from(u[1])]);
         self.elements().map(of).collect()
     }
@@ -139,7 +139,7 @@ impl Sheet {
     /// Processing index of each element that moves, from 0 (first) to 1 (last).
     pub(super) fn heat(&self, options: &ChainmailOptions) -> Heat {
         let wave = self.wave(options);
-        let u = self.lattice.on_all_nodes(&spread(&self.lattice, &self.bones(), options), None);
+        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), options), None);
         let moves = |n: &&u32| u[**n as usize].is_some_and(|u| u[0].hypot(u[1]) > 1e-6);
         let order: Vec<u32> = wave.order.iter().filter(moves).copied().collect();
         let mut index = vec![None; self.lattice.node.len()];

@@ -1,6 +1,7 @@
 //! A field at eight places of a row at once, in single precision, whose error of about 1e-5 mm is far below any tolerance: values
 //! and gradients from the same eight corners.
 
+use super::walk::nearest;
 use crate::geometry::wide_vector::{WideVector, minus};
 use crate::geometry::{LANES, Wide};
 use crate::volume::Volume;
@@ -239,15 +240,6 @@ fn times(a: &WideVector, by: Wide) -> WideVector {
 #[inline(always)]
 fn between(a: &WideVector, t: Wide, b: &WideVector) -> WideVector {
     [a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]]
-}
-
-/// The whole number nearest to one of at most twice [`FAR`], as such and as it is; nothing that makes sense for others.
-#[inline(always)]
-fn nearest(x: f32) -> (i32, f32) {
-    // Added to a number below 2^22 this leaves the nearest whole number in the low bits, without a rounding instruction.
-    const MAGIC: f32 = 12_582_912.0;
-    let shifted = x + MAGIC;
-    ((shifted.to_bits() as i32).wrapping_sub(MAGIC.to_bits() as i32), shifted - MAGIC)
 }
 
 /// What `of` makes of four things, if it makes something of each.

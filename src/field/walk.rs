@@ -173,16 +173,22 @@ const SPAN: usize = 64;
 
 /// The lower voxel and the way from it; what is far off or no number comes to lie far outside.
 #[inline(always)]
-pub(super) fn lower(x: f32, whole: i32) -> (i32, f32) {
-    // Added to a number below 2^22 this leaves the nearest whole number in the low bits: without a rounding instruction,
-    // which the oldest 64-bit machines lack, a cast costs several times as much.
-    const MAGIC: f32 = 12_582_912.0;
+fn lower(x: f32, whole: i32) -> (i32, f32) {
     let near = x.abs() < FAR;
     let held = if near { x } else { 0.0 };
-    let shifted = held + MAGIC;
-    let nearest = shifted - MAGIC;
+    let (number, nearest) = nearest(held);
     let above = nearest > held;
     let floor = nearest - if above { 1.0 } else { 0.0 };
-    let low = shifted.to_bits() as i32 - MAGIC.to_bits() as i32 - i32::from(above);
+    let low = number - i32::from(above);
     (low + if near { whole } else { -400_000_000 }, held - floor)
+}
+
+/// The whole number nearest to one below 2^22, as such and as it is; nothing that makes sense for others.
+#[inline(always)]
+pub(super) fn nearest(x: f32) -> (i32, f32) {
+    // Added to such a number this leaves the nearest whole one in the low bits: without a rounding instruction, which the
+    // oldest 64-bit machines lack, a cast costs several times as much.
+    const MAGIC: f32 = 12_582_912.0;
+    let shifted = x + MAGIC;
+    ((shifted.to_bits() as i32).wrapping_sub(MAGIC.to_bits() as i32), shifted - MAGIC)
 }

@@ -35,7 +35,7 @@ pub(super) fn carry_out(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let (propagation, regions) = runtime.stage(CARRYING[1], || {
+    let (propagation, regions) = runtime.stage(CARRYING, || {
         let of = |fraction_body| Images::new((&case.planning, &body), (&case.fraction, fraction_body), &config.refine);
         let images = fraction_body.map(of);
         let mail = resting.mail.as_ref().map(|mail| (mail, images.as_ref()));

@@ -22,4 +22,4 @@ pub use outcome::{Outcome, VolumeReached};
 pub use planning::Planning;
 pub use pose::{BoneMotion, pose};
 pub use register::{register, register_fraction};
-pub use study::{CARRYING, carry_again};
+pub use study::{CARRYING, LINKING, carry_again};

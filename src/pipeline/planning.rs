@@ -4,7 +4,7 @@ use super::Case;
 use super::carry::{bone_of_label, images_pull, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
-use super::study::CARRYING;
+use super::study::LINKING;
 use super::uncertainty::alone_mm;
 use crate::body;
 use crate::chainmail::{Mail, Organs, organ_label};
@@ -63,22 +63,23 @@ pub(super) struct Resting {
 }
 
 impl Resting {
-    /// Of a case or a part of it, with its patient; `images` tells whether they will pull.
+    /// Of a case or a part of it, with its patient; `uncertainty` tells whether a map of it may be asked for.
     ///
     /// # Errors
     /// As [`Mail::new`].
     pub(super) fn new(
         case: &Case,
         (skeleton, body): (&Skeleton, &Mask),
-        images: bool,
+        uncertainty: bool,
         config: &Config,
         runtime: &Runtime,
     ) -> Result<Self> {
-        runtime.stage(CARRYING[0], || {
+        runtime.stage(LINKING, || {
             let options = &config.chainmail;
             let mail = || {
                 let bone_of_label = bone_of_label(skeleton);
-                let alone = (images && config.output.uncertainty).then(|| alone_mm(options));
+                let alone =
+                    (uncertainty && config.output.uncertainty && images_pull(config)).then(|| alone_mm(options));
                 Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
@@ -110,7 +111,7 @@ impl Planning {
             (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
         };
         let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
-        let resting = || Resting::new(case, (&patient.skeleton, &patient.body), images_pull(config), config, runtime);
+        let resting = || Resting::new(case, (&patient.skeleton, &patient.body), true, config, runtime);
         let resting = (!config.region.is_some()).then(resting).transpose()?;
         Ok(Self { patient, resting, samples })
     }

@@ -48,7 +48,7 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
         let fraction_body = fraction_body.map(|whole| part_of_body(&whole, part.fraction.grid()));
-        let resting = Resting::new(&part, (skeleton, &body), images_pull(config), config, runtime)?;
+        let resting = Resting::new(&part, (skeleton, &body), true, config, runtime)?;
         let moved = (skeleton.clone(), body, fit);
         let outcome = carried(&part, moved, &resting, fraction_body.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });

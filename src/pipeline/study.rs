@@ -9,8 +9,10 @@ use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
 
-/// Stages of [`Outcome::stages`] that carry the motion: what a study compares the time of. The first makes the bones' surfaces too.
-pub const CARRYING: [&str; 2] = ["link elements", "propagate to soft tissue"];
+/// Name of the stage of [`Outcome::stages`] that makes the chain mail, and the bones' surfaces beside it.
+pub const LINKING: &str = "link elements";
+/// Name of the stage that carries the motion: what a study compares the time of, with [`LINKING`].
+pub const CARRYING: &str = "propagate to soft tissue";
 
 /// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction`.
 ///

@@ -10,7 +10,7 @@ use crate::config::StudyPlan;
 use crate::error::{Error, Result};
 use crate::evaluate::jacobian::JacobianReport;
 use crate::io::write_file;
-use crate::pipeline::{CARRYING, Case, Outcome};
+use crate::pipeline::{CARRYING, Case, LINKING, Outcome};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -49,7 +49,12 @@ impl StageRecord {
         Self {
             key,
             settings,
-            seconds: outcome.stages.iter().filter(|s| CARRYING.contains(&s.stage.as_str())).map(|s| s.seconds).sum(),
+            seconds: outcome
+                .stages
+                .iter()
+                .filter(|s| [LINKING, CARRYING].contains(&s.stage.as_str()))
+                .map(|s| s.seconds)
+                .sum(),
             threads,
             jacobian: outcome.jacobian_report.clone(),
             links_violated_percent: outcome.links.violated_percent,
