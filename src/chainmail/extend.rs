@@ -7,15 +7,18 @@ use rayon::prelude::*;
 
 /// Distance over which the field is continued unchanged, mm.
 const KEEP_MM: f64 = 20.0;
-/// Distance over which it then fades to zero, mm, for displacements up to half of it.
-const FADE_MM: f64 = 40.0;
+/// Least distance over which it then fades to zero, mm.
+const FADE_MM: f64 = 20.0;
+/// Distance over which a displacement fades, as a multiple of its own length: the slope stays below 3/4, and the field one to
+/// one.
+const FADE: f64 = 2.0;
 
 /// Continues the known displacements over the whole lattice and fades them with the distance from where they are known.
 pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
     let (mut out, far) = fill(lattice, known, usize::MAX);
-    let largest = known.iter().flatten().map(|u| u.iter().map(|v| v * v).sum::<f32>().sqrt()).fold(0f32, f32::max);
-    let fade_mm = FADE_MM.max(2.0 * f64::from(largest));
     for (u, &d) in out.iter_mut().zip(&far) {
+        let length = f64::from(u.iter().map(|v| v * v).sum::<f32>().sqrt());
+        let fade_mm = FADE_MM.max(FADE * length);
         let t = ((f64::from(d) - KEEP_MM) / fade_mm).clamp(0.0, 1.0);
         let keep = if d.is_finite() { 1.0 - t * t * (3.0 - 2.0 * t) } else { 0.0 };
         *u = u.map(|v| v * keep as f32);

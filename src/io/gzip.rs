@@ -3,12 +3,13 @@
 //! The writer deflates blocks of fixed size independently, ends each with a sync flush and joins them into one member, as
 //! pigz does. Block borders do not depend on the number of threads, so neither do the bytes.
 
+use flate2::Crc;
 use flate2::bufread::GzDecoder;
-use flate2::{Compress, Compression, Crc, FlushCompress};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::ops::Range;
+use zlib_rs::{DeflateConfig, DeflateFlush, Strategy};
 
 /// First bytes of a gzip member.
 const MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -122,6 +123,8 @@ pub(super) struct Payload<'a> {
     pub(super) items: usize,
     /// Bytes of one item.
     pub(super) item_bytes: usize,
+    /// Whether no string of bytes but a run of one byte is likely to come again, as in numbers that were measured or computed.
+    pub(super) noisy: bool,
     /// Appends the bytes of a range of items.
     pub(super) fill: &'a (dyn Fn(Range<usize>, &mut Vec<u8>) + Sync),
 }
@@ -163,7 +166,7 @@ impl Payload<'_> {
     /// Writes header and items as one gzip member of this level (0 to 9), in parallel.
     pub(super) fn write_gzip(&self, out: &mut dyn Write, level: u32) -> io::Result<()> {
         out.write_all(&[MAGIC[0], MAGIC[1], 8, 0, 0, 0, 0, 0, 0, 255])?;
-        let mut deflate = Deflate::new(level);
+        let mut deflate = Deflate::new(level, self.noisy);
         let head = deflate.block(&self.header)?;
         out.write_all(&head.bytes)?;
         let mut crc = head.crc;
@@ -172,7 +175,7 @@ impl Payload<'_> {
             let blocks: Vec<io::Result<Deflated>> = (wave..(wave + WAVE).min(self.blocks()))
                 .into_par_iter()
                 .map_init(
-                    || (Deflate::new(level), Vec::with_capacity(BLOCK)),
+                    || (Deflate::new(level, self.noisy), Vec::with_capacity(BLOCK)),
                     |(deflate, raw), n| {
                         self.block(n, raw);
                         deflate.block(raw)
@@ -200,26 +203,37 @@ struct Deflated {
 }
 
 /// A compressor that starts anew for each block.
-struct Deflate(Compress);
+struct Deflate {
+    zlib: zlib_rs::Deflate,
+    /// Room for a block.
+    room: Vec<u8>,
+}
 
 impl Deflate {
-    fn new(level: u32) -> Self {
-        Self(Compress::new(Compression::new(level.min(9)), false))
+    /// Of this level (0 to 9). For noisy data the lowest level looks for runs only: less work, and codes of their own for every
+    /// block, which the search for strings does without at this level.
+    fn new(level: u32, noisy: bool) -> Self {
+        let strategy = if noisy && level == 1 { Strategy::Rle } else { Strategy::Default };
+        let config =
+            DeflateConfig { level: level.min(9) as i32, strategy, window_bits: -15, ..DeflateConfig::default() };
+        Self { zlib: zlib_rs::Deflate::new_with_config(config), room: vec![0; BLOCK] }
     }
 
     fn block(&mut self, raw: &[u8]) -> io::Result<Deflated> {
-        self.0.reset();
+        self.zlib.reset();
         let mut crc = Crc::new();
         crc.update(raw);
-        let mut bytes = Vec::with_capacity(raw.len() / 2 + 1024);
+        let mut bytes = Vec::new();
         loop {
-            let done = self.0.total_in() as usize;
-            self.0.compress_vec(&raw[done..], &mut bytes, FlushCompress::Sync)?;
+            let (done, before) = (self.zlib.total_in() as usize, self.zlib.total_out());
+            let status = self.zlib.compress(&raw[done..], &mut self.room, DeflateFlush::SyncFlush);
+            status.map_err(|e| io::Error::other(e.as_str()))?;
+            let made = (self.zlib.total_out() - before) as usize;
+            bytes.extend_from_slice(&self.room[..made]);
             // The flush is complete only when the compressor leaves room unused.
-            if self.0.total_in() as usize == raw.len() && bytes.len() < bytes.capacity() {
+            if made < self.room.len() {
                 return Ok(Deflated { bytes, crc });
             }
-            bytes.reserve(raw.len() / 4 + 1024);
         }
     }
 }
@@ -243,9 +257,9 @@ mod tests {
             .collect()
     }
 
-    fn compress(header: &[u8], data: &[u8], level: u32, threads: usize) -> Vec<u8> {
+    fn compress(header: &[u8], data: &[u8], (level, noisy): (u32, bool), threads: usize) -> Vec<u8> {
         let fill = |range: Range<usize>, out: &mut Vec<u8>| out.extend_from_slice(&data[range]);
-        let payload = Payload { header: header.to_vec(), items: data.len(), item_bytes: 1, fill: &fill };
+        let payload = Payload { header: header.to_vec(), items: data.len(), item_bytes: 1, noisy, fill: &fill };
         let mut out = Vec::new();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| payload.write_gzip(&mut out, level)).unwrap();
@@ -255,22 +269,22 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
-        fn one_member_that_ordinary_readers_inflate(seed in any::<u32>(), len in 0usize..3_000_000, level in 0u32..10) {
+        fn one_member_that_ordinary_readers_inflate(seed in any::<u32>(), len in 0usize..3_000_000, level in 0u32..10, noisy in any::<bool>()) {
             let data = payload_bytes(seed, len);
-            let file = compress(b"head", &data, level, 2);
+            let file = compress(b"head", &data, (level, noisy), 2);
             let mut back = Vec::new();
             // GzDecoder reads a single member only.
             flate2::read::GzDecoder::new(&file[..]).read_to_end(&mut back).unwrap();
             prop_assert_eq!(&back[..4], b"head");
             prop_assert!(back[4..] == data[..]);
-            prop_assert!(file == compress(b"head", &data, level, 1));
+            prop_assert!(file == compress(b"head", &data, (level, noisy), 1));
         }
     }
 
     #[test]
     fn reads_many_members_and_ignores_padding() {
-        let mut file = compress(b"", b"abc", 1, 1);
-        file.extend(compress(b"", b"defgh", 6, 1));
+        let mut file = compress(b"", b"abc", (1, true), 1);
+        file.extend(compress(b"", b"defgh", (6, false), 1));
         file.extend([0; 20]);
         let mut content = Content::new(&file);
         assert_eq!(content.first(4).unwrap(), b"abcd");
@@ -281,7 +295,7 @@ mod tests {
 
     #[test]
     fn damage_is_found_even_after_the_wanted_bytes() {
-        let good = compress(b"", &payload_bytes(1, 5000), 1, 1);
+        let good = compress(b"", &payload_bytes(1, 5000), (1, false), 1);
         for cut in [good.len() - 1, good.len() - 8, good.len() / 2, 12, 5] {
             let mut content = Content::new(&good[..cut]);
             assert!(content.first(5000).is_err() || content.checked().is_err(), "cut at {cut}");

@@ -121,7 +121,8 @@ pub(super) fn write(path: &Path, contents: &Contents<'_>, level: u32) -> Result<
         _ => nifti::header(path, contents)?,
     };
     let item_bytes = together * contents.values.element().size();
-    let mut payload = Payload { header, items: contents.values.len() / together, item_bytes, fill: &fill };
+    let noisy = matches!(contents.values, Values::Vectors(_));
+    let mut payload = Payload { header, items: contents.values.len() / together, item_bytes, noisy, fill: &fill };
     atomic::write_file(path, |out| match format {
         FieldFormat::Nifti if is_gz(path) => payload.write_gzip(out, level),
         FieldFormat::Nrrd if compress => {
