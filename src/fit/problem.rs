@@ -115,14 +115,6 @@ impl PoseProblem<'_> {
         penalty(link.joint, &p, &c, &pc, &cc)
     }
 
-    /// Cost alone.
-    pub fn value(&self, x: &DVector<f64>) -> f64 {
-        let t = self.transforms(x);
-        let images: f64 = self.similarities(&t, false).iter().map(|e| e.cost).sum();
-        let joints: f64 = self.links.iter().map(|l| self.penalty(l, &t).cost).sum();
-        images + joints + 0.5 * RIDGE * x.norm_squared()
-    }
-
     /// Cost with gradient and curvature.
     pub fn local(&self, x: &DVector<f64>) -> Local {
         let n = 6 * self.bodies.len();

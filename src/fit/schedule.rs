@@ -47,21 +47,34 @@ const MOST_SD_MM: f64 = 1.5;
 /// matched to something.
 const LEAST_FOUND: f64 = 0.3;
 
+/// Coarser passes stop when nothing moves by this share of their blur: a finer one follows.
+const PASSING: f64 = 0.01;
+
 /// Both images at one resolution, with each bone's samples.
 struct Level<'a> {
     drawn: &'a Drawn,
     fraction: Tissue,
+    /// An optimisation stops when no parameter moves by this much, mm.
+    tolerance_mm: f64,
     /// Bones whose image takes no part: they follow their joints.
     dropped: Vec<bool>,
 }
 
 impl<'a> Level<'a> {
-    fn new(samples: &'a BoneSamples, fraction: &Volume<f32>, resolution: (f64, usize)) -> Result<Self> {
+    fn new(
+        samples: &'a BoneSamples,
+        fraction: &Volume<f32>,
+        resolution: (f64, usize),
+        options: &FitOptions,
+    ) -> Result<Self> {
         let drawn = samples
             .at(resolution)
             .ok_or_else(|| Error::Internal(format!("no samples at blur and number {resolution:?}")))?;
         let dropped = vec![false; drawn.bones.len()];
-        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), dropped })
+        let last = options.levels.last() == Some(&resolution);
+        let passing = if last { 0.0 } else { PASSING * resolution.0 };
+        let tolerance_mm = options.tolerance_mm.max(passing);
+        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), tolerance_mm, dropped })
     }
 }
 
@@ -93,7 +106,7 @@ pub fn fit_pose(
 ) -> Result<FitResult> {
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
-    let level = Level::new(samples, fraction, BoneSamples::start(options))?;
+    let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
     let fitter = Fitter::new(skeleton, options, &level);
     let starts = match start {
         Some(known) => {
@@ -163,7 +176,7 @@ impl<'a> Fitter<'a> {
         let mut level: Option<Level<'_>> = None;
         for (n, &resolution) in options.outward.iter().enumerate() {
             progress.step(1 + n, steps, "bone by bone");
-            let now = level.insert(Level::new(samples, fraction, resolution)?);
+            let now = level.insert(Level::new(samples, fraction, resolution, options)?);
             self.outwards(now, &mut transforms, &mut stops, n == 0 && fresh)?;
         }
         let mut last = None;
@@ -171,7 +184,7 @@ impl<'a> Fitter<'a> {
             progress.step(1 + options.outward.len() + n, steps, "all bones");
             let mut now = match level.take().filter(|l| l.drawn.resolution == resolution) {
                 Some(level) => level,
-                None => Level::new(samples, fraction, resolution)?,
+                None => Level::new(samples, fraction, resolution, options)?,
             };
             // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
             let hold = n > 0;
@@ -301,7 +314,7 @@ impl<'a> Fitter<'a> {
             return Ok(None);
         }
         let fit = |base| {
-            let solution = solve(problem(base), self.options.tolerance_mm, self.options.max_iterations)?;
+            let solution = solve(problem(base), level.tolerance_mm, self.options.max_iterations)?;
             Ok::<_, Error>((
                 solution.cost,
                 self.body(level, bone, base).transform(solution.x.as_slice()),
@@ -368,7 +381,7 @@ impl<'a> Fitter<'a> {
             fraction: Some(&level.fraction),
             measure: self.options.measure,
         };
-        let solution = solve(make(), self.options.tolerance_mm, self.options.max_iterations)?;
+        let solution = solve(make(), level.tolerance_mm, self.options.max_iterations)?;
         let moved = make().transforms(&solution.x);
         *transforms = moved;
         Ok(solution)

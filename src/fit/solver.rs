@@ -20,6 +20,9 @@ struct DampedNewton {
 /// Damping at which no descent is left to find.
 const MOST_DAMPING: f64 = 1e8;
 
+/// Less damping changes a step too little to be worth a try after one that has failed.
+const LEAST_HELP: f64 = 0.1;
+
 /// `(H + damping * diag H)^-1 (-g)`; `None` when that is not positive definite.
 fn damped_step(h: &DMatrix<f64>, g: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
     let mut a = h.clone();
@@ -57,21 +60,20 @@ impl Solver<PoseProblem<'_>, PoseState> for DampedNewton {
         let cost = state.get_cost();
         let kv = Some(argmin::kv!("damping" => self.damping;));
         if let Some(step) = damped_step(&h, &g, self.damping) {
-            let trial = &x + &step;
-            let value = problem.problem("cost_count", |p| Ok(p.value(&trial)))?;
-            let expected = -(g.dot(&step) + 0.5 * step.dot(&(&h * &step)));
-            if value <= cost - 1e-3 * expected.max(0.0) {
-                self.step = step.amax();
-                self.damping = if cost - value > 0.75 * expected { self.damping * 0.2 } else { self.damping }.max(1e-9);
+            self.step = step.amax();
+            if self.step >= self.tolerance {
+                let trial = &x + &step;
+                // Nearly every step is taken: its derivatives are found with its cost, which are most of the way to them.
                 let local = problem.problem("gradient_count", |p| Ok(p.local(&trial)))?;
-                return Ok((state.param(trial).cost(local.cost).gradient(local.gradient).hessian(local.curvature), kv));
-            }
-            // A step this small that does not help means the cost is flat to rounding.
-            if step.amax() < 0.1 * self.tolerance {
-                self.step = 0.0;
+                let (fallen, expected) = (cost - local.cost, -(g.dot(&step) + 0.5 * step.dot(&(&h * &step))));
+                if fallen >= 1e-3 * expected.max(0.0) {
+                    self.damping = if fallen > 0.75 * expected { self.damping * 0.2 } else { self.damping }.max(1e-9);
+                    let state = state.param(trial).cost(local.cost).gradient(local.gradient);
+                    return Ok((state.hessian(local.curvature), kv));
+                }
             }
         }
-        self.damping = (self.damping * 5.0).max(1e-4);
+        self.damping = (self.damping * 5.0).max(LEAST_HELP);
         Ok((state.param(x).cost(cost).gradient(g).hessian(h), kv))
     }
 

@@ -204,7 +204,7 @@ pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) ->
     let mut found: Vec<Refined> = Vec::new();
     let (upright, turned) = TURNS.split_at(1);
     for turns in [upright, turned] {
-        for Candidate { turn, shift, .. } in search(turns, samples, &centre, &fraction.value) {
+        let refine = |Candidate { turn, shift, .. }| {
             let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
             let problem = || PoseProblem {
                 bodies: vec![Body { samples, base, centre, radius, held: None }],
@@ -215,8 +215,10 @@ pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) ->
             let solution = solve(problem(), 0.05, 40)?;
             let t = problem().transforms(&solution.x)[0];
             let seen = &problem().similarities(&[t], false)[0];
-            found.push(Refined { cost: solution.cost, explained: seen.explained, visible: seen.visible, motion: t });
-        }
+            Ok(Refined { cost: solution.cost, explained: seen.explained, visible: seen.visible, motion: t })
+        };
+        let candidates = search(turns, samples, &centre, &fraction.value);
+        found.extend(candidates.into_par_iter().map(refine).collect::<Result<Vec<_>>>()?);
         // The sort is stable: of equal ones the first stays first.
         found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         if found.first().is_some_and(|best| best.explained >= CLEAR && best.visible >= IN_VIEW) {

@@ -1,6 +1,7 @@
 //! Cubic convolution (Keys 1981, a = -1/2): value and world gradient, once continuously differentiable.
 
 use super::Volume;
+use crate::geometry::Wide;
 use nalgebra::Vector3;
 
 /// Weights of the four samples around a fraction `t` in [0, 1) and their derivatives.
@@ -11,6 +12,17 @@ fn weights(t: f32) -> ([f32; 4], [f32; 4]) {
         [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, -0.5 * t2 + 0.5 * t3],
         [-0.5 + 2.0 * t - 1.5 * t2, -5.0 * t + 4.5 * t2, 0.5 + 4.0 * t - 4.5 * t2, -t + 1.5 * t2],
     )
+}
+
+#[inline(always)]
+fn both(a: &[f32; 4], b: &[f32; 4]) -> Wide {
+    Wide([a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]])
+}
+
+#[inline(always)]
+fn halves(w: &Wide) -> ([f32; 4], [f32; 4]) {
+    let [a, b, c, d, e, f, g, h] = w.0;
+    ([a, b, c, d], [e, f, g, h])
 }
 
 /// Value and gradient per index step at a continuous index; the image is continued at its edges.
@@ -35,27 +47,23 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
     }
     let d = volume.data();
     let inner = at[0][3] == at[0][0] + 3;
-    // Across the rows first, four voxels of a row at a time; along them last.
-    let (mut value, mut down, mut through) = ([0f32; 4], [0f32; 4], [0f32; 4]);
+    // Across the rows first, four voxels of a row at a time, their values and slopes side by side; along them last.
+    let (mut value, mut through) = (Wide::default(), Wide::default());
     for (kk, &k) in at[2].iter().enumerate() {
-        let (mut plane, mut slope) = ([0f32; 4], [0f32; 4]);
+        let mut plane = Wide::default();
         for (jj, &j) in at[1].iter().enumerate() {
             let row = size[0] * (j + size[1] * k);
             let s = match d[row + at[0][0]..].first_chunk::<4>() {
                 Some(&s) if inner => s,
                 _ => at[0].map(|i| d[row + i]),
             };
-            for l in 0..4 {
-                plane[l] += w[1].0[jj] * s[l];
-                slope[l] += w[1].1[jj] * s[l];
-            }
+            plane = plane + both(&[w[1].0[jj]; 4], &[w[1].1[jj]; 4]) * both(&s, &s);
         }
-        for l in 0..4 {
-            value[l] += w[2].0[kk] * plane[l];
-            down[l] += w[2].0[kk] * slope[l];
-            through[l] += w[2].1[kk] * plane[l];
-        }
+        value = value + plane * Wide::all(w[2].0[kk]);
+        through = through + plane * Wide::all(w[2].1[kk]);
     }
+    let (value, down) = halves(&value);
+    let (through, _) = halves(&through);
     let along = |w: &[f32; 4], s: &[f32; 4]| w[0] * s[0] + w[1] * s[1] + w[2] * s[2] + w[3] * s[3];
     let (w, dw) = (&w[0].0, &w[0].1);
     let gradient = Vector3::new(along(dw, &value), along(w, &down), along(w, &through));

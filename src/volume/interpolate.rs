@@ -17,6 +17,7 @@ pub fn place(index: f64, size: usize) -> Option<(usize, f64)> {
 }
 
 /// Storage position of the lower corner, the fractions, and the strides to the upper corner (0 at the far edge).
+#[inline(always)]
 fn cell(size: [usize; 3], index: &Vector3<f64>) -> Option<(usize, [f64; 3], [usize; 3])> {
     let mut base = 0;
     let mut fraction = [0.0; 3];
@@ -33,6 +34,7 @@ fn cell(size: [usize; 3], index: &Vector3<f64>) -> Option<(usize, [f64; 3], [usi
 }
 
 /// Trilinear value at a continuous index; `None` outside the hull of the voxel centres.
+#[inline(always)]
 pub fn trilinear(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<f64> {
     let (b, [fx, fy, fz], [sx, sy, sz]) = cell(volume.grid().size(), index)?;
     let d = volume.data();
@@ -42,6 +44,7 @@ pub fn trilinear(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<f64> {
 }
 
 /// Trilinear vector at a continuous index; `None` outside the hull of the voxel centres.
+#[inline(always)]
 pub fn trilinear_vector(volume: &Volume<[f32; 3]>, index: &Vector3<f64>) -> Option<Vector3<f64>> {
     let (b, [fx, fy, fz], [sx, sy, sz]) = cell(volume.grid().size(), index)?;
     let d = volume.data();
