@@ -13,23 +13,30 @@ const FADE_MM: f64 = 20.0;
 /// one.
 const FADE: f64 = 2.0;
 
-/// Continues the known displacements over the whole lattice and fades them with the distance from where they are known.
+/// Continues the known displacements over the lattice and fades them with the distance from where they are known.
 pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
-    let (mut out, far) = fill(lattice, known, usize::MAX);
-    for (u, &d) in out.iter_mut().zip(&far) {
+    // How far a displacement has faded at a distance.
+    let faded = |u: &[f32; 3], d: f32| {
         let length = f64::from(u.iter().map(|v| v * v).sum::<f32>().sqrt());
-        let fade_mm = FADE_MM.max(FADE * length);
-        let t = ((f64::from(d) - KEEP_MM) / fade_mm).clamp(0.0, 1.0);
-        let keep = if d.is_finite() { 1.0 - t * t * (3.0 - 2.0 * t) } else { 0.0 };
+        (f64::from(d) - KEEP_MM) / FADE_MM.max(FADE * length)
+    };
+    let (mut out, far) = fill(lattice, known, |_, u, d| faded(u, d) < 1.0);
+    for (u, &d) in out.iter_mut().zip(&far) {
+        let t = faded(u, d).clamp(0.0, 1.0);
+        let keep = 1.0 - t * t * (3.0 - 2.0 * t);
         *u = u.map(|v| v * keep as f32);
     }
     out
 }
 
-/// Fills every node without a displacement, layer by layer and at most `layers` of them, with the mean of its filled
-/// neighbours, weighted by inverse length. Returns displacements and the distance (mm, along links) from a known node;
-/// infinite where nothing was filled, and the displacement 0.
-pub fn fill(lattice: &Lattice, known: &[Option<[f32; 3]>], layers: usize) -> (Vec<[f32; 3]>, Vec<f32>) {
+/// Fills nodes without a displacement, layer by layer, with the mean of their filled neighbours, weighted by inverse length,
+/// as long as `wanted` tells so of the layer (from 0), of what they would get and of their distance (mm, along links) from a
+/// known node. Returns displacements and distances; where nothing was filled 0 and infinity.
+pub fn fill(
+    lattice: &Lattice,
+    known: &[Option<[f32; 3]>],
+    wanted: impl Fn(usize, &[f32; 3], f32) -> bool,
+) -> (Vec<[f32; 3]>, Vec<f32>) {
     let size = lattice.grid.size();
     let links = lattice.links();
     let mut out: Vec<[f32; 3]> = known.iter().map(|u| u.unwrap_or_default()).collect();
@@ -61,7 +68,7 @@ pub fn fill(lattice: &Lattice, known: &[Option<[f32; 3]>], layers: usize) -> (Ve
         next
     };
     layer.extend(next_layer(&mut (0..known.len()).filter(|&n| known[n].is_some()), &far));
-    for _ in 0..layers {
+    for depth in 0.. {
         if layer.is_empty() {
             break;
         }
@@ -85,12 +92,14 @@ pub fn fill(lattice: &Lattice, known: &[Option<[f32; 3]>], layers: usize) -> (Ve
                 (sum.map(|s| s / weights), nearest)
             })
             .collect();
+        let mut last = Vec::with_capacity(layer.len());
         for (&n, (u, d)) in layer.iter().zip(filled) {
-            out[n] = u;
-            far[n] = d;
+            if wanted(depth, &u, d) {
+                (out[n], far[n]) = (u, d);
+                last.push(n);
+            }
         }
-        let from = std::mem::take(&mut layer);
-        layer = next_layer(&mut from.into_iter(), &far);
+        layer = next_layer(&mut last.into_iter(), &far);
     }
     (out, far)
 }

@@ -37,5 +37,5 @@ pub use mail::{Mail, organs};
 pub use material::{Constraint, Knot, Material, MaterialName, Organs, organ_label};
 pub use options::{ChainmailOptions, Combination};
 pub use propagate::{Propagation, propagate, regions};
-pub use pull::{Comparison, ImagePull, Pull};
+pub use pull::{Comparison, ImagePull, Passes, Pull};
 pub use relax::Elasticity;

@@ -96,7 +96,7 @@ impl Mail {
                     (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
                 })
                 .collect();
-            change = Some(Volume::new(lattice.grid.clone(), fill(lattice, &difference, 2).0)?);
+            change = Some(Volume::new(lattice.grid.clone(), fill(lattice, &difference, |layer, _, _| layer < 2).0)?);
         }
         progress.step(steps - 2, steps, "propagate");
         let level = self.at(options.spacing_mm)?;
@@ -138,14 +138,17 @@ fn relax(
         growth.adapt(lattice, || relaxation.displacements());
     }
     let Some(image) = image else { return relaxation.displacements() };
-    let (passes, rounds) = image.passes();
+    let passes = image.passes(lattice);
     let compare = image.at(lattice);
     let mut released = islands(lattice).into_data();
-    for pass in 0..passes {
-        let mut pull = compare(&relaxation.displacements());
+    let soft: Vec<u32> = lattice.soft().collect();
+    for pass in 0..passes.most {
+        let before = relaxation.displacements();
+        let mut pull = compare(&before);
         pull.release(lattice, &released);
-        relaxation.run(rounds, &everywhere, Some(&pull));
-        let last = pass + 1 == passes;
+        relaxation.run(passes.rounds, &everywhere, Some(&pull));
+        let moved = f64::from(most_moved(&soft, &before, &relaxation.displacements()));
+        let last = pass + 1 == passes.most || moved < passes.settled_mm;
         for _ in 0..if last { RELEASES } else { 1 } {
             let cells = tangled(lattice, &relaxation.displacements(), &lattice.active, LEAST_VOLUME);
             if cells.is_empty() {
@@ -153,10 +156,30 @@ fn relax(
             }
             released.iter_mut().zip(around(lattice, &cells, 1)).for_each(|(r, m)| *r |= m);
             pull.release(lattice, &released);
-            relaxation.run(rounds, &relaxation.among(&around(lattice, &cells, AROUND)), Some(&pull));
+            relaxation.run(passes.rounds, &relaxation.among(&around(lattice, &cells, AROUND)), Some(&pull));
+        }
+        if last {
+            break;
         }
     }
     relaxation.displacements()
+}
+
+/// Share of the elements of which [`most_moved`] speaks.
+const MOST: f64 = 0.99;
+
+/// How far all but a hundredth of the soft elements have moved at most, mm.
+fn most_moved(soft: &[u32], before: &[[f32; 3]], after: &[[f32; 3]]) -> f32 {
+    let square = |&n: &u32| {
+        let [a, b] = [before, after].map(|u| u[n as usize]);
+        (0..3).map(|c| (b[c] - a[c]).powi(2)).sum::<f32>()
+    };
+    let mut squares: Vec<f32> = soft.par_iter().map(square).collect();
+    let at = (squares.len() as f64 * MOST) as usize;
+    if at >= squares.len() {
+        return 0.0;
+    }
+    squares.select_nth_unstable_by(at, f32::total_cmp).1.sqrt()
 }
 
 /// Regions of influence on the planning grid: 0 where no bone's motion comes, else the position in the skeleton plus 1
@@ -227,7 +250,7 @@ fn start(
 /// the elements the field is zero for now.
 fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
     if reached.iter().any(Option::is_none) {
-        return fill(lattice, &lattice.on_all_nodes(reached.iter().copied(), None), usize::MAX).0;
+        return fill(lattice, &lattice.on_all_nodes(reached.iter().copied(), None), |_, _, _| true).0;
     }
     lattice.on_all_nodes(reached.iter().map(|u| u.unwrap_or_default()), [0.0; 3])
 }

@@ -67,8 +67,19 @@ pub trait ImagePull: Sync {
     /// Prepares for a lattice.
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a>;
 
-    /// How often the images are compared anew at each spacing, and rounds of relaxation after each.
-    fn passes(&self) -> (usize, usize);
+    /// How often the images are compared on a lattice.
+    fn passes(&self, lattice: &Lattice) -> Passes;
+}
+
+/// Comparisons of the images on one lattice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passes {
+    /// Comparisons at most.
+    pub most: usize,
+    /// Rounds of relaxation after each.
+    pub rounds: usize,
+    /// The last comparison is the one after which all but a hundredth of the elements move by less than this, mm.
+    pub settled_mm: f64,
 }
 
 #[cfg(test)]

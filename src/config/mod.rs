@@ -259,6 +259,7 @@ impl Config {
             count("refine.rounds", r.rounds),
             within("refine.blur", r.blur, 0.0, 10.0),
             within("refine.least_blur", r.least_blur, 0.0, 10.0),
+            within("refine.settled", r.settled, 0.0, 10.0),
             within("refine.robust", r.robust, 0.1, 1e6),
             within("refine.departure", r.departure, 1e-4, 1e6),
             within("refine.skin.weight", r.skin.weight, 0.0, 1e6),

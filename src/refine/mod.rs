@@ -7,9 +7,9 @@ mod skin;
 
 pub use options::{RefineOptions, SkinOptions};
 
-use crate::chainmail::{Comparison, ImagePull, Lattice, Pull};
+use crate::chainmail::{Comparison, ImagePull, Lattice, Passes, Pull};
 use crate::volume::{Mask, Volume};
-use level::Level;
+use level::{Level, mean_edge};
 use skin::Skin;
 
 /// The planning and the fraction CT, ready to pull at any resolution.
@@ -55,7 +55,8 @@ impl ImagePull for Images {
         })
     }
 
-    fn passes(&self) -> (usize, usize) {
-        (self.options.passes, self.options.rounds)
+    fn passes(&self, lattice: &Lattice) -> Passes {
+        let settled_mm = self.options.settled * mean_edge(&lattice.grid.spacing());
+        Passes { most: self.options.passes, rounds: self.options.rounds, settled_mm }
     }
 }

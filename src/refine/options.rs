@@ -10,8 +10,11 @@ use serde::{Deserialize, Serialize};
 pub struct RefineOptions {
     /// Weight of the images' grey values against the chain mail's elasticity; 0 leaves soft tissue to bones and skin.
     pub weight: f64,
-    /// Times that the images are compared anew at each spacing of the relaxation.
+    /// Times that the images are compared anew at each spacing of the relaxation, at most.
     pub passes: usize,
+    /// They are not compared again once all but a hundredth of the elements move by less than this share of the elements'
+    /// spacing.
+    pub settled: f64,
     /// Rounds of relaxation after each comparison.
     pub rounds: usize,
     /// Blur (sigma) of both images, as a share of the elements' spacing.
@@ -65,6 +68,7 @@ impl Default for RefineOptions {
         Self {
             weight: 1.0,
             passes: 8,
+            settled: 0.03,
             rounds: 3,
             blur: 0.2,
             least_blur: 0.4,

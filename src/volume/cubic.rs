@@ -35,27 +35,32 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
         return None;
     }
     let size = grid.size();
-    let mut at = [[0usize; 4]; 3];
-    let mut w = [([0f32; 4], [0f32; 4]); 3];
+    let (mut low, mut w) = ([0usize; 3], [([0f32; 4], [0f32; 4]); 3]);
     for a in 0..3 {
-        let low = index[a].floor();
-        w[a] = weights((index[a] - low) as f32);
-        let last = size[a] as i64 - 1;
-        for (n, slot) in at[a].iter_mut().enumerate() {
-            *slot = (low as i64 + n as i64 - 1).clamp(0, last) as usize;
-        }
+        low[a] = index[a] as usize;
+        w[a] = weights((index[a] - low[a] as f64) as f32);
     }
     let d = volume.data();
-    let inner = at[0][3] == at[0][0] + 3;
+    let (nx, plane) = (size[0], size[0] * size[1]);
+    let inner = (0..3).all(|a| low[a] >= 1 && low[a] + 2 < size[a]);
+    // Rows and planes of the four voxels along each axis; at the edge the last one stands for what would lie beyond.
+    let places = |a: usize, stride: usize| {
+        let mut at = [0; 4];
+        for n in 0..4 {
+            at[n] = stride * if inner { low[a] + n - 1 } else { (low[a] + n).saturating_sub(1).min(size[a] - 1) };
+        }
+        at
+    };
+    let (columns, rows, planes) = (places(0, 1), places(1, nx), places(2, plane));
     // Across the rows first, four voxels of a row at a time, their values and slopes side by side; along them last.
     let (mut value, mut through) = (Wide::default(), Wide::default());
-    for (kk, &k) in at[2].iter().enumerate() {
+    for kk in 0..4 {
         let mut plane = Wide::default();
-        for (jj, &j) in at[1].iter().enumerate() {
-            let row = size[0] * (j + size[1] * k);
-            let s = match d[row + at[0][0]..].first_chunk::<4>() {
+        for jj in 0..4 {
+            let row = &d[rows[jj] + planes[kk]..];
+            let s = match row[columns[0]..].first_chunk::<4>() {
                 Some(&s) if inner => s,
-                _ => at[0].map(|i| d[row + i]),
+                _ => columns.map(|i| row[i]),
             };
             plane = plane + both(&[w[1].0[jj]; 4], &[w[1].1[jj]; 4]) * both(&s, &s);
         }
