@@ -5,8 +5,8 @@ use crate::config::{Config, SoftTissue};
 use crate::geometry::Grid;
 
 /// Bytes per planning voxel of what is there in the end: CT 4, labels 2, patient 1, push field 12 and its mask 1,
-/// Jacobian 4, bones and chain mail at rest 4.
-const PLANNING: f64 = 28.0;
+/// Jacobian 4, bones and chain mail at rest 4, planning side of the uncertainty 2.
+const PLANNING: f64 = 30.0;
 /// Bytes per fraction voxel of what is there in the end: CT 4, pull field 12 and its mask 1, planning CT 4 and labels 2.
 const FRACTION: f64 = 23.0;
 /// Bytes per planning voxel that come and go in the greediest stage, evaluation or fit.

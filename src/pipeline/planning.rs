@@ -5,12 +5,13 @@ use super::carry::{bone_of_label, images_pull, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
 use super::study::LINKING;
-use super::uncertainty::alone_mm;
+use super::uncertainty::{self, alone_mm};
 use crate::body;
 use crate::chainmail::{Mail, Organs, organ_label};
 use crate::config::{Config, SoftTissue};
 use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
+use crate::evaluate::uncertainty::PlanningSide;
 use crate::fit::{BoneSamples, LandmarkUse};
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
@@ -60,32 +61,35 @@ pub(super) struct Resting {
     pub(super) bones: RestingBones,
     /// The chain mail; `None` where another model carries the motion.
     pub(super) mail: Option<Mail>,
+    /// The planning side of the uncertainty; `None` where no map of it is asked for.
+    pub(super) side: Option<PlanningSide>,
 }
 
 impl Resting {
-    /// Of a case or a part of it, with its patient; `uncertainty` tells whether a map of it may be asked for.
+    /// Of a case or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
     ///
     /// # Errors
     /// As [`Mail::new`].
     pub(super) fn new(
         case: &Case,
         (skeleton, body): (&Skeleton, &Mask),
-        uncertainty: bool,
+        mapped: bool,
         config: &Config,
         runtime: &Runtime,
     ) -> Result<Self> {
         runtime.stage(LINKING, || {
             let options = &config.chainmail;
+            let mapped = mapped && config.output.uncertainty;
             let mail = || {
                 let bone_of_label = bone_of_label(skeleton);
-                let alone =
-                    (uncertainty && config.output.uncertainty && images_pull(config)).then(|| alone_mm(options));
+                let alone = (mapped && images_pull(config)).then(|| alone_mm(options));
                 Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
-            let (bones, mail) =
-                rayon::join(|| contact::resting(&case.bones, skeleton), || wanted.then(mail).transpose());
-            Ok(Self { bones, mail: mail? })
+            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body))).transpose();
+            let bones = || contact::resting(&case.bones, skeleton);
+            let ((bones, side), mail) = rayon::join(|| rayon::join(bones, side), || wanted.then(mail).transpose());
+            Ok(Self { bones, mail: mail?, side: side? })
         })
     }
 }

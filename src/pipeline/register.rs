@@ -70,9 +70,9 @@ fn carried(
 ) -> Result<Outcome> {
     let mut outcome =
         carry_out(case, case.fraction.grid(), moved, (resting, fraction_body), warnings, config, runtime)?;
-    if config.output.uncertainty {
+    if let Some(side) = &resting.side {
         let mail = resting.mail.as_ref().filter(|_| fraction_body.is_some());
-        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, mail, config))?;
+        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, (side, mail), config))?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
     }

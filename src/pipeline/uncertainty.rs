@@ -6,10 +6,11 @@ use crate::chainmail::{ChainmailOptions, Initiators, Mail};
 use crate::config::Config;
 use crate::error::Result;
 use crate::evaluate::jacobian::tissue;
-use crate::evaluate::uncertainty::{self, Evidence, UncertaintyReport};
+use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::geometry::Rigid;
 use crate::progress::Silent;
-use crate::volume::Volume;
+use crate::skeleton::Skeleton;
+use crate::volume::{Mask, Volume};
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 
@@ -21,11 +22,20 @@ pub(super) fn alone_mm(options: &ChainmailOptions) -> f64 {
     options.spacing_mm.max(ALONE_MM)
 }
 
+/// What the maps of all registrations of a case need of its planning side.
+///
+/// # Errors
+/// Only for internal inconsistency of grids.
+pub(super) fn side(case: &Case, (skeleton, body): (&Skeleton, &Mask)) -> Result<PlanningSide> {
+    let bone_of_label = bone_of_label(skeleton);
+    PlanningSide::new(&case.planning, body, &case.bones, |l| bone_of_label[usize::from(l)].is_some())
+}
+
 /// The map of a registration. `mail` is the chain mail, where images pulled it.
 pub(super) fn of(
     case: &Case,
     outcome: &Outcome,
-    mail: Option<&Mail>,
+    (side, mail): (&PlanningSide, Option<&Mail>),
     config: &Config,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
     let tissue = tissue(&outcome.body, &case.planning);
@@ -40,7 +50,7 @@ pub(super) fn of(
         })
         .collect();
     uncertainty::map(&Evidence {
-        planning: &case.planning,
+        side,
         fraction: &case.fraction,
         body: &outcome.body,
         tissue: &tissue,

@@ -1,0 +1,245 @@
+//! How far the result may be trusted, in mm, at every place: one standard deviation, so that about two thirds of the errors are
+//! smaller.
+//!
+//! Where both images show a place, two things tell an error (docs/decisions/0012-uncertainty.md has what was compared):
+//! *disagreement*, the distance `d` between the field and the one of the bones alone, and *mismatch*, the remaining
+//! difference of the images over their gradient, `q`, both averaged over 4 mm. Neither alone does, and the product does in
+//! all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
+//! part), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
+
+mod seen;
+mod side;
+
+pub use side::PlanningSide;
+
+use crate::error::Result;
+use crate::field::PushField;
+use crate::stats::Summary;
+use crate::volume::{LabelMap, Mask, Volume, place};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// What the map says in short.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct UncertaintyReport {
+    /// Uncertainty over soft tissue (body above -500 HU, no bone), mm.
+    pub soft_tissue_mm: Summary,
+    /// Share of soft tissue where no image speaks, percent.
+    pub without_images_percent: f64,
+    /// Soft tissue with more than 2 mm, ml: beyond what AAPM TG-132 asks of a registration.
+    pub above_2mm_ml: f64,
+}
+
+/// What the map is made from; all in the planning frame but `fraction`.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence<'a> {
+    /// What is known before there is a fraction.
+    pub side: &'a PlanningSide,
+    /// Fraction CT, HU.
+    pub fraction: &'a Volume<f32>,
+    /// The patient in the planning CT.
+    pub body: &'a Mask,
+    /// Voxels that count as tissue, on the planning grid.
+    pub tissue: &'a Mask,
+    /// Bone labels.
+    pub bones: &'a LabelMap,
+    /// Standard deviation of each bone's position, mm, by its label.
+    pub bone_mm: &'a BTreeMap<u16, f64>,
+    /// The result.
+    pub push: &'a PushField,
+    /// Displacements of the bones alone on any grid; `None` when images took no part in soft tissue.
+    pub bones_alone: Option<&'a Volume<[f32; 3]>>,
+}
+
+/// Error of the bones alone per mm of distance to a bone, and the distance at which a bone's surface counts as.
+const PER_MM: f64 = 0.034;
+const AT_BONE_MM: f64 = 5.0;
+
+/// The map on the planning grid, mm (0 outside the patient), and its summary.
+///
+/// # Errors
+/// Only for internal inconsistency of grids.
+pub fn map(e: &Evidence<'_>) -> Result<(Volume<f32>, UncertaintyReport)> {
+    let side = e.side;
+    let seen = e.bones_alone.map(|alone| seen::seen(e, alone)).transpose()?;
+    let bone_mm = |label: u16| e.bone_mm.get(&label).copied().unwrap_or(0.0);
+    let unseen = |n: usize| {
+        let by_distance = PER_MM * (f64::from(side.far.data()[n]) + AT_BONE_MM);
+        by_distance.hypot(bone_mm(side.owner.data()[n])) as f32
+    };
+    let of = |n: usize| seen.as_ref().and_then(|s| s[n]).map_or_else(|| (unseen(n), false), |mm| (mm, true));
+    let (coarse, speaks): (Vec<f32>, Vec<bool>) = (0..side.grid.len()).into_par_iter().map(of).unzip();
+    Ok(fine(e, &coarse, &speaks))
+}
+
+/// A plane of the map in short.
+#[derive(Default)]
+struct Plane {
+    /// Of its soft tissue.
+    values: Vec<f32>,
+    /// Soft tissue where no image speaks.
+    silent: usize,
+}
+
+/// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient it is 0.
+///
+/// Trilinear: between rows of the coarse grid first, so that a voxel costs one step along its row.
+fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, UncertaintyReport) {
+    let (grid, nodes) = (e.body.grid(), &e.side.grid);
+    let ([ni, nj, nk], size) = (grid.size(), nodes.size());
+    // Both grids share their axes.
+    let base = nodes.index(&grid.origin());
+    let ratio: [f64; 3] = std::array::from_fn(|a| grid.spacing()[a] / nodes.spacing()[a]);
+    let axes: [Vec<(usize, usize, f32)>; 3] = std::array::from_fn(|a| {
+        let last = (size[a] - 1) as f64;
+        let between = |i: usize| {
+            let (low, way) = place((base[a] + ratio[a] * i as f64).clamp(0.0, last), size[a]).unwrap_or_default();
+            (low, (low + 1).min(size[a] - 1), way as f32)
+        };
+        (0..grid.size()[a]).map(between).collect()
+    });
+    let mut bone_mm = vec![None; usize::from(u16::MAX) + 1];
+    e.bone_mm.iter().for_each(|(label, mm)| bone_mm[usize::from(*label)] = Some(*mm as f32));
+    let row = |j: usize, k: usize| &coarse[nodes.linear([0, j, k])..][..size[0]];
+    let mix = |a: f32, b: f32, t: f32| a * (1.0 - t) + b * t;
+    let nearest = |(low, high, way): (usize, usize, f32)| if way < 0.5 { low } else { high };
+    let mut out = vec![0f32; grid.len()];
+    let mut planes: Vec<Plane> = Vec::new();
+    planes.resize_with(nk, Plane::default);
+    out.par_chunks_mut(ni * nj).zip(&mut planes).enumerate().for_each_init(Vec::new, |line, (k, (out, plane))| {
+        for (j, out) in out.chunks_mut(ni).enumerate() {
+            let first = grid.linear([0, j, k]);
+            let body = &e.body.data()[first..][..ni];
+            if !body.contains(&true) {
+                continue;
+            }
+            let ((j0, j1, tj), (k0, k1, tk)) = (axes[1][j], axes[2][k]);
+            let (a, b, c, d) = (row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1));
+            line.clear();
+            line.extend((0..size[0]).map(|n| mix(mix(a[n], b[n], tj), mix(c[n], d[n], tj), tk)));
+            let heard = &speaks[nodes.linear([0, nearest(axes[1][j]), nearest(axes[2][k])])..][..size[0]];
+            for (i, value) in out.iter_mut().enumerate().filter(|(i, _)| body[*i]) {
+                if let Some(mm) = bone_mm[usize::from(e.bones.volume.data()[first + i])] {
+                    *value = mm;
+                    continue;
+                }
+                let (low, high, way) = axes[0][i];
+                *value = mix(line[low], line[high], way);
+                if e.tissue.data()[first + i] {
+                    plane.values.push(*value);
+                    plane.silent += usize::from(!heard[nearest(axes[0][i])]);
+                }
+            }
+        }
+    });
+    let map = Volume::new(grid.clone(), out).expect("one value per voxel");
+    (map, report(&planes, grid.voxel_volume()))
+}
+
+fn report(planes: &[Plane], voxel_mm3: f64) -> UncertaintyReport {
+    let parts: Vec<&[f32]> = planes.iter().map(|p| p.values.as_slice()).collect();
+    let soft: usize = parts.iter().map(|p| p.len()).sum();
+    let above = parts.iter().flat_map(|p| p.iter()).filter(|v| **v > 2.0).count();
+    let silent: usize = planes.iter().map(|p| p.silent).sum();
+    UncertaintyReport {
+        without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
+        above_2mm_ml: above as f64 * voxel_mm3 / 1000.0,
+        soft_tissue_mm: Summary::of_singles(&parts),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use nalgebra::{Point3, Vector3};
+
+    /// A box of tissue with stripes in its left half and nothing in its right half; a bone in the middle. The fraction is the
+    /// same, shifted by `error` beyond what the field says, and shows only z < 60.
+    fn scene(error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
+        let grid = Grid::axis_aligned([40, 30, 40], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
+        let seen = Grid::axis_aligned([50, 40, 31], [3.0, 3.0, 2.0], [-12.0, -12.0, 0.0]).unwrap();
+        let inside = |p: &Point3<f64>| p.x > 6.0 && p.x < 110.0 && p.y > 6.0 && p.y < 80.0;
+        let hu = |p: &Point3<f64>| match inside(p) {
+            false => -1000.0,
+            true if p.x < 55.0 => (60.0 * (p.x / 4.0).sin()) as f32,
+            true => 20.0,
+        };
+        let planning = Volume::from_fn(grid.clone(), |l| hu(&grid.centre(grid.voxel(l))));
+        let fraction =
+            Volume::from_fn(seen.clone(), |l| hu(&(seen.centre(seen.voxel(l)) - Vector3::new(error, 0.0, 0.0))) + 15.0);
+        let body = Volume::from_fn(grid.clone(), |l| inside(&grid.centre(grid.voxel(l))));
+        let label = |l: usize| {
+            let [i, j, _] = grid.voxel(l);
+            u16::from((18..=20).contains(&i) && (14..=16).contains(&j)) * 5
+        };
+        let bones = LabelMap { volume: Volume::from_fn(grid.clone(), label), names: BTreeMap::new() };
+        let displacement = Volume::filled(grid.clone(), [0.0f32; 3]);
+        // The field of the bones alone disagrees by 1 mm.
+        let alone = Volume::filled(grid.clone(), [0.0, 1.0, 0.0]);
+        let push = PushField { displacement, computed: Volume::filled(grid, true) };
+        let side = PlanningSide::new(&planning, &body, &bones, |l| l == 5).unwrap();
+        let e = Evidence {
+            side: &side,
+            fraction: &fraction,
+            body: &body,
+            tissue: &body,
+            bones: &bones,
+            bone_mm: &BTreeMap::from([(5, 0.25)]),
+            push: &push,
+            bones_alone: images.then_some(&alone),
+        };
+        map(&e).unwrap()
+    }
+
+    #[test]
+    fn mismatch_raises_it_and_views_and_bones_keep_their_own() {
+        let ((good, report), (bad, _)) = (scene(0.0, true), scene(2.0, true));
+        let at = |m: &Volume<f32>, v: [usize; 3]| *m.at(v);
+        let stripes = [10, 20, 12];
+        // A grey value offset alone is no mismatch: 0.5 (1.1 * 0.1^2)^(1/3), and a little for partial volume.
+        assert!((0.11..0.25).contains(&at(&good, stripes)), "{}", at(&good, stripes));
+        assert!(at(&bad, stripes) > 2.0 * at(&good, stripes), "{} {}", at(&bad, stripes), at(&good, stripes));
+        assert!((at(&good, [19, 15, 12]) - 0.25).abs() < 1e-6);
+        assert!(at(&good, [0, 0, 5]) == 0.0);
+        // Outside the fraction's view the distance to the bone speaks.
+        let far = at(&good, [33, 15, 38]);
+        let want = (0.034f64 * (39.0 + 5.0)).hypot(0.25);
+        assert!((f64::from(far) - want).abs() < 0.15, "{far} {want}");
+        assert!((10.0..40.0).contains(&report.without_images_percent), "{report:?}");
+    }
+
+    #[test]
+    fn without_images_distance_alone_decides() {
+        let (map, report) = scene(2.0, false);
+        assert!((report.without_images_percent - 100.0).abs() < 1e-9);
+        assert!(map.at([30, 15, 12]) > map.at([24, 15, 12]));
+        assert_eq!(map.at([10, 20, 12]).to_bits(), scene(0.0, false).0.at([10, 20, 12]).to_bits());
+    }
+
+    #[test]
+    fn lies_where_the_scan_lies() {
+        // 74 mm of slices on nodes of 3 mm: the nodes' grid reaches half a millimetre beyond the scan at either end.
+        let grid = Grid::axis_aligned([21, 21, 38], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
+        let label = |l: usize| u16::from((18..=19).contains(&grid.voxel(l)[2]));
+        let bones = LabelMap { volume: Volume::from_fn(grid.clone(), label), names: BTreeMap::new() };
+        let planning = Volume::filled(grid.clone(), 0.0);
+        let all = Volume::filled(grid.clone(), true);
+        let side = PlanningSide::new(&planning, &all, &bones, |l| l == 1).unwrap();
+        let push = PushField { displacement: Volume::filled(grid.clone(), [0.0; 3]), computed: all.clone() };
+        let e = Evidence {
+            side: &side,
+            fraction: &planning,
+            body: &all,
+            tissue: &all,
+            bones: &bones,
+            bone_mm: &BTreeMap::from([(1, 0.1)]),
+            push: &push,
+            bones_alone: None,
+        };
+        let (map, _) = map(&e).unwrap();
+        let differ = |k: usize| (map.at([10, 10, k]) - map.at([10, 10, 37 - k])).abs();
+        assert!((0..38).all(|k| differ(k) < 1e-3), "{:?}", (0..38).map(differ).collect::<Vec<_>>());
+    }
+}

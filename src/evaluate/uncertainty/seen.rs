@@ -1,0 +1,92 @@
+//! Uncertainty where both images speak.
+
+use super::Evidence;
+use super::side::{AVERAGE_MM, WINDOW_HU};
+use crate::error::Result;
+use crate::geometry::vectorised;
+use crate::volume::{Volume, gaussian, trilinear, trilinear_vector};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Gradient that noise alone shows, HU/mm.
+const NOISE_GRADIENT: f64 = 10.0;
+/// Disagreement and mismatch that are always there, mm.
+const FLOOR_MM: f64 = 0.1;
+/// Scale of the product, so that two thirds of errors are smaller.
+const SCALE: f64 = 0.5;
+/// Share of the neighbourhood that both images must show to speak.
+const LEAST_SEEN: f32 = 0.05;
+
+/// The uncertainty at each node of the map, mm; `None` where the images say nothing.
+pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Option<f32>>> {
+    let grid = &e.side.grid;
+    let fraction: Vec<Option<[f32; 8]>> = e.side.soft.par_iter().map(|(n, _)| shown(e, *n as usize)).collect();
+    let pairs = || e.side.soft.iter().zip(&fraction).filter_map(|((n, p), f)| Some((*n as usize, p, f.as_ref()?)));
+    let (gain, offset) = grey_values(pairs().flat_map(|(_, p, f)| p.iter().zip(f)));
+    let (mut weight, mut difference) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
+    for (n, p, f) in pairs() {
+        let sum: f64 = p.iter().zip(f).map(|(p, f)| (f64::from(*p) - gain * f64::from(*f) - offset).powi(2)).sum();
+        (weight[n], difference[n]) = (1.0, (sum / p.len() as f64) as f32);
+    }
+    let average = |values| Ok(gaussian(&Volume::new(grid.clone(), values)?, AVERAGE_MM));
+    let (weight, difference) = rayon::join(|| average(weight), || average(difference));
+    let (weight, difference): (Volume<f32>, Volume<f32>) = (weight?, difference?);
+    let distance = |n: usize| {
+        let x = grid.centre(grid.voxel(n));
+        let at = |v: &Volume<[f32; 3]>| trilinear_vector(v, &v.grid().index(&x)).unwrap_or_else(Vector3::zeros);
+        (at(&e.push.displacement) - at(alone)).norm()
+    };
+    let value = |n: usize| {
+        let w = weight.data()[n];
+        (w > LEAST_SEEN).then(|| {
+            let slope = f64::from(e.side.slope.data()[n]).sqrt() + NOISE_GRADIENT;
+            let mismatch = f64::from(difference.data()[n] / w).sqrt() / slope;
+            (SCALE * ((distance(n) + FLOOR_MM) * (mismatch + FLOOR_MM).powi(2)).cbrt()) as f32
+        })
+    };
+    Ok((0..grid.len()).into_par_iter().map(value).collect())
+}
+
+/// Windowed fraction HU at the eight points of a node, where the field says; `None` where one lies outside the fraction CT.
+fn shown(e: &Evidence<'_>, n: usize) -> Option<[f32; 8]> {
+    let (grid, u) = (&e.side.grid, &e.push.displacement);
+    let [low, high] = WINDOW_HU;
+    let x = grid.centre(grid.voxel(n));
+    let offsets = grid.eighths();
+    vectorised(
+        #[inline(always)]
+        || {
+            let shift = match trilinear_vector(u, &u.grid().index(&x)) {
+                Some(shift) => shift,
+                None => Vector3::zeros(),
+            };
+            let there: Point3<f64> = x + shift;
+            let mut values = [0f32; 8];
+            for (value, o) in values.iter_mut().zip(&offsets) {
+                let hu = trilinear(e.fraction, &e.fraction.grid().index(&(there + o)))?;
+                *value = (hu as f32).clamp(low, high);
+            }
+            Some(values)
+        },
+    )
+}
+
+/// HU inside this much of 0 enter the fit of gain and offset: not the window's ends.
+const MIDDLE_HU: f32 = 200.0;
+
+/// Gain and offset of the fraction's grey values that fit planning best, from pairs of planning and fraction HU.
+fn grey_values<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>) -> (f64, f64) {
+    let mut s = [0f64; 5];
+    for (p, f) in pairs {
+        if p.abs() < MIDDLE_HU && f.abs() < MIDDLE_HU {
+            let (p, f) = (f64::from(*p), f64::from(*f));
+            s = [s[0] + 1.0, s[1] + f, s[2] + p, s[3] + f * f, s[4] + f * p];
+        }
+    }
+    let variance = s[3] - s[1] * s[1] / s[0].max(1.0);
+    if variance < 1.0 {
+        return (1.0, 0.0);
+    }
+    let gain = ((s[4] - s[1] * s[2] / s[0]) / variance).clamp(0.7, 1.4);
+    (gain, (s[2] - gain * s[1]) / s[0])
+}
