@@ -9,6 +9,7 @@ use crate::io::{self, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions};
 use crate::progress::Silent;
 use crate::refine::{Images, RefineOptions};
+use crate::volume::Mask;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -59,7 +60,8 @@ pub struct Scene {
     centroids: Vec<Point3<f64>>,
     /// Elements at every voxel, for the tasks that need them.
     pub(super) lattice: Option<Lattice>,
-    pub(super) images: Option<Images>,
+    /// The patient in the fraction CT, for the tasks that need him.
+    pub(super) fraction_body: Option<Mask>,
     /// The planning CT as a file.
     pub(super) planning_file: PathBuf,
     /// Where the field is written.
@@ -98,7 +100,8 @@ impl Scene {
         let needs = |wanted: &[Task]| tasks.iter().any(|t| wanted.contains(t));
         let lattice = needs(&[Task::Prioritised, Task::Superposition])
             .then(|| Lattice::new(&tissue, &options.material, &Organs::default(), 0.0));
-        let images = if needs(&[Task::PropagationWithImages]) { Some(images(&phantom)?) } else { None };
+        let patient = || body::find(&phantom.fraction, None, &body::BodyOptions::default());
+        let fraction_body = needs(&[Task::PropagationWithImages]).then(patient).transpose()?;
         let active = (0..phantom.planning.grid().len()).filter(|&v| tissue.active(v)).count();
         let field_file = folder.join("planning_to_fraction.nii.gz");
         Ok(Self {
@@ -109,7 +112,7 @@ impl Scene {
             bone_of_label,
             centroids,
             lattice,
-            images,
+            fraction_body,
             planning_file,
             field_file,
             folder,
@@ -119,6 +122,13 @@ impl Scene {
     /// What the chain mail works on.
     pub(super) fn chainmail(&self, options: &ChainmailOptions) -> (Tissue<'_>, Initiators<'_>) {
         parts(&self.phantom, &self.bone_of_label, &self.centroids, options)
+    }
+
+    /// Both images, as the pipeline prepares them; nothing is kept from one run to the next.
+    pub(super) fn images(&self) -> Option<Images<'_>> {
+        let planning = (&self.phantom.planning, &self.phantom.body);
+        let of = |body| Images::new(planning, (&self.phantom.fraction, body), &RefineOptions::default(), None);
+        self.fraction_body.as_ref().map(of)
     }
 }
 
@@ -136,11 +146,4 @@ fn parts<'a>(
         least_hu: options.least_hu,
     };
     (tissue, Initiators { transforms: &phantom.transforms, centroids })
-}
-
-/// Both images, as the pipeline prepares them.
-fn images(phantom: &Phantom) -> Result<Images> {
-    let fraction_body = body::find(&phantom.fraction, None, &body::BodyOptions::default())?;
-    let planning = (&phantom.planning, &phantom.body);
-    Ok(Images::new(planning, (&phantom.fraction, &fraction_body), &RefineOptions::default()))
 }

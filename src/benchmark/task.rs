@@ -165,8 +165,9 @@ impl Task {
                 black_box(propagate(&tissue, &bones, &options, None, &Silent)?);
             }
             Self::PropagationWithImages => {
-                let images = scene.images.as_ref().map(|i| i as &dyn ImagePull);
-                black_box(propagate(&tissue, &bones, &options, images, &Silent)?);
+                let images = scene.images();
+                let pull = images.as_ref().map(|i| i as &dyn ImagePull);
+                black_box(propagate(&tissue, &bones, &options, pull, &Silent)?);
             }
             Self::Invert => {
                 black_box(invert(&scene.push, fraction, None, &InvertOptions::default())?);

@@ -36,7 +36,10 @@ pub(super) fn carry_out(
     runtime: &Runtime,
 ) -> Result<Outcome> {
     let (propagation, regions) = runtime.stage(CARRYING, || {
-        let of = |fraction_body| Images::new((&case.planning, &body), (&case.fraction, fraction_body), &config.refine);
+        let of = |fraction_body| {
+            let fraction = (&case.fraction, fraction_body);
+            Images::new((&case.planning, &body), fraction, &config.refine, Some(&resting.samples))
+        };
         let images = fraction_body.map(of);
         let mail = resting.mail.as_ref().map(|mail| (mail, images.as_ref()));
         soft_tissue(case, &skeleton, &body, &fit.transforms, mail, config, runtime)
@@ -166,7 +169,7 @@ fn soft_tissue(
     skeleton: &Skeleton,
     body: &Mask,
     transforms: &[Rigid],
-    mail: Option<(&Mail, Option<&Images>)>,
+    mail: Option<(&Mail, Option<&Images<'_>>)>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Propagation, Option<LabelMap>)> {

@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
 use crate::fit::{BoneSamples, LandmarkUse};
+use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
 use crate::volume::Mask;
@@ -61,6 +62,8 @@ pub(super) struct Resting {
     pub(super) bones: RestingBones,
     /// The chain mail; `None` where another model carries the motion.
     pub(super) mail: Option<Mail>,
+    /// What its elements show in the planning CT.
+    pub(super) samples: PlanningSamples,
     /// The planning side of the uncertainty; `None` where no map of it is asked for.
     pub(super) side: Option<PlanningSide>,
 }
@@ -89,7 +92,7 @@ impl Resting {
             let side = || mapped.then(|| uncertainty::side(case, (skeleton, body))).transpose();
             let bones = || contact::resting(&case.bones, skeleton);
             let ((bones, side), mail) = rayon::join(|| rayon::join(bones, side), || wanted.then(mail).transpose());
-            Ok(Self { bones, mail: mail?, side: side? })
+            Ok(Self { bones, mail: mail?, samples: PlanningSamples::default(), side: side? })
         })
     }
 }

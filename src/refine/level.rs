@@ -6,9 +6,10 @@
 //! of both images' gradients (Benhimane and Malis 2004), `g` and `o` the gain and offset that fit all points best.
 
 use super::RefineOptions;
+use super::planning::{Planning, Shown, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
-use crate::volume::{Volume, cubic, gaussian};
+use crate::volume::{Volume, gaussian};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -29,8 +30,7 @@ pub(super) struct Level<'a> {
     soft: Vec<u32>,
     /// Points per element.
     offsets: [Vector3<f64>; 8],
-    /// Planning value and gradient (HU, HU/mm) at each point of each soft element; no number outside the image.
-    planning: Vec<[f32; 4]>,
+    planning: Shown,
     weight: f64,
     robust: f64,
     /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.
@@ -44,44 +44,26 @@ pub(super) fn mean_edge(spacing: &[f64; 3]) -> f64 {
     spacing.iter().product::<f64>().cbrt()
 }
 
-/// A fraction value with its gradient at a point, if it lies in the image.
-#[inline(always)]
-fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
-    let (value, slope) = cubic(image, &image.grid().index(at))?;
-    Some((value, image.grid().inverse_step().transpose() * slope))
-}
-
 impl<'a> Level<'a> {
     pub(super) fn new(
-        planning: &Volume<f32>,
+        planning: &Planning<'_>,
         fraction: &Volume<f32>,
         lattice: &'a Lattice,
         options: &RefineOptions,
     ) -> Self {
         let spacing = lattice.grid.spacing();
         let mean = mean_edge(&spacing);
-        let voxel = mean_edge(&planning.grid().spacing()).max(mean_edge(&fraction.grid().spacing()));
+        let voxel = mean_edge(&planning.ct.grid().spacing()).max(mean_edge(&fraction.grid().spacing()));
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
-        let (planning, fraction) = (gaussian(planning, sigma), gaussian(fraction, sigma));
         let soft: Vec<u32> = lattice.soft().collect();
-        let offsets = lattice.grid.eighths();
-        let values = soft
-            .par_iter()
-            .flat_map_iter(|&n| {
-                let rest = lattice.rest(n as usize);
-                let planning = &planning;
-                offsets.iter().map(move |o| match sample(planning, &(rest + o)) {
-                    Some((v, g)) => [v as f32, g.x as f32, g.y as f32, g.z as f32],
-                    None => [f32::NAN; 4],
-                })
-            })
-            .collect();
+        let (planning, fraction) =
+            rayon::join(|| planning.shown(lattice, &soft, sigma, options), || gaussian(fraction, sigma));
         Self {
             lattice,
             fraction,
             soft,
-            offsets,
-            planning: values,
+            offsets: lattice.grid.eighths(),
+            planning,
             weight: options.weight * mean * mean,
             robust: options.robust,
             reach: REACH * sigma,

@@ -3,47 +3,50 @@
 
 mod level;
 mod options;
+mod planning;
 mod skin;
 
 pub use options::{RefineOptions, SkinOptions};
+pub use planning::PlanningSamples;
 
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes, Pull};
 use crate::volume::{Mask, Volume};
 use level::{Level, mean_edge};
+use planning::{Planning, windowed};
 use skin::Skin;
 
 /// The planning and the fraction CT, ready to pull at any resolution.
-pub struct Images {
-    /// Both CTs inside the patient; outside and beyond the window the window's edges. `None` where grey values do not pull.
-    grey: Option<[Volume<f32>; 2]>,
+pub struct Images<'a> {
+    planning: Planning<'a>,
+    /// The fraction CT inside the patient; outside and beyond the window the window's edges. `None` where grey values do not
+    /// pull.
+    fraction: Option<Volume<f32>>,
     skin: Option<Skin>,
     options: RefineOptions,
 }
 
-impl Images {
-    /// From both CTs (HU) and the patient in each; the two grids may differ.
+impl<'a> Images<'a> {
+    /// From both CTs (HU) and the patient in each; the two grids may differ. What the planning CT shows is taken from `kept`
+    /// where it is known, and else kept there.
     pub fn new(
-        (planning, planning_body): (&Volume<f32>, &Mask),
+        (planning, planning_body): (&'a Volume<f32>, &'a Mask),
         (fraction, fraction_body): (&Volume<f32>, &Mask),
         options: &RefineOptions,
+        kept: Option<&'a PlanningSamples>,
     ) -> Self {
-        let [low, high] = options.window_hu;
-        let windowed = |ct: &Volume<f32>, body: &Mask| {
-            Volume::from_fn(ct.grid().clone(), |v| if body.data()[v] { ct.data()[v].clamp(low, high) } else { low })
-        };
         Self {
-            grey: (options.weight > 0.0)
-                .then(|| [windowed(planning, planning_body), windowed(fraction, fraction_body)]),
+            planning: Planning::new(planning, planning_body, kept),
+            fraction: (options.weight > 0.0).then(|| windowed(fraction, fraction_body, options.window_hu)),
             skin: Skin::new(planning_body, fraction_body, &options.skin),
             options: options.clone(),
         }
     }
 }
 
-impl ImagePull for Images {
+impl ImagePull for Images<'_> {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
-        let level =
-            self.grey.as_ref().map(|[planning, fraction]| Level::new(planning, fraction, lattice, &self.options));
+        let of = |fraction| Level::new(&self.planning, fraction, lattice, &self.options);
+        let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
         let nothing = || Pull::none(lattice.soft().count(), self.options.farthest(lattice));
         Box::new(move |u| {

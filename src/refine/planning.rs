@@ -1,0 +1,74 @@
+//! What the elements' points show in the planning CT. All fractions share it.
+
+use super::RefineOptions;
+use crate::chainmail::Lattice;
+use crate::volume::{Mask, Volume, cubic, gaussian};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::sync::{Arc, Mutex, OnceLock};
+
+/// Value and gradient (HU, HU/mm) at each point of each soft element; no number outside the image.
+pub(super) type Shown = Arc<[[f32; 4]]>;
+
+/// What the points of a planning CT's elements show, kept from one fraction to the next.
+///
+/// For one planning CT with its patient, one chain mail and one set of options.
+#[derive(Debug, Default)]
+pub struct PlanningSamples(Mutex<Vec<([f64; 4], Shown)>>);
+
+/// A value with its gradient at a point, if it lies in the image.
+#[inline(always)]
+pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+    let (value, slope) = cubic(image, &image.grid().index(at))?;
+    Some((value, image.grid().inverse_step().transpose() * slope))
+}
+
+/// A CT inside the patient; outside and beyond the window the window's edges.
+pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, [low, high]: [f32; 2]) -> Volume<f32> {
+    let at = |(v, inside): (&f32, &bool)| if *inside { v.clamp(low, high) } else { low };
+    let data = ct.data().par_iter().zip(body.data()).map(at).collect();
+    Volume::new(ct.grid().clone(), data).expect("one value per voxel")
+}
+
+/// The planning CT of a registration.
+pub(super) struct Planning<'a> {
+    pub(super) ct: &'a Volume<f32>,
+    pub(super) body: &'a Mask,
+    /// Windowed, once it is needed.
+    windowed: OnceLock<Volume<f32>>,
+    kept: Option<&'a PlanningSamples>,
+}
+
+impl<'a> Planning<'a> {
+    pub(super) fn new(ct: &'a Volume<f32>, body: &'a Mask, kept: Option<&'a PlanningSamples>) -> Self {
+        Self { ct, body, windowed: OnceLock::new(), kept }
+    }
+
+    /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
+    pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64, options: &RefineOptions) -> Shown {
+        let [x, y, z] = lattice.grid.spacing();
+        let key = [x, y, z, sigma].map(f64::to_bits);
+        let matches = |(k, _): &&([f64; 4], Shown)| k.map(f64::to_bits) == key;
+        // A thread that panicked leaves the list as it was.
+        let list = |kept: &'a PlanningSamples| kept.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(matches).cloned()) {
+            return found;
+        }
+        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, options.window_hu));
+        let blurred = gaussian(windowed, sigma);
+        let offsets = lattice.grid.eighths();
+        let points = soft.par_iter().flat_map_iter(|&n| {
+            let rest = lattice.rest(n as usize);
+            let blurred = &blurred;
+            offsets.iter().map(move |o| match sample(blurred, &(rest + o)) {
+                Some((v, g)) => [v as f32, g.x as f32, g.y as f32, g.z as f32],
+                None => [f32::NAN; 4],
+            })
+        });
+        let shown: Shown = points.collect::<Vec<_>>().into();
+        if let Some(kept) = self.kept {
+            list(kept).push(([x, y, z, sigma], shown.clone()));
+        }
+        shown
+    }
+}
