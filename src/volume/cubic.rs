@@ -46,8 +46,8 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
     // Rows and planes of the four voxels along each axis; at the edge the last one stands for what would lie beyond.
     let places = |a: usize, stride: usize| {
         let mut at = [0; 4];
-        for n in 0..4 {
-            at[n] = stride * if inner { low[a] + n - 1 } else { (low[a] + n).saturating_sub(1).min(size[a] - 1) };
+        for (n, at) in at.iter_mut().enumerate() {
+            *at = stride * if inner { low[a] + n - 1 } else { (low[a] + n).saturating_sub(1).min(size[a] - 1) };
         }
         at
     };
