@@ -114,9 +114,10 @@ impl Preset {
                 output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
                 ..base
             },
-            Self::Accurate => {
-                Config { refine: RefineOptions { passes: 16, rounds: 5, ..RefineOptions::default() }, ..base }
-            }
+            Self::Accurate => Config {
+                refine: RefineOptions { passes: 16, settled: 0.01, rounds: 5, ..RefineOptions::default() },
+                ..base
+            },
             Self::Thesis => Config {
                 chainmail: ChainmailOptions::thesis(),
                 refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },

@@ -65,7 +65,8 @@ pub struct FitOptions {
     pub outward: Vec<(f64, usize)>,
     /// All bones together: blur (sigma, mm) and samples per bone of each pass.
     pub levels: Vec<(f64, usize)>,
-    /// An optimisation stops when no parameter moves by this much, mm.
+    /// An optimisation of the last pass stops when no parameter moves by this much, mm; coarser passes stop at a hundredth of
+    /// their blur.
     pub tolerance_mm: f64,
     /// Iteration limit of each optimisation.
     pub max_iterations: u64,
