@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
-use crate::volume::{Volume, place, trilinear_vector};
+use crate::volume::{Volume, axis_pairs, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -142,27 +142,29 @@ fn relax(
     let compare = image.at(lattice);
     let mut released = islands(lattice).into_data();
     let soft: Vec<u32> = lattice.soft().collect();
+    let mut now = relaxation.displacements();
     for pass in 0..passes.most {
-        let before = relaxation.displacements();
-        let mut pull = compare(&before);
+        let mut pull = compare(&now);
         pull.release(lattice, &released);
         relaxation.run(passes.rounds, &everywhere, Some(&pull));
-        let moved = f64::from(most_moved(&soft, &before, &relaxation.displacements()));
+        let before = std::mem::replace(&mut now, relaxation.displacements());
+        let moved = f64::from(most_moved(&soft, &before, &now));
         let last = pass + 1 == passes.most || moved < passes.settled_mm;
         for _ in 0..if last { RELEASES } else { 1 } {
-            let cells = tangled(lattice, &relaxation.displacements(), &lattice.active, LEAST_VOLUME);
+            let cells = tangled(lattice, &now, &lattice.active, LEAST_VOLUME);
             if cells.is_empty() {
                 break;
             }
             released.iter_mut().zip(around(lattice, &cells, 1)).for_each(|(r, m)| *r |= m);
             pull.release(lattice, &released);
             relaxation.run(passes.rounds, &relaxation.among(&around(lattice, &cells, AROUND)), Some(&pull));
+            now = relaxation.displacements();
         }
         if last {
             break;
         }
     }
-    relaxation.displacements()
+    now
 }
 
 /// Share of the elements of which [`most_moved`] speaks.
@@ -261,29 +263,21 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
 fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]>) -> Result<PushField> {
     let (grid, computed) = (tissue.ct.grid().clone(), tissue.computed());
     let [nx, ny, _] = grid.size();
-    let base = coarse.grid().index(&grid.origin());
-    let step = coarse.grid().inverse_step() * grid.step();
-    let size = coarse.grid().size();
-    // Between which elements the voxels of each axis lie.
-    let axes: [Vec<_>; 3] = std::array::from_fn(|a| {
-        let pair = |(low, way): (usize, f64)| (low, (low + 1).min(size[a] - 1), way);
-        (0..grid.size()[a]).map(|i| place(base[a] + step[(a, a)] * i as f64, size[a]).map(pair)).collect()
-    });
-    let elements = size[0];
+    let axes = axis_pairs(coarse.grid(), &grid);
+    let elements = coarse.grid().size()[0];
     let row = |j: usize, k: usize| -> &[[f32; 3]] { &coarse.data()[coarse.grid().linear([0, j, k])..][..elements] };
     let mut u = vec![[0f32; 3]; grid.len()];
     u.par_chunks_mut(nx).enumerate().for_each_init(Vec::new, |between: &mut Vec<Vector3<f64>>, (line, out)| {
         let (j, k) = (line % ny, line / ny);
         between.clear();
-        if let (Some((j0, j1, tj)), Some((k0, k1, tk))) = (axes[1][j], axes[2][k]) {
-            let corners = [row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1)];
-            // Far from the patient nothing moves.
-            if corners.iter().any(|c| c.as_flattened().iter().any(|u| u.abs() > 0.0)) {
-                between.extend((0..elements).map(|e| {
-                    let [a, b, c, d] = corners.map(|c| Vector3::from(c[e].map(f64::from)));
-                    (a * (1.0 - tj) + b * tj) * (1.0 - tk) + (c * (1.0 - tj) + d * tj) * tk
-                }));
-            }
+        let ((j0, j1, tj), (k0, k1, tk)) = (axes[1][j], axes[2][k]);
+        let corners = [row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1)];
+        // Far from the patient nothing moves.
+        if corners.iter().any(|c| c.as_flattened().iter().any(|u| u.abs() > 0.0)) {
+            between.extend((0..elements).map(|e| {
+                let [a, b, c, d] = corners.map(|c| Vector3::from(c[e].map(f64::from)));
+                (a * (1.0 - tj) + b * tj) * (1.0 - tk) + (c * (1.0 - tj) + d * tj) * tk
+            }));
         }
         for (i, o) in out.iter_mut().enumerate() {
             let d = match (tissue.bone(line * nx + i), axes[0][i]) {
@@ -291,7 +285,7 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
                     let x = grid.centre([i, j, k]);
                     transforms[usize::from(b)] * x - x
                 }
-                (None, Some((low, high, t))) if !between.is_empty() => between[low] * (1.0 - t) + between[high] * t,
+                (None, (low, high, t)) if !between.is_empty() => between[low] * (1.0 - t) + between[high] * t,
                 _ => continue,
             };
             let d = [d.x as f32, d.y as f32, d.z as f32];

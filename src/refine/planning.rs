@@ -14,7 +14,10 @@ pub(super) type Shown = Arc<[[f32; 4]]>;
 ///
 /// For one planning CT with its patient, one chain mail and one set of options.
 #[derive(Debug, Default)]
-pub struct PlanningSamples(Mutex<Vec<([f64; 4], Shown)>>);
+pub struct PlanningSamples(Mutex<Vec<(Key, Shown)>>);
+
+/// Spacing of the elements and blur, mm, bit by bit.
+type Key = [u64; 4];
 
 /// A value with its gradient at a point, if it lies in the image.
 #[inline(always)]
@@ -33,7 +36,7 @@ pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, [low, high]: [f32; 2]) -> 
 /// The planning CT of a registration.
 pub(super) struct Planning<'a> {
     pub(super) ct: &'a Volume<f32>,
-    pub(super) body: &'a Mask,
+    body: &'a Mask,
     /// Windowed, once it is needed.
     windowed: OnceLock<Volume<f32>>,
     kept: Option<&'a PlanningSamples>,
@@ -47,11 +50,10 @@ impl<'a> Planning<'a> {
     /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
     pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64, options: &RefineOptions) -> Shown {
         let [x, y, z] = lattice.grid.spacing();
-        let key = [x, y, z, sigma].map(f64::to_bits);
-        let matches = |(k, _): &&([f64; 4], Shown)| k.map(f64::to_bits) == key;
+        let key: Key = [x, y, z, sigma].map(f64::to_bits);
         // A thread that panicked leaves the list as it was.
         let list = |kept: &'a PlanningSamples| kept.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(matches).cloned()) {
+        if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(|(k, _)| *k == key).cloned()) {
             return found;
         }
         let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, options.window_hu));
@@ -67,7 +69,7 @@ impl<'a> Planning<'a> {
         });
         let shown: Shown = points.collect::<Vec<_>>().into();
         if let Some(kept) = self.kept {
-            list(kept).push(([x, y, z, sigma], shown.clone()));
+            list(kept).push((key, shown.clone()));
         }
         shown
     }

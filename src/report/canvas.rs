@@ -1,6 +1,5 @@
 //! A picture in memory: pixels, smooth lines and discs, text, PNG.
 
-use crate::geometry::vectorised;
 use embedded_graphics::Drawable;
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
@@ -51,14 +50,9 @@ impl Canvas {
     pub(super) fn from_fn(width: usize, height: usize, colour: impl Fn(usize, usize) -> Rgb + Sync) -> Self {
         let mut canvas = Self::new(width, height, [0; 3]);
         canvas.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (x, pixel) in row.iter_mut().enumerate() {
-                        *pixel = colour(x, y);
-                    }
-                },
-            );
+            for (x, pixel) in row.iter_mut().enumerate() {
+                *pixel = colour(x, y);
+            }
         });
         canvas
     }

@@ -42,16 +42,16 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
     }
     let d = volume.data();
     let (nx, plane) = (size[0], size[0] * size[1]);
-    let inner = (0..3).all(|a| low[a] >= 1 && low[a] + 2 < size[a]);
     // Rows and planes of the four voxels along each axis; at the edge the last one stands for what would lie beyond.
     let places = |a: usize, stride: usize| {
         let mut at = [0; 4];
         for (n, at) in at.iter_mut().enumerate() {
-            *at = stride * if inner { low[a] + n - 1 } else { (low[a] + n).saturating_sub(1).min(size[a] - 1) };
+            *at = stride * (low[a] + n).saturating_sub(1).min(size[a] - 1);
         }
         at
     };
     let (columns, rows, planes) = (places(0, 1), places(1, nx), places(2, plane));
+    let inner = columns[3] == columns[0] + 3;
     // Across the rows first, four voxels of a row at a time, their values and slopes side by side; along them last.
     let (mut value, mut through) = (Wide::default(), Wide::default());
     for kk in 0..4 {

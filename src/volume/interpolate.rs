@@ -16,6 +16,21 @@ pub fn place(index: f64, size: usize) -> Option<(usize, f64)> {
     Some((low, index - low as f64))
 }
 
+/// Between which voxels of `coarse` those of `fine` lie, axis by axis: the one at or below, the next, and the way to it. Both grids
+/// share their axes; beyond the outermost voxel centres these are held.
+pub fn axis_pairs(coarse: &Grid, fine: &Grid) -> [Vec<(usize, usize, f64)>; 3] {
+    let (base, step) = (coarse.index(&fine.origin()), coarse.inverse_step() * fine.step());
+    std::array::from_fn(|a| {
+        let last = coarse.size()[a] - 1;
+        let pair = |i: usize| {
+            let at = (base[a] + step[(a, a)] * i as f64).clamp(0.0, last as f64);
+            let low = at as usize;
+            (low, (low + 1).min(last), at - low as f64)
+        };
+        (0..fine.size()[a]).map(pair).collect()
+    })
+}
+
 /// Storage position of the lower corner, the fractions, and the strides to the upper corner (0 at the far edge).
 #[inline(always)]
 fn cell(size: [usize; 3], index: &Vector3<f64>) -> Option<(usize, [f64; 3], [usize; 3])> {

@@ -11,7 +11,7 @@ pub mod region;
 mod smooth;
 
 pub use cubic::cubic;
-pub use interpolate::{Surrounding, place, trilinear, trilinear_vector};
+pub use interpolate::{Surrounding, axis_pairs, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
 pub use smooth::gaussian;
 

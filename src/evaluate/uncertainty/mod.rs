@@ -15,7 +15,7 @@ pub use side::PlanningSide;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::stats::Summary;
-use crate::volume::{LabelMap, Mask, Volume, place};
+use crate::volume::{LabelMap, Mask, Volume, axis_pairs};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -88,22 +88,12 @@ struct Plane {
 fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, UncertaintyReport) {
     let (grid, nodes) = (e.body.grid(), &e.side.grid);
     let ([ni, nj, nk], size) = (grid.size(), nodes.size());
-    // Both grids share their axes.
-    let base = nodes.index(&grid.origin());
-    let ratio: [f64; 3] = std::array::from_fn(|a| grid.spacing()[a] / nodes.spacing()[a]);
-    let axes: [Vec<(usize, usize, f32)>; 3] = std::array::from_fn(|a| {
-        let last = (size[a] - 1) as f64;
-        let between = |i: usize| {
-            let (low, way) = place((base[a] + ratio[a] * i as f64).clamp(0.0, last), size[a]).unwrap_or_default();
-            (low, (low + 1).min(size[a] - 1), way as f32)
-        };
-        (0..grid.size()[a]).map(between).collect()
-    });
+    let axes = axis_pairs(nodes, grid);
     let mut bone_mm = vec![None; usize::from(u16::MAX) + 1];
     e.bone_mm.iter().for_each(|(label, mm)| bone_mm[usize::from(*label)] = Some(*mm as f32));
     let row = |j: usize, k: usize| &coarse[nodes.linear([0, j, k])..][..size[0]];
-    let mix = |a: f32, b: f32, t: f32| a * (1.0 - t) + b * t;
-    let nearest = |(low, high, way): (usize, usize, f32)| if way < 0.5 { low } else { high };
+    let mix = |a: f32, b: f32, t: f64| a * (1.0 - t as f32) + b * t as f32;
+    let nearest = |(low, high, way): (usize, usize, f64)| if way < 0.5 { low } else { high };
     let mut out = vec![0f32; grid.len()];
     let mut planes: Vec<Plane> = Vec::new();
     planes.resize_with(nk, Plane::default);

@@ -40,9 +40,8 @@ impl PlanningSide {
         is_bone: impl Fn(u16) -> bool + Sync,
     ) -> Result<Self> {
         let grid = planning.grid().coarsened(SPACING_MM);
-        let (near, shown) =
+        let ((owner, far), (mean, soft)) =
             rayon::join(|| nearest(bones, &grid, &is_bone), || shown(planning, body, bones, &grid, &is_bone));
-        let ((owner, far), (mean, soft)) = (near, shown);
         let slope = gaussian(&squared_slope(&Volume::new(grid.clone(), mean)?), AVERAGE_MM);
         Ok(Self { grid, owner, far, slope, soft })
     }
