@@ -2,7 +2,7 @@
 //! end, in finite numbers, and do what can be said of any scene.
 
 use aventail::chainmail::{ChainmailOptions, Combination, Initiators, Tissue, propagate};
-use aventail::evaluate::jacobian as characteristics;
+use aventail::evaluate::{CellKinds, jacobian as characteristics};
 use aventail::field::{FOLDED, InvertOptions, PushField, invert, jacobian_and_folds, warp_image};
 use aventail::geometry::{Grid, Rigid, about};
 use aventail::progress::Silent;
@@ -84,7 +84,10 @@ impl Scene {
         prop_assert_eq!(turned, 0, "folded cells that the stricter criterion lets pass");
         let rigid = [(1, "one".to_owned()), (2, "two".to_owned())];
         let tissue = self.volume(&self.inside);
-        let report = characteristics::evaluate((&map, &folds), &tissue, &self.labels(), &rigid, &[([1, 2], 25.0)]);
+        let report = characteristics::evaluate(
+            (&map, &folds),
+            &CellKinds::new(&tissue, &self.labels(), &rigid, &[([1, 2], 25.0)]),
+        );
         prop_assert!(report.body.mean.is_finite() && report.body.folded <= report.body.cells);
         let (pull, inverse) = invert(&push, &self.grid, None, &InvertOptions::default()).expect("grids agree");
         prop_assert!(pull.displacement.data().iter().flatten().all(|v| v.is_finite()));

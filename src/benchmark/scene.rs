@@ -4,6 +4,7 @@ use super::Task;
 use crate::body;
 use crate::chainmail::{ChainmailOptions, Initiators, Lattice, Organs, Tissue, propagate};
 use crate::error::{Error, Result};
+use crate::evaluate::{CellKinds, jacobian};
 use crate::field::{InvertOptions, PullField, PushField, invert};
 use crate::io::{self, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions};
@@ -60,6 +61,8 @@ pub struct Scene {
     centroids: Vec<Point3<f64>>,
     /// Elements at every voxel, for the tasks that need them.
     pub(super) lattice: Option<Lattice>,
+    /// What the cells of the planning grid hold, for the tasks that need it.
+    pub(super) cells: Option<CellKinds>,
     /// The patient in the fraction CT, for the tasks that need him.
     pub(super) fraction_body: Option<Mask>,
     /// The planning CT as a file.
@@ -102,6 +105,7 @@ impl Scene {
             .then(|| Lattice::new(&tissue, &options.material, &Organs::default(), 0.0));
         let patient = || body::find(&phantom.fraction, None, &body::BodyOptions::default());
         let fraction_body = needs(&[Task::PropagationWithImages]).then(patient).transpose()?;
+        let cells = needs(&[Task::Characteristics]).then(|| find_cells(&phantom));
         let active = (0..phantom.planning.grid().len()).filter(|&v| tissue.active(v)).count();
         let field_file = folder.join("planning_to_fraction.nii.gz");
         Ok(Self {
@@ -112,6 +116,7 @@ impl Scene {
             bone_of_label,
             centroids,
             lattice,
+            cells,
             fraction_body,
             planning_file,
             field_file,
@@ -124,12 +129,23 @@ impl Scene {
         parts(&self.phantom, &self.bone_of_label, &self.centroids, options)
     }
 
+    /// What the cells of the planning grid hold.
+    pub(super) fn find_cells(&self) -> CellKinds {
+        find_cells(&self.phantom)
+    }
+
     /// Both images, as the pipeline prepares them; nothing is kept from one run to the next.
     pub(super) fn images(&self) -> Option<Images<'_>> {
         let planning = (&self.phantom.planning, &self.phantom.body);
         let of = |body| Images::new(planning, (&self.phantom.fraction, body), &RefineOptions::default(), None);
         self.fraction_body.as_ref().map(of)
     }
+}
+
+fn find_cells(phantom: &Phantom) -> CellKinds {
+    let inside = jacobian::tissue(&phantom.body, &phantom.planning);
+    let rigid: Vec<(u16, String)> = phantom.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+    CellKinds::new(&inside, &phantom.bones, &rigid, &[])
 }
 
 fn parts<'a>(

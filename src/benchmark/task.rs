@@ -37,7 +37,9 @@ pub enum Task {
     Labels,
     /// The Jacobian map.
     Jacobian,
-    /// The characteristics of the Jacobian map by tissue and bone, digital folds included.
+    /// What the cells of the planning grid hold: once per patient.
+    Cells,
+    /// Jacobian map and digital folds of a field, and their characteristics by tissue and bone.
     Characteristics,
     /// The planning CT from a compressed NIfTI file.
     Read,
@@ -47,7 +49,7 @@ pub enum Task {
 
 impl Task {
     /// All tasks.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Elements,
         Self::Prioritised,
         Self::Superposition,
@@ -58,6 +60,7 @@ impl Task {
         Self::Resample,
         Self::Labels,
         Self::Jacobian,
+        Self::Cells,
         Self::Characteristics,
         Self::Read,
         Self::Write,
@@ -76,6 +79,7 @@ impl Task {
             Self::Resample => "resample",
             Self::Labels => "labels",
             Self::Jacobian => "jacobian",
+            Self::Cells => "cells",
             Self::Characteristics => "characteristics",
             Self::Read => "read",
             Self::Write => "write",
@@ -95,7 +99,8 @@ impl Task {
             Self::Resample => "the planning CT on the fraction grid",
             Self::Labels => "the bone labels on the fraction grid",
             Self::Jacobian => "the Jacobian map",
-            Self::Characteristics => "Jacobian characteristics by tissue and bone",
+            Self::Cells => "what cells hold, once per patient",
+            Self::Characteristics => "Jacobian map and characteristics by tissue and bone",
             Self::Read => "the planning CT from int16 .nii.gz",
             Self::Write => "the field to .nii.gz, level 2",
         }
@@ -108,7 +113,7 @@ impl Task {
             Self::Superposition => Some(15.0),
             Self::Waves => Some(3.0),
             Self::Resample => Some(0.15),
-            Self::Jacobian => Some(0.1),
+            Self::Jacobian | Self::Characteristics => Some(0.1),
             _ => None,
         }
     }
@@ -132,7 +137,8 @@ impl Task {
             Self::Resample => (fraction, planning * hu + fraction * (VECTOR + hu)),
             Self::Labels => (fraction, planning * label + fraction * (VECTOR + label)),
             Self::Jacobian => (planning, planning * (VECTOR + flag + hu)),
-            Self::Characteristics => (planning, planning * (VECTOR + hu + label + flag)),
+            Self::Cells => (planning, planning * (hu + label + flag)),
+            Self::Characteristics => (planning, planning * (VECTOR + 2 * flag + hu)),
             // The file's int16 in, single precision out.
             Self::Read => (planning, planning * (2 + hu)),
             Self::Write => (planning, planning * VECTOR),
@@ -181,12 +187,13 @@ impl Task {
             Self::Jacobian => {
                 black_box(jacobian(&scene.push));
             }
+            Self::Cells => {
+                black_box(scene.find_cells());
+            }
             Self::Characteristics => {
                 let (map, folds) = jacobian_and_folds(&scene.push);
-                let inside = characteristics::tissue(&scene.phantom.body, &scene.phantom.planning);
-                let rigid: Vec<(u16, String)> =
-                    scene.phantom.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
-                black_box(characteristics::evaluate((&map, &folds), &inside, &scene.phantom.bones, &rigid, &[]));
+                let cells = scene.cells.as_ref().ok_or_else(|| Error::Internal("no kinds of cells".into()))?;
+                black_box(characteristics::evaluate((&map, &folds), cells));
             }
             Self::Read => {
                 black_box(io::read_image(&scene.planning_file)?);

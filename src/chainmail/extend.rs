@@ -5,36 +5,46 @@ use super::lattice::Lattice;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use rayon::prelude::*;
 
-/// Distance over which the field is continued unchanged, mm.
-const KEEP_MM: f64 = 20.0;
+/// Distance from the patient over which the field is continued unchanged, mm: as far as readers interpolate.
+const KEEP_MM: f64 = 8.0;
 /// Least distance over which it then fades to zero, mm.
 const FADE_MM: f64 = 20.0;
-/// Distance over which a displacement fades, as a multiple of its own length: the slope stays below 3/4, and the field one to
-/// one.
-const FADE: f64 = 2.0;
+/// Distance over which a displacement fades, as a multiple of its own length.
+const FADE: f64 = 1.6;
+/// Share of that distance over which the slope grows, and falls again: it stays below 3/4, and the field one to one.
+const EASE: f64 = 0.15;
 
-/// Continues the known displacements over the lattice and fades them with the distance from where they are known.
-pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
+/// Continues the known displacements over the lattice and fades them with the distance from where they are known or `inside`
+/// the patient, whose cavities move with what is around them.
+pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>], inside: impl Fn(usize) -> bool + Sync) -> Vec<[f32; 3]> {
     // How far a displacement has faded at a distance.
     let faded = |u: &[f32; 3], d: f32| {
         let length = f64::from(u.iter().map(|v| v * v).sum::<f32>().sqrt());
         (f64::from(d) - KEEP_MM) / FADE_MM.max(FADE * length)
     };
-    let (mut out, far) = fill(lattice, known, |_, u, d| faded(u, d) < 1.0);
+    let (mut out, far) = fill(lattice, known, inside, |_, u, d| faded(u, d) < 1.0);
     for (u, &d) in out.iter_mut().zip(&far) {
-        let t = faded(u, d).clamp(0.0, 1.0);
-        let keep = 1.0 - t * t * (3.0 - 2.0 * t);
+        let keep = 1.0 - ramp(faded(u, d));
         *u = u.map(|v| v * keep as f32);
     }
     out
 }
 
+/// From 0 at 0 to 1 at 1, straight but for its ends.
+fn ramp(t: f64) -> f64 {
+    let t = t.clamp(0.0, 1.0);
+    let end = t.min(1.0 - t);
+    let risen = if end < EASE { end * end / (2.0 * EASE) } else { end - EASE / 2.0 } / (1.0 - EASE);
+    if t < 0.5 { risen } else { 1.0 - risen }
+}
+
 /// Fills nodes without a displacement, layer by layer, with the mean of their filled neighbours, weighted by inverse length,
-/// as long as `wanted` tells so of the layer (from 0), of what they would get and of their distance (mm, along links) from a
-/// known node. Returns displacements and distances; where nothing was filled 0 and infinity.
+/// as long as `wanted` tells so of the layer (from 0), of what they would get and of their distance (mm, along links) from the
+/// nearest node that is known or `near`. Returns displacements and distances; where nothing was filled 0 and infinity.
 pub fn fill(
     lattice: &Lattice,
     known: &[Option<[f32; 3]>],
+    near: impl Fn(usize) -> bool + Sync,
     wanted: impl Fn(usize, &[f32; 3], f32) -> bool,
 ) -> (Vec<[f32; 3]>, Vec<f32>) {
     let size = lattice.grid.size();
@@ -77,13 +87,14 @@ pub fn fill(
             .map(|&n| {
                 let at = lattice.grid.voxel(n);
                 let (mut sum, mut weights, mut nearest) = ([0f32; 3], 0f32, f32::INFINITY);
+                let apart = if near(n) { 0.0 } else { 1.0 };
                 for (o, l) in NEIGHBOURS_26.iter().zip(&links) {
                     let Some(m) = inside(at, *o) else { continue };
                     if far[m].is_infinite() {
                         continue;
                     }
                     let mm = l.norm() as f32;
-                    nearest = nearest.min(far[m] + mm);
+                    nearest = nearest.min(far[m] + apart * mm);
                     weights += 1.0 / mm;
                     for a in 0..3 {
                         sum[a] += out[m][a] / mm;
@@ -102,4 +113,21 @@ pub fn fill(
         layer = next_layer(&mut last.into_iter(), &far);
     }
     (out, far)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ramp_is_smooth_and_nowhere_too_steep() {
+        assert_eq!([ramp(-1.0), ramp(0.0), ramp(1.0), ramp(7.0)], [0.0, 0.0, 1.0, 1.0]);
+        let h = 1e-4;
+        for n in 0..10_000 {
+            let t = f64::from(n) * h;
+            let slope = (ramp(t + h) - ramp(t)) / h;
+            assert!((0.0..0.75 * FADE).contains(&slope), "{t}: {slope}");
+            assert!((ramp(t) + ramp(1.0 - t) - 1.0).abs() < 1e-12);
+        }
+    }
 }

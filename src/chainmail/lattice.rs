@@ -72,6 +72,13 @@ impl Tissue<'_> {
         self.bone_of_label[usize::from(self.labels.volume.data()[voxel])]
     }
 
+    /// Whether a place lies inside the patient.
+    pub fn holds(&self, place: &Point3<f64>) -> bool {
+        let grid = self.body.grid();
+        let at = grid.index(place);
+        grid.contains(&at) && *self.body.at([at.x, at.y, at.z].map(|c| (c + 0.5) as usize))
+    }
+
     /// Whether a voxel takes part: bone, or body above the least HU.
     pub fn active(&self, voxel: usize) -> bool {
         self.bone(voxel).is_some() || (self.body.data()[voxel] && self.ct.data()[voxel] >= self.least_hu)

@@ -96,7 +96,10 @@ impl Mail {
                     (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
                 })
                 .collect();
-            change = Some(Volume::new(lattice.grid.clone(), fill(lattice, &difference, |layer, _, _| layer < 2).0)?);
+            change = Some(Volume::new(
+                lattice.grid.clone(),
+                fill(lattice, &difference, |_| false, |layer, _, _| layer < 2).0,
+            )?);
         }
         progress.step(steps - 2, steps, "propagate");
         let level = self.at(options.spacing_mm)?;
@@ -109,7 +112,7 @@ impl Mail {
         }
         let known: Vec<Option<[f32; 3]>> =
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
-        displacement = extend(lattice, &known);
+        displacement = extend(lattice, &known, |node| tissue.holds(&lattice.rest(node)));
         let displacement = Volume::new(lattice.grid.clone(), displacement)?;
         Ok((lattice.clone(), displacement))
     }
@@ -252,7 +255,7 @@ fn start(
 /// the elements the field is zero for now.
 fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f32; 3]> {
     if reached.iter().any(Option::is_none) {
-        return fill(lattice, &lattice.on_all_nodes(reached.iter().copied(), None), |_, _, _| true).0;
+        return fill(lattice, &lattice.on_all_nodes(reached.iter().copied(), None), |_| false, |_, _, _| true).0;
     }
     lattice.on_all_nodes(reached.iter().map(|u| u.unwrap_or_default()), [0.0; 3])
 }

@@ -344,6 +344,32 @@ fn regions_and_organs_on_a_ct() {
 }
 
 #[test]
+fn cavities_move_along_and_the_field_fades_outside() {
+    // A tube of tissue around 60 mm of air, with a bone at one end that moves by 4 mm; air on both sides of the patient.
+    let grid = Grid::axis_aligned([41, 41, 26], [4.0; 3], [0.0; 3]).unwrap();
+    let inside = |l: usize| grid.voxel(l)[..2].iter().all(|c| (10..=30).contains(c));
+    let hollow = |l: usize| grid.voxel(l)[..2].iter().all(|c| (13..=27).contains(c)) && grid.voxel(l)[2] > 2;
+    let ct = Volume::from_fn(grid.clone(), |l| if inside(l) && !hollow(l) { 0.0 } else { -1000.0 });
+    let body = Volume::from_fn(grid.clone(), inside);
+    let labels = Volume::from_fn(grid.clone(), |l| u16::from(inside(l) && grid.voxel(l)[2] < 2));
+    let labels = LabelMap { volume: labels, names: [(1, "skull".to_owned())].into() };
+    let mut bone_of_label = vec![None; 1 << 16];
+    bone_of_label[1] = Some(0);
+    let tissue = Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, least_hu: -500.0 };
+    let t = [Rigid::translation(4.0, 0.0, 0.0)];
+    let bones = Initiators { transforms: &t, centroids: &[Point3::origin()] };
+    let o = ChainmailOptions { spacing_mm: 4.0, carry: Carry::Rigid, ..options() };
+    let push = propagate(&tissue, &bones, &o, None, &crate::progress::Silent).unwrap().push;
+    let moves = |i: usize, k: usize| push.displacement.at([i, 20, k])[0];
+    assert!(!push.computed.at([20, 20, 25]) && (moves(20, 25) - moves(11, 25)).abs() < 0.3, "{}", moves(20, 25));
+    assert!(moves(20, 25) > 1.0);
+    // 8 mm outside the skin it moves as the skin, within 28 mm it has faded, steadily.
+    let outside: Vec<f32> = (30..41).map(|i| moves(i, 1)).collect();
+    assert!((outside[0] - outside[2]).abs() < 1e-3 && outside[8] == 0.0, "{outside:?}");
+    assert!(outside.windows(2).all(|w| w[0] >= w[1] && w[0] - w[1] < 0.75 * 4.0));
+}
+
+#[test]
 fn relaxation_finds_the_chain_between_two_bones() {
     let lattice = scene(&[&["AsssB"]]);
     let moved: Vec<[f32; 3]> =

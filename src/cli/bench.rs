@@ -15,7 +15,7 @@ that moving the bytes of its inputs and results once would take, at the memory b
 for two idle cores at full size. Processor time adds up all threads and hardly depends on what else the machine does.
 
 Tasks: elements, prioritised, superposition, waves, propagation, propagation-with-images, invert, resample, labels, jacobian,
-characteristics, read, write
+cells, characteristics, read, write
 
 Example:
   aventail bench --size quarter --only resample,jacobian --repeat 5";

@@ -1,8 +1,8 @@
 //! What the cells of the planning grid hold, by the bones and tissue at their corners.
 
 use super::interface::Interfaces;
-use crate::geometry::Grid;
-use crate::volume::{LabelMap, Mask, Volume};
+use crate::geometry::{Grid, vectorised};
+use crate::volume::{LabelMap, Mask};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -30,8 +30,75 @@ impl Cell {
     }
 }
 
+/// What the cells of a planning grid hold: the same for all fields on it.
+///
+/// Cells of one kind lie together in rows, so runs of them are kept instead of cells.
+#[derive(Debug, Clone)]
+pub struct CellKinds {
+    grid: Grid,
+    /// Names of the bones, by index.
+    pub(super) names: Vec<String>,
+    /// Runs of the rows, in storage order; cells between them lie outside.
+    runs: Vec<Run>,
+    /// Where each row of cells begins in `runs`, and the end.
+    rows: Vec<usize>,
+}
+
+/// Neighbouring cells of a row that hold the same.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    /// Along the row.
+    first: u32,
+    end: u32,
+    kind: Cell,
+}
+
+impl CellKinds {
+    /// The cells of the grid of `tissue`, which says which voxels are body above -500 HU. `rigid` lists label and name of each
+    /// rigid bone of `bones`, other labels count as soft tissue; labels of the same name are one bone. `sliding` are pairs of
+    /// labels that slide on each other, with the reach of the interface in mm. All on the planning grid.
+    pub fn new(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)], sliding: &[([u16; 2], f64)]) -> Self {
+        let (names, bone_of) = index_bones(rigid);
+        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
+        let grid = tissue.grid().clone();
+        let [_, nj, nk] = grid.size();
+        let look =
+            Look { grid: &grid, tissue: tissue.data(), labels: bones.volume.data(), bone_of: &bone_of, interfaces };
+        let planes: Vec<(Vec<Run>, Vec<usize>)> = (0..nk).into_par_iter().map(|k| look.plane(k)).collect();
+        let (mut runs, mut rows) =
+            (Vec::with_capacity(planes.iter().map(|p| p.0.len()).sum()), Vec::with_capacity(nj * nk + 1));
+        for (of_plane, begins) in planes {
+            rows.extend(begins.into_iter().map(|begin| runs.len() + begin));
+            runs.extend(of_plane);
+        }
+        rows.push(runs.len());
+        Self { grid, names, runs, rows }
+    }
+
+    /// The runs of a row of cells: where each lies in storage, and what it holds.
+    pub(super) fn row(&self, row: usize) -> impl Iterator<Item = (Range<usize>, Cell)> + Clone + '_ {
+        let start = row * self.grid.size()[0];
+        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
+        of_row.iter().map(move |r| (start + r.first as usize..start + r.end as usize, r.kind))
+    }
+
+    /// The rows of plane `k`.
+    pub(super) fn rows_of_plane(&self, k: usize) -> Range<usize> {
+        let nj = self.grid.size()[1];
+        k * nj..(k + 1) * nj
+    }
+
+    /// What the cell with this lowest corner holds.
+    pub(super) fn at(&self, [i, j, k]: [usize; 3]) -> Cell {
+        let row = j + k * self.grid.size()[1];
+        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
+        let holds = of_row.iter().find(|r| (r.first as usize..r.end as usize).contains(&i));
+        holds.map_or(Cell::Outside, |r| r.kind)
+    }
+}
+
 /// Names of the bones, and for each label its bone's index plus one; 0 for labels that are no bones.
-pub(super) fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
+fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
     let mut names: Vec<String> = Vec::new();
     let mut bone_of = vec![0u16; usize::from(u16::MAX) + 1];
     for (label, name) in rigid.iter().filter(|(label, _)| *label != 0) {
@@ -44,94 +111,83 @@ pub(super) fn index_bones(rigid: &[(u16, String)]) -> (Vec<String>, Vec<u16>) {
     (names, bone_of)
 }
 
-/// The kind of each cell, at its lowest-index corner, where `rigid` are the bones and `sliding` pairs of their labels
-/// with their reach in mm.
-pub(super) fn kinds(
-    tissue: &Mask,
-    bones: &LabelMap,
-    rigid: &[(u16, String)],
-    sliding: &[([u16; 2], f64)],
-) -> Volume<Cell> {
-    let bone_of = index_bones(rigid).1;
-    let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
-    let mut out = Volume::filled(tissue.grid().clone(), Cell::Outside);
-    let [ni, nj, _] = tissue.grid().size();
-    out.data_mut().par_chunks_mut(ni).enumerate().for_each(|(row, cells)| {
-        kinds.row(row % nj, row / nj, cells);
-    });
-    out
-}
-
-/// The kinds of cells, row by row.
-pub(super) struct Kinds<'a> {
+/// What the kinds of cells are found from.
+struct Look<'a> {
     grid: &'a Grid,
-    corners: [usize; 8],
     tissue: &'a [bool],
     labels: &'a [u16],
+    /// A label's bone plus one.
     bone_of: &'a [u16],
     interfaces: Option<Interfaces>,
 }
 
-impl<'a> Kinds<'a> {
-    pub(super) fn new(tissue: &'a Mask, bones: &'a LabelMap, bone_of: &'a [u16], sliding: &[([u16; 2], f64)]) -> Self {
-        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
-        let grid = tissue.grid();
-        let labels = bones.volume.data();
-        Self { grid, corners: grid.cell_corners(), tissue: tissue.data(), labels, bone_of, interfaces }
+impl Look<'_> {
+    /// The runs of the cells between planes `k` and `k + 1`, and where each row begins in them.
+    fn plane(&self, k: usize) -> (Vec<Run>, Vec<usize>) {
+        let [ni, nj, nk] = self.grid.size();
+        let (mut runs, mut rows) = (Vec::new(), vec![0; nj]);
+        if k + 1 == nk {
+            return (runs, rows);
+        }
+        // Columns of four voxels, between which the cells of a row lie.
+        let (mut solid, mut labelled) = (vec![false; ni], vec![0; ni]);
+        let [_, up, above] = self.grid.strides();
+        for j in 0..nj - 1 {
+            rows[j] = runs.len();
+            let start = self.grid.linear([0, j, k]);
+            let corners = [0, up, above, above + up].map(|o| start + o);
+            if vectorised(
+                #[inline(always)]
+                || columns(&mut solid, corners.map(|c| &self.tissue[c..][..ni]), |a, b| a & b),
+            ) {
+                vectorised(
+                    #[inline(always)]
+                    || columns(&mut labelled, corners.map(|c| &self.labels[c..][..ni]), |a, b| a | b),
+                );
+                self.row([j, k], &solid, &labelled, &mut runs);
+            }
+        }
+        rows[nj - 1] = runs.len();
+        (runs, rows)
     }
 
-    /// Fills the row of cells (j, k) from the first column of tissue to the last, and returns which cells these are: the others
-    /// lie outside, and are left as they were.
-    pub(super) fn row(&self, j: usize, k: usize, cells: &mut [Cell]) -> Range<usize> {
-        let [ni, nj, nk] = self.grid.size();
-        if j + 1 == nj || k + 1 == nk {
-            return 0..0;
-        }
-        let start = self.grid.linear([0, j, k]);
-        let [_, up, above] = self.grid.strides();
-        let rows = [0, up, above, above + up].map(|o| start + o);
-        let [a, b, c, d] = rows.map(|r| &self.tissue[r..][..ni]);
-        let solid = || a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| a & b & c & d);
-        if !solid().fold(false, |any, column| any | column) {
-            return 0..0;
-        }
-        let first = solid().position(|column| column).unwrap_or(ni);
-        let last = solid().rposition(|column| column).unwrap_or(0);
-        let [p, q, r, s] = rows.map(|r| &self.labels[r..][..ni]);
-        let column = |i: usize| (a[i] & b[i] & c[i] & d[i], p[i] | q[i] | r[i] | s[i]);
-        // A cell lies between one column of voxels and the next.
-        let mut before = column(first);
-        for (i, cell) in (first..last).zip(&mut cells[first..]) {
-            let next = column(i + 1);
-            *cell = match before.0 & next.0 {
+    /// Adds the runs of a row of cells.
+    fn row(&self, [j, k]: [usize; 2], solid: &[bool], labelled: &[u16], runs: &mut Vec<Run>) {
+        let mut open: Option<Run> = None;
+        let pairs = solid.iter().zip(&solid[1..]).zip(labelled.iter().zip(&labelled[1..])).enumerate();
+        for (i, ((a, b), (p, q))) in pairs {
+            let kind = match a & b {
                 false => Cell::Outside,
-                true if before.1 | next.1 == 0 => self.where_it_slides(Cell::Soft, [i, j, k]),
+                true if p | q == 0 && self.interfaces.is_none() => Cell::Soft,
                 true => self.kind([i, j, k]),
             };
-            before = next;
+            if open.is_some_and(|run| run.kind == kind) {
+                continue;
+            }
+            runs.extend(open.take().map(|run| Run { end: i as u32, ..run }));
+            open = (kind != Cell::Outside).then_some(Run { first: i as u32, end: 0, kind });
         }
-        first..last
-    }
-
-    /// The kind of the cell with this lowest corner.
-    pub(super) fn at(&self, cell: [usize; 3]) -> Cell {
-        let low = self.grid.linear(cell);
-        let tissue =
-            (0..3).all(|a| cell[a] + 1 < self.grid.size()[a]) && self.corners.iter().all(|c| self.tissue[low + c]);
-        if tissue { self.kind(cell) } else { Cell::Outside }
+        runs.extend(open.map(|run| Run { end: solid.len() as u32 - 1, ..run }));
     }
 
     /// The kind of a cell of tissue.
     fn kind(&self, cell: [usize; 3]) -> Cell {
         let low = self.grid.linear(cell);
-        self.where_it_slides(kind(self.corners.map(|c| self.bone_of[usize::from(self.labels[low + c])])), cell)
-    }
-
-    /// The same kind, or [`Cell::Interface`].
-    fn where_it_slides(&self, kind: Cell, cell: [usize; 3]) -> Cell {
+        let kind = kind(self.grid.cell_corners().map(|c| self.bone_of[usize::from(self.labels[low + c])]));
         let open = matches!(kind, Cell::Soft | Cell::Edge);
         if open && self.interfaces.as_ref().is_some_and(|s| s.holds(cell)) { Cell::Interface } else { kind }
     }
+}
+
+/// Joins the values of four rows; tells whether any differs from the default.
+#[inline(always)]
+fn columns<T: Copy + Default + PartialEq>(out: &mut [T], [a, b, c, d]: [&[T]; 4], join: impl Fn(T, T) -> T) -> bool {
+    let mut any = false;
+    for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+        *out = join(join(*a, *b), join(*c, *d));
+        any |= *out != T::default();
+    }
+    any
 }
 
 /// The kind of a tissue cell from its corners' bones (0: none).

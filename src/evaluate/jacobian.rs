@@ -1,6 +1,6 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
-use super::cell::{Cell, Kinds, index_bones};
+use super::cell::{Cell, CellKinds};
 use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
 use crate::field::FOLDED;
@@ -52,50 +52,35 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
 
 /// Jacobian characteristics of a push field.
 ///
-/// `map` is its Jacobian map and `folds` are its digital folds ([`crate::field::jacobian_and_folds`]); `tissue` says which
-/// voxels of the planning grid are body above -500 HU; `rigid` lists label and name of each rigid bone of `bones`, other
-/// labels count as soft tissue. Labels of the same name are one bone. `sliding` are pairs of labels that slide on each
-/// other, with the reach of the interface in mm. All on the planning grid.
-pub fn evaluate(
-    (map, folds): (&Volume<f32>, &Mask),
-    tissue: &Mask,
-    bones: &LabelMap,
-    rigid: &[(u16, String)],
-    sliding: &[([u16; 2], f64)],
-) -> JacobianReport {
-    let (names, bone_of) = index_bones(rigid);
-    let kinds = Kinds::new(tissue, bones, &bone_of, sliding);
-    let [ni, nj, nk] = map.grid().size();
-    let plane = |row: &mut Vec<Cell>, k: usize| {
-        row.resize(ni, Cell::Outside);
-        let mut found = Found::default();
-        for j in 0..nj {
-            let range = kinds.row(j, k, row);
-            let start = map.grid().linear([range.start, j, k]);
-            let of_row = start..start + range.len();
-            found.take(&row[range], start, &map.data()[of_row.clone()], &folds.data()[of_row]);
-        }
-        found
-    };
-    let found: Vec<Found> = (0..nk).into_par_iter().map_init(Vec::new, plane).collect();
+/// `map` is its Jacobian map and `folds` are its digital folds ([`crate::field::jacobian_and_folds`]); `cells` says what its
+/// cells hold.
+pub fn evaluate((map, folds): (&Volume<f32>, &Mask), cells: &CellKinds) -> JacobianReport {
+    let planes = 0..map.grid().size()[2];
+    let found: Vec<Found> = planes.into_par_iter().map(|k| Found::of(k, (map, folds), cells)).collect();
     let of = |part: fn(&Found) -> &Vec<f32>| found.iter().map(|f| &part(f)[..]).collect::<Vec<_>>();
     let soft = of(|f| &f.soft);
     let bony = [of(|f| &f.edge), of(|f| &f.inside)].concat();
     let of_soft = Tally::of(&soft);
     let soft_tissue = of_soft.stats(&soft);
     let body = of_soft.with(&Tally::of(&bony)).stats(&[soft, bony].concat());
-    let mut inside = vec![Vec::new(); names.len()];
-    for (bone, j) in found.iter().flat_map(|f| f.bone.iter().zip(&f.inside)) {
-        inside[usize::from(*bone)].push(*j);
+    let mut inside = vec![Vec::new(); cells.names.len()];
+    for f in &found {
+        let mut rest = &f.inside[..];
+        for (bone, number) in &f.bones {
+            let (own, others) = rest.split_at(*number);
+            inside[usize::from(*bone)].extend_from_slice(own);
+            rest = others;
+        }
     }
+    let names = cells.names.iter().cloned();
     JacobianReport {
         body,
         soft_tissue,
         contact: stats(&of(|f| &f.contact)),
         interface: stats(&of(|f| &f.interface)),
-        bones: names.into_iter().zip(inside.iter().map(|j| stats(&[&j[..]]))).filter(|(_, s)| s.cells > 0).collect(),
+        bones: names.zip(inside.iter().map(|j| stats(&[&j[..]]))).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: found.iter().map(|f| f.digital_folds).sum(),
-        jumps_above_10: jumps(map, &kinds, found.iter().flat_map(|f| &f.high).copied()),
+        jumps_above_10: jumps(map, cells, found.iter().flat_map(|f| &f.high).copied()),
     }
 }
 
@@ -107,8 +92,8 @@ struct Found {
     edge: Vec<f32>,
     /// Wholly inside a bone.
     inside: Vec<f32>,
-    /// The index of each one's bone.
-    bone: Vec<u16>,
+    /// Whose bones these are: index and number of cells, in turn.
+    bones: Vec<(u16, usize)>,
     contact: Vec<f32>,
     interface: Vec<f32>,
     /// Soft cells that fail the digital criterion.
@@ -118,26 +103,37 @@ struct Found {
 }
 
 impl Found {
-    /// Takes up the row of cells that begins at `start` in storage.
-    fn take(&mut self, kinds: &[Cell], start: usize, jacobians: &[f32], folds: &[bool]) {
-        for (i, ((kind, &j), &fold)) in kinds.iter().zip(jacobians).zip(folds).enumerate() {
-            match kind {
-                Cell::Outside => continue,
-                Cell::Soft => {
-                    self.soft.push(j);
-                    self.digital_folds += usize::from(fold);
-                }
-                Cell::Edge => self.edge.push(j),
-                Cell::Inside(bone) => {
-                    self.inside.push(j);
-                    self.bone.push(*bone);
-                }
-                Cell::Contact => self.contact.push(j),
-                Cell::Interface => self.interface.push(j),
+    /// The cells between planes `k` and `k + 1`.
+    fn of(k: usize, (map, folds): (&Volume<f32>, &Mask), cells: &CellKinds) -> Self {
+        let runs = || cells.rows_of_plane(k).flat_map(|row| cells.row(row));
+        let soft = runs().filter(|r| r.1 == Cell::Soft).map(|r| r.0.len()).sum();
+        let mut found = Self { soft: Vec::with_capacity(soft), ..Self::default() };
+        for (run, kind) in runs() {
+            found.take(kind, run.start, &map.data()[run.clone()], &folds.data()[run]);
+        }
+        found
+    }
+
+    /// Takes up a run of cells of one kind that begins at `start` in storage.
+    fn take(&mut self, kind: Cell, start: usize, jacobians: &[f32], folds: &[bool]) {
+        let to = match kind {
+            Cell::Outside => return,
+            Cell::Soft => {
+                self.digital_folds += folds.iter().map(|fold| usize::from(*fold)).sum::<usize>();
+                &mut self.soft
             }
-            if j > JUMP + FOLDED && kind.body() {
-                self.high.push(start + i);
+            Cell::Edge => &mut self.edge,
+            Cell::Inside(bone) => {
+                self.bones.push((bone, jacobians.len()));
+                &mut self.inside
             }
+            Cell::Contact => &mut self.contact,
+            Cell::Interface => &mut self.interface,
+        };
+        to.extend_from_slice(jacobians);
+        let high = |j: &f32| *j > JUMP + FOLDED;
+        if kind.body() && jacobians.iter().fold(false, |any, j| any | high(j)) {
+            self.high.extend(jacobians.iter().enumerate().filter(|(_, j)| high(j)).map(|(i, _)| start + i));
         }
     }
 }
@@ -159,7 +155,7 @@ pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Opti
 }
 
 /// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`]; one of each is among `high`.
-fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>) -> usize {
+fn jumps(map: &Volume<f32>, cells: &CellKinds, high: impl Iterator<Item = usize>) -> usize {
     let grid = map.grid();
     let mut pairs = BTreeSet::new();
     for l in high {
@@ -168,7 +164,7 @@ fn jumps(map: &Volume<f32>, kinds: &Kinds<'_>, high: impl Iterator<Item = usize>
             for forward in [true, false] {
                 let mut other = v;
                 other[a] = if forward { v[a] + 1 } else { v[a].wrapping_sub(1) };
-                if other[a] < grid.size()[a] && kinds.at(other).body() {
+                if other[a] < grid.size()[a] && cells.at(other).body() {
                     let o = grid.linear(other);
                     if (map.data()[l] - map.data()[o]).abs() > JUMP {
                         pairs.insert((l.min(o), stride));
@@ -209,7 +205,7 @@ mod tests {
         let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
         let (map, folds) = jacobian_and_folds(&push);
-        let r = evaluate((&map, &folds), &tissue, &bones, &rigid, &[]);
+        let r = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[]));
         assert_eq!(r.contact.cells, 1); // between 3 and 4
         assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
         assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
@@ -218,7 +214,10 @@ mod tests {
         assert_eq!(r.jumps_above_10, 2);
         assert_eq!((r.digital_folded, r.body.folded), (0, 0));
         // The same labels under one name are one bone: no contact.
-        let joined = evaluate((&map, &folds), &tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]);
+        let joined = evaluate(
+            (&map, &folds),
+            &CellKinds::new(&tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]),
+        );
         assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
     }
     #[test]
@@ -243,8 +242,8 @@ mod tests {
         };
         let (map, folds) = jacobian_and_folds(&push);
         let tissue = Volume::filled(grid, true);
-        let with = evaluate((&map, &folds), &tissue, &bones, &rigid, &[([1, 2], 25.0)]);
-        let without = evaluate((&map, &folds), &tissue, &bones, &rigid, &[]);
+        let with = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[([1, 2], 25.0)]));
+        let without = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[]));
         assert!(without.body.folded > 100 && without.interface.cells == 0);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);

@@ -20,6 +20,7 @@ pub mod tolerance;
 pub mod uncertainty;
 
 pub use assess::{Assessment, Subject, assess};
+pub use cell::CellKinds;
 pub use pair::{Direction, FieldPair};
 pub use surface::Surface;
 

@@ -1,6 +1,6 @@
 //! How regular one field is, on its own grid: Jacobian characteristics and volumes, the digital-fold certificate, curl.
 
-use super::cell::{Cell, kinds};
+use super::cell::{Cell, CellKinds};
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, JacobianReport, JacobianStats};
 use crate::field::{PushField, jacobian_and_folds};
@@ -102,20 +102,22 @@ pub fn evaluate(
     structures: Option<&LabelMap>,
 ) -> (Regularity, Volume<f32>) {
     let (map, digital) = jacobian_and_folds(field);
-    let report = jacobian::evaluate((&map, &digital), tissue, bones, rigid, sliding);
-    let kinds = kinds(tissue, bones, rigid, sliding);
+    let cells = CellKinds::new(tissue, bones, rigid, sliding);
+    let report = jacobian::evaluate((&map, &digital), &cells);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
     let mut folds = FoldCertificate::default();
     let mut body = Vec::new();
-    for ((kind, fold), j) in kinds.data().iter().zip(digital.data()).zip(map.data()) {
+    let [_, nj, nk] = map.grid().size();
+    for (run, kind) in (0..nj * nk).flat_map(|row| cells.row(row)) {
+        let folded = digital.data()[run.clone()].iter().filter(|fold| **fold).count();
         match kind {
             Cell::Outside => {}
-            Cell::Contact => folds.folded_contact += usize::from(*fold),
-            Cell::Interface => folds.folded_interface += usize::from(*fold),
+            Cell::Contact => folds.folded_contact += folded,
+            Cell::Interface => folds.folded_interface += folded,
             _ => {
-                folds.cells += 1;
-                folds.folded += usize::from(*fold);
-                body.push(*j);
+                folds.cells += run.len();
+                folds.folded += folded;
+                body.extend_from_slice(&map.data()[run]);
             }
         }
     }

@@ -37,8 +37,7 @@ pub(super) fn each_cell<A: Value, B: Value>(
                     rows.begin(push, k);
                     let cells = one.chunks_mut(ni).zip(other.chunks_mut(ni));
                     for (j, cells) in cells.take(nj - 1).enumerate() {
-                        if rows.in_row[j] || rows.in_row[j + 1] {
-                            rows.advance(push, j, k);
+                        if rows.advance(push, j, k) {
                             rows.cut(j + k);
                             rows.each(cells, &value);
                         }
@@ -63,18 +62,31 @@ fn prepare<T: Value>(plane: &mut [T], value: T) {
     }
 }
 
+/// Voxels that are looked at together where nothing was computed.
+const BLOCK: usize = 32;
+
+/// What two ranges span, of which any may be empty.
+#[inline(always)]
+fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
+    match (a.is_empty(), b.is_empty()) {
+        (true, _) => b.clone(),
+        (_, true) => a.clone(),
+        _ => a.start.min(b.start)..a.end.max(b.end),
+    }
+}
+
 /// A vector at each place of a row, component by component.
 type Line = [Vec<f32>; 3];
 
 /// A row of cells, between four rows of voxels: low or high along `j` (bit 0) and `k` (bit 1).
 ///
-/// Lines hold what lies in the span; there is room for whole blocks at their end.
+/// Only cells from the first to the last with a computed corner are looked at. There is room for whole blocks at the end of lines.
 struct Rows {
-    /// The voxels from the first to the last that is a corner of a cell with a computed corner, in any row of these planes.
+    /// From the first to the last computed voxel of each row, in either plane.
+    active: Vec<Range<usize>>,
+    /// The voxels that are corners of the cells looked at.
     span: Range<usize>,
-    /// Whether any voxel of a row was computed, in either plane.
-    in_row: Vec<bool>,
-    /// Whether any of the four voxels at a place was computed.
+    /// Whether any of the four voxels at each place of the span was computed.
     computed: Vec<bool>,
     /// Displacements, mm.
     u: [Line; 4],
@@ -84,7 +96,7 @@ struct Rows {
     ey: [Line; 2],
     /// Along `k`, low and high in `j`.
     ez: [Line; 2],
-    /// Six times the volume of the cells, of their least tetrahedra, and of the least by either way to cut them.
+    /// Along the span: six times the volume of the cells, of their least tetrahedra, and of the least by either way to cut them.
     total: Vec<f32>,
     least: Vec<f32>,
     least_of_ten: Vec<f32>,
@@ -100,8 +112,8 @@ impl Rows {
         let padded = ni + LANES;
         let line = |_| std::array::from_fn(|_| vec![0.0; padded]);
         Self {
+            active: vec![0..0; nj],
             span: 0..0,
-            in_row: vec![false; nj],
             computed: vec![false; ni],
             u: std::array::from_fn(line),
             ex: std::array::from_fn(line),
@@ -121,26 +133,36 @@ impl Rows {
     fn begin(&mut self, push: &PushField, k: usize) {
         let ni = self.computed.len();
         let (_, planes) = push.computed.data().split_at(push.computed.grid().linear([0, 0, k]));
-        let (low, high) = planes.split_at(ni * self.in_row.len());
-        self.computed.fill(false);
-        for ((any, low), high) in self.in_row.iter_mut().zip(low.chunks(ni)).zip(high.chunks(ni)) {
-            let mut found = false;
-            for ((column, low), high) in self.computed.iter_mut().zip(low).zip(high) {
-                *column |= low | high;
-                found |= low | high;
-            }
-            *any = found;
+        let (low, high) = planes.split_at(ni * self.active.len());
+        for ((active, low), high) in self.active.iter_mut().zip(low.chunks(ni)).zip(high.chunks(ni)) {
+            *active = union(&extent(low), &extent(high));
         }
-        let first = self.computed.iter().position(|c| *c).unwrap_or(ni);
-        let last = self.computed.iter().rposition(|c| *c).unwrap_or(0);
-        self.span = first.saturating_sub(1)..(last + 2).min(ni);
         self.at = None;
     }
 
-    /// Takes up the corners and edges of the row of cells (j, k).
+    /// The voxels that are corners of the cells of row `j` that are looked at.
     #[inline(always)]
-    fn advance(&mut self, push: &PushField, j: usize, k: usize) {
-        let Self { u, ex, ey, ez, step, span, .. } = self;
+    fn span_of(&self, j: usize) -> Range<usize> {
+        let active = union(&self.active[j], &self.active[j + 1]);
+        if active.is_empty() { 0..0 } else { active.start.saturating_sub(1)..(active.end + 1).min(self.computed.len()) }
+    }
+
+    /// The voxels of row `j` that are corners of cells looked at, on either side of it.
+    #[inline(always)]
+    fn needed(&self, j: usize) -> Range<usize> {
+        let before = if j == 0 { 0..0 } else { self.span_of(j - 1) };
+        let after = if j + 1 == self.active.len() { 0..0 } else { self.span_of(j) };
+        union(&before, &after)
+    }
+
+    /// Takes up the corners and edges of the row of cells (j, k), if any is to be looked at.
+    #[inline(always)]
+    fn advance(&mut self, push: &PushField, j: usize, k: usize) -> bool {
+        let (span, needed) = (self.span_of(j), [self.needed(j), self.needed(j + 1)]);
+        if span.is_empty() {
+            return false;
+        }
+        let Self { u, ex, ey, ez, step, .. } = self;
         let known = self.at.is_some_and(|at| at + 1 == j);
         if known {
             for lines in [&mut *u, ex] {
@@ -150,28 +172,34 @@ impl Rows {
             ez.swap(0, 1);
         }
         let new = usize::from(known);
-        let n = span.len();
-        let starts: [usize; 4] =
-            std::array::from_fn(|m| push.computed.grid().linear([span.start, j + (m & 1), k + (m >> 1)]));
+        let starts: [usize; 4] = std::array::from_fn(|m| push.computed.grid().linear([0, j + (m & 1), k + (m >> 1)]));
         for m in (0..4).filter(|m| m & 1 >= new) {
-            take_apart(&push.displacement.data()[starts[m]..][..n], &mut u[m]);
+            let Range { start, end } = needed[m & 1];
+            take_apart(&push.displacement.data()[starts[m]..][start..end], u[m].each_mut().map(|u| &mut u[start..end]));
             for c in 0..3 {
-                edges(&mut ex[m][c][..n], step[0][c], &u[m][c], &u[m][c][1..]);
+                edges(&mut ex[m][c][start..end], step[0][c], &u[m][c][start..], &u[m][c][start + 1..]);
             }
         }
         for c in 0..3 {
             for m in 0..2 {
-                edges(&mut ey[m][c][..n], step[1][c], &u[2 * m][c], &u[2 * m + 1][c]);
+                edges(
+                    &mut ey[m][c][span.clone()],
+                    step[1][c],
+                    &u[2 * m][c][span.start..],
+                    &u[2 * m + 1][c][span.start..],
+                );
             }
             for m in new..2 {
-                edges(&mut ez[m][c][..n], step[2][c], &u[m][c], &u[m + 2][c]);
+                let Range { start, end } = needed[m];
+                edges(&mut ez[m][c][start..end], step[2][c], &u[m][c][start..], &u[m + 2][c][start..]);
             }
         }
-        let [a, b, c, d] = starts.map(|s| &push.computed.data()[s..][..n]);
+        let [a, b, c, d] = starts.map(|s| &push.computed.data()[s..][span.clone()]);
         for ((((any, a), b), c), d) in self.computed.iter_mut().zip(a).zip(b).zip(c).zip(d) {
             *any = a | b | c | d;
         }
-        self.at = Some(j);
+        (self.span, self.at) = (span, Some(j));
+        true
     }
 
     /// Cuts the cells of the span; `sum` of their j and k tells the way of the cell at `i` = 0.
@@ -182,14 +210,15 @@ impl Rows {
     fn cut(&mut self, sum: usize) {
         let Self { ex, ey, ez, total, least, least_of_ten, sense, span, .. } = self;
         let blocks = span.len().saturating_sub(1).div_ceil(LANES);
-        let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|m| run(&ex[m], 0, blocks));
+        let start = span.start;
+        let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|m| run(&ex[m], start, blocks));
         // Edges along j and k lie low and high along i.
-        let [y0, y1, y2, y3] = [0, 1, 2, 3].map(|m| run(&ey[m >> 1], m & 1, blocks));
-        let [z0, z1, z2, z3] = [0, 1, 2, 3].map(|m| run(&ez[m >> 1], m & 1, blocks));
+        let [y0, y1, y2, y3] = [0, 1, 2, 3].map(|m| run(&ey[m >> 1], start + (m & 1), blocks));
+        let [z0, z1, z2, z3] = [0, 1, 2, 3].map(|m| run(&ez[m >> 1], start + (m & 1), blocks));
         let sense = Wide::all(*sense);
         let total = total.as_chunks_mut::<LANES>().0;
         let (least, least_of_ten) = (least.as_chunks_mut::<LANES>().0, least_of_ten.as_chunks_mut::<LANES>().0);
-        let first = (sum + span.start) % 2;
+        let first = (sum + start) % 2;
         for n in 0..blocks {
             let [x, y, z] = [at(x0, n), at(y0, n), at(z0, n)];
             // Corners 000, 110, 101 and 011 are cut off, or the other four; the central one is spanned by diagonals.
@@ -236,10 +265,21 @@ impl Rows {
     }
 }
 
+/// From the first to the last voxel of a row that is set.
+#[inline(always)]
+fn extent(row: &[bool]) -> Range<usize> {
+    let any = |chunk: &[bool]| chunk.iter().fold(false, |any, set| any | set);
+    // Whole blocks outside are passed over at once.
+    let before = (row.chunks(BLOCK).take_while(|chunk| !any(chunk)).count() * BLOCK).min(row.len());
+    let Some(first) = row[before..].iter().position(|set| *set) else { return 0..0 };
+    let behind = row.rchunks(BLOCK).take_while(|chunk| !any(chunk)).count() * BLOCK;
+    let last = row[..row.len() - behind].iter().rposition(|set| *set).unwrap_or(0);
+    before + first..last + 1
+}
+
 /// The components of the vectors of a row.
 #[inline(always)]
-fn take_apart(row: &[[f32; 3]], to: &mut Line) {
-    let [x, y, z] = to;
+fn take_apart(row: &[[f32; 3]], [x, y, z]: [&mut [f32]; 3]) {
     for (((u, x), y), z) in row.iter().zip(x).zip(y).zip(z) {
         (*x, *y, *z) = (u[0], u[1], u[2]);
     }

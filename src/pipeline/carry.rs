@@ -65,12 +65,10 @@ pub(super) fn carry_out(
         Ok::<_, Error>((image, field::warp_labels(&pull, &case.bones)?))
     })?;
     let middle = case.planning.grid().middle();
-    let rigid: Vec<(u16, String)> = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
-    let sliding = config.sliding.pairs(&rigid);
+    let rigid = labels_and_names(&skeleton);
     let figures = || {
         let (map, folds) = field::jacobian_and_folds(&push);
-        let tissue = evaluate::jacobian::tissue(&body, &case.planning);
-        let report = evaluate::jacobian::evaluate((&map, &folds), &tissue, &case.bones, &rigid, &sliding);
+        let report = evaluate::jacobian::evaluate((&map, &folds), &resting.cells);
         let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
         let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);
@@ -112,6 +110,11 @@ pub(super) fn carry_out(
         stages: runtime.times(),
         part: None,
     })
+}
+
+/// Label and name of each bone.
+pub(super) fn labels_and_names(skeleton: &Skeleton) -> Vec<(u16, String)> {
+    skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect()
 }
 
 /// What came of the volumes that were asked to change.

@@ -1,7 +1,7 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
-use super::carry::{bone_of_label, images_pull, tissue};
+use super::carry::{bone_of_label, images_pull, labels_and_names, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
 use super::study::LINKING;
@@ -12,6 +12,7 @@ use crate::config::{Config, SoftTissue};
 use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
+use crate::evaluate::{self, CellKinds};
 use crate::fit::{BoneSamples, LandmarkUse};
 use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
@@ -64,6 +65,10 @@ pub(super) struct Resting {
     pub(super) mail: Option<Mail>,
     /// What its elements show in the planning CT.
     pub(super) samples: PlanningSamples,
+    /// The voxels of tissue, which count.
+    pub(super) tissue: Mask,
+    /// What the cells between them hold.
+    pub(super) cells: CellKinds,
     /// The planning side of the uncertainty; `None` where no map of it is asked for.
     pub(super) side: Option<PlanningSide>,
 }
@@ -91,8 +96,16 @@ impl Resting {
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let side = || mapped.then(|| uncertainty::side(case, (skeleton, body))).transpose();
             let bones = || contact::resting(&case.bones, skeleton);
-            let ((bones, side), mail) = rayon::join(|| rayon::join(bones, side), || wanted.then(mail).transpose());
-            Ok(Self { bones, mail: mail?, samples: PlanningSamples::default(), side: side? })
+            let cells = || {
+                let tissue = evaluate::jacobian::tissue(body, &case.planning);
+                let rigid = labels_and_names(skeleton);
+                let cells = CellKinds::new(&tissue, &case.bones, &rigid, &config.sliding.pairs(&rigid));
+                (tissue, cells)
+            };
+            let mail = || wanted.then(mail).transpose();
+            let ((bones, side), ((tissue, cells), mail)) =
+                rayon::join(|| rayon::join(bones, side), || rayon::join(cells, mail));
+            Ok(Self { bones, mail: mail?, samples: PlanningSamples::default(), tissue, cells, side: side? })
         })
     }
 }

@@ -72,7 +72,8 @@ fn carried(
         carry_out(case, case.fraction.grid(), moved, (resting, fraction_body), warnings, config, runtime)?;
     if let Some(side) = &resting.side {
         let mail = resting.mail.as_ref().filter(|_| fraction_body.is_some());
-        let map = runtime.stage("uncertainty", || uncertainty::of(case, &outcome, (side, mail), config))?;
+        let map =
+            runtime.stage("uncertainty", || uncertainty::of(case, &outcome, (side, &resting.tissue, mail), config))?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
     }

@@ -5,7 +5,6 @@ use super::{Case, Outcome};
 use crate::chainmail::{ChainmailOptions, Initiators, Mail};
 use crate::config::Config;
 use crate::error::Result;
-use crate::evaluate::jacobian::tissue;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::geometry::Rigid;
 use crate::progress::Silent;
@@ -35,10 +34,9 @@ pub(super) fn side(case: &Case, (skeleton, body): (&Skeleton, &Mask)) -> Result<
 pub(super) fn of(
     case: &Case,
     outcome: &Outcome,
-    (side, mail): (&PlanningSide, Option<&Mail>),
+    (side, tissue, mail): (&PlanningSide, &Mask, Option<&Mail>),
     config: &Config,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
-    let tissue = tissue(&outcome.body, &case.planning);
     let alone = mail.map(|mail| bones_alone(mail, case, outcome, &config.chainmail)).transpose()?;
     let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits);
     let bone_mm: BTreeMap<u16, f64> = bones
@@ -53,7 +51,7 @@ pub(super) fn of(
         side,
         fraction: &case.fraction,
         body: &outcome.body,
-        tissue: &tissue,
+        tissue,
         bones: &case.bones,
         bone_mm: &bone_mm,
         push: &outcome.push,
