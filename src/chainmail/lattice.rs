@@ -74,9 +74,7 @@ impl Tissue<'_> {
 
     /// Whether a place lies inside the patient.
     pub fn holds(&self, place: &Point3<f64>) -> bool {
-        let grid = self.body.grid();
-        let at = grid.index(place);
-        grid.contains(&at) && *self.body.at([at.x, at.y, at.z].map(|c| (c + 0.5) as usize))
+        self.body.grid().voxel_at(place).is_some_and(|voxel| *self.body.at(voxel))
     }
 
     /// Whether a voxel takes part: bone, or body above the least HU.

@@ -8,11 +8,14 @@ use super::material::Organs;
 use super::options::{ChainmailOptions, Combination};
 use super::superpose::Waves;
 use crate::error::{Error, Result};
+use crate::volume::Mask;
 use std::sync::Arc;
 
 /// The elements of a patient at rest.
 pub struct Mail {
     pub(super) organs: Organs,
+    /// The voxels that take part.
+    pub(super) computed: Mask,
     levels: Vec<Level>,
 }
 
@@ -47,7 +50,7 @@ impl Mail {
             }
         };
         let levels = spacings.into_iter().map(level).collect();
-        Ok(Self { organs, levels })
+        Ok(Self { organs, computed: tissue.computed(), levels })
     }
 
     /// The elements at a spacing, mm.

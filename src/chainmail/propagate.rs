@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
-use crate::volume::{Volume, axis_pairs, trilinear_vector};
+use crate::volume::{Mask, Volume, axis_pairs, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -61,7 +61,7 @@ impl Mail {
         let (lattice, coarse) = self.elements(tissue, bones, options, image, progress)?;
         let steps = options.relaxation.len() + 2;
         progress.step(steps - 1, steps, "all voxels");
-        let mut push = to_voxels(tissue, bones.transforms, &coarse)?;
+        let mut push = to_voxels((tissue, &self.computed), bones.transforms, &coarse)?;
         mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
         Ok(Propagation { push, lattice, displacement: coarse.into_data() })
     }
@@ -263,8 +263,12 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
 /// The lattice's displacements on the planning grid, whose axes it shares; bone voxels move exactly with their bone.
 ///
 /// Trilinear: between rows of elements first, so that a voxel costs one step along its row.
-fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]>) -> Result<PushField> {
-    let (grid, computed) = (tissue.ct.grid().clone(), tissue.computed());
+fn to_voxels(
+    (tissue, computed): (&Tissue<'_>, &Mask),
+    transforms: &[Rigid],
+    coarse: &Volume<[f32; 3]>,
+) -> Result<PushField> {
+    let grid = tissue.ct.grid().clone();
     let [nx, ny, _] = grid.size();
     let axes = axis_pairs(coarse.grid(), &grid);
     let elements = coarse.grid().size()[0];
@@ -295,5 +299,5 @@ fn to_voxels(tissue: &Tissue<'_>, transforms: &[Rigid], coarse: &Volume<[f32; 3]
             *o = if computed.data()[line * nx + i] { d } else { in_steps(d) };
         }
     });
-    Ok(PushField { displacement: Volume::new(grid, u)?, computed })
+    Ok(PushField { displacement: Volume::new(grid, u)?, computed: computed.clone() })
 }

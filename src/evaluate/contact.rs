@@ -158,12 +158,7 @@ impl Solid {
         if (0..3).any(|a| middle[a] + radius < other.low[a] || middle[a] - radius > other.high[a]) {
             return None;
         }
-        let within = |p: &Point3<f64>| {
-            let grid = other.inside.grid();
-            let at = grid.index(p).map(f64::round);
-            (0..3).all(|a| at[a] >= 0.0 && at[a] < grid.size()[a] as f64)
-                && *other.inside.at([0, 1, 2].map(|a| at[a] as usize))
-        };
+        let within = |p: &Point3<f64>| other.inside.grid().voxel_at(p).is_some_and(|voxel| *other.inside.at(voxel));
         let (own, moved): (Vec<_>, Vec<_>) =
             self.surface.vertices.iter().map(|p| (*p, there * p)).filter(|(_, q)| within(q)).unzip();
         own.into_iter().zip(other.surface.distances(&moved)).map(|(p, d)| (d, p)).max_by(|a, b| a.0.total_cmp(&b.0))

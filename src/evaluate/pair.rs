@@ -123,8 +123,5 @@ pub(super) fn per_voxel<T: Send + Clone + Default>(grid: &Grid, value: impl Fn(P
 
 /// The nearest voxel's value at a point; `T::default()` outside the grid.
 pub(super) fn nearest<T: Copy + Default>(volume: &Volume<T>, p: &Point3<f64>) -> T {
-    let grid = volume.grid();
-    let index = grid.index(p).map(f64::round);
-    let inside = (0..3).all(|a| index[a] >= 0.0 && index[a] < grid.size()[a] as f64);
-    if inside { *volume.at([0, 1, 2].map(|a| index[a] as usize)) } else { T::default() }
+    volume.grid().voxel_at(p).map(|voxel| *volume.at(voxel)).unwrap_or_default()
 }

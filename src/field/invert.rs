@@ -104,9 +104,8 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
         for j in (0..from.size()[1]).step_by(stride[1]) {
             for i in (0..from.size()[0]).step_by(stride[0]) {
                 let u = Vector3::from(field.at([i, j, k]).map(f64::from));
-                let at = grid.index(&(from.centre([i, j, k]) + u)).map(f64::round);
-                if (0..3).all(|a| at[a] >= 0.0 && at[a] < size[a] as f64) {
-                    let s = &mut sums[grid.linear([at.x as usize, at.y as usize, at.z as usize])];
+                if let Some(at) = grid.voxel_at(&(from.centre([i, j, k]) + u)) {
+                    let s = &mut sums[grid.linear(at)];
                     s[0] += 1.0;
                     for a in 0..3 {
                         s[1 + a] -= u[a];

@@ -102,12 +102,9 @@ fn moved(push: &PushField, voxel: usize) -> Point3<f64> {
     grid.centre(grid.voxel(voxel)) + Vector3::from(push.displacement.data()[voxel].map(f64::from))
 }
 
-/// The nearest voxel of a grid, if the point lies in it.
+/// The storage position of the voxel that a point lies in.
 fn nearest(grid: &Grid, p: &Point3<f64>) -> Option<usize> {
-    let at = grid.index(p).map(f64::round);
-    (0..3)
-        .all(|a| at[a] >= 0.0 && at[a] < grid.size()[a] as f64)
-        .then(|| grid.linear([0, 1, 2].map(|a| at[a] as usize)))
+    grid.voxel_at(p).map(|voxel| grid.linear(voxel))
 }
 
 /// Whether the straight line between the centres of two voxels leaves the body.
@@ -116,8 +113,8 @@ fn apart(body: &Mask, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     let grid = body.grid();
     let (from, step) = (grid.index(a), grid.inverse_step() * (b - a) / steps);
     // Between two voxels of the grid a line does not leave it.
-    let at = |n: usize| (from + step * n as f64).map(|c| c.round().max(0.0));
-    (1..steps as usize).map(at).any(|v| !body.at([v.x as usize, v.y as usize, v.z as usize]))
+    let at = |n: usize| (from + step * n as f64).map(|c| (c + 0.5) as usize);
+    (1..steps as usize).map(at).any(|v| !body.at(v.into()))
 }
 
 #[cfg(test)]

@@ -157,6 +157,13 @@ impl Grid {
     pub fn index(&self, world: &Point3<f64>) -> Vector3<f64> {
         self.to_index * (world - self.origin)
     }
+    /// The voxel that a world position lies in; `None` outside the grid.
+    pub fn voxel_at(&self, world: &Point3<f64>) -> Option<[usize; 3]> {
+        let at = self.index(world);
+        let within = (0..3).all(|a| at[a] > -0.5 && at[a] < self.size[a] as f64 - 0.5);
+        // Cutting off is cheaper than rounding, and the same from zero on.
+        within.then(|| [0, 1, 2].map(|a| (at[a] + 0.5) as usize))
+    }
     /// Whether a continuous index lies within the hull of the voxel centres.
     pub fn contains(&self, index: &Vector3<f64>) -> bool {
         (0..3).all(|a| index[a] >= 0.0 && index[a] <= (self.size[a] - 1) as f64)

@@ -48,12 +48,15 @@ impl Canvas {
 
     /// A canvas with `colour(x, y)` at each pixel.
     pub(super) fn from_fn(width: usize, height: usize, colour: impl Fn(usize, usize) -> Rgb + Sync) -> Self {
+        Self::by_rows(width, height, |y, row| {
+            row.iter_mut().enumerate().for_each(|(x, pixel)| *pixel = colour(x, y));
+        })
+    }
+
+    /// A canvas with the pixels that `paint(y, row)` sets.
+    pub(super) fn by_rows(width: usize, height: usize, paint: impl Fn(usize, &mut [Rgb]) + Sync) -> Self {
         let mut canvas = Self::new(width, height, [0; 3]);
-        canvas.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = colour(x, y);
-            }
-        });
+        canvas.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| paint(y, row));
         canvas
     }
 
@@ -220,9 +223,15 @@ impl Canvas {
     }
 }
 
+/// The nearest of 256 levels.
+pub(super) fn level(value: f64) -> u8 {
+    // The cast holds what is beyond the ends, and is cheaper than rounding.
+    (value + 0.5) as u8
+}
+
 /// `a` with `share` (0 to 1) of `b`.
 pub(super) fn mix(a: Rgb, b: Rgb, share: f64) -> Rgb {
-    std::array::from_fn(|c| (f64::from(a[c]) * (1.0 - share) + f64::from(b[c]) * share).round() as u8)
+    std::array::from_fn(|c| level(f64::from(a[c]) * (1.0 - share) + f64::from(b[c]) * share))
 }
 
 /// Size of a character of the font, pixels.

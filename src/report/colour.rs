@@ -1,6 +1,6 @@
 //! Colours and windows of the pictures. Planning is blue and fraction orange everywhere.
 
-use super::canvas::{Rgb, mix};
+use super::canvas::{Rgb, level, mix};
 
 /// Planning CT. With [`ORANGE`] it adds up to white, so that equal content looks grey.
 pub(super) const BLUE: Rgb = [0, 108, 255];
@@ -21,14 +21,17 @@ pub(super) fn tone(hu: f64) -> f64 {
 
 /// Colour of planning and fraction of brightness 0 to 1 laid over each other.
 pub(super) fn fuse(planning: f64, fraction: f64) -> Rgb {
-    std::array::from_fn(|c| {
-        (planning * f64::from(BLUE[c]) + fraction * f64::from(ORANGE[c])).round().clamp(0.0, 255.0) as u8
-    })
+    std::array::from_fn(|c| level(planning * f64::from(BLUE[c]) + fraction * f64::from(ORANGE[c])))
+}
+
+/// A colour darkened to a share.
+pub(super) fn shaded(colour: Rgb, share: f64) -> Rgb {
+    colour.map(|c| level(f64::from(c) * share))
 }
 
 /// Grey of a brightness 0 to 1.
 pub(super) fn grey(tone: f64) -> Rgb {
-    [(tone.clamp(0.0, 1.0) * 255.0).round() as u8; 3]
+    [level(tone * 255.0); 3]
 }
 
 /// Blue for shrinkage, white for 1, red for growth on a logarithmic scale from 1/2 to 2; black where folded.

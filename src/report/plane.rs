@@ -156,7 +156,13 @@ impl Plane {
 
     /// A picture with `colour` of each world position.
     pub(super) fn paint(&self, colour: impl Fn(Point3<f64>) -> Rgb + Sync) -> Canvas {
-        Canvas::from_fn(self.width, self.height, |x, y| colour(self.world(x as f64 + 0.5, y as f64 + 0.5)))
+        let [right, down] = self.kind.axes();
+        let along = |n: usize| (n as f64 + 0.5) / self.scale;
+        let columns: Vec<Vector3<f64>> = (0..self.width).map(|x| right * along(x)).collect();
+        Canvas::by_rows(self.width, self.height, |y, row| {
+            let start = self.corner + down * along(y);
+            row.iter_mut().zip(&columns).for_each(|(pixel, column)| *pixel = colour(start + column));
+        })
     }
 
     /// Sets a picture of this plane in the middle of a row of the sheet, with orientation letters, the plane's name and
@@ -207,17 +213,15 @@ pub(super) fn hu_at(ct: &Volume<f32>, p: &Point3<f64>) -> Option<f64> {
 
 /// Value of the voxel nearest to a world position; `None` outside the image.
 pub(super) fn nearest<T: Copy>(volume: &Volume<T>, p: &Point3<f64>) -> Option<T> {
-    voxel_near(volume.grid(), &volume.grid().index(p).map(f64::round)).map(|v| *volume.at(v))
+    volume.grid().voxel_at(p).map(|voxel| *volume.at(voxel))
 }
 
 /// Value of the cell (named by its lowest-index corner) that holds a world position; `None` outside the image.
 pub(super) fn cell_at<T: Copy>(volume: &Volume<T>, p: &Point3<f64>) -> Option<T> {
-    voxel_near(volume.grid(), &volume.grid().index(p).map(f64::floor)).map(|v| *volume.at(v))
-}
-
-fn voxel_near(grid: &Grid, index: &Vector3<f64>) -> Option<[usize; 3]> {
+    let grid = volume.grid();
+    let index = grid.index(p);
     let inside = (0..3).all(|a| index[a] >= 0.0 && index[a] < grid.size()[a] as f64);
-    inside.then(|| [0, 1, 2].map(|a| index[a] as usize))
+    inside.then(|| *volume.at([0, 1, 2].map(|a| index[a] as usize)))
 }
 
 #[cfg(test)]

@@ -53,12 +53,8 @@ impl Summary {
         if n == 0 {
             return Self::default();
         }
-        let total = |value: &(dyn Fn(f64) -> f64 + Sync)| {
-            let sums: Vec<f64> = parts.par_iter().map(|p| p.iter().map(|v| value(f64::from(*v))).sum()).collect();
-            sums.iter().sum::<f64>()
-        };
-        let mean = total(&|v| v) / n as f64;
-        let var = total(&|v| (v - mean).powi(2)) / (n.max(2) - 1) as f64;
+        let mean = total(parts, |v| v) / n as f64;
+        let var = total(parts, |v| (v - mean).powi(2)) / (n.max(2) - 1) as f64;
         let all = |_: f32| true;
         let place = |p: f64| p / 100.0 * (n - 1) as f64;
         let ranks = [50.0, 95.0].map(|p| [place(p).floor() as usize, place(p).ceil() as usize]);
@@ -68,6 +64,12 @@ impl Summary {
         let between = |low: f64, high: f64, p: f64| low + (high - low) * place(p).fract();
         Self { n, mean, std: var.sqrt(), median: between(m0, m1, 50.0), p95: between(p0, p1, 95.0), min, max }
     }
+}
+
+/// Sum of what `value` makes of each number, part by part.
+fn total(parts: &[&[f32]], value: impl Fn(f64) -> f64 + Sync) -> f64 {
+    let sums: Vec<f64> = parts.par_iter().map(|p| p.iter().map(|v| value(f64::from(*v))).sum()).collect();
+    sums.iter().sum()
 }
 
 /// The `p`-th percentile (0 to 100) of an ascending slice; 0 for an empty one.

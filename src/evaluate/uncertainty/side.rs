@@ -4,7 +4,6 @@ use crate::error::Result;
 use crate::geometry::{Grid, vectorised};
 use crate::volume::distance::{nearest_label, squared_distance};
 use crate::volume::{LabelMap, Mask, Volume, gaussian, trilinear};
-use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// Spacing at which the map is computed, mm.
@@ -52,19 +51,13 @@ fn nearest(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> (Vol
     let fine = bones.volume.grid();
     let mut labels = Volume::filled(grid.clone(), 0u16);
     for (l, label) in bones.volume.data().iter().enumerate().filter(|(_, l)| **l != 0 && is_bone(**l)) {
-        if let Some(at) = voxel(grid, &fine.centre(fine.voxel(l))) {
+        if let Some(at) = grid.voxel_at(&fine.centre(fine.voxel(l))) {
             let at = grid.linear(at);
             labels.data_mut()[at] = *label;
         }
     }
     let far = squared_distance(&labels.map(|l| *l != 0), true).map(|d| d.sqrt().min(1e3));
     (nearest_label(&labels), far)
-}
-
-/// The voxel that a point lies in.
-fn voxel(grid: &Grid, p: &Point3<f64>) -> Option<[usize; 3]> {
-    let at = grid.index(p).map(f64::round);
-    (0..3).all(|a| at[a] >= 0.0 && at[a] < grid.size()[a] as f64).then(|| [0, 1, 2].map(|a| at[a] as usize))
 }
 
 /// Mean windowed HU at each node (the window's lower end outside the patient), and what soft tissue shows at eight points.
@@ -79,7 +72,7 @@ fn shown(
     let offsets = grid.eighths();
     let node = |n: usize| {
         let x = grid.centre(grid.voxel(n));
-        let own = voxel(planning.grid(), &x).map(|v| planning.grid().linear(v)).filter(|&own| body.data()[own])?;
+        let own = planning.grid().voxel_at(&x).map(|v| planning.grid().linear(v)).filter(|&own| body.data()[own])?;
         let instead = planning.data()[own];
         let values = vectorised(
             #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::super::canvas::{Canvas, Rgb, mix};
 use super::super::chart::{COLOURS, Curve, chart};
-use super::super::colour::{BLACK, BLUE, INK, ORANGE, fuse, grey, jacobian, tone};
+use super::super::colour::{BLACK, BLUE, INK, ORANGE, fuse, grey, jacobian, shaded, tone};
 use super::super::pictures::{legend::sheet, residuals};
 use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
 use super::{Assessed, Drawable, EvaluationPicture};
@@ -104,7 +104,7 @@ fn jacobians(planning: &Volume<f32>, map: &Volume<f32>) -> Rows {
             match cell_at(map, &p) {
                 Some(j) if hu > -500.0 => {
                     let shade = 0.86 + 0.14 * tone(hu);
-                    jacobian(f64::from(j)).map(|c| (f64::from(c) * shade).round() as u8)
+                    shaded(jacobian(f64::from(j)), shade)
                 }
                 _ => BACKDROP,
             }

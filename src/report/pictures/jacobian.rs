@@ -1,7 +1,7 @@
 //! Jacobian map over a faint planning CT: red growth, blue shrinkage, white no change, black folded.
 
 use super::super::canvas::Rgb;
-use super::super::colour::{BLACK, INK, jacobian, tone};
+use super::super::colour::{BLACK, INK, jacobian, shaded, tone};
 use super::super::plane::{cell_at, hu_at, nearest};
 use super::legend::sheet;
 use super::{Plate, Scene};
@@ -17,12 +17,14 @@ const SHADE: f64 = 0.86;
 pub(super) fn draw(scene: &Scene<'_>) -> Plate {
     let outcome = scene.outcome;
     let colour = |p: Point3<f64>| {
+        if !nearest(&outcome.body, &p).unwrap_or(false) {
+            return BACKDROP;
+        }
         let hu = hu_at(&scene.case.planning, &p).unwrap_or(f64::NEG_INFINITY);
-        let tissue = hu > f64::from(TISSUE_HU) && nearest(&outcome.body, &p).unwrap_or(false);
         match cell_at(&outcome.jacobian, &p) {
-            Some(value) if tissue => {
+            Some(value) if hu > f64::from(TISSUE_HU) => {
                 let shade = SHADE + (1.0 - SHADE) * tone(hu);
-                jacobian(f64::from(value)).map(|c| (f64::from(c) * shade).round() as u8)
+                shaded(jacobian(f64::from(value)), shade)
             }
             _ => BACKDROP,
         }

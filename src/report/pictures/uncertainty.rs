@@ -1,7 +1,7 @@
 //! Map of uncertainty over a faint planning CT.
 
 use super::super::canvas::Rgb;
-use super::super::colour::{INK, heat, tone};
+use super::super::colour::{INK, heat, shaded, tone};
 use super::super::plane::{hu_at, nearest};
 use super::legend::sheet;
 use super::{Plate, Scene};
@@ -23,7 +23,7 @@ pub(super) fn draw(scene: &Scene<'_>, map: &Volume<f32>) -> Plate {
         }
         let mm = trilinear(map, &map.grid().index(&p)).unwrap_or(0.0);
         let shade = SHADE + (1.0 - SHADE) * hu_at(&scene.case.planning, &p).map_or(0.0, tone);
-        heat(mm / TOP_MM).map(|c| (f64::from(c) * shade).round() as u8)
+        shaded(heat(mm / TOP_MM), shade)
     };
     let rows = scene.planning.each_ref().map(|plane| plane.row(&plane.paint(colour), BACKDROP, INK, BACKDROP));
     let ticks: Vec<_> = (0..=3).map(|mm| (f64::from(mm) / TOP_MM, mm.to_string())).collect();
