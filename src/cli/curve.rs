@@ -2,10 +2,9 @@
 
 use super::inputs::{Flags, Inputs, PlanningSide};
 use super::register::{open_folder, progress};
-use crate::benchmark::SceneSize;
 use crate::config::StudyPlan;
 use crate::error::{Error, Result};
-use crate::phantom::Phantom;
+use crate::phantom::{Phantom, PhantomOptions};
 use crate::pipeline::{Case, measure, phantom_case};
 use crate::report::{CurveEntry, Peer, write_curve};
 use crate::runtime::Runtime;
@@ -97,7 +96,7 @@ pub fn run(args: &CurveArgs) -> Result<String> {
 /// The user's case, or the phantom.
 fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
     let Some(fraction) = &args.fraction else {
-        let phantom = runtime.stage("make the phantom", || Phantom::new(&SceneSize::Quarter.phantom()))?;
+        let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
         return Ok(("the phantom".into(), phantom_case(phantom)));
     };
     let flags = Flags {
