@@ -125,15 +125,15 @@ impl Look<'_> {
     /// The runs of the cells between planes `k` and `k + 1`, and where each row begins in them.
     fn plane(&self, k: usize) -> (Vec<Run>, Vec<usize>) {
         let [ni, nj, nk] = self.grid.size();
-        let (mut runs, mut rows) = (Vec::new(), vec![0; nj]);
+        let (mut runs, mut rows) = (Vec::new(), Vec::with_capacity(nj));
         if k + 1 == nk {
-            return (runs, rows);
+            return (runs, vec![0; nj]);
         }
         // Columns of four voxels, between which the cells of a row lie.
         let (mut solid, mut labelled) = (vec![false; ni], vec![0; ni]);
         let [_, up, above] = self.grid.strides();
         for j in 0..nj - 1 {
-            rows[j] = runs.len();
+            rows.push(runs.len());
             let start = self.grid.linear([0, j, k]);
             let corners = [0, up, above, above + up].map(|o| start + o);
             if vectorised(
@@ -147,7 +147,7 @@ impl Look<'_> {
                 self.row([j, k], &solid, &labelled, &mut runs);
             }
         }
-        rows[nj - 1] = runs.len();
+        rows.push(runs.len());
         (runs, rows)
     }
 
