@@ -144,8 +144,7 @@ impl Scene {
 
 fn find_cells(phantom: &Phantom) -> CellKinds {
     let inside = jacobian::tissue(&phantom.body, &phantom.planning);
-    let rigid: Vec<(u16, String)> = phantom.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
-    CellKinds::new(&inside, &phantom.bones, &rigid, &[])
+    CellKinds::new(&inside, &phantom.bones, &phantom.skeleton.labels_and_names(), &[])
 }
 
 fn parts<'a>(

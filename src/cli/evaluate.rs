@@ -255,7 +255,7 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
 /// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
 fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
     match skeleton::build(bones) {
-        Ok(built) => built.skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect(),
+        Ok(built) => built.skeleton.labels_and_names(),
         Err(_) => {
             let message = "no label of --bones has the name of a known bone: every label is taken as one rigid bone";
             ledger.warnings.push(Warning::new("bones-by-label", message));

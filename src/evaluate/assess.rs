@@ -189,8 +189,7 @@ fn same_grid<T: Copy + Default + Send + Sync>(volume: &Volume<T>, grid: &Grid) -
 fn carried<T: Copy + Default + Send + Sync>(volume: &Volume<T>, pull: &Volume<[f32; 3]>) -> Volume<T> {
     let grid = pull.grid();
     let data = per_voxel(grid, |y| {
-        let l = grid.index(&y).map(f64::round);
-        let v = pull.at([0, 1, 2].map(|a| l[a] as usize)).map(f64::from);
+        let v = nearest(pull, &y).map(f64::from);
         nearest(volume, &(y + nalgebra::Vector3::from(v)))
     });
     Volume::new(grid.clone(), data).expect("one value per voxel")

@@ -158,7 +158,7 @@ impl Look<'_> {
         for (i, ((a, b), (p, q))) in pairs {
             let kind = match a & b {
                 false => Cell::Outside,
-                true if p | q == 0 && self.interfaces.is_none() => Cell::Soft,
+                true if p | q == 0 => self.where_it_slides(Cell::Soft, [i, j, k]),
                 true => self.kind([i, j, k]),
             };
             if open.is_some_and(|run| run.kind == kind) {
@@ -173,7 +173,14 @@ impl Look<'_> {
     /// The kind of a cell of tissue.
     fn kind(&self, cell: [usize; 3]) -> Cell {
         let low = self.grid.linear(cell);
-        let kind = kind(self.grid.cell_corners().map(|c| self.bone_of[usize::from(self.labels[low + c])]));
+        self.where_it_slides(
+            kind(self.grid.cell_corners().map(|c| self.bone_of[usize::from(self.labels[low + c])])),
+            cell,
+        )
+    }
+
+    /// The same kind, or [`Cell::Interface`].
+    fn where_it_slides(&self, kind: Cell, cell: [usize; 3]) -> Cell {
         let open = matches!(kind, Cell::Soft | Cell::Edge);
         if open && self.interfaces.as_ref().is_some_and(|s| s.holds(cell)) { Cell::Interface } else { kind }
     }

@@ -90,6 +90,11 @@ impl Joint {
 }
 
 impl Skeleton {
+    /// Label and name of each bone.
+    pub fn labels_and_names(&self) -> Vec<(u16, String)> {
+        self.bones.iter().map(|b| (b.label, b.name.clone())).collect()
+    }
+
     /// Rigid transform of each bone, planning to fraction, LPS mm: parent's transform after the joint's motion.
     pub fn transforms(&self, pose: &Pose) -> Vec<Rigid> {
         let mut out: Vec<Rigid> = Vec::with_capacity(self.bones.len());
