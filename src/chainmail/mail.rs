@@ -3,9 +3,11 @@
 
 use super::blend::{only_times, spread};
 use super::carry::Initiators;
+use super::islands::islands;
 use super::lattice::{Lattice, Tissue};
 use super::material::Organs;
 use super::options::{ChainmailOptions, Combination};
+use super::rest::RestingLinks;
 use super::superpose::Waves;
 use crate::error::{Error, Result};
 use crate::volume::Mask;
@@ -26,6 +28,8 @@ pub(super) struct Level {
     pub(super) lattice: Arc<Lattice>,
     /// Each bone's wave, where they are few enough to be kept.
     waves: Option<Waves>,
+    /// The links of its elements, and which of these images have no hold on; `None` where they are not relaxed.
+    resting: Option<(RestingLinks, Mask)>,
 }
 
 impl Mail {
@@ -46,6 +50,9 @@ impl Mail {
             Level {
                 spacing,
                 waves: if kept { Waves::new(&lattice, bones, options) } else { None },
+                resting: options
+                    .relaxes(spacing)
+                    .then(|| (RestingLinks::new(&lattice, options.elasticity), islands(&lattice))),
                 lattice: Arc::new(lattice),
             }
         };
@@ -64,6 +71,15 @@ impl Mail {
 }
 
 impl Level {
+    /// The links of its elements, and which of these images have no hold on.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] when these elements were not to be relaxed.
+    pub(super) fn resting(&self) -> Result<&(RestingLinks, Mask)> {
+        let of = || Error::Internal(format!("elements of {} mm were not to be relaxed", self.spacing));
+        self.resting.as_ref().ok_or_else(of)
+    }
+
     /// As [`spread`].
     pub(super) fn spread(&self, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
         match &self.waves {

@@ -5,6 +5,7 @@ use super::lattice::{Lattice, Tissue};
 use super::material::Organs;
 use super::options::ChainmailOptions;
 use super::relax::Relaxation;
+use super::rest::RestingLinks;
 use super::untangle::{around, tangled};
 use crate::field::{PushField, digital_folds};
 use nalgebra::Matrix3;
@@ -104,7 +105,8 @@ fn settle(
         })
         .collect();
     let near = around(lattice, &local, reach);
-    let mut relaxation = Relaxation::new(lattice, &u, turns, options.elasticity, options.poisson);
+    let rest = RestingLinks::new(lattice, options.elasticity);
+    let mut relaxation = Relaxation::new((lattice, &rest), &u, turns, options.poisson);
     let region = relaxation.among(&near);
     relaxation.run(ROUNDS, &region, None);
     let settled = relaxation.displacements();

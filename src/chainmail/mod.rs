@@ -19,6 +19,7 @@ mod propagate;
 mod pull;
 mod queue;
 mod relax;
+mod rest;
 mod slabs;
 mod stencil;
 mod superpose;

@@ -105,6 +105,12 @@ impl ChainmailOptions {
         }
     }
 
+    /// Whether elements of a spacing (mm) are relaxed.
+    pub(super) fn relaxes(&self, spacing: f64) -> bool {
+        let finest = spacing <= self.spacing_mm;
+        self.relaxation.iter().any(|r| (r.0 - spacing).abs() < f64::EPSILON || (finest && r.0 <= self.spacing_mm))
+    }
+
     /// Whether these settings say something about an organ.
     pub fn names_organ(&self, name: &str) -> bool {
         self.organs.contains_key(name) || self.volume_change.iter().any(|c| c.organ == name)

@@ -4,7 +4,6 @@ use super::blend::first_wave;
 use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::growth::Growth;
-use super::islands::islands;
 use super::lattice::{Lattice, Node, Tissue};
 use super::mail::{Level, Mail};
 use super::mend::mend;
@@ -89,8 +88,9 @@ impl Mail {
             let lattice = &level.lattice;
             let start = start(level, bones, options, change.as_ref());
             growth.enter(lattice, tissue);
-            let relaxation = Relaxation::new(lattice, &start.0, &turns, options.elasticity, options.poisson);
-            let relaxed = relax(relaxation, lattice, rounds, &mut growth, image);
+            let (rest, loose) = level.resting()?;
+            let relaxation = Relaxation::new((lattice, rest), &start.0, &turns, options.poisson);
+            let relaxed = relax(relaxation, (lattice, loose), rounds, &mut growth, image);
             let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
                 .map(|n| {
                     (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
@@ -107,8 +107,9 @@ impl Mail {
         let (mut displacement, _) = start(level, bones, options, change.as_ref());
         if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
             growth.enter(lattice, tissue);
-            let relaxation = Relaxation::new(lattice, &displacement, &turns, options.elasticity, options.poisson);
-            displacement = relax(relaxation, lattice, rounds, &mut growth, image);
+            let (rest, loose) = level.resting()?;
+            let relaxation = Relaxation::new((lattice, rest), &displacement, &turns, options.poisson);
+            displacement = relax(relaxation, (lattice, loose), rounds, &mut growth, image);
         }
         let known: Vec<Option<[f32; 3]>> =
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
@@ -126,10 +127,10 @@ const RELEASES: usize = 6;
 const AROUND: usize = 5;
 
 /// Relaxes by mechanics alone (several times where organs change their volume, until they do), then with the images' pull,
-/// which lets go where cells would tangle and has no hold on small islands.
+/// which lets go where cells would tangle and has no hold on what is `loose`.
 fn relax(
-    mut relaxation: Relaxation,
-    lattice: &Lattice,
+    mut relaxation: Relaxation<'_>,
+    (lattice, loose): (&Lattice, &Mask),
     rounds: usize,
     growth: &mut Growth,
     image: Option<&dyn ImagePull>,
@@ -143,7 +144,7 @@ fn relax(
     let Some(image) = image else { return relaxation.displacements() };
     let passes = image.passes(lattice);
     let compare = image.at(lattice);
-    let mut released = islands(lattice).into_data();
+    let mut released = loose.data().to_vec();
     let soft: Vec<u32> = lattice.soft().collect();
     let mut now = relaxation.displacements();
     for pass in 0..passes.most {

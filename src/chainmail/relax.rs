@@ -4,7 +4,8 @@
 
 use super::lattice::{Lattice, Node};
 use super::pull::Pull;
-use super::stencil::{Links, ROWS, Stencil, columns_of, lean};
+use super::rest::{RestingLinks, RestingPlane, softness};
+use super::stencil::{Links, ROWS, columns_of};
 use super::turn::{Lanes, Turn, WideTurn, add_scaled, narrow, nearest_rotation, scaled, strained, wide};
 use crate::geometry::{LANES, Wide, vectorised};
 use nalgebra::Matrix3;
@@ -24,22 +25,12 @@ pub enum Elasticity {
     Heterogeneous,
 }
 
-/// The soft elements of one plane with what their links hold.
+/// What the links of a plane's soft elements hold as they move.
 struct Plane {
-    /// Position in the plane of each.
-    soft: Vec<u32>,
-    /// Stiffness of each of their links, 0 to what is outside.
-    stiffness: Vec<Stencil<f32>>,
-    /// Sum of the links' index offsets, by stiffness.
-    lean: Vec<[f32; 3]>,
     /// What the turned links add to the neighbours' displacements, and in the last lane the sum of stiffness.
     turned: Vec<Lanes>,
     /// Local rotation minus identity.
     rotation: Vec<Turn>,
-    /// Inverse of the links' second moment: xx, xy, xz, yy, yz, zz.
-    spread: Vec<[f32; 6]>,
-    /// Soft elements in the planes before.
-    before: usize,
 }
 
 /// The soft elements to relax: for each plane positions in its list.
@@ -59,74 +50,53 @@ impl Halves {
 }
 
 /// A relaxation in progress.
-pub struct Relaxation {
+pub struct Relaxation<'a> {
+    rest: &'a RestingLinks,
     u: Halves,
     /// How much the turn and shear of every node's links move their ends per index step, mm; empty where links do not turn.
     turn: Vec<Turn>,
     planes: Vec<Plane>,
-    links: Links,
     /// Share of a change of shape that links give way to.
     yielding: f32,
     /// Relative rest length of each node's links; empty where all are 1.
     scale: Vec<f32>,
 }
 
-const OUTSIDE: f32 = -1.0;
-
 /// Steps of the local rotations in each round.
 const STEPS: usize = 2;
+
 /// An element goes this many times as far as to where its links would let it rest (successive over-relaxation).
 const OVER: f32 = 1.7;
 /// Sweeps over the elements after each fit of their rotations.
 const SWEEPS: usize = 2;
 
-impl Relaxation {
-    /// Starts from displacements on the whole lattice; `turns` are the bones' rotations. Where links turn, `poisson` is
-    /// Poisson's ratio.
+impl<'a> Relaxation<'a> {
+    /// Starts from displacements on the whole lattice, whose links are `rest`; `turns` are the bones' rotations. Where links
+    /// turn, `poisson` is Poisson's ratio.
     ///
     /// Links that resist any departure from their turned rest vector have the energy `G tr(E^2)` of a strain `E`: ratio 0,
     /// bulk modulus 2/3 G. Links that give way to the share s of a change of shape have the shear modulus (1 - s) G and the
     /// same bulk modulus, hence s = 3 nu / (1 + nu).
     pub fn new(
-        lattice: &Lattice,
+        (lattice, rest): (&Lattice, &'a RestingLinks),
         u: &[[f32; 3]],
         turns: &[Matrix3<f64>],
-        elasticity: Elasticity,
         poisson: f64,
     ) -> Self {
-        let size = lattice.grid.size();
-        let plane = size[0] * size[1];
-        let turning = elasticity == Elasticity::Corotated;
-        let links = Links::new(lattice, turning);
-        let softness = softness(lattice, elasticity);
-        let planes = (0..size[2])
-            .into_par_iter()
-            .map(|k| {
-                let base = k * plane;
-                let soft: Vec<u32> =
-                    (0..plane as u32).filter(|&n| lattice.node[base + n as usize] == Node::Soft).collect();
-                let stiffness: Vec<_> = soft.iter().map(|&n| links.stiffness(&softness, base + n as usize)).collect();
-                let turned = stiffness.iter().map(|w| [0.0, 0.0, 0.0, w.as_flattened().iter().sum()]).collect();
-                let spread = stiffness.iter().map(|w| links.inverse_spread(w)).collect();
-                let lean = stiffness.iter().map(lean).collect();
-                let rotation = vec![Turn::default(); soft.len()];
-                Plane { soft, stiffness, lean, turned, rotation, spread, before: 0 }
-            })
-            .collect::<Vec<_>>();
+        let plane = rest.links.plane;
         let mut parity = [Vec::new(), Vec::new()];
-        for k in 0..size[2] {
-            parity[k % 2].extend(u[k * plane..(k + 1) * plane].iter().map(|u| [u[0], u[1], u[2], 0.0]));
+        for (k, u) in u.chunks(plane).enumerate() {
+            parity[k % 2].extend(u.iter().map(|u| [u[0], u[1], u[2], 0.0]));
         }
-        let turn = if turning { bone_turns(lattice, turns) } else { Vec::new() };
-        let turn = turn.iter().map(|t| links.per_step(t)).collect();
+        let turn = if rest.turning { bone_turns(lattice, turns) } else { Vec::new() };
+        let turn = turn.iter().map(|t| rest.links.per_step(t)).collect();
+        let of_plane = |p: &RestingPlane| Plane {
+            turned: p.total.iter().map(|total| [0.0, 0.0, 0.0, *total]).collect(),
+            rotation: vec![Turn::default(); p.soft.len()],
+        };
+        let planes = rest.planes.iter().map(of_plane).collect();
         let yielding = (3.0 * poisson / (1.0 + poisson)) as f32;
-        let mut out = Self { u: Halves { parity, plane }, turn, planes, links, yielding, scale: Vec::new() };
-        let mut before = 0;
-        for p in &mut out.planes {
-            p.before = before;
-            before += p.soft.len();
-        }
-        out
+        Self { rest, u: Halves { parity, plane }, turn, planes, yielding, scale: Vec::new() }
     }
 
     /// Sets the relative rest length of each node's links, where links turn; a link takes the mean of its ends.
@@ -136,16 +106,16 @@ impl Relaxation {
 
     /// All soft elements.
     pub fn everywhere(&self) -> Region {
-        Region(self.planes.iter().map(|p| (0..p.soft.len() as u32).collect()).collect())
+        Region(self.rest.planes.iter().map(|p| (0..p.soft.len() as u32).collect()).collect())
     }
 
     /// The soft elements among the nodes that are set.
     pub fn among(&self, nodes: &[bool]) -> Region {
         let plane = self.u.plane;
-        let of = |(k, p): (usize, &Plane)| {
+        let of = |(k, p): (usize, &RestingPlane)| {
             (0..p.soft.len() as u32).filter(|&s| nodes[k * plane + p.soft[s as usize] as usize]).collect()
         };
-        Region(self.planes.iter().enumerate().map(of).collect())
+        Region(self.rest.planes.iter().enumerate().map(of).collect())
     }
 
     /// `rounds` rounds of local rotations (where links turn) and sweeps over the elements of a region.
@@ -172,13 +142,13 @@ impl Relaxation {
         let plane = self.u.plane;
         let [even, odd] = &mut self.u.parity;
         let (own, other) = if parity == 0 { (even, &*odd) } else { (odd, &*even) };
-        let (links, planes) = (&self.links, &self.planes);
+        let (rest, planes) = (self.rest, &self.planes);
         own.par_chunks_mut(plane).enumerate().for_each(|(h, u)| {
             vectorised(
                 #[inline(always)]
                 || {
                     let k = 2 * h + parity;
-                    let (p, region) = (&planes[k], &region.0[k]);
+                    let (p, turned, region) = (&rest.planes[k], &planes[k].turned, &region.0[k]);
                     if region.is_empty() {
                         return;
                     }
@@ -188,8 +158,8 @@ impl Relaxation {
                     for &s in region {
                         let s = s as usize;
                         let n = p.soft[s] as usize;
-                        let Some(rows) = links.around([below, &*u, above], n) else { continue };
-                        let [x, y, z, total] = p.turned[s];
+                        let Some(rows) = rest.links.around([below, &*u, above], n) else { continue };
+                        let [x, y, z, total] = turned[s];
                         if total <= 0.0 {
                             continue;
                         }
@@ -216,8 +186,10 @@ impl Relaxation {
 
     /// Fits the local rotation and strain of the region's elements to their links.
     fn rotate(&mut self, region: &Region) {
-        let (u, links, yielding, scale) = (&self.u, &self.links, self.yielding, &self.scale);
-        self.turn.par_chunks_mut(u.plane).zip(&mut self.planes).enumerate().for_each(|(k, (turn, p))| {
+        let (u, rest, yielding, scale) = (&self.u, self.rest, self.yielding, &self.scale);
+        let links = &rest.links;
+        self.turn.par_chunks_mut(u.plane).zip(&mut self.planes).enumerate().for_each(|(k, (turn, own))| {
+            let p = &rest.planes[k];
             vectorised(
                 #[inline(always)]
                 || {
@@ -233,19 +205,19 @@ impl Relaxation {
                             if let Some(rows) = links.around(planes, n) {
                                 moments[l] = links.moment(&p.stiffness[s as usize], rows, &planes[1][n]);
                             }
-                            spread.iter_mut().zip(p.spread[s as usize]).for_each(|(wide, own)| wide.0[l] = own);
+                            spread.iter_mut().zip(p.spread[s as usize]).for_each(|(wide, one)| wide.0[l] = one);
                         }
                         let moments = wide(moments.iter());
-                        let last = wide(batch.iter().map(|&s| &p.rotation[s as usize]));
+                        let last = wide(batch.iter().map(|&s| &own.rotation[s as usize]));
                         let rotations = nearest_rotation(&moments, &last, STEPS);
                         let strained = strained(&moments, &spread, &rotations, yielding);
                         for (l, &s) in batch.iter().enumerate() {
                             let n = p.soft[s as usize] as usize;
-                            p.rotation[s as usize] = narrow(&rotations, l);
-                            let own = narrow(&strained, l);
+                            own.rotation[s as usize] = narrow(&rotations, l);
+                            let shape = narrow(&strained, l);
                             turn[n] = links.per_step(&match scale.get(k * u.plane + n) {
-                                Some(&scale) => scaled(&own, scale),
-                                None => own,
+                                Some(&scale) => scaled(&shape, scale),
+                                None => shape,
                             });
                         }
                     }
@@ -257,8 +229,9 @@ impl Relaxation {
     /// What the links of the region's elements add to their neighbours' displacements, turned by the mean of both ends'
     /// rotations.
     fn turn_links(&mut self, region: &Region) {
-        let (turns, links, plane) = (&self.turn, &self.links, self.u.plane);
-        self.planes.par_iter_mut().enumerate().for_each(|(k, p)| {
+        let (turns, rest, plane) = (&self.turn, self.rest, self.u.plane);
+        self.planes.par_iter_mut().enumerate().for_each(|(k, own)| {
+            let p = &rest.planes[k];
             vectorised(
                 #[inline(always)]
                 || {
@@ -269,7 +242,7 @@ impl Relaxation {
                     for &s in &region.0[k] {
                         let s = s as usize;
                         let n = p.soft[s] as usize;
-                        let Some(rows) = links.around(planes, n) else { continue };
+                        let Some(rows) = rest.links.around(planes, n) else { continue };
                         // Sums that do not wait for each other. A rest vector is the step times its index offset, whose components are
                         // -1, 0 and 1.
                         let mut sums = [Lanes::default(); 4];
@@ -282,12 +255,12 @@ impl Relaxation {
                                 }
                             }
                         }
-                        for (own, lean) in planes[1][n].iter().zip(p.lean[s]) {
-                            add_scaled(&mut sums[3], lean, own);
+                        for (turn, lean) in planes[1][n].iter().zip(p.lean[s]) {
+                            add_scaled(&mut sums[3], lean, turn);
                         }
                         let sum: [f32; 3] = std::array::from_fn(|l| sums[0][l] + sums[1][l] + sums[2][l] + sums[3][l]);
                         // The rest vector leads to the neighbour; from there to here it is the opposite.
-                        p.turned[s] = [-0.5 * sum[0], -0.5 * sum[1], -0.5 * sum[2], p.turned[s][3]];
+                        own.turned[s] = [-0.5 * sum[0], -0.5 * sum[1], -0.5 * sum[2], p.total[s]];
                     }
                 },
             )
@@ -317,17 +290,6 @@ pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<
     let mut out = bone_turns(lattice, turns);
     soft.iter().zip(found.iter().flatten()).for_each(|(&n, turn)| out[n as usize] = *turn);
     out.iter().map(|t| Matrix3::from_fn(|a, b| f64::from(t[b][a])) + Matrix3::identity()).collect()
-}
-
-/// Play of each node's material.
-fn softness(lattice: &Lattice, elasticity: Elasticity) -> Vec<f32> {
-    let of = |(n, c): (&Node, &super::Constraint)| match n {
-        Node::Outside => OUTSIDE,
-        _ if elasticity == Elasticity::Gibson => 1.0,
-        Node::Bone(_) => 0.0,
-        Node::Soft => c.shear,
-    };
-    lattice.node.iter().zip(&lattice.constraint).map(of).collect()
 }
 
 /// The bones' rotations minus identity on their nodes, none elsewhere.

@@ -1,6 +1,8 @@
 //! Every variant on scenes whose answer can be derived by hand: chains, single links, one rotation, an L, a U.
 #![expect(clippy::float_cmp, reason = "values that are exact by construction")]
 
+use super::relax::Relaxation;
+use super::rest::RestingLinks;
 use super::*;
 use crate::geometry::{Grid, Rigid};
 use crate::volume::{LabelMap, Mask, Volume};
@@ -376,7 +378,8 @@ fn relaxation_finds_the_chain_between_two_bones() {
         spread_of(&lattice, &[[0.0; 3], [1.0, 0.0, 0.0]], &options()).iter().map(|u| u.unwrap_or_default()).collect();
     let turns = [Matrix3::identity(); 2];
     let relaxed = |elasticity| {
-        let mut r = super::relax::Relaxation::new(&lattice, &moved, &turns, elasticity, 0.0);
+        let rest = RestingLinks::new(&lattice, elasticity);
+        let mut r = Relaxation::new((&lattice, &rest), &moved, &turns, 0.0);
         r.run(400, &r.everywhere(), None);
         let u = r.displacements();
         [1, 2, 3].map(|i| u[at(&lattice, i, 0)][0])
@@ -398,7 +401,8 @@ fn a_stretched_bar_thins_by_poissons_ratio() {
     let ratio = |poisson| {
         let u: Vec<[f32; 3]> =
             (0..lattice.node.len()).map(|n| [0.02 * lattice.grid.voxel(n)[0] as f32, 0.0, 0.0]).collect();
-        let mut r = super::relax::Relaxation::new(&lattice, &u, &turns, Elasticity::Corotated, poisson);
+        let rest = RestingLinks::new(&lattice, Elasticity::Corotated);
+        let mut r = Relaxation::new((&lattice, &rest), &u, &turns, poisson);
         r.run(3000, &r.everywhere(), None);
         let u = r.displacements();
         let slope = |d: usize, a: usize| (u[middle + d][a] - u[middle - d][a]) / 2.0;

@@ -4,6 +4,7 @@
 use crate::geometry::{Grid, Rigid};
 use crate::volume::{LabelMap, Volume, region::voxels_of_box};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Lowest and highest voxel of a box.
@@ -78,18 +79,39 @@ impl<'a> MovedBones<'a> {
 
 /// The box of voxels of every label.
 fn boxes(labels: &Volume<u16>) -> Vec<Option<Corners>> {
-    let [nx, ny, _] = labels.grid().size();
-    let mut out: Vec<Option<Corners>> = vec![None; usize::from(labels.data().iter().copied().max().unwrap_or(0)) + 1];
-    for (row, line) in labels.data().chunks(nx).enumerate() {
-        for (i, &label) in line.iter().enumerate().filter(|(_, l)| **l > 0) {
-            let at = [i, row % ny, row / ny];
-            let [low, high] = out[usize::from(label)].get_or_insert([at; 2]);
-            for a in 0..3 {
-                (low[a], high[a]) = (low[a].min(at[a]), high[a].max(at[a]));
+    let [nx, ny, nz] = labels.grid().size();
+    let join = |mut a: Vec<Option<Corners>>, b: Vec<Option<Corners>>| {
+        if a.len() < b.len() {
+            a.resize(b.len(), None);
+        }
+        for (a, b) in a.iter_mut().zip(b) {
+            *a = match (*a, b) {
+                (Some(a), Some(b)) => Some([0, 1].map(|side| {
+                    let pick = if side == 0 { usize::min } else { usize::max };
+                    [0, 1, 2].map(|c| pick(a[side][c], b[side][c]))
+                })),
+                (a, b) => a.or(b),
+            };
+        }
+        a
+    };
+    let of_plane = |k: usize| {
+        let mut out: Vec<Option<Corners>> = Vec::new();
+        for (j, line) in labels.data()[k * nx * ny..(k + 1) * nx * ny].chunks(nx).enumerate() {
+            for (i, &label) in line.iter().enumerate().filter(|(_, l)| **l > 0) {
+                let label = usize::from(label);
+                if out.len() <= label {
+                    out.resize(label + 1, None);
+                }
+                let [low, high] = out[label].get_or_insert([[i, j, k]; 2]);
+                for (a, at) in [i, j, k].into_iter().enumerate() {
+                    (low[a], high[a]) = (low[a].min(at), high[a].max(at));
+                }
             }
         }
-    }
-    out
+        out
+    };
+    (0..nz).into_par_iter().map(of_plane).reduce(Vec::new, join)
 }
 
 /// The fraction voxels that a moved box of planning voxels can reach.

@@ -22,7 +22,7 @@ mod warp;
 
 pub use bones::MovedBones;
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
-pub use consistency::{ConsistencyOptions, ConsistencyReport, agree};
+pub use consistency::{ConsistencyOptions, ConsistencyReport, agree, beside_contact};
 pub use contour::resample_contours;
 pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;

@@ -55,7 +55,7 @@ pub(super) fn carry_out(
     let consistency = runtime.stage("make consistent", || {
         let bone_of_label = bone_of_label(&skeleton);
         let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
-        field::agree(&mut push, &mut pull, &bone, &config.invert, &config.consistency)
+        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &config.consistency)
     });
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         let image = match config.resampling {
@@ -65,7 +65,7 @@ pub(super) fn carry_out(
         Ok::<_, Error>((image, field::warp_labels(&pull, &case.bones)?))
     })?;
     let middle = case.planning.grid().middle();
-    let rigid = labels_and_names(&skeleton);
+    let rigid = skeleton.labels_and_names();
     let figures = || {
         let (map, folds) = field::jacobian_and_folds(&push);
         let report = evaluate::jacobian::evaluate((&map, &folds), &resting.cells);
@@ -110,11 +110,6 @@ pub(super) fn carry_out(
         stages: runtime.times(),
         part: None,
     })
-}
-
-/// Label and name of each bone.
-pub(super) fn labels_and_names(skeleton: &Skeleton) -> Vec<(u16, String)> {
-    skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect()
 }
 
 /// What came of the volumes that were asked to change.
@@ -213,7 +208,7 @@ fn regions_of(
 ) -> Result<LabelMap> {
     let owner = chainmail::regions(tissue, &propagation.lattice, bones, &config.chainmail)?;
     let label = |o: &u16| usize::from(*o).checked_sub(1).map_or(0, |b| skeleton.bones[b].label);
-    let names = skeleton.bones.iter().map(|b| (b.label, b.name.clone())).collect();
+    let names = skeleton.labels_and_names().into_iter().collect();
     Ok(LabelMap { volume: owner.map(label), names })
 }
 

@@ -13,6 +13,8 @@ const FRACTION: f64 = 23.0;
 const PASSING: f64 = 18.0;
 /// Bytes per element of the chain mail: kind, constraint, displacement, rotation, stiffness and pull.
 const ELEMENT: f64 = 170.0;
+/// Bytes per element of the chain mail's links at rest: 155 for a soft one, which half of them are.
+const RESTING: f64 = 80.0;
 /// Bytes of everything else.
 const REST: f64 = 60e6;
 
@@ -25,8 +27,9 @@ pub fn memory_estimate(planning: &Grid, fraction: &Grid, config: &Config) -> u64
     let images = if config.soft_tissue == SoftTissue::ChainMail { 4.0 * pulling as f64 } else { 0.0 };
     let variant = if config.chainmail.carry == Carry::Rigid { 0.0 } else { 60.0 };
     let kept = planning.len() as f64 * (PLANNING + images) + fraction.len() as f64 * (FRACTION + images);
+    let resting = if config.chainmail.relaxation.is_empty() { 0.0 } else { elements * RESTING };
     let passing = planning.len() as f64 * PASSING;
-    (kept + passing.max(elements * (ELEMENT + variant)) + REST) as u64
+    (kept + resting + passing.max(elements * (ELEMENT + variant)) + REST) as u64
 }
 
 #[cfg(test)]

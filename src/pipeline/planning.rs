@@ -1,7 +1,7 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
-use super::carry::{bone_of_label, images_pull, labels_and_names, tissue};
+use super::carry::{bone_of_label, images_pull, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
 use super::study::LINKING;
@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
 use crate::evaluate::{self, CellKinds};
+use crate::field;
 use crate::fit::{BoneSamples, LandmarkUse};
 use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
@@ -67,6 +68,8 @@ pub(super) struct Resting {
     pub(super) samples: PlanningSamples,
     /// The voxels of tissue, which count.
     pub(super) tissue: Mask,
+    /// The voxels near bones that touch.
+    pub(super) beside_contact: Mask,
     /// What the cells between them hold.
     pub(super) cells: CellKinds,
     /// The planning side of the uncertainty; `None` where no map of it is asked for.
@@ -98,14 +101,28 @@ impl Resting {
             let bones = || contact::resting(&case.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &case.planning);
-                let rigid = labels_and_names(skeleton);
+                let rigid = skeleton.labels_and_names();
                 let cells = CellKinds::new(&tissue, &case.bones, &rigid, &config.sliding.pairs(&rigid));
                 (tissue, cells)
             };
             let mail = || wanted.then(mail).transpose();
-            let ((bones, side), ((tissue, cells), mail)) =
+            let contact = || {
+                let bone_of_label = bone_of_label(skeleton);
+                let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
+                field::beside_contact(case.bones.volume.grid(), &bone)
+            };
+            let bones = || rayon::join(bones, contact);
+            let (((bones, beside_contact), side), ((tissue, cells), mail)) =
                 rayon::join(|| rayon::join(bones, side), || rayon::join(cells, mail));
-            Ok(Self { bones, mail: mail?, samples: PlanningSamples::default(), tissue, cells, side: side? })
+            Ok(Self {
+                bones,
+                mail: mail?,
+                samples: PlanningSamples::default(),
+                tissue,
+                beside_contact: beside_contact?,
+                cells,
+                side: side?,
+            })
         })
     }
 }

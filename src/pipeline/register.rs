@@ -83,10 +83,7 @@ fn carried(
 /// A mask on a part of its grid.
 fn part_of_body(body: &Mask, grid: &Grid) -> Mask {
     let whole = body.grid();
-    Volume::from_fn(grid.clone(), |n| {
-        let at = whole.index(&grid.centre(grid.voxel(n))).map(f64::round);
-        *body.at([0, 1, 2].map(|a| at[a] as usize))
-    })
+    Volume::from_fn(grid.clone(), |n| whole.voxel_at(&grid.centre(grid.voxel(n))).is_some_and(|voxel| *body.at(voxel)))
 }
 
 /// The labels lie on the planning grid.

@@ -1,8 +1,10 @@
 //! What lies around voxels, and where bones touch.
 
 use super::BoneOf;
+use crate::error::Result;
 use crate::geometry::Grid;
 use crate::geometry::stencil::NEIGHBOURS_26;
+use crate::volume::{Mask, Volume};
 use rayon::prelude::*;
 
 /// Voxels that were met, by position in storage.
@@ -74,6 +76,11 @@ impl Balls {
             }
         }
         self.marks.list[known..].to_vec()
+    }
+
+    /// All that are in.
+    pub(super) fn into_mask(self) -> Result<Mask> {
+        Volume::new(self.grid, self.marks.met)
     }
 
     /// Lets all of them go.

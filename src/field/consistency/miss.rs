@@ -1,11 +1,10 @@
 //! The way to the fraction and back: where it ends beside its start.
 
-use super::ball::Balls;
 use crate::field::sampler::{NOWHERE, Sampler};
 use crate::field::{PullField, PushField};
 use crate::geometry::wide_vector::{dot, plus};
 use crate::geometry::{LANES, Wide, vectorised};
-use crate::volume::trilinear_vector;
+use crate::volume::{Mask, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -36,17 +35,12 @@ fn miss(push: &PushField, pull: &PullField, voxel: usize) -> Option<Miss> {
 
 /// Distances between start and end of the way of all computed voxels that are not spared, mm, in parts; and those ways that
 /// miss by more than `least` mm.
-pub(super) fn everywhere(
-    push: &PushField,
-    pull: &PullField,
-    spared: &Balls,
-    least: f64,
-) -> (Vec<Vec<f32>>, Vec<usize>) {
+pub(super) fn everywhere(push: &PushField, pull: &PullField, spared: &Mask, least: f64) -> (Vec<Vec<f32>>, Vec<usize>) {
     let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
     let [nx, ny, nz] = planning.size();
     let sampler = Sampler::new(&pull.displacement);
     let along: Vector3<f64> = fraction.inverse_step() * planning.step().column(0);
-    let (u, computed) = (push.displacement.data(), push.computed.data());
+    let (u, computed, spared) = (push.displacement.data(), push.computed.data(), spared.data());
     let of_plane = |k: usize| {
         let (mut lengths, mut found) = (Vec::new(), Vec::new());
         for j in 0..ny {
@@ -71,7 +65,7 @@ pub(super) fn everywhere(
                         let length = dot(&by, &by).sqrt();
                         let place = sampler.land(&block, &moved);
                         for (l, voxel) in run.enumerate() {
-                            if computed[voxel] && place[l] != NOWHERE && !spared.holds(voxel) {
+                            if computed[voxel] && place[l] != NOWHERE && !spared[voxel] {
                                 lengths.push(length.0[l]);
                                 if f64::from(length.0[l]) > least {
                                     found.push(voxel);

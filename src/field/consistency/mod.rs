@@ -14,7 +14,10 @@ mod tests;
 
 use super::invert::InvertOptions;
 use super::{PullField, PushField};
+use crate::error::Result;
+use crate::geometry::Grid;
 use crate::stats::Summary;
+use crate::volume::Mask;
 use ball::{Balls, touching};
 use miss::{Miss, everywhere, misses};
 use patch::Patch;
@@ -83,23 +86,31 @@ const MOST: usize = 5000;
 /// Voxels moved in all steps of a cluster beyond which it is left as it has become: bounds the time, about 6 us each.
 const MOST_MOVES: usize = 200_000;
 
+/// The planning voxels near bones that touch, whose ways there and back do not count. They are the patient's, whatever moves.
+///
+/// # Errors
+/// Only for internal inconsistency of grids.
+pub fn beside_contact(planning: &Grid, bone: &impl BoneOf) -> Result<Mask> {
+    let mut near = Balls::new(planning, [CONTACT_MM; 3]);
+    near.add(&touching(planning, bone));
+    near.into_mask()
+}
+
 /// Moves soft tissue of `push` until the way to the fraction and back through the stored fields misses by no more than the limit, and `pull`
 /// with it; what does not come out better stays as it was.
 ///
-/// `bone` tells which rigid bone a planning voxel belongs to; such voxels do not move. No cell is folded that was not.
+/// `bone` tells which rigid bone a planning voxel belongs to; such voxels do not move. What is `spared` ([`beside_contact`], planning
+/// grid) does not count. No cell is folded that was not.
 pub fn agree(
     push: &mut PushField,
     pull: &mut PullField,
-    bone: &impl BoneOf,
+    (bone, spared): (&impl BoneOf, &Mask),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> ConsistencyReport {
-    let planning = push.displacement.grid();
-    let mut spared = Balls::new(planning, [CONTACT_MM; 3]);
-    spared.add(&touching(planning, bone));
     // The lengths of all ways, how many of them are beyond the limit, and the ways that miss by nearly as much.
     let measure = |push: &PushField, pull: &PullField| {
-        let (lengths, found) = everywhere(push, pull, &spared, options.limit_mm * SEED);
+        let (lengths, found) = everywhere(push, pull, spared, options.limit_mm * SEED);
         let found = misses(push, pull, &found, 0.0..f64::INFINITY);
         let beyond = found.iter().filter(|m| m.length() > options.limit_mm).count();
         (Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>()), beyond, found)
@@ -109,7 +120,7 @@ pub fn agree(
     if beyond_before == 0 || found.len() > MOST || options.rounds == 0 {
         return report;
     }
-    let moved_mm = mend(push, pull, &found, (bone, &spared), invert, options);
+    let moved_mm = mend(push, pull, &found, (bone, spared), invert, options);
     let (there_and_back_mm, beyond, _) = measure(push, pull);
     ConsistencyReport { there_and_back_mm, beyond, beyond_before, moved_mm }
 }
@@ -119,7 +130,7 @@ fn mend(
     push: &mut PushField,
     pull: &mut PullField,
     found: &[Miss],
-    (bone, spared): (&impl BoneOf, &Balls),
+    (bone, spared): (&impl BoneOf, &Mask),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> f64 {

@@ -7,6 +7,7 @@ use crate::field::invert::{Continued, InvertOptions, solve};
 use crate::field::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
+use crate::volume::Mask;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -109,7 +110,7 @@ impl Patch {
     pub(super) fn extend(
         &mut self,
         seeds: &[usize],
-        (bone, spared): (&impl BoneOf, &Balls),
+        (bone, spared): (&impl BoneOf, &Mask),
         (push, pull): (&PushField, &PullField),
         options: &InvertOptions,
     ) {
@@ -129,7 +130,7 @@ impl Patch {
         }
         let added: Vec<usize> = self.around.add(seeds).into_iter().filter(|&v| push.computed.data()[v]).collect();
         self.ask(&added, push, pull, options);
-        self.watched.extend(added.into_iter().filter(|&v| !spared.holds(v)));
+        self.watched.extend(added.into_iter().filter(|&v| !spared.data()[v]));
     }
 
     /// Takes the fraction voxels around where planning voxels come to lie among those that are inverted, if they are now.

@@ -38,7 +38,13 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
         let (mut pull, _) = invert(&push, &fraction, None, &options).unwrap();
         let grid = push.displacement.grid().clone();
         let rigid = bone(&grid);
-        let report = agree(&mut push, &mut pull, &rigid, &options, &ConsistencyOptions::default());
+        let report = agree(
+            &mut push,
+            &mut pull,
+            (&rigid, &beside_contact(&grid, &rigid).unwrap()),
+            &options,
+            &ConsistencyOptions::default(),
+        );
         assert!(report.beyond_before > 50 && report.beyond == 0, "{report:?}");
         assert!(report.there_and_back_mm.max <= 0.5 && report.there_and_back_mm.n > 10_000, "{report:?}");
         assert!(report.moved_mm > 0.1 && report.moved_mm < 3.0, "{report:?}");
@@ -65,16 +71,26 @@ fn what_agrees_or_is_not_asked_for_stays_to_the_bit() {
     let options = InvertOptions::default();
     let (mut pull, _) = invert(&push, &fraction, None, &options).unwrap();
     let (u, v) = (push.displacement.clone(), pull.displacement.clone());
-    let rigid = bone(u.grid());
+    let grid = u.grid().clone();
+    let rigid = bone(&grid);
     let off = ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() };
-    let report = agree(&mut push, &mut pull, &rigid, &options, &off);
+    let report = agree(&mut push, &mut pull, (&rigid, &beside_contact(&grid, &rigid).unwrap()), &options, &off);
     assert!(report.beyond == report.beyond_before && report.beyond > 0 && report.there_and_back_mm.max > 0.5);
     let generous = ConsistencyOptions { limit_mm: 5.0, ..ConsistencyOptions::default() };
-    assert_eq!(agree(&mut push, &mut pull, &rigid, &options, &generous).beyond, 0);
+    assert_eq!(
+        agree(&mut push, &mut pull, (&rigid, &beside_contact(&grid, &rigid).unwrap()), &options, &generous).beyond,
+        0
+    );
     // Where bones touch, misses are not counted: here everywhere.
     let plane = u.grid().strides()[2];
     let touching = |n: usize| Some((n / plane % 2) as u16);
-    let report = agree(&mut push, &mut pull, &touching, &options, &ConsistencyOptions::default());
+    let report = agree(
+        &mut push,
+        &mut pull,
+        (&touching, &beside_contact(&grid, &touching).unwrap()),
+        &options,
+        &ConsistencyOptions::default(),
+    );
     assert_eq!((report.there_and_back_mm.n, report.beyond_before), (0, 0));
     assert!(push.displacement == u && pull.displacement == v);
 }
@@ -87,7 +103,12 @@ fn misses_change_as_the_system_says() {
     let grid = push.displacement.grid().clone();
     let rigid = bone(&grid);
     let mut patch = Patch::new(&grid, &fraction);
-    patch.extend(&[grid.linear([20, 20, BONE - 1])], (&rigid, &Balls::new(&grid, [1.0; 3])), (&push, &pull), &exact);
+    patch.extend(
+        &[grid.linear([20, 20, BONE - 1])],
+        (&rigid, &Volume::filled(grid.clone(), false)),
+        (&push, &pull),
+        &exact,
+    );
     let rows = misses(&push, &pull, &patch.watched, 0.05..3.0);
     let system = System::new(&push, &pull, &rows, &patch, (0.5, 0.3));
     // A small move without pattern.
@@ -116,7 +137,7 @@ fn what_was_kept_stays_kept_where_nothing_may_move_any_more() {
     let grid = push.displacement.grid().clone();
     let mut patch = Patch::new(&grid, &fraction);
     let seed = grid.linear([20, 20, BONE - 3]);
-    patch.extend(&[seed], (&bone(&grid), &Balls::new(&grid, [1.0; 3])), (&push, &pull), &options);
+    patch.extend(&[seed], (&bone(&grid), &Volume::filled(grid.clone(), false)), (&push, &pull), &options);
     let steps = vec![Vector3::new(0.01, 0.02, -0.01); patch.movable.len() + 1];
     assert!(patch.advance(&steps, &mut push, &mut pull, &options).is_empty());
     let after = push.displacement.clone();
