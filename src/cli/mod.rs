@@ -10,6 +10,7 @@ mod inputs;
 mod inspect;
 mod links;
 mod organs;
+mod outputs;
 mod phantom;
 pub mod pose;
 mod register;

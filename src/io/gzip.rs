@@ -15,6 +15,8 @@ use zlib_rs::{DeflateConfig, DeflateFlush, Strategy};
 const MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Uncompressed bytes of one block.
 const BLOCK: usize = 1 << 20;
+/// zlib's greatest room for symbols: half as many tables of codes to make.
+const MOST_MEMORY: i32 = 9;
 /// Blocks compressed before they are written, which bounds the memory.
 const WAVE: usize = 64;
 
@@ -214,8 +216,13 @@ impl Deflate {
     /// block, which the search for strings does without at this level.
     fn new(level: u32, noisy: bool) -> Self {
         let strategy = if noisy && level == 1 { Strategy::Rle } else { Strategy::Default };
-        let config =
-            DeflateConfig { level: level.min(9) as i32, strategy, window_bits: -15, ..DeflateConfig::default() };
+        let config = DeflateConfig {
+            level: level.min(9) as i32,
+            strategy,
+            window_bits: -15,
+            mem_level: MOST_MEMORY,
+            ..DeflateConfig::default()
+        };
         Self { zlib: zlib_rs::Deflate::new_with_config(config), room: vec![0; BLOCK] }
     }
 

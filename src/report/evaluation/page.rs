@@ -1,11 +1,10 @@
 //! `evaluation.html`: one self-contained page. Marks stand beside figures; the reviewer's fields stay blank.
 
-use super::super::html::{head, review};
+use super::super::html::{data_url, head, review};
 use super::super::numbers::utc;
 use super::figures::{PARTS, rows};
 use super::text::marks;
 use super::{EvaluationPicture, EvaluationReport};
-use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Colours of the marks.
@@ -66,7 +65,7 @@ fn figure(p: &EvaluationPicture) -> Markup {
     html! {
         figure {
             h3 { (p.title) }
-            img alt=(p.title) src={ "data:image/png;base64," (STANDARD.encode(&p.png)) };
+            img alt=(p.title) src=(data_url(&p.png));
             figcaption { (p.caption) }
         }
     }

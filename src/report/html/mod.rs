@@ -89,13 +89,19 @@ fn colour_key() -> Markup {
     }
 }
 
+/// A PNG as the source of a picture inside the page.
+pub(super) fn data_url(png: &[u8]) -> Markup {
+    // Nothing in it needs escaping, which would look at every letter.
+    PreEscaped(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+}
+
 /// A picture as part of the page; nothing when it was not drawn.
 fn figure(picture: Option<&Picture>) -> Markup {
     html! {
         @if let Some(p) = picture {
             figure {
                 h3 { (p.title) }
-                img alt=(p.title) src={ "data:image/png;base64," (STANDARD.encode(&p.png)) };
+                img alt=(p.title) src=(data_url(&p.png));
                 figcaption { (p.caption) }
             }
         }

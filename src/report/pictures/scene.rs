@@ -67,13 +67,16 @@ fn regions(points: &[Point3<f64>], p: &Point3<f64>, grid: &Grid) -> [Region; 3] 
 fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Point3<f64>>) {
     let grid = outcome.body.grid();
     let every = grid.spacing().map(|s| ((POINTS_MM / s).round() as usize).max(1));
+    let along = |a: usize| (0..grid.size()[a]).step_by(every[a]);
     let (mut body, mut moved) = (Vec::new(), Vec::new());
-    for (l, _) in outcome.body.data().iter().enumerate().filter(|(_, inside)| **inside) {
-        let v = grid.voxel(l);
-        if v.iter().zip(every).all(|(c, n)| c % n == 0) {
-            let x = grid.centre(v);
-            body.push(x);
-            moved.extend([x + shift, x + Vector3::from(outcome.push.displacement.data()[l].map(f64::from))]);
+    for k in along(2) {
+        for j in along(1) {
+            for i in along(0).filter(|&i| *outcome.body.at([i, j, k])) {
+                let x = grid.centre([i, j, k]);
+                body.push(x);
+                let u = outcome.push.displacement.at([i, j, k]).map(f64::from);
+                moved.extend([x + shift, x + Vector3::from(u)]);
+            }
         }
     }
     (body, moved)

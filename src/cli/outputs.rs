@@ -1,0 +1,103 @@
+//! The fields, images and masks of a run as files.
+
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::io::{self, Stored, WriteOptions};
+use crate::pipeline::Outcome;
+use crate::report::OutputFile;
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Writes fields, images and masks side by side; returns what was written.
+pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<OutputFile>> {
+    let level = config.output.gzip_level;
+    let options = |description: &str| WriteOptions { gzip_level: level, description: description.into() };
+    let format = config.output.field_format;
+    let mut files = Files { folder: out, files: Vec::new() };
+    files.add(
+        &format!("planning_to_fraction.{}", format.extension()),
+        "push field on the planning grid, LPS mm: planning x goes to x + u(x)",
+        move |path| io::write_push(path, &outcome.push, format, level),
+    );
+    files.add(
+        &format!("fraction_to_planning.{}", format.extension()),
+        "pull field on the fraction grid, LPS mm: fraction y shows planning at y + v(y)",
+        move |path| io::write_pull(path, &outcome.pull, format, level),
+    );
+    files.add("planning_on_fraction.nii.gz", "planning CT on the fraction grid, int16 HU", move |path| {
+        let options = options("planning CT on the fraction grid");
+        io::write_image(path, &outcome.planning_on_fraction, Stored::Int16, &options)
+    });
+    files.add(
+        "bones_on_fraction.nii.gz",
+        "bone labels on the fraction grid, names in the header extension",
+        move |path| io::write_labels(path, &outcome.bones_on_fraction, &options("bone labels on the fraction grid")),
+    );
+    files.add(
+        "jacobian.nii.gz",
+        "V_deformed / V_initial on the planning grid; -1 folded, 1 outside tissue",
+        move |path| {
+            let options = options("Jacobian of planning to fraction");
+            io::write_image(path, &outcome.jacobian, Stored::Float32, &options)
+        },
+    );
+    for (name, mask, what) in [
+        ("body.nii.gz", &outcome.body, "patient in the planning CT, cavities filled"),
+        (
+            "computed.nii.gz",
+            &outcome.push.computed,
+            "planning voxels whose motion was computed; elsewhere the field is a smooth extension",
+        ),
+        (
+            "inside_planning.nii.gz",
+            &outcome.pull.inside,
+            "fraction voxels whose pre-image lies inside the planning scan",
+        ),
+    ] {
+        files.add(name, what, move |path| io::write_mask(path, mask, &options(what)));
+    }
+    if let Some(skin) = &outcome.skin_contact {
+        let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
+        files.add("skin_contact.nii.gz", what, move |path| io::write_mask(path, skin, &options(what)));
+    }
+    if let Some((map, _)) = &outcome.uncertainty {
+        let what = "how far the result may be trusted, on the planning grid, mm; 0 outside the patient";
+        files.add("uncertainty.nii.gz", what, move |path| {
+            io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))
+        });
+    }
+    if let Some(regions) = &outcome.regions {
+        let what = "regions of influence on the planning grid: label of the bone that each voxel follows";
+        files
+            .add("regions.nii.gz", what, move |path| io::write_labels(path, regions, &options("regions of influence")));
+    }
+    files.add("settings.toml", "the settings of this run, for --config", |path| {
+        let text = toml::to_string_pretty(config).map_err(|e| Error::Internal(format!("settings as TOML: {e}")))?;
+        io::write_file(path, |w| w.write_all(text.as_bytes()))
+    });
+    files.write()
+}
+
+/// Writes a file.
+type Writing<'a> = Box<dyn Fn(&Path) -> Result<()> + Sync + 'a>;
+
+/// Files of a folder, still to be written.
+struct Files<'a> {
+    folder: &'a Path,
+    files: Vec<(OutputFile, Writing<'a>)>,
+}
+
+impl<'a> Files<'a> {
+    fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
+        self.files.push((OutputFile { name: name.into(), what: what.into() }, Box::new(write)));
+    }
+
+    /// Writes them side by side, so that one thread can compress while another waits for the disk; of several failures the first
+    /// file's is told.
+    fn write(self) -> Result<Vec<OutputFile>> {
+        let written: Vec<Result<()>> =
+            self.files.par_iter().with_max_len(1).map(|(file, write)| write(&self.folder.join(&file.name))).collect();
+        written.into_iter().collect::<Result<()>>()?;
+        Ok(self.files.into_iter().map(|(file, _)| file).collect())
+    }
+}
