@@ -70,6 +70,15 @@ impl Runtime {
         out
     }
 
+    /// Runs both inside the thread pool, at the same time where there is a thread to spare.
+    pub fn beside<A: Send, B: Send>(
+        &self,
+        first: impl FnOnce() -> A + Send,
+        second: impl FnOnce() -> B + Send,
+    ) -> (A, B) {
+        self.pool.install(|| rayon::join(first, second))
+    }
+
     /// Forgets the stage times so far: the next run begins.
     pub fn restart(&self) {
         if let Ok(mut times) = self.times.lock() {

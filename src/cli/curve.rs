@@ -1,6 +1,6 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
-use super::inputs::{Flags, Inputs, PlanningSide};
+use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
 use super::register::{open_folder, progress};
 use crate::config::StudyPlan;
 use crate::error::{Error, Result};
@@ -109,7 +109,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         bone_landmarks: &None,
     };
     let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], runtime)?);
-    side.take(fraction, args.landmarks.as_deref(), &[], runtime)?;
+    side.take(FractionSide::read(fraction, args.landmarks.as_deref())?, &[]);
     Ok((fraction.display().to_string(), side.case))
 }
 

@@ -3,6 +3,7 @@
 use super::organs;
 use crate::config::RecordedInput;
 use crate::error::{Error, Result};
+use crate::evaluate::landmark::Landmark;
 use crate::geometry::Grid;
 use crate::io::{self, Loaded, checksum::sha256_file};
 use crate::pipeline::{Case, InputFile};
@@ -114,30 +115,38 @@ impl PlanningSide {
         Self { warnings: case.warnings.clone(), inputs: case.inputs.clone(), case }
     }
 
-    /// Reads a fraction, and landmarks of planning and this fraction, in place of those before.
-    pub(super) fn take(
-        &mut self,
-        fraction: &Path,
-        landmarks: Option<&Path>,
-        recorded: &[RecordedInput],
-        runtime: &Runtime,
-    ) -> Result<()> {
-        runtime.stage("read the fraction", || {
-            let image = io::read_image(fraction)?;
-            let mut own = vec![read("fraction", &image)];
-            if let Some(path) = landmarks {
-                self.case.landmarks = io::read_landmarks(path)?;
-                own.push(named("landmarks", path)?);
-            }
-            let found = changed(&own, recorded);
-            // Behind planning CT and bones.
-            self.case.inputs.clone_from(&self.inputs);
-            let at = self.case.inputs.len().min(2);
-            self.case.inputs.splice(at..at, own);
-            self.case.warnings = [self.warnings.as_slice(), &image.warnings, &found].concat();
-            self.case.fraction = image.value;
-            Ok(())
-        })
+    /// Takes a fraction, and landmarks of planning and this fraction, in place of those before.
+    pub(super) fn take(&mut self, fraction: FractionSide, recorded: &[RecordedInput]) {
+        let found = changed(&fraction.inputs, recorded);
+        // Behind planning CT and bones.
+        self.case.inputs.clone_from(&self.inputs);
+        let at = self.case.inputs.len().min(2);
+        self.case.inputs.splice(at..at, fraction.inputs);
+        self.case.warnings = [self.warnings.as_slice(), &fraction.image.warnings, &found].concat();
+        self.case.fraction = fraction.image.value;
+        if let Some(landmarks) = fraction.landmarks {
+            self.case.landmarks = landmarks;
+        }
+    }
+}
+
+/// What is read for one fraction.
+pub(super) struct FractionSide {
+    image: Loaded<Volume<f32>>,
+    landmarks: Option<Vec<Landmark>>,
+    inputs: Vec<InputFile>,
+}
+
+impl FractionSide {
+    /// Reads a fraction, and landmarks of planning and this fraction.
+    ///
+    /// # Errors
+    /// When a file cannot be read or used.
+    pub(super) fn read(fraction: &Path, landmarks: Option<&Path>) -> Result<Self> {
+        let image = io::read_image(fraction)?;
+        let mut inputs = vec![read("fraction", &image)];
+        inputs.extend(landmarks.map(|path| named("landmarks", path)).transpose()?);
+        Ok(Self { image, landmarks: landmarks.map(io::read_landmarks).transpose()?, inputs })
     }
 }
 

@@ -1,15 +1,15 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
-use super::inputs::{Flags, Inputs, PlanningSide, either, missing};
+use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, either, missing};
+use super::outputs::write_outputs;
 use super::terminal::Terminal;
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
-use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{Case, Outcome, Planning, memory_estimate, register, register_fraction};
 use crate::progress::{Progress, Silent};
-use crate::report::{self, OutputFile, Run};
+use crate::report::{self, Run};
 use crate::runtime::Runtime;
 use crate::volume::region::RegionOptions;
 use std::collections::BTreeSet;
@@ -40,11 +40,13 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let mut side = PlanningSide::new(inputs.load(&recorded, &runtime)?);
     let mut planning = None;
     let mut texts = Vec::new();
-    for one in &fractions {
+    let mut ahead = None;
+    for (n, one) in fractions.iter().enumerate() {
         if planning.is_some() {
             runtime.restart();
         }
-        side.take(&one.file, one.landmarks.as_deref(), &file.inputs, &runtime)?;
+        let read = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| one.read()))?;
+        side.take(read, &file.inputs);
         let expected = memory_estimate(side.case.planning.grid(), side.case.fraction.grid(), &config);
         runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
         within_memory(expected, args.max_memory)?;
@@ -58,7 +60,13 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
         let out = if fractions.len() > 1 { args.out.join(&one.name) } else { args.out.clone() };
         open_folder(&out)?;
-        texts.push(write_run(&side.case, outcome, &config, &runtime, &out, args.run.json)?);
+        // The next one is read meanwhile: disks and networks take their time.
+        let text;
+        (text, ahead) = runtime.beside(
+            || write_run(&side.case, outcome, &config, &runtime, &out, args.run.json),
+            || fractions.get(n + 1).map(Fraction::read),
+        );
+        texts.push(text?);
     }
     Ok(match (texts.len(), args.run.json) {
         (1, _) => texts.swap_remove(0),
@@ -98,6 +106,12 @@ struct Fraction {
     name: String,
     file: PathBuf,
     landmarks: Option<PathBuf>,
+}
+
+impl Fraction {
+    fn read(&self) -> Result<FractionSide> {
+        FractionSide::read(&self.file, self.landmarks.as_deref())
+    }
 }
 
 /// The fractions that the arguments name, else the one of the recorded run.
@@ -220,73 +234,4 @@ pub(super) fn open_folder(folder: &Path) -> Result<()> {
     let probe = folder.join(".aventail-probe");
     std::fs::write(&probe, []).map_err(refuse)?;
     std::fs::remove_file(&probe).map_err(refuse)
-}
-
-/// Writes fields, images and masks; returns what was written.
-fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<OutputFile>> {
-    let level = config.output.gzip_level;
-    let options = |description: &str| WriteOptions { gzip_level: level, description: description.into() };
-    let field = |stem: &str| format!("{stem}.{}", config.output.field_format.extension());
-    let mut files = Vec::new();
-    let mut add = |name: String, what: &str| {
-        files.push(OutputFile { name: name.clone(), what: what.into() });
-        out.join(name)
-    };
-    io::write_push(
-        add(field("planning_to_fraction"), "push field on the planning grid, LPS mm: planning x goes to x + u(x)"),
-        &outcome.push,
-        config.output.field_format,
-        level,
-    )?;
-    io::write_pull(
-        add(
-            field("fraction_to_planning"),
-            "pull field on the fraction grid, LPS mm: fraction y shows planning at y + v(y)",
-        ),
-        &outcome.pull,
-        config.output.field_format,
-        level,
-    )?;
-    let path = add("planning_on_fraction.nii.gz".into(), "planning CT on the fraction grid, int16 HU");
-    io::write_image(path, &outcome.planning_on_fraction, Stored::Int16, &options("planning CT on the fraction grid"))?;
-    let path =
-        add("bones_on_fraction.nii.gz".into(), "bone labels on the fraction grid, names in the header extension");
-    io::write_labels(path, &outcome.bones_on_fraction, &options("bone labels on the fraction grid"))?;
-    let path =
-        add("jacobian.nii.gz".into(), "V_deformed / V_initial on the planning grid; -1 folded, 1 outside tissue");
-    io::write_image(path, &outcome.jacobian, Stored::Float32, &options("Jacobian of planning to fraction"))?;
-    for (name, mask, what) in [
-        ("body.nii.gz", &outcome.body, "patient in the planning CT, cavities filled"),
-        (
-            "computed.nii.gz",
-            &outcome.push.computed,
-            "planning voxels whose motion was computed; elsewhere the field is a smooth extension",
-        ),
-        (
-            "inside_planning.nii.gz",
-            &outcome.pull.inside,
-            "fraction voxels whose pre-image lies inside the planning scan",
-        ),
-    ] {
-        io::write_mask(add(name.into(), what), mask, &options(what))?;
-    }
-    if let Some(skin) = &outcome.skin_contact {
-        let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
-        io::write_mask(add("skin_contact.nii.gz".into(), what), skin, &options(what))?;
-    }
-    if let Some((map, _)) = &outcome.uncertainty {
-        let path = add(
-            "uncertainty.nii.gz".into(),
-            "how far the result may be trusted, on the planning grid, mm; 0 outside the patient",
-        );
-        io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))?;
-    }
-    if let Some(regions) = &outcome.regions {
-        let what = "regions of influence on the planning grid: label of the bone that each voxel follows";
-        io::write_labels(add("regions.nii.gz".into(), what), regions, &options("regions of influence"))?;
-    }
-    let path = add("settings.toml".into(), "the settings of this run, for --config");
-    let text = toml::to_string_pretty(config).map_err(|e| Error::Internal(format!("settings as TOML: {e}")))?;
-    io::write_file(path, |w| w.write_all(text.as_bytes()))?;
-    Ok(files)
 }
