@@ -103,3 +103,28 @@ fn what_cannot_be_is_refused_early() {
     refused(Register::phantom("b").with("--roi", "1,2,3,0,5,6"), "--roi");
     refused(Register::phantom("l").with("--fraction", second()).with("--landmarks", &phantom().landmarks), "landmarks");
 }
+
+#[test]
+fn a_missing_fraction_is_found_before_the_first_is_registered() {
+    let register = Register::phantom("missing").with("--fraction", "nowhere.nii.gz");
+    let run = register.command().assert().code(3);
+    let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert!(message.contains("nowhere.nii.gz") && message.contains("remedy"), "{message}");
+    assert_eq!(files_below(&register.out), [""; 0]);
+}
+
+#[test]
+fn a_damaged_fraction_leaves_the_results_before_it_whole() {
+    let damaged = folder().join("cut.nii.gz");
+    fs::write(&damaged, &fs::read(second()).unwrap()[..20_000]).unwrap();
+    let register = Register::phantom("damaged_run").with("--fraction", &damaged).flag("-q");
+    let run = register.command().assert().code(3);
+    let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert!(message.contains("cut.nii.gz"), "{message}");
+    let alone = Register::phantom("before_damaged").flag("-q");
+    alone.command().assert().success();
+    let (all, whole) = (files_below(&register.out), files_below(&alone.out));
+    assert_eq!(all.len(), whole.len(), "{all:?}");
+    let field = |out: &Path| fs::read(out.join("planning_to_fraction.nii.gz")).unwrap();
+    assert_eq!(field(&register.out.join("fraction_ct")), field(&alone.out));
+}

@@ -7,6 +7,7 @@ use super::terminal::Terminal;
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
+use crate::io;
 use crate::pipeline::{Case, Outcome, Planning, memory_estimate, register, register_fraction};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, Run};
@@ -35,6 +36,10 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
     let fractions = fractions(args, &file)?;
+    // The last one is read when all others are registered.
+    for path in fractions.iter().flat_map(|one| [Some(&one.file), one.landmarks.as_ref()]).flatten() {
+        io::checksum::require_file(path)?;
+    }
     open_folder(&args.out)?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let mut side = PlanningSide::new(inputs.load(&recorded, &runtime)?);

@@ -18,6 +18,14 @@ pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
     Ok(hex(&hash.finalize()))
 }
 
+/// Whether a file can be opened, for those that are read long after the work has begun.
+///
+/// # Errors
+/// [`Error::Read`] when the file is missing, a folder or unreadable.
+pub fn require_file(path: impl AsRef<Path>) -> Result<()> {
+    open(path.as_ref()).map(drop)
+}
+
 /// SHA-256 of bytes, as 64 hexadecimal digits.
 pub fn sha256(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
