@@ -11,7 +11,7 @@ use super::options::ChainmailOptions;
 use super::pull::ImagePull;
 use super::relax::Relaxation;
 use super::untangle::{around, tangled};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
 use crate::progress::Progress;
@@ -79,6 +79,13 @@ impl Mail {
     ) -> Result<(Arc<Lattice>, Volume<[f32; 3]>)> {
         let turns = rotation_matrices(bones.transforms);
         let mut growth = Growth::new(&options.volume_change, tissue)?;
+        let mut relaxed = |level: &Level, from: &[[f32; 3]], rounds| {
+            let lattice = &*level.lattice;
+            growth.enter(lattice, tissue);
+            let (rest, loose) = level.resting()?;
+            let relaxation = Relaxation::new((lattice, rest), from, &turns, options.poisson);
+            Ok::<_, Error>(relax(relaxation, (lattice, loose), rounds, &mut growth, image))
+        };
         let steps = options.relaxation.len() + 2;
         // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
         let mut change: Option<Volume<[f32; 3]>> = None;
@@ -87,10 +94,7 @@ impl Mail {
             let level = self.at(spacing)?;
             let lattice = &level.lattice;
             let start = start(level, bones, options, change.as_ref());
-            growth.enter(lattice, tissue);
-            let (rest, loose) = level.resting()?;
-            let relaxation = Relaxation::new((lattice, rest), &start.0, &turns, options.poisson);
-            let relaxed = relax(relaxation, (lattice, loose), rounds, &mut growth, image);
+            let relaxed = relaxed(level, &start.0, rounds)?;
             let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
                 .map(|n| {
                     (lattice.node[n] != Node::Outside).then(|| std::array::from_fn(|a| relaxed[n][a] - start.1[n][a]))
@@ -106,10 +110,7 @@ impl Mail {
         let lattice = &level.lattice;
         let (mut displacement, _) = start(level, bones, options, change.as_ref());
         if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
-            growth.enter(lattice, tissue);
-            let (rest, loose) = level.resting()?;
-            let relaxation = Relaxation::new((lattice, rest), &displacement, &turns, options.poisson);
-            displacement = relax(relaxation, (lattice, loose), rounds, &mut growth, image);
+            displacement = relaxed(level, &displacement, rounds)?;
         }
         let known: Vec<Option<[f32; 3]>> =
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();

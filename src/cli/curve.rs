@@ -109,7 +109,8 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         bone_landmarks: &None,
     };
     let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], runtime)?);
-    side.take(FractionSide::read(fraction, args.landmarks.as_deref())?, &[]);
+    let read = || FractionSide::read(fraction, args.landmarks.as_deref());
+    side.take(runtime.stage("read the fraction", read)?, &[]);
     Ok((fraction.display().to_string(), side.case))
 }
 

@@ -77,41 +77,36 @@ impl<'a> MovedBones<'a> {
     }
 }
 
+/// The box around two boxes.
+fn around(a: Corners, b: Corners) -> Corners {
+    [std::array::from_fn(|c| a[0][c].min(b[0][c])), std::array::from_fn(|c| a[1][c].max(b[1][c]))]
+}
+
 /// The box of voxels of every label.
 fn boxes(labels: &Volume<u16>) -> Vec<Option<Corners>> {
-    let [nx, ny, nz] = labels.grid().size();
-    let join = |mut a: Vec<Option<Corners>>, b: Vec<Option<Corners>>| {
-        if a.len() < b.len() {
-            a.resize(b.len(), None);
+    let [nx, ny, _] = labels.grid().size();
+    let add = |out: &mut Vec<Option<Corners>>, label: usize, more: Corners| {
+        if out.len() <= label {
+            out.resize(label + 1, None);
         }
-        for (a, b) in a.iter_mut().zip(b) {
-            *a = match (*a, b) {
-                (Some(a), Some(b)) => Some([0, 1].map(|side| {
-                    let pick = if side == 0 { usize::min } else { usize::max };
-                    [0, 1, 2].map(|c| pick(a[side][c], b[side][c]))
-                })),
-                (a, b) => a.or(b),
-            };
-        }
-        a
+        out[label] = Some(out[label].map_or(more, |known| around(known, more)));
     };
-    let of_plane = |k: usize| {
-        let mut out: Vec<Option<Corners>> = Vec::new();
-        for (j, line) in labels.data()[k * nx * ny..(k + 1) * nx * ny].chunks(nx).enumerate() {
+    let of_plane = |(k, plane): (usize, &[u16])| {
+        let mut out = Vec::new();
+        for (j, line) in plane.chunks(nx).enumerate() {
             for (i, &label) in line.iter().enumerate().filter(|(_, l)| **l > 0) {
-                let label = usize::from(label);
-                if out.len() <= label {
-                    out.resize(label + 1, None);
-                }
-                let [low, high] = out[label].get_or_insert([[i, j, k]; 2]);
-                for (a, at) in [i, j, k].into_iter().enumerate() {
-                    (low[a], high[a]) = (low[a].min(at), high[a].max(at));
-                }
+                add(&mut out, usize::from(label), [[i, j, k]; 2]);
             }
         }
         out
     };
-    (0..nz).into_par_iter().map(of_plane).reduce(Vec::new, join)
+    let join = |mut all: Vec<Option<Corners>>, own: Vec<Option<Corners>>| {
+        for (label, own) in own.into_iter().enumerate() {
+            own.into_iter().for_each(|own| add(&mut all, label, own));
+        }
+        all
+    };
+    labels.data().par_chunks(nx * ny).enumerate().map(of_plane).reduce(Vec::new, join)
 }
 
 /// The fraction voxels that a moved box of planning voxels can reach.

@@ -24,8 +24,8 @@ pub enum Stored {
 /// How files are written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Gzip level, 0 (none) to 9 (smallest). Level 1 has fixed Huffman codes, which can make float32 vectors larger than
-    /// they are raw; 2 is the fastest without.
+    /// Gzip level, 0 (none) to 9 (smallest). Level 1 looks for nothing but runs of a byte in fields, whose numbers repeat
+    /// nothing else.
     pub gzip_level: u32,
     /// Free text for the header, for example what the image is; NIfTI keeps 79 bytes of it.
     pub description: String,

@@ -91,8 +91,8 @@ impl Resting {
         runtime.stage(LINKING, || {
             let options = &config.chainmail;
             let mapped = mapped && config.output.uncertainty;
+            let bone_of_label = bone_of_label(skeleton);
             let mail = || {
-                let bone_of_label = bone_of_label(skeleton);
                 let alone = (mapped && images_pull(config)).then(|| alone_mm(options));
                 Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
             };
@@ -107,7 +107,6 @@ impl Resting {
             };
             let mail = || wanted.then(mail).transpose();
             let contact = || {
-                let bone_of_label = bone_of_label(skeleton);
                 let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
                 field::beside_contact(case.bones.volume.grid(), &bone)
             };
