@@ -9,6 +9,7 @@ use super::RefineOptions;
 use super::planning::{Planning, Shown, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
+use crate::stats::gain_and_offset;
 use crate::volume::{Volume, gaussian};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -147,14 +148,9 @@ fn grey_values(pairs: &[(f64, f64)]) -> (f64, f64, f64) {
     let (mut gain, mut offset, mut noise) = (1.0, 0.0, f64::MAX);
     for _ in 0..3 {
         let limit = 3.0 * noise;
-        let mut s = [0f64; 5];
-        for (p, f) in pairs.iter().filter(|(p, f)| (p - gain * f - offset).abs() < limit) {
-            s = [s[0] + 1.0, s[1] + f, s[2] + p, s[3] + f * f, s[4] + f * p];
-        }
-        let variance = s[3] - s[1] * s[1] / f64::max(s[0], 1.0);
-        if variance > 1.0 {
-            gain = ((s[4] - s[1] * s[2] / s[0]) / variance).clamp(0.7, 1.4);
-            offset = (s[2] - gain * s[1]) / s[0];
+        let near = pairs.iter().copied().filter(|(p, f)| (p - gain * f - offset).abs() < limit);
+        if let Some(line) = gain_and_offset(near) {
+            (gain, offset) = line;
         }
         let mut left: Vec<f64> = pairs.iter().map(|(p, f)| (p - gain * f - offset).abs()).collect();
         let middle = left.len() / 2;

@@ -1,8 +1,10 @@
-//! Summaries of a slice: mean, percentiles, extremes.
+//! Summaries of a slice: mean, percentiles, extremes; lines between grey values.
 
 mod bins;
+mod grey;
 
 pub use bins::Bins;
+pub use grey::gain_and_offset;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

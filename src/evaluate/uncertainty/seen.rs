@@ -4,6 +4,7 @@ use super::Evidence;
 use super::side::{AVERAGE_MM, WINDOW_HU};
 use crate::error::Result;
 use crate::geometry::vectorised;
+use crate::stats::gain_and_offset;
 use crate::volume::{Volume, gaussian, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -14,6 +15,8 @@ const NOISE_GRADIENT: f64 = 10.0;
 const FLOOR_MM: f64 = 0.1;
 /// Scale of the product, so that two thirds of errors are smaller.
 const SCALE: f64 = 0.5;
+/// HU inside this much of 0 enter the fit of gain and offset: not the window's ends.
+const MIDDLE_HU: f32 = 200.0;
 /// Share of the neighbourhood that both images must show to speak.
 const LEAST_SEEN: f32 = 0.05;
 
@@ -22,7 +25,8 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
     let grid = &e.side.grid;
     let fraction: Vec<Option<[f32; 8]>> = e.side.soft.par_iter().map(|(n, _)| shown(e, *n as usize)).collect();
     let pairs = || e.side.soft.iter().zip(&fraction).filter_map(|((n, p), f)| Some((*n as usize, p, f.as_ref()?)));
-    let (gain, offset) = grey_values(pairs().flat_map(|(_, p, f)| p.iter().zip(f)));
+    let middle = pairs().flat_map(|(_, p, f)| p.iter().zip(f)).filter(|(p, f)| p.abs().max(f.abs()) < MIDDLE_HU);
+    let (gain, offset) = gain_and_offset(middle.map(|(p, f)| (f64::from(*p), f64::from(*f)))).unwrap_or((1.0, 0.0));
     let (mut weight, mut difference) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
     for (n, p, f) in pairs() {
         let sum: f64 = p.iter().zip(f).map(|(p, f)| (f64::from(*p) - gain * f64::from(*f) - offset).powi(2)).sum();
@@ -69,24 +73,4 @@ fn shown(e: &Evidence<'_>, n: usize) -> Option<[f32; 8]> {
             Some(values)
         },
     )
-}
-
-/// HU inside this much of 0 enter the fit of gain and offset: not the window's ends.
-const MIDDLE_HU: f32 = 200.0;
-
-/// Gain and offset of the fraction's grey values that fit planning best, from pairs of planning and fraction HU.
-fn grey_values<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>) -> (f64, f64) {
-    let mut s = [0f64; 5];
-    for (p, f) in pairs {
-        if p.abs() < MIDDLE_HU && f.abs() < MIDDLE_HU {
-            let (p, f) = (f64::from(*p), f64::from(*f));
-            s = [s[0] + 1.0, s[1] + f, s[2] + p, s[3] + f * f, s[4] + f * p];
-        }
-    }
-    let variance = s[3] - s[1] * s[1] / s[0].max(1.0);
-    if variance < 1.0 {
-        return (1.0, 0.0);
-    }
-    let gain = ((s[4] - s[1] * s[2] / s[0]) / variance).clamp(0.7, 1.4);
-    (gain, (s[2] - gain * s[1]) / s[0])
 }
