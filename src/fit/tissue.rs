@@ -5,7 +5,7 @@
 //! nor the image's edge bleeds into bone.
 
 use crate::geometry::Grid;
-use crate::volume::{Volume, cubic, gaussian, trilinear};
+use crate::volume::{Volume, cubic, gaussian_ratio};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -19,9 +19,12 @@ const METAL_HU: f32 = 2000.0;
 pub struct Tissue {
     /// Blurred HU; in air the blurred value of the tissue near it.
     pub value: Volume<f32>,
-    /// 1 in tissue, 0 in air.
-    pub valid: Volume<f32>,
+    /// Share of tissue: [`ALL`] in tissue, 0 in air.
+    pub valid: Volume<u8>,
 }
+
+/// A voxel of nothing but tissue.
+const ALL: u8 = u8::MAX;
 
 /// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them.
 const BLOCK: f64 = 0.5;
@@ -30,17 +33,18 @@ impl Tissue {
     /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
         let block = ct.grid().spacing().map(|s| ((BLOCK * sigma / s).floor() as usize).max(1));
-        let (sum, share) = averaged(ct, block);
         // What the blocks have blurred already (variance of a box) is not blurred again.
         let widest =
             (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
         let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
-        let mut value = gaussian(&sum, rest);
-        let weight = gaussian(&share, rest);
-        value.data_mut().par_iter_mut().zip(weight.data()).for_each(|(v, &w)| {
-            *v = if w > 1e-3 { *v / w } else { AIR_HU };
-        });
-        Self { value, valid: share }
+        let normalised = |hu: f32, share: f32| if share > 1e-3 { hu / share } else { AIR_HU };
+        if block == [1; 3] {
+            let value = gaussian_ratio((ct, hu), (ct, amount), rest, normalised);
+            return Self { value, valid: ct.map(|v| if *v > AIR_HU { ALL } else { 0 }) };
+        }
+        let (sum, share) = averaged(ct, block);
+        let value = gaussian_ratio((&sum, |hu| hu), (&share, |share| share), rest, normalised);
+        Self { value, valid: share.map(|s| (s * f32::from(ALL) + 0.5) as u8) }
     }
 
     /// Blurred HU at a world position, where that is tissue.
@@ -49,7 +53,7 @@ impl Tissue {
         let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
         // Voxel centres of the fine grid reach up to half a block beyond those of the blocks.
         let index = grid.index(world).zip_map(&last, |i, l| i.clamp(0.0, l));
-        (trilinear(&self.valid, &index)? > 0.5).then(|| cubic(&self.value, &index).map(|v| v.0)).flatten()
+        (self.share(&index).0 > 0.5).then(|| cubic(&self.value, &index).map(|v| v.0)).flatten()
     }
 
     /// Visibility of a continuous index and its derivative per index step: 1 in tissue, 0 in air and outside, with a
@@ -60,11 +64,51 @@ impl Tissue {
         if edge <= 0.0 {
             return (0.0, Vector3::zeros());
         }
-        let (tissue, slope) = trilinear_slope(&self.valid, index);
+        let (tissue, slope) = self.share(index);
         // Half-filled cells hold partial volume: only the inner half of the ramp counts.
         let (w, dw) = if tissue > 0.5 { (2.0 * tissue - 1.0, slope * 2.0) } else { (0.0, Vector3::zeros()) };
         (edge * w, edge_slope * w + dw * edge)
     }
+
+    /// Share of tissue at an index inside the image, and its slope, trilinear.
+    #[inline(always)]
+    fn share(&self, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let grid = self.valid.grid();
+        let (size, strides) = (grid.size(), grid.strides());
+        let low: [usize; 3] = std::array::from_fn(|a| (index[a] as usize).min(size[a].saturating_sub(2)));
+        let up: [usize; 3] = std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 });
+        let base = grid.linear(low);
+        let corner = |c: usize| self.valid.data()[base + (c & 1) * up[0] + (c >> 1 & 1) * up[1] + (c >> 2 & 1) * up[2]];
+        let corners: [u8; 8] = std::array::from_fn(corner);
+        // Nearly all of a bone lies where there is nothing else.
+        if corners == [ALL; 8] {
+            return (1.0, Vector3::zeros());
+        }
+        let t: [f64; 3] = std::array::from_fn(|a| index[a] - low[a] as f64);
+        let (mut value, mut slope) = (0.0, Vector3::zeros());
+        for (c, x) in corners.into_iter().enumerate() {
+            let x = f64::from(x) / f64::from(ALL);
+            let high = |a: usize| c >> a & 1 == 1;
+            let w: [f64; 3] = std::array::from_fn(|a| if high(a) { t[a] } else { 1.0 - t[a] });
+            value += x * w[0] * w[1] * w[2];
+            for a in 0..3 {
+                slope[a] += x * if high(a) { 1.0 } else { -1.0 } * w[(a + 1) % 3] * w[(a + 2) % 3];
+            }
+        }
+        (value, slope)
+    }
+}
+
+/// What a voxel adds to a sum over tissue: its HU, with metal cut; nothing in air.
+#[inline(always)]
+fn hu(v: f32) -> f32 {
+    if v > AIR_HU { v.min(METAL_HU) } else { 0.0 }
+}
+
+/// What it adds to the amount of tissue.
+#[inline(always)]
+fn amount(v: f32) -> f32 {
+    if v > AIR_HU { 1.0 } else { 0.0 }
 }
 
 /// Block means of tissue HU (0 in air) and of the share of tissue, on the grid of the blocks' centres.
@@ -86,18 +130,14 @@ fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
                 let blocks = &mut tally[size[0] * (fj / block[1])..];
                 for (block, voxels) in blocks.iter_mut().zip(ct.data()[start..start + fine.size()[0]].chunks(block[0]))
                 {
-                    let [hu, tissue, all] = block;
                     for &v in voxels {
-                        let tissue_here = v > AIR_HU;
-                        *all += 1.0;
-                        *hu += if tissue_here { v.min(METAL_HU) } else { 0.0 };
-                        *tissue += if tissue_here { 1.0 } else { 0.0 };
+                        *block = [block[0] + hu(v), block[1] + amount(v), block[2] + 1.0];
                     }
                 }
             }
         }
-        for ((s, m), [hu, tissue, all]) in sum.iter_mut().zip(share).zip(tally) {
-            (*s, *m) = (*hu / *all, *tissue / *all);
+        for ((s, m), [hu, share, all]) in sum.iter_mut().zip(share).zip(tally) {
+            (*s, *m) = (*hu / *all, *share / *all);
         }
     };
     let planes = sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate();
@@ -119,28 +159,4 @@ fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
         }
     }
     (w[0] * w[1] * w[2], Vector3::new(d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2]))
-}
-
-/// Trilinear value and slope at an index strictly inside the image.
-#[inline(always)]
-fn trilinear_slope(v: &Volume<f32>, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
-    let size = v.grid().size();
-    let low: [usize; 3] = std::array::from_fn(|a| (index[a] as usize).min(size[a].saturating_sub(2)));
-    let t: [f64; 3] = std::array::from_fn(|a| index[a] - low[a] as f64);
-    let strides = v.grid().strides();
-    let base = v.grid().linear(low);
-    let mut value = 0.0;
-    let mut slope = Vector3::zeros();
-    for c in 0..8 {
-        let up = [c & 1, c >> 1 & 1, c >> 2];
-        let at = base + (0..3).map(|a| if size[a] > 1 { up[a] * strides[a] } else { 0 }).sum::<usize>();
-        let x = f64::from(v.data()[at]);
-        let w: [f64; 3] = std::array::from_fn(|a| if up[a] == 1 { t[a] } else { 1.0 - t[a] });
-        value += x * w[0] * w[1] * w[2];
-        for a in 0..3 {
-            let sign = if up[a] == 1 { 1.0 } else { -1.0 };
-            slope[a] += x * sign * w[(a + 1) % 3] * w[(a + 2) % 3];
-        }
-    }
-    (value, slope)
 }

@@ -13,7 +13,7 @@ mod smooth;
 pub use cubic::cubic;
 pub use interpolate::{Surrounding, axis_pairs, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
-pub use smooth::gaussian;
+pub use smooth::{gaussian, gaussian_ratio};
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

@@ -8,33 +8,83 @@ use rayon::prelude::*;
 ///
 /// An axis whose spacing exceeds three sigma is left as it is: the sampled kernel would be a single voxel.
 pub fn gaussian(volume: &Volume<f32>, sigma: f64) -> Volume<f32> {
-    let [nx, ny, nz] = volume.grid().size();
-    let [across, down, through] = volume.grid().spacing().map(|s| kernel(sigma / s));
-    let plane = nx * ny;
+    let blur = Blur::new(volume, sigma);
     let mut out = vec![0f32; volume.data().len()];
-    // Plane by plane, so that only the result is as large as the image: between planes first, the rest in the cache.
-    out.par_chunks_mut(plane).enumerate().for_each_init(Vec::new, |spare: &mut Vec<f32>, (k, out)| {
+    out.par_chunks_mut(blur.plane()).enumerate().for_each_init(Vec::new, |spare, (k, out)| {
         vectorised(
             #[inline(always)]
-            || {
-                let source = |k: usize| &volume.data()[k * plane..][..plane];
-                sum_lines(out, &through, (k, nz), source);
-                if down.len() > 1 {
-                    spare.resize(plane, 0.0);
-                    for (j, row) in spare.chunks_mut(nx).enumerate() {
-                        sum_lines(row, &down, (j, ny), |j| &out[j * nx..][..nx]);
-                    }
-                    out.copy_from_slice(spare);
-                }
-                if across.len() > 1 {
-                    spare.clear();
-                    spare.extend_from_slice(out);
-                    out.chunks_mut(nx).zip(spare.chunks(nx)).for_each(|(row, from)| along_row(row, from, &across));
-                }
-            },
+            || blur.of_plane(out, spare, k, volume.data(), same),
         )
     });
     Volume::new(volume.grid().clone(), out).expect("same grid, same length")
+}
+
+/// A [`gaussian`] over another, voxel by voxel, of which neither is kept: `value` is taken of the two. Each of the two images
+/// is given with what counts of its voxels; they share a grid.
+pub fn gaussian_ratio(
+    (over, of_over): (&Volume<f32>, impl Fn(f32) -> f32 + Copy + Sync),
+    (under, of_under): (&Volume<f32>, impl Fn(f32) -> f32 + Copy + Sync),
+    sigma: f64,
+    value: impl Fn(f32, f32) -> f32 + Sync,
+) -> Volume<f32> {
+    let blur = Blur::new(over, sigma);
+    let mut out = vec![0f32; over.data().len()];
+    let rooms = || (vec![0f32; blur.plane()], Vec::new());
+    out.par_chunks_mut(blur.plane()).enumerate().for_each_init(rooms, |(below, spare), (k, out)| {
+        vectorised(
+            #[inline(always)]
+            || {
+                blur.of_plane(out, spare, k, over.data(), of_over);
+                blur.of_plane(below, spare, k, under.data(), of_under);
+                out.iter_mut().zip(below).for_each(|(o, b)| *o = value(*o, *b));
+            },
+        )
+    });
+    Volume::new(over.grid().clone(), out).expect("same grid, same length")
+}
+
+#[inline(always)]
+fn same(value: f32) -> f32 {
+    value
+}
+
+/// A blur of images of one grid, plane by plane, so that only the result is as large as the image: between planes first, the
+/// rest in the cache.
+struct Blur {
+    size: [usize; 3],
+    kernels: [Vec<f32>; 3],
+}
+
+impl Blur {
+    fn new(volume: &Volume<f32>, sigma: f64) -> Self {
+        let grid = volume.grid();
+        Self { size: grid.size(), kernels: grid.spacing().map(|s| kernel(sigma / s)) }
+    }
+
+    /// Voxels of a plane.
+    fn plane(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// Plane `k` of the blurred image; `value` counts of each of its voxels.
+    #[inline(always)]
+    fn of_plane(&self, out: &mut [f32], spare: &mut Vec<f32>, k: usize, data: &[f32], value: impl Fn(f32) -> f32) {
+        let ([nx, ny, nz], plane) = (self.size, self.plane());
+        let [across, down, through] = &self.kernels;
+        sum_lines(out, through, (k, nz), |k| &data[k * plane..][..plane], value);
+        if down.len() > 1 {
+            spare.resize(plane, 0.0);
+            for (j, row) in spare.chunks_mut(nx).enumerate() {
+                sum_lines(row, down, (j, ny), |j| &out[j * nx..][..nx], same);
+            }
+            out.copy_from_slice(spare);
+        }
+        if across.len() > 1 {
+            spare.clear();
+            spare.extend_from_slice(out);
+            out.chunks_mut(nx).zip(spare.chunks(nx)).for_each(|(row, from)| along_row(row, from, across));
+        }
+    }
 }
 
 /// Normalised half kernel, centre first, cut at three sigma.
@@ -48,17 +98,23 @@ fn kernel(sigma_voxels: f64) -> Vec<f32> {
     raw.iter().map(|v| (v / sum) as f32).collect()
 }
 
-/// The convolution at line `at` of `count`; `line` gives the lines.
+/// The convolution at line `at` of `count`; `line` gives the lines, `value` what counts of their voxels.
 ///
 /// Memory that is fresh from the system must be written before it is read: else every page of it faults twice.
 #[inline(always)]
-fn sum_lines<'a>(out: &mut [f32], kernel: &[f32], (at, count): (usize, usize), line: impl Fn(usize) -> &'a [f32]) {
+fn sum_lines<'a>(
+    out: &mut [f32],
+    kernel: &[f32],
+    (at, count): (usize, usize),
+    line: impl Fn(usize) -> &'a [f32],
+    value: impl Fn(f32) -> f32,
+) {
     for (d, &w) in kernel.iter().enumerate() {
         let (before, after) = (line(at.saturating_sub(d)), line((at + d).min(count - 1)));
         if d == 0 {
-            out.iter_mut().zip(before).for_each(|(o, b)| *o = w * b);
+            out.iter_mut().zip(before).for_each(|(o, b)| *o = w * value(*b));
         } else {
-            out.iter_mut().zip(before).zip(after).for_each(|((o, b), a)| *o += w * (b + a));
+            out.iter_mut().zip(before).zip(after).for_each(|((o, b), a)| *o += w * (value(*b) + value(*a)));
         }
     }
 }
@@ -90,6 +146,17 @@ fn along_row(out: &mut [f32], from: &[f32], kernel: &[f32]) {
 mod tests {
     use super::*;
     use crate::geometry::Grid;
+
+    #[test]
+    fn a_ratio_is_the_quotient_of_both_blurred() {
+        let grid = Grid::axis_aligned([9, 7, 5], [1.0, 1.5, 2.0], [0.0; 3]).unwrap();
+        let image = Volume::from_fn(grid.clone(), |l| ((l * 37) % 101) as f32 - 30.0);
+        let (high, known) = (|v: f32| if v > 0.0 { v } else { 0.0 }, |v: f32| if v > 0.0 { 1.0 } else { 0.0 });
+        let (over, under) = (gaussian(&image.map(|v| high(*v)), 1.3), gaussian(&image.map(|v| known(*v)), 1.3));
+        let quotient = over.data().iter().zip(under.data()).map(|(o, u)| o / u);
+        let ratio = gaussian_ratio((&image, high), (&image, known), 1.3, |o, u| o / u);
+        assert!(ratio.data().iter().zip(quotient).all(|(r, q)| (r - q).abs() < 1e-5));
+    }
 
     #[test]
     fn keeps_constants_and_widens_a_point_by_sigma() {
