@@ -4,7 +4,7 @@ use super::Scene;
 use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs, propagate, spread};
 use crate::error::{Error, Result};
 use crate::evaluate::jacobian as characteristics;
-use crate::field::{FieldFormat, InvertOptions, invert, jacobian, jacobian_and_folds, warp_image, warp_labels};
+use crate::field::{FieldFormat, InvertOptions, invert, jacobian, warp_image, warp_labels};
 use crate::io;
 use crate::progress::Silent;
 use serde::{Deserialize, Serialize};
@@ -191,9 +191,8 @@ impl Task {
                 black_box(scene.find_cells());
             }
             Self::Characteristics => {
-                let (map, folds) = jacobian_and_folds(&scene.push);
                 let cells = scene.cells.as_ref().ok_or_else(|| Error::Internal("no kinds of cells".into()))?;
-                black_box(characteristics::evaluate((&map, &folds), cells));
+                black_box(characteristics::evaluate(&scene.push, cells));
             }
             Self::Read => {
                 black_box(io::read_image(&scene.planning_file)?);

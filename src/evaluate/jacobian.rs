@@ -3,7 +3,7 @@
 use super::cell::{Cell, CellKinds};
 use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
-use crate::field::FOLDED;
+use crate::field::{FOLDED, PushField, jacobian_by_planes};
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -50,13 +50,25 @@ pub fn tissue(body: &Mask, ct: &Volume<f32>) -> Mask {
     out
 }
 
-/// Jacobian characteristics of a push field.
-///
-/// `map` is its Jacobian map and `folds` are its digital folds ([`crate::field::jacobian_and_folds`]); `cells` says what its
-/// cells hold.
-pub fn evaluate((map, folds): (&Volume<f32>, &Mask), cells: &CellKinds) -> JacobianReport {
-    let planes = 0..map.grid().size()[2];
-    let found: Vec<Found> = planes.into_par_iter().map(|k| Found::of(k, (map, folds), cells)).collect();
+/// Cells that fail the digital criterion ([`crate::field::digital_folds`]), by what they hold.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct DigitalFolds {
+    pub(super) soft: usize,
+    /// Partly or wholly one bone.
+    pub(super) bone: usize,
+    pub(super) contact: usize,
+    pub(super) interface: usize,
+}
+
+/// The Jacobian map of a push field and its characteristics; `cells` says what the cells of its grid hold.
+pub fn evaluate(push: &PushField, cells: &CellKinds) -> (Volume<f32>, JacobianReport) {
+    let (map, report, _) = with_folds(push, cells);
+    (map, report)
+}
+
+/// As [`evaluate`], and where digital folds lie.
+pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Volume<f32>, JacobianReport, DigitalFolds) {
+    let (map, found) = jacobian_by_planes(push, |k, jacobians, folds| Found::of(k, (jacobians, folds), cells));
     let of = |part: fn(&Found) -> &Vec<f32>| found.iter().map(|f| &part(f)[..]).collect::<Vec<_>>();
     let soft = of(|f| &f.soft);
     let bony = [of(|f| &f.edge), of(|f| &f.inside)].concat();
@@ -72,16 +84,24 @@ pub fn evaluate((map, folds): (&Volume<f32>, &Mask), cells: &CellKinds) -> Jacob
             rest = others;
         }
     }
-    let names = cells.names.iter().cloned();
-    JacobianReport {
+    let of_bones: Vec<JacobianStats> = inside.par_iter().map(|j| stats(&[&j[..]])).collect();
+    let folds = |part: fn(&DigitalFolds) -> usize| found.iter().map(|f| part(&f.folds)).sum();
+    let folds = DigitalFolds {
+        soft: folds(|f| f.soft),
+        bone: folds(|f| f.bone),
+        contact: folds(|f| f.contact),
+        interface: folds(|f| f.interface),
+    };
+    let report = JacobianReport {
         body,
         soft_tissue,
         contact: stats(&of(|f| &f.contact)),
         interface: stats(&of(|f| &f.interface)),
-        bones: names.zip(inside.iter().map(|j| stats(&[&j[..]]))).filter(|(_, s)| s.cells > 0).collect(),
-        digital_folded: found.iter().map(|f| f.digital_folds).sum(),
-        jumps_above_10: jumps(map, cells, found.iter().flat_map(|f| &f.high).copied()),
-    }
+        bones: cells.names.iter().cloned().zip(of_bones).filter(|(_, s)| s.cells > 0).collect(),
+        digital_folded: folds.soft,
+        jumps_above_10: jumps(&map, cells, found.iter().flat_map(|f| &f.high).copied()),
+    };
+    (map, report, folds)
 }
 
 /// What a plane of cells holds.
@@ -96,41 +116,40 @@ struct Found {
     bones: Vec<(u16, usize)>,
     contact: Vec<f32>,
     interface: Vec<f32>,
-    /// Soft cells that fail the digital criterion.
-    digital_folds: usize,
+    folds: DigitalFolds,
     /// Storage positions of body cells whose Jacobian is large enough to differ from another by more than [`JUMP`].
     high: Vec<usize>,
 }
 
 impl Found {
-    /// The cells between planes `k` and `k + 1`.
-    fn of(k: usize, (map, folds): (&Volume<f32>, &Mask), cells: &CellKinds) -> Self {
+    /// The cells between planes `k` and `k + 1`, from that plane of the map and of the digital folds.
+    fn of(k: usize, (jacobians, folds): (&[f32], &[bool]), cells: &CellKinds) -> Self {
         let runs = || cells.rows_of_plane(k).flat_map(|row| cells.row(row));
         let soft = runs().filter(|r| r.1 == Cell::Soft).map(|r| r.0.len()).sum();
         let mut found = Self { soft: Vec::with_capacity(soft), ..Self::default() };
+        let before = k * jacobians.len();
         for (run, kind) in runs() {
-            found.take(kind, run.start, &map.data()[run.clone()], &folds.data()[run]);
+            let here = run.start - before..run.end - before;
+            found.take(kind, run.start, &jacobians[here.clone()], &folds[here]);
         }
         found
     }
 
     /// Takes up a run of cells of one kind that begins at `start` in storage.
     fn take(&mut self, kind: Cell, start: usize, jacobians: &[f32], folds: &[bool]) {
-        let to = match kind {
+        let (to, folded) = match kind {
             Cell::Outside => return,
-            Cell::Soft => {
-                self.digital_folds += folds.iter().map(|fold| usize::from(*fold)).sum::<usize>();
-                &mut self.soft
-            }
-            Cell::Edge => &mut self.edge,
+            Cell::Soft => (&mut self.soft, &mut self.folds.soft),
+            Cell::Edge => (&mut self.edge, &mut self.folds.bone),
             Cell::Inside(bone) => {
                 self.bones.push((bone, jacobians.len()));
-                &mut self.inside
+                (&mut self.inside, &mut self.folds.bone)
             }
-            Cell::Contact => &mut self.contact,
-            Cell::Interface => &mut self.interface,
+            Cell::Contact => (&mut self.contact, &mut self.folds.contact),
+            Cell::Interface => (&mut self.interface, &mut self.folds.interface),
         };
         to.extend_from_slice(jacobians);
+        *folded += folds.iter().map(|fold| usize::from(*fold)).sum::<usize>();
         let high = |j: &f32| *j > JUMP + FOLDED;
         if kind.body() && jacobians.iter().fold(false, |any, j| any | high(j)) {
             self.high.extend(jacobians.iter().enumerate().filter(|(_, j)| high(j)).map(|(i, _)| start + i));
@@ -179,7 +198,6 @@ fn jumps(map: &Volume<f32>, cells: &CellKinds, high: impl Iterator<Item = usize>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::{PushField, jacobian_and_folds};
     use crate::geometry::Grid;
     use std::collections::BTreeMap;
 
@@ -204,8 +222,7 @@ mod tests {
         };
         let displacement = Volume::from_fn(grid.clone(), |l| [x(l % 12) - (l % 12) as f32, 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let (map, folds) = jacobian_and_folds(&push);
-        let r = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[]));
+        let (_, r) = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[]));
         assert_eq!(r.contact.cells, 1); // between 3 and 4
         assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
         assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
@@ -214,10 +231,8 @@ mod tests {
         assert_eq!(r.jumps_above_10, 2);
         assert_eq!((r.digital_folded, r.body.folded), (0, 0));
         // The same labels under one name are one bone: no contact.
-        let joined = evaluate(
-            (&map, &folds),
-            &CellKinds::new(&tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]),
-        );
+        let one = CellKinds::new(&tissue, &bones, &[(1, "a".to_owned()), (2, "a".to_owned())], &[]);
+        let joined = evaluate(&push, &one).1;
         assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
     }
     #[test]
@@ -240,10 +255,9 @@ mod tests {
             displacement: Volume::from_fn(grid.clone(), slide),
             computed: Volume::filled(grid.clone(), true),
         };
-        let (map, folds) = jacobian_and_folds(&push);
         let tissue = Volume::filled(grid, true);
-        let with = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[([1, 2], 25.0)]));
-        let without = evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[]));
+        let with = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[([1, 2], 25.0)])).1;
+        let without = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[])).1;
         assert!(without.body.folded > 100 && without.interface.cells == 0);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);

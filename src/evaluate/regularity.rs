@@ -1,9 +1,9 @@
 //! How regular one field is, on its own grid: Jacobian characteristics and volumes, the digital-fold certificate, curl.
 
-use super::cell::{Cell, CellKinds};
+use super::cell::CellKinds;
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, JacobianReport, JacobianStats};
-use crate::field::{PushField, jacobian_and_folds};
+use crate::field::PushField;
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
@@ -101,27 +101,20 @@ pub fn evaluate(
     sliding: &[([u16; 2], f64)],
     structures: Option<&LabelMap>,
 ) -> (Regularity, Volume<f32>) {
-    let (map, digital) = jacobian_and_folds(field);
     let cells = CellKinds::new(tissue, bones, rigid, sliding);
-    let report = jacobian::evaluate((&map, &digital), &cells);
+    let (map, report, digital) = jacobian::with_folds(field, &cells);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
-    let mut folds = FoldCertificate::default();
-    let mut body = Vec::new();
     let [_, nj, nk] = map.grid().size();
-    for (run, kind) in (0..nj * nk).flat_map(|row| cells.row(row)) {
-        let folded = digital.data()[run.clone()].iter().filter(|fold| **fold).count();
-        match kind {
-            Cell::Outside => {}
-            Cell::Contact => folds.folded_contact += folded,
-            Cell::Interface => folds.folded_interface += folded,
-            _ => {
-                folds.cells += run.len();
-                folds.folded += folded;
-                body.extend_from_slice(&map.data()[run]);
-            }
-        }
-    }
-    folds.folded_ml = folds.folded as f64 * cell_ml;
+    let runs = (0..nj * nk).flat_map(|row| cells.row(row)).filter(|(_, kind)| kind.body());
+    let body: Vec<f32> = runs.flat_map(|(run, _)| map.data()[run].iter().copied()).collect();
+    let folded = digital.soft + digital.bone;
+    let folds = FoldCertificate {
+        cells: body.len(),
+        folded,
+        folded_ml: folded as f64 * cell_ml,
+        folded_contact: digital.contact,
+        folded_interface: digital.interface,
+    };
     let mut histograms = vec![JacobianHistogram::of("tissue", &body, cell_ml)];
     let measured: Vec<_> = structures
         .map(|s| cells_by_structure(&map, s))

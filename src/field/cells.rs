@@ -14,28 +14,44 @@ use std::ops::Range;
 /// `value(total, least, least_of_ten)` of every cell with a computed corner, `unmeasured` elsewhere: six times the volume of
 /// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
 /// where a tetrahedron is turned inside out.
-pub(super) fn each_cell<A: Value, B: Value>(
+pub(super) fn each_cell<A: Value>(
+    push: &PushField,
+    unmeasured: A,
+    value: impl Fn(f32, f32, f32) -> A + Sync,
+) -> Volume<A> {
+    each_plane(
+        push,
+        (unmeasured, ()),
+        #[inline(always)]
+        |total, least, least_of_ten| (value(total, least, least_of_ten), ()),
+        |_, _, _| (),
+    )
+    .0
+}
+
+/// Two values of each cell as [`each_cell`] gives one. The first are kept; `then` takes each plane of both while it is at hand.
+pub(super) fn each_plane<A: Value, B: Value, R: Send>(
     push: &PushField,
     unmeasured: (A, B),
     value: impl Fn(f32, f32, f32) -> (A, B) + Sync,
-) -> (Volume<A>, Volume<B>) {
+    then: impl Fn(usize, &[A], &[B]) -> R + Sync,
+) -> (Volume<A>, Vec<R>) {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
-    let (mut one, mut other) = (vec![A::default(); grid.len()], vec![B::default(); grid.len()]);
-    let planes = one.par_chunks_mut(ni * nj).zip(other.par_chunks_mut(ni * nj));
-    planes.enumerate().for_each_init(
-        || Rows::new([ni, nj], grid.step()),
-        |rows, (k, (one, other))| {
-            prepare(one, unmeasured.0);
-            prepare(other, unmeasured.1);
-            if k + 1 == nk {
-                return;
-            }
+    let mut kept = vec![A::default(); grid.len()];
+    let rooms = || (Rows::new([ni, nj], grid.step()), vec![unmeasured.1; ni * nj]);
+    let planes = kept.par_chunks_mut(ni * nj).enumerate().map_init(rooms, |(rows, other), (k, kept)| {
+        // Memory that stays zero is not touched.
+        if unmeasured.0 != A::default() {
+            kept.fill(unmeasured.0);
+        }
+        other.fill(unmeasured.1);
+        if k + 1 < nk {
             vectorised(
                 #[inline(always)]
                 || {
                     rows.begin(push, k);
-                    let cells = one.chunks_mut(ni).zip(other.chunks_mut(ni));
+                    let cells = kept.chunks_mut(ni).zip(other.chunks_mut(ni));
                     for (j, cells) in cells.take(nj - 1).enumerate() {
                         if rows.advance(push, j, k) {
                             rows.cut(j + k);
@@ -44,23 +60,17 @@ pub(super) fn each_cell<A: Value, B: Value>(
                     }
                 },
             );
-        },
-    );
-    let volume = "one value per voxel";
-    (Volume::new(grid.clone(), one).expect(volume), Volume::new(grid.clone(), other).expect(volume))
+        }
+        then(k, kept, other)
+    });
+    let found = planes.collect();
+    (Volume::new(grid.clone(), kept).expect("one value per voxel"), found)
 }
 
 /// What is found of a cell; `()` for nothing.
 pub(super) trait Value: Copy + Default + PartialEq + Send + Sync {}
 
 impl<T: Copy + Default + PartialEq + Send + Sync> Value for T {}
-
-/// Fills a fresh plane; memory that stays zero is not touched.
-fn prepare<T: Value>(plane: &mut [T], value: T) {
-    if value != T::default() {
-        plane.fill(value);
-    }
-}
 
 /// Voxels that are looked at together where nothing was computed.
 const BLOCK: usize = 32;

@@ -8,7 +8,7 @@
 //! `cells` computes them.
 
 use super::PushField;
-use super::cells::each_cell;
+use super::cells::{each_cell, each_plane};
 use crate::volume::{Mask, Volume};
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
@@ -22,11 +22,10 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
     let relative = relative_volume(push);
     each_cell(
         push,
-        (1.0, ()),
+        1.0,
         #[inline(always)]
-        |total, least, _| (relative(total, least), ()),
+        |total, least, _| relative(total, least),
     )
-    .0
 }
 
 /// Cells that fail the digital criterion of Liu et al.; false where [`jacobian`] is 1 for want of a cell or a computed
@@ -40,21 +39,25 @@ pub fn jacobian(push: &PushField) -> Volume<f32> {
 pub fn digital_folds(push: &PushField) -> Mask {
     each_cell(
         push,
-        (false, ()),
+        false,
         #[inline(always)]
-        |_, _, least_of_ten| (fails(least_of_ten), ()),
+        |_, _, least_of_ten| fails(least_of_ten),
     )
-    .0
 }
 
-/// [`jacobian`] and [`digital_folds`] in one pass.
-pub fn jacobian_and_folds(push: &PushField) -> (Volume<f32>, Mask) {
+/// [`jacobian`], and what `then` makes of each plane of it and of [`digital_folds`] (its number, the Jacobians, the folds) while
+/// they are at hand.
+pub fn jacobian_by_planes<R: Send>(
+    push: &PushField,
+    then: impl Fn(usize, &[f32], &[bool]) -> R + Sync,
+) -> (Volume<f32>, Vec<R>) {
     let relative = relative_volume(push);
-    each_cell(
+    each_plane(
         push,
         (1.0, false),
         #[inline(always)]
         |total, least, least_of_ten| (relative(total, least), fails(least_of_ten)),
+        then,
     )
 }
 

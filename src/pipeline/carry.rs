@@ -67,8 +67,7 @@ pub(super) fn carry_out(
     let middle = case.planning.grid().middle();
     let rigid = skeleton.labels_and_names();
     let figures = || {
-        let (map, folds) = field::jacobian_and_folds(&push);
-        let report = evaluate::jacobian::evaluate((&map, &folds), &resting.cells);
+        let (map, report) = evaluate::jacobian::evaluate(&push, &resting.cells);
         let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
         let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);

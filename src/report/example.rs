@@ -4,7 +4,7 @@ use super::{OutputFile, Run};
 use crate::chainmail::LinkReport;
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
-use crate::field::{ConsistencyReport, InverseReport, PullField, PushField, jacobian_and_folds};
+use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::geometry::{Grid, Rigid, about};
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
@@ -93,10 +93,9 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         names: bones.names.clone(),
     };
     let landmarks = landmarks(forward);
-    let (map, folds) = jacobian_and_folds(&push);
     let rigid = [(1, "skull".to_owned()), (2, "vertebrae_C4".to_owned())];
     let tissue = jacobians::tissue(&body, &planning);
-    let mut jacobian_report = jacobians::evaluate((&map, &folds), &CellKinds::new(&tissue, &bones, &rigid, &[]));
+    let (map, mut jacobian_report) = jacobians::evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[]));
     jacobian_report.contact = jacobians::stats(&[&[0.9, -1.0, 1.1]]);
     let outcome = Outcome {
         part: None,
