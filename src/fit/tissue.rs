@@ -160,3 +160,39 @@ fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
     }
     (w[0] * w[1] * w[2], Vector3::new(d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tissue of 40 HU beyond the plane between voxels 7 and 8 along i, air before it.
+    fn half() -> Volume<f32> {
+        let grid = Grid::axis_aligned([16, 12, 12], [1.0; 3], [0.0; 3]).unwrap();
+        Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] >= 8 { 40.0 } else { -1000.0 })
+    }
+
+    #[test]
+    fn air_does_not_bleed_into_tissue_at_any_blur() {
+        // The last is averaged in blocks first.
+        for sigma in [1.0, 4.0] {
+            let tissue = Tissue::blurred(&half(), sigma);
+            for x in [8.7, 10.0, 12.3] {
+                let value = tissue.at(&Point3::new(x, 5.0, 5.0)).unwrap();
+                assert!((value - 40.0).abs() < 1e-3, "{sigma} {x}: {value}");
+            }
+            assert_eq!(tissue.at(&Point3::new(4.0, 5.0, 5.0)), None, "{sigma}");
+        }
+    }
+
+    #[test]
+    fn visibility_has_the_slope_of_the_tissues_surface() {
+        let tissue = Tissue::blurred(&half(), 0.0);
+        for (x, visible, slope) in
+            [(7.3, 0.0, 0.0), (7.6, 0.2, 2.0), (7.9, 0.8, 2.0), (8.0, 1.0, 0.0), (10.5, 1.0, 0.0)]
+        {
+            let (w, dw) = tissue.visibility(&Vector3::new(x, 5.4, 5.0));
+            assert!((w - visible).abs() < 1e-6, "{x}: {w}");
+            assert!((dw - Vector3::new(slope, 0.0, 0.0)).norm() < 1e-6, "{x}: {dw}");
+        }
+    }
+}
