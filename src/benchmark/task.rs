@@ -197,7 +197,7 @@ impl Task {
             Self::Read => {
                 black_box(io::read_image(&scene.planning_file)?);
             }
-            Self::Write => io::write_push(&scene.field_file, &scene.push, FieldFormat::Nifti, 2)?,
+            Self::Write => io::write_push(&scene.field_file, &scene.push, FieldFormat::Nifti, 1)?,
         }
         Ok(())
     }
