@@ -102,7 +102,7 @@ impl Task {
             Self::Cells => "what cells hold, once per patient",
             Self::Characteristics => "Jacobian map and characteristics by tissue and bone",
             Self::Read => "the planning CT from int16 .nii.gz",
-            Self::Write => "the field to .nii.gz, level 2",
+            Self::Write => "the field to .nii.gz, level 1",
         }
     }
 
