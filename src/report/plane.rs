@@ -7,6 +7,7 @@ use super::canvas::{Align, Canvas, Pen, Rgb};
 use crate::geometry::Grid;
 use crate::volume::{Volume, trilinear};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// A box in the world, LPS mm: least and greatest corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,15 +155,38 @@ impl Plane {
         self.corner[self.kind.across()]
     }
 
-    /// A picture with `colour` of each world position.
-    pub(super) fn paint(&self, colour: impl Fn(Point3<f64>) -> Rgb + Sync) -> Canvas {
-        let [right, down] = self.kind.axes();
-        let along = |n: usize| (n as f64 + 0.5) / self.scale;
-        let columns: Vec<Vector3<f64>> = (0..self.width).map(|x| right * along(x)).collect();
+    /// A picture with `colour` of each pixel's world position and of its number, row after row.
+    pub(super) fn paint(&self, colour: impl Fn(Point3<f64>, usize) -> Rgb + Sync) -> Canvas {
+        let columns: Vec<Vector3<f64>> = (0..self.width).map(|x| self.along(0, x)).collect();
         Canvas::by_rows(self.width, self.height, |y, row| {
-            let start = self.corner + down * along(y);
-            row.iter_mut().zip(&columns).for_each(|(pixel, column)| *pixel = colour(start + column));
+            let start = self.corner + self.along(1, y);
+            let pixels = row.iter_mut().zip(&columns).zip(y * self.width..);
+            pixels.for_each(|((pixel, column), n)| *pixel = colour(start + column, n));
         })
+    }
+
+    /// CT numbers at the pixels, row after row; negative infinity outside the image.
+    pub(super) fn hu(&self, ct: &Volume<f32>) -> Vec<f32> {
+        self.hu_moved(ct, &Vector3::zeros())
+    }
+
+    /// As [`Plane::hu`] of an image moved by `shift`.
+    pub(super) fn hu_moved(&self, ct: &Volume<f32>, shift: &Vector3<f64>) -> Vec<f32> {
+        let grid = ct.grid();
+        let columns: Vec<Vector3<f64>> = (0..self.width).map(|x| grid.inverse_step() * self.along(0, x)).collect();
+        let mut hu = vec![f32::NEG_INFINITY; self.width * self.height];
+        hu.par_chunks_mut(self.width.max(1)).enumerate().for_each(|(y, row)| {
+            let start = grid.index(&(self.corner + self.along(1, y) - shift));
+            for (hu, column) in row.iter_mut().zip(&columns) {
+                *hu = trilinear(ct, &(start + column)).map_or(f32::NEG_INFINITY, |hu| hu as f32);
+            }
+        });
+        hu
+    }
+
+    /// From the corner to the middle of the pixel with this number across (axis 0) or down (1).
+    fn along(&self, axis: usize, pixel: usize) -> Vector3<f64> {
+        self.kind.axes()[axis] * ((pixel as f64 + 0.5) / self.scale)
     }
 
     /// Sets a picture of this plane in the middle of a row of the sheet, with orientation letters, the plane's name and
@@ -249,7 +273,10 @@ mod tests {
             assert_eq!(Region::of(other.grid()), region);
         }
         for plane in planes(&[region; 3], &Point3::new(9.0, 7.0, 5.0)) {
-            let paint = |v: &Volume<f32>| plane.paint(|p| [hu_at(v, &p).map_or(0.0, |h| h.round()) as u8; 3]);
+            let paint = |v: &Volume<f32>| {
+                let hu = plane.hu(v);
+                plane.paint(|_, n| [hu[n].round() as u8; 3])
+            };
             for other in [&flipped, &permuted] {
                 assert!(paint(&plain).difference(&paint(other)) <= 1, "rounding only");
             }

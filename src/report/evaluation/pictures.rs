@@ -81,7 +81,7 @@ fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
 
 fn fusion(planning: &Volume<f32>, fraction: &Volume<f32>, pull: &Volume<[f32; 3]>) -> Canvas {
     let rows = middle_planes(fraction).map(|plane| {
-        let picture = plane.paint(|y| {
+        let picture = plane.paint(|y, _| {
             let x = y + trilinear_vector(pull, &pull.grid().index(&y)).unwrap_or_default();
             fuse(hu_at(planning, &x).map_or(0.0, tone), hu_at(fraction, &y).map_or(0.0, tone))
         });
@@ -99,8 +99,9 @@ type Rows = [(Plane, Canvas); 3];
 
 fn jacobians(planning: &Volume<f32>, map: &Volume<f32>) -> Rows {
     middle_planes(planning).map(|plane| {
-        let picture = plane.paint(|p| {
-            let hu = hu_at(planning, &p).unwrap_or(-1000.0);
+        let hu = plane.hu(planning);
+        let picture = plane.paint(|p, n| {
+            let hu = f64::from(hu[n]);
             match cell_at(map, &p) {
                 Some(j) if hu > -500.0 => {
                     let shade = 0.86 + 0.14 * tone(hu);
@@ -151,7 +152,8 @@ fn outline(picture: &mut Canvas, plane: &Plane, labels: &Volume<u16>, colour: Rg
 
 fn contours(fraction: &Volume<f32>, mapped: &Volume<u16>, reference: &Volume<u16>) -> Canvas {
     let rows = middle_planes(fraction).map(|plane| {
-        let mut picture = plane.paint(|p| grey(0.8 * hu_at(fraction, &p).map_or(0.0, tone)));
+        let hu = plane.hu(fraction);
+        let mut picture = plane.paint(|_, n| grey(0.8 * tone(f64::from(hu[n]))));
         outline(&mut picture, &plane, reference, ORANGE);
         outline(&mut picture, &plane, mapped, mix(BLUE, [255; 3], 0.3));
         plane.row(&picture, [0; 3], [255; 3], [0; 3])

@@ -29,9 +29,10 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
     let rows: Vec<Canvas> = scene
         .planning
         .iter()
+        .zip(&scene.planning_hu)
         .zip(&arrows)
-        .map(|(plane, list)| {
-            let mut panel = plane.paint(|p| grey(0.75 * hu_at(&scene.case.planning, &p).map_or(0.0, tone)));
+        .map(|((plane, hu), list)| {
+            let mut panel = plane.paint(|_, n| grey(0.75 * tone(f64::from(hu[n]))));
             for (foot, u) in list {
                 let [dx, dy] = plane.vector(&(u * zoom));
                 let colour = magnitude(u.norm() / top);

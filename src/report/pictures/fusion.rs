@@ -2,15 +2,15 @@
 
 use super::super::canvas::Canvas;
 use super::super::colour::{BLUE, ORANGE, fuse, tone};
-use super::super::plane::{Plane, hu_at};
+use super::super::plane::Plane;
 use super::legend::{Legend, sheet};
 use super::{Plate, Scene};
-use nalgebra::Point3;
+use crate::volume::Volume;
+use nalgebra::Vector3;
 
 /// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
 pub(super) fn before(scene: &Scene<'_>) -> Plate {
     let shift = scene.shift_before.unwrap_or_default();
-    let planning = |p: &Point3<f64>| hu_at(&scene.case.planning, &(p - shift));
     let how = match scene.shift_before {
         None => "Both scans at their scanner positions, nothing moved.".to_owned(),
         Some(s) => format!(
@@ -23,13 +23,12 @@ pub(super) fn before(scene: &Scene<'_>) -> Plate {
         file: "fusion_before.png",
         title: "Before registration",
         caption: format!("{how} Planes through {}.", scene.focus),
-        canvas: panels(scene, planning),
+        canvas: panels(scene, &scene.case.planning, &shift),
     }
 }
 
 /// The deformed planning CT over the fraction CT.
 pub(super) fn after(scene: &Scene<'_>) -> Plate {
-    let planning = |p: &Point3<f64>| hu_at(&scene.outcome.planning_on_fraction, p);
     Plate {
         file: "fusion_after.png",
         title: "After registration",
@@ -37,20 +36,25 @@ pub(super) fn after(scene: &Scene<'_>) -> Plate {
             "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
                   they differ or where the other scan has no data."
                 .to_owned(),
-        canvas: panels(scene, planning),
+        canvas: panels(scene, &scene.outcome.planning_on_fraction, &Vector3::zeros()),
     }
 }
 
-fn panels(scene: &Scene<'_>, planning: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -> Canvas {
-    let rows =
-        scene.fraction.each_ref().map(|plane| plane.row(&fused(scene, plane, &planning), [0; 3], [255; 3], [0; 3]));
+/// The planes of the fraction CT fused with a planning CT moved by `shift`.
+fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>) -> Canvas {
+    let planes = scene.fraction.iter().zip(&scene.fraction_hu);
+    let rows: Vec<Canvas> = planes
+        .map(|(plane, fraction)| {
+            let picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
+            plane.row(&picture, [0; 3], [255; 3], [0; 3])
+        })
+        .collect();
     sheet(&rows, 1, colours)
 }
 
-/// A plane of the fraction CT fused with `planning` (HU at a fraction position).
-pub(super) fn fused(scene: &Scene<'_>, plane: &Plane, planning: impl Fn(&Point3<f64>) -> Option<f64> + Sync) -> Canvas {
-    let brightness = |hu: Option<f64>| hu.map_or(0.0, tone);
-    plane.paint(|p| fuse(brightness(planning(&p)), brightness(hu_at(&scene.case.fraction, &p))))
+/// CT numbers of planning and fraction at a plane's pixels, fused.
+pub(super) fn fused(plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
+    plane.paint(|_, n| fuse(tone(f64::from(planning[n])), tone(f64::from(fraction[n]))))
 }
 
 /// What the colours mean.
@@ -64,6 +68,7 @@ pub(super) fn colours(legend: &mut Legend<'_>) {
 mod tests {
     use super::super::super::example::{self, Layout};
     use super::*;
+    use nalgebra::Point3;
 
     /// Red minus blue of a pixel: positive is orange, negative is blue, zero is grey.
     fn tint(panel: &Canvas, [x, y]: [f64; 2]) -> i32 {
@@ -77,7 +82,8 @@ mod tests {
         case.fraction = case.planning.clone();
         let scene = Scene::new(&case, &outcome);
         for plane in &scene.fraction {
-            let panel = fused(&scene, plane, |p| hu_at(&case.planning, p));
+            let hu = [&case.planning, &case.fraction].map(|ct| plane.hu(ct));
+            let panel = fused(plane, &hu[0], &hu[1]);
             let (mut worst, mut brightest) = (0, 0);
             for y in 0..plane.height {
                 for x in 0..plane.width {
@@ -100,7 +106,8 @@ mod tests {
         case.fraction = crate::volume::Volume::new(case.planning.grid().clone(), shifted).unwrap();
         let scene = Scene::new(&case, &outcome);
         let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
-        let panel = fused(&scene, axial, |p| hu_at(&case.planning, p));
+        let hu = [&case.planning, &case.fraction].map(|ct| axial.hu(ct));
+        let panel = fused(axial, &hu[0], &hu[1]);
         // Skin at x = -84 (patient right, image left) is now air; x = 88 is now tissue; the inside agrees but for the gradient.
         let at = |x: f64| tint(&panel, axial.place(&Point3::new(x, 10.0, 0.0)));
         assert!(at(-80.0) < -20 && at(88.0) > 20, "{} {}", at(-80.0), at(88.0));
@@ -121,7 +128,7 @@ mod tests {
         // Apart from the numbers written on it, the picture is the same.
         let panel = |s: &Scene<'_>| {
             let shift = s.shift_before.unwrap_or_default();
-            fused(s, &s.fraction[0], |p| hu_at(&s.case.planning, &(p - shift)))
+            fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning, &shift), &s.fraction_hu[0])
         };
         assert!(panel(&far).difference(&panel(&near)) <= 2);
     }
@@ -132,7 +139,7 @@ mod tests {
         let scene = Scene::new(&case, &outcome);
         let colour = |planning: &crate::volume::Volume<f32>| {
             let plane = &scene.fraction[2];
-            let panel = fused(&scene, plane, |p| hu_at(planning, p));
+            let panel = fused(plane, &plane.hu(planning), &scene.fraction_hu[2]);
             (0..plane.height)
                 .flat_map(|y| (0..plane.width).map(move |x| [x as f64, y as f64]))
                 .map(|at| tint(&panel, at).unsigned_abs() as usize)

@@ -1,8 +1,8 @@
 //! Jacobian map over a faint planning CT: red growth, blue shrinkage, white no change, black folded.
 
 use super::super::canvas::Rgb;
-use super::super::colour::{BLACK, INK, jacobian, shaded, tone};
-use super::super::plane::{cell_at, hu_at, nearest};
+use super::super::colour::{BLACK, jacobian, shaded, tone};
+use super::super::plane::{cell_at, nearest};
 use super::legend::sheet;
 use super::{Plate, Scene};
 use crate::evaluate::jacobian::TISSUE_HU;
@@ -16,20 +16,19 @@ const SHADE: f64 = 0.86;
 /// The Jacobian map in the planes of the planning CT.
 pub(super) fn draw(scene: &Scene<'_>) -> Plate {
     let outcome = scene.outcome;
-    let colour = |p: Point3<f64>| {
+    let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&outcome.body, &p).unwrap_or(false) {
             return BACKDROP;
         }
-        let hu = hu_at(&scene.case.planning, &p).unwrap_or(f64::NEG_INFINITY);
         match cell_at(&outcome.jacobian, &p) {
-            Some(value) if hu > f64::from(TISSUE_HU) => {
-                let shade = SHADE + (1.0 - SHADE) * tone(hu);
+            Some(value) if hu > TISSUE_HU => {
+                let shade = SHADE + (1.0 - SHADE) * tone(f64::from(hu));
                 shaded(jacobian(f64::from(value)), shade)
             }
             _ => BACKDROP,
         }
     };
-    let rows = scene.planning.each_ref().map(|plane| plane.row(&plane.paint(colour), BACKDROP, INK, BACKDROP));
+    let rows = scene.planning_rows(colour, BACKDROP);
     let ticks: Vec<_> =
         ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
     let canvas = sheet(&rows, 1, |legend| {

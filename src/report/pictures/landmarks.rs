@@ -1,7 +1,7 @@
 //! Landmarks drawn on the fusion after registration: where they are and where the field takes them.
 
 use super::super::canvas::{Align, Canvas, Pen, Rgb, text_width};
-use super::super::plane::{KINDS, Plane, hu_at};
+use super::super::plane::{KINDS, Plane};
 use super::fusion::{colours, fused};
 use super::legend::sheet;
 use super::{Plate, Scene};
@@ -19,7 +19,8 @@ pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
         report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
     let through = densest(&known);
     let rows = scene.fraction_through(&through).map(|plane| {
-        let mut panel = fused(scene, &plane, |p| hu_at(&scene.outcome.planning_on_fraction, p));
+        let [planning, fraction] = [&scene.outcome.planning_on_fraction, &scene.case.fraction].map(|ct| plane.hu(ct));
+        let mut panel = fused(&plane, &planning, &fraction);
         let shown: Vec<_> = known.iter().filter(|(_, r)| distance(&plane, &r.landmark.fraction) <= SLAB_MM).collect();
         let mut taken = Vec::new();
         for (_, residual) in &shown {

@@ -1,5 +1,7 @@
 //! Where to look: the planes that every picture of a run shares.
 
+use super::super::canvas::{Canvas, Rgb};
+use super::super::colour::INK;
 use super::super::plane::{KINDS, Plane, Region, planes};
 use crate::geometry::Grid;
 use crate::pipeline::{Case, Outcome};
@@ -11,8 +13,12 @@ pub(super) struct Scene<'a> {
     pub(super) outcome: &'a Outcome,
     /// Planes in the planning CT.
     pub(super) planning: [Plane; 3],
+    /// CT numbers at their pixels.
+    pub(super) planning_hu: [Vec<f32>; 3],
     /// The corresponding planes in the fraction CT.
     pub(super) fraction: [Plane; 3],
+    /// CT numbers at their pixels.
+    pub(super) fraction_hu: [Vec<f32>; 3],
     /// Points of the patient in the fraction, before and after registration together.
     moved: Vec<Point3<f64>>,
     /// What the planes go through and why.
@@ -43,7 +49,24 @@ impl<'a> Scene<'a> {
         });
         let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
         let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
-        Self { case, outcome, planning, fraction, moved, focus, shift_before }
+        let hu = |ct, planes: &[Plane; 3]| planes.each_ref().map(|plane| plane.hu(ct));
+        Self {
+            planning_hu: hu(&case.planning, &planning),
+            fraction_hu: hu(&case.fraction, &fraction),
+            case,
+            outcome,
+            planning,
+            fraction,
+            moved,
+            focus,
+            shift_before,
+        }
+    }
+
+    /// The planning CT's planes with `colour` of each position and its CT number, as rows of a sheet.
+    pub(super) fn planning_rows(&self, colour: impl Fn(Point3<f64>, f32) -> Rgb + Sync, backdrop: Rgb) -> Vec<Canvas> {
+        let planes = self.planning.iter().zip(&self.planning_hu);
+        planes.map(|(plane, hu)| plane.row(&plane.paint(|p, n| colour(p, hu[n])), backdrop, INK, backdrop)).collect()
     }
 
     /// The planes of the fraction through another point.

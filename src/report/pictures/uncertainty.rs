@@ -1,8 +1,8 @@
 //! Map of uncertainty over a faint planning CT.
 
 use super::super::canvas::Rgb;
-use super::super::colour::{INK, heat, shaded, tone};
-use super::super::plane::{hu_at, nearest};
+use super::super::colour::{heat, shaded, tone};
+use super::super::plane::nearest;
 use super::legend::sheet;
 use super::{Plate, Scene};
 use crate::volume::{Volume, trilinear};
@@ -17,15 +17,15 @@ const TOP_MM: f64 = 3.0;
 
 /// The map in the planes of the planning CT.
 pub(super) fn draw(scene: &Scene<'_>, map: &Volume<f32>) -> Plate {
-    let colour = |p: Point3<f64>| {
+    let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&scene.outcome.body, &p).unwrap_or(false) {
             return BACKDROP;
         }
         let mm = trilinear(map, &map.grid().index(&p)).unwrap_or(0.0);
-        let shade = SHADE + (1.0 - SHADE) * hu_at(&scene.case.planning, &p).map_or(0.0, tone);
+        let shade = SHADE + (1.0 - SHADE) * tone(f64::from(hu));
         shaded(heat(mm / TOP_MM), shade)
     };
-    let rows = scene.planning.each_ref().map(|plane| plane.row(&plane.paint(colour), BACKDROP, INK, BACKDROP));
+    let rows = scene.planning_rows(colour, BACKDROP);
     let ticks: Vec<_> = (0..=3).map(|mm| (f64::from(mm) / TOP_MM, mm.to_string())).collect();
     let canvas = sheet(&rows, 1, |legend| legend.bar("mm", 420.0, heat, &ticks));
     Plate {
