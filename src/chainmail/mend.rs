@@ -7,9 +7,8 @@ use super::options::ChainmailOptions;
 use super::relax::Relaxation;
 use super::rest::RestingLinks;
 use super::untangle::{around, tangled};
-use crate::field::{PushField, digital_folds};
+use crate::field::{PushField, folded_cells};
 use nalgebra::Matrix3;
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Folded cells beyond which the field is not mended: then the motion itself is at fault, and it would take long.
@@ -23,7 +22,7 @@ const REACH: usize = 3;
 /// Rounds of relaxation.
 const ROUNDS: usize = 15;
 
-/// Unfolds cells of the digital criterion (see [`digital_folds`]) that do not lie between bones; a cell that does not
+/// Unfolds cells of the digital criterion ([`folded_cells`]) that do not lie between bones; a cell that does not
 /// unfold stays as it is. Bones do not move; `turns` are their rotations.
 pub(super) fn mend(
     tissue: &Tissue<'_>,
@@ -54,8 +53,7 @@ pub(super) fn mend(
 fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
     let grid = push.displacement.grid();
     let corners = grid.cell_corners();
-    let folds = digital_folds(push);
-    let mendable = |cell: usize| {
+    let mendable = |&cell: &usize| {
         let nodes = corners.map(|c| cell + c);
         let mut bones = nodes.iter().filter_map(|&v| tissue.bone(v));
         let first = bones.next();
@@ -63,7 +61,9 @@ fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
             && bones.all(|b| Some(b) == first)
             && nodes.iter().any(|&v| tissue.bone(v).is_none())
     };
-    (0..grid.len()).into_par_iter().filter(|&v| folds.data()[v] && mendable(v)).collect()
+    let mut cells = folded_cells(push);
+    cells.retain(mendable);
+    cells
 }
 
 /// First and last voxel of a box around cells.

@@ -45,6 +45,19 @@ pub fn digital_folds(push: &PushField) -> Mask {
     )
 }
 
+/// The cells that [`digital_folds`] sets, by their first voxel in storage, ascending.
+pub fn folded_cells(push: &PushField) -> Vec<usize> {
+    let [ni, nj, _] = push.displacement.grid().size();
+    let (_, found) = each_plane(
+        push,
+        ((), false),
+        #[inline(always)]
+        |_, _, least_of_ten| ((), fails(least_of_ten)),
+        |k, _, folds| (0..folds.len()).filter(|&cell| folds[cell]).map(|cell| k * ni * nj + cell).collect::<Vec<_>>(),
+    );
+    found.concat()
+}
+
 /// [`jacobian`], and what `then` makes of each plane of it and of [`digital_folds`] (its number, the Jacobians, the folds) while
 /// they are at hand.
 pub fn jacobian_by_planes<R: Send>(
@@ -154,6 +167,8 @@ mod tests {
             let all = PushField { displacement: displacement.clone(), computed: Volume::filled(grid.clone(), true) };
             let part = PushField { displacement, computed: Volume::from_fn(grid.clone(), |l| random(l, 77).is_multiple_of(every)) };
             let ((map, folds), (part_map, part_folds)) = ((jacobian(&all), digital_folds(&all)), (jacobian(&part), digital_folds(&part)));
+            let set: Vec<usize> = (0..grid.len()).filter(|&l| part_folds.data()[l]).collect();
+            prop_assert_eq!(folded_cells(&part), set);
             for l in 0..grid.len() {
                 let v = grid.voxel(l);
                 let cell = (0..3).all(|a| v[a] + 1 < grid.size()[a]);

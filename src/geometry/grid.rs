@@ -159,7 +159,10 @@ impl Grid {
     }
     /// The voxel that a world position lies in; `None` outside the grid.
     pub fn voxel_at(&self, world: &Point3<f64>) -> Option<[usize; 3]> {
-        let at = self.index(world);
+        self.voxel_near(&self.index(world))
+    }
+    /// The voxel nearest to a continuous index; `None` outside the grid.
+    pub fn voxel_near(&self, at: &Vector3<f64>) -> Option<[usize; 3]> {
         let within = (0..3).all(|a| at[a] > -0.5 && at[a] < self.size[a] as f64 - 0.5);
         // Cutting off is cheaper than rounding, and the same from zero on.
         within.then(|| [0, 1, 2].map(|a| (at[a] + 0.5) as usize))

@@ -34,9 +34,8 @@ pub(super) fn measure(
 ) -> (ContactReport, Option<Mask>) {
     let mut report = bones.moved(transforms);
     let skin = field::overlaps(push, body, target);
-    report.skin_voxels = skin.count();
+    report.skin_voxels = skin.as_ref().map_or(0, Mask::count);
     report.skin_ml = report.skin_voxels as f64 * target.voxel_volume() / 1000.0;
-    let skin = (report.skin_voxels > 0).then_some(skin);
     (report, skin)
 }
 

@@ -33,16 +33,24 @@ fn miss(push: &PushField, pull: &PullField, voxel: usize) -> Option<Miss> {
     Some(Miss { voxel, by: u + trilinear_vector(&pull.displacement, &index)? })
 }
 
-/// Distances between start and end of the way of all computed voxels that are not spared, mm, in parts; and those ways that
-/// miss by more than `least` mm.
-pub(super) fn everywhere(push: &PushField, pull: &PullField, spared: &Mask, least: f64) -> (Vec<Vec<f32>>, Vec<usize>) {
+/// The ways of a plane's computed voxels that are not spared.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Ways {
+    /// Distances between start and end, mm.
+    pub(super) lengths: Vec<f32>,
+    /// The voxels that miss by more than asked for.
+    pub(super) far: Vec<usize>,
+}
+
+/// The ways of some planes of the planning grid, with those that miss by more than `least` mm.
+pub(super) fn ways((push, pull): (&PushField, &PullField), spared: &Mask, least: f64, planes: &[usize]) -> Vec<Ways> {
     let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
-    let [nx, ny, nz] = planning.size();
+    let [nx, ny, _] = planning.size();
     let sampler = Sampler::new(&pull.displacement);
     let along: Vector3<f64> = fraction.inverse_step() * planning.step().column(0);
     let (u, computed, spared) = (push.displacement.data(), push.computed.data(), spared.data());
-    let of_plane = |k: usize| {
-        let (mut lengths, mut found) = (Vec::new(), Vec::new());
+    let of_plane = |&k: &usize| {
+        let mut ways = Ways::default();
         for j in 0..ny {
             let row = planning.linear([0, j, k]);
             let start = fraction.index(&planning.centre([0, j, k]));
@@ -66,9 +74,9 @@ pub(super) fn everywhere(push: &PushField, pull: &PullField, spared: &Mask, leas
                         let place = sampler.land(&block, &moved);
                         for (l, voxel) in run.enumerate() {
                             if computed[voxel] && place[l] != NOWHERE && !spared[voxel] {
-                                lengths.push(length.0[l]);
+                                ways.lengths.push(length.0[l]);
                                 if f64::from(length.0[l]) > least {
-                                    found.push(voxel);
+                                    ways.far.push(voxel);
                                 }
                             }
                         }
@@ -76,10 +84,9 @@ pub(super) fn everywhere(push: &PushField, pull: &PullField, spared: &Mask, leas
                 },
             );
         }
-        (lengths, found)
+        ways
     };
-    let (lengths, found): (Vec<_>, Vec<_>) = (0..nz).into_par_iter().map(of_plane).unzip();
-    (lengths, found.concat())
+    planes.par_iter().map(of_plane).collect()
 }
 
 /// The ways among those of `voxels` that miss by a length in a range, mm.

@@ -19,9 +19,10 @@ use crate::geometry::Grid;
 use crate::stats::Summary;
 use crate::volume::Mask;
 use ball::{Balls, touching};
-use miss::{Miss, everywhere, misses};
+use miss::{Miss, Ways, misses, ways};
 use patch::Patch;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use system::System;
 
 /// Gives the rigid bone that a planning voxel belongs to, by its position in storage.
@@ -109,23 +110,30 @@ pub fn agree(
     options: &ConsistencyOptions,
 ) -> ConsistencyReport {
     // The lengths of all ways, how many of them are beyond the limit, and the ways that miss by nearly as much.
-    let measure = |push: &PushField, pull: &PullField| {
-        let (lengths, found) = everywhere(push, pull, spared, options.limit_mm * SEED);
-        let found = misses(push, pull, &found, 0.0..f64::INFINITY);
+    let summary = |push: &PushField, pull: &PullField, ways: &[Ways]| {
+        let far: Vec<usize> = ways.iter().flat_map(|plane| plane.far.iter().copied()).collect();
+        let found = misses(push, pull, &far, 0.0..f64::INFINITY);
         let beyond = found.iter().filter(|m| m.length() > options.limit_mm).count();
-        (Summary::of_singles(&lengths.iter().map(Vec::as_slice).collect::<Vec<_>>()), beyond, found)
+        (Summary::of_singles(&ways.iter().map(|plane| plane.lengths.as_slice()).collect::<Vec<_>>()), beyond, found)
     };
-    let (there_and_back_mm, beyond_before, found) = measure(push, pull);
+    let least = options.limit_mm * SEED;
+    let planes: Vec<usize> = (0..push.displacement.grid().size()[2]).collect();
+    let mut all = ways((push, pull), spared, least, &planes);
+    let (there_and_back_mm, beyond_before, found) = summary(push, pull, &all);
     let report = ConsistencyReport { there_and_back_mm, beyond: beyond_before, beyond_before, moved_mm: 0.0 };
     if beyond_before == 0 || found.len() > MOST || options.rounds == 0 {
         return report;
     }
-    let moved_mm = mend(push, pull, &found, (bone, spared), invert, options);
-    let (there_and_back_mm, beyond, _) = measure(push, pull);
+    let (moved_mm, changed) = mend(push, pull, &found, (bone, spared), invert, options);
+    let changed: Vec<usize> = changed.into_iter().collect();
+    let again = ways((push, pull), spared, least, &changed);
+    changed.iter().zip(again).for_each(|(&k, again)| all[k] = again);
+    let (there_and_back_mm, beyond, _) = summary(push, pull, &all);
     ConsistencyReport { there_and_back_mm, beyond, beyond_before, moved_mm }
 }
 
-/// Takes the steps, cluster by cluster; returns how far soft tissue was moved at most, mm.
+/// Takes the steps, cluster by cluster; returns how far soft tissue was moved at most, mm, and the planes of the planning grid
+/// in which ways may have changed.
 fn mend(
     push: &mut PushField,
     pull: &mut PullField,
@@ -133,7 +141,7 @@ fn mend(
     (bone, spared): (&impl BoneOf, &Mask),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
-) -> f64 {
+) -> (f64, BTreeSet<usize>) {
     let limit = options.limit_mm;
     // Interpolation misses by less than a voxel; what misses by more has been laid on by something else.
     let grids = [push.displacement.grid(), pull.displacement.grid()];
@@ -142,7 +150,7 @@ fn mend(
     // What steps are to make smaller, as the system's weights do.
     let merit = |misses: &[Miss]| misses.iter().map(|m| (m.length().min(most) / limit).powi(POWER)).sum::<f64>();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
-    let mut moved = 0.0f64;
+    let (mut moved, mut changed) = (0.0f64, BTreeSet::new());
     for cluster in patch.clusters(&found) {
         if longest(&cluster) <= limit {
             continue;
@@ -195,9 +203,10 @@ fn mend(
             seeds = left.iter().map(|m| m.voxel).collect();
         }
         moved = moved.max(patch.restore(push, pull));
+        changed.extend(patch.watched.iter().map(|&v| push.displacement.grid().voxel(v)[2]));
         patch.clear();
     }
-    moved
+    (moved, changed)
 }
 
 /// The longest miss, mm.
