@@ -5,7 +5,7 @@ use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs
 use crate::error::{Error, Result};
 use crate::evaluate::jacobian as characteristics;
 use crate::field::{FieldFormat, InvertOptions, invert, jacobian, warp_image, warp_labels};
-use crate::io;
+use crate::io::{self, WriteOptions};
 use crate::progress::Silent;
 use serde::{Deserialize, Serialize};
 use std::hint::black_box;
@@ -102,7 +102,7 @@ impl Task {
             Self::Cells => "what cells hold, once per patient",
             Self::Characteristics => "Jacobian map and characteristics by tissue and bone",
             Self::Read => "the planning CT from int16 .nii.gz",
-            Self::Write => "the field to .nii.gz, level 1",
+            Self::Write => "the field to .nii.gz, as a registration writes it",
         }
     }
 
@@ -197,7 +197,10 @@ impl Task {
             Self::Read => {
                 black_box(io::read_image(&scene.planning_file)?);
             }
-            Self::Write => io::write_push(&scene.field_file, &scene.push, FieldFormat::Nifti, 1)?,
+            Self::Write => {
+                let level = WriteOptions::default().gzip_level;
+                io::write_push(&scene.field_file, &scene.push, FieldFormat::Nifti, level)?;
+            }
         }
         Ok(())
     }

@@ -17,8 +17,8 @@ const MAGIC: [u8; 2] = [0x1f, 0x8b];
 const BLOCK: usize = 1 << 20;
 /// zlib's greatest room for symbols: half as many tables of codes to make.
 const MOST_MEMORY: i32 = 9;
-/// Blocks compressed before they are written, which bounds the memory.
-const WAVE: usize = 64;
+/// Blocks that each thread compresses before they are written, which bounds the memory and what waits at the end.
+const EACH: usize = 8;
 
 /// The content of a file in memory, inflated as far as asked when it is gzip.
 pub(super) enum Content<'a> {
@@ -132,6 +132,11 @@ pub(super) struct Payload<'a> {
 }
 
 impl Payload<'_> {
+    /// The blocks that are compressed before they are written, wave by wave.
+    fn waves(&self) -> impl Iterator<Item = Range<usize>> {
+        let (blocks, wave) = (self.blocks(), EACH * rayon::current_num_threads());
+        (0..blocks).step_by(wave).map(move |first| first..(first + wave).min(blocks))
+    }
     fn blocks(&self) -> usize {
         self.items.div_ceil(self.per_block())
     }
@@ -151,8 +156,8 @@ impl Payload<'_> {
     }
 
     fn write_items(&self, out: &mut dyn Write) -> io::Result<()> {
-        for wave in (0..self.blocks()).step_by(WAVE) {
-            let blocks: Vec<Vec<u8>> = (wave..(wave + WAVE).min(self.blocks()))
+        for wave in self.waves() {
+            let blocks: Vec<Vec<u8>> = wave
                 .into_par_iter()
                 .map(|n| {
                     let mut raw = Vec::with_capacity(BLOCK);
@@ -173,8 +178,8 @@ impl Payload<'_> {
         out.write_all(&head.bytes)?;
         let mut crc = head.crc;
         let mut total = self.header.len() as u64;
-        for wave in (0..self.blocks()).step_by(WAVE) {
-            let blocks: Vec<io::Result<Deflated>> = (wave..(wave + WAVE).min(self.blocks()))
+        for wave in self.waves() {
+            let blocks: Vec<io::Result<Deflated>> = wave
                 .into_par_iter()
                 .map_init(
                     || (Deflate::new(level, self.noisy), Vec::with_capacity(BLOCK)),
