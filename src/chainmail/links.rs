@@ -41,6 +41,7 @@ fn excess(moved: &Vector3<f64>, axis: usize, directions: &Matrix3<f64>, length: 
 /// Checks every link of the lattice between active elements; two bones have no link.
 pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[Matrix3<f64>]) -> LinkReport {
     let turns = rotations(lattice, displacement, bone_turns);
+    let turn = |n: usize| Matrix3::from_fn(|a, b| f64::from(turns[n][b][a])) + Matrix3::identity();
     let size = lattice.grid.size();
     let plane = size[0] * size[1];
     let directions = lattice.grid.direction();
@@ -66,7 +67,7 @@ pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[M
                         continue;
                     }
                     links += 1;
-                    let back = (turns[n] + turns[m]).transpose() * 0.5;
+                    let back = (turn(n) + turn(m)).transpose() * 0.5;
                     let moved = back * (rest + at(m) - at(n));
                     let e = excess(&moved, *axis, directions, rest.norm(), lattice.link(n, m));
                     if e > ROUNDING_MM {

@@ -20,6 +20,7 @@ mod pull;
 mod queue;
 mod relax;
 mod rest;
+mod settle;
 mod slabs;
 mod stencil;
 mod superpose;

@@ -10,7 +10,7 @@ use super::mend::mend;
 use super::options::ChainmailOptions;
 use super::pull::ImagePull;
 use super::relax::Relaxation;
-use super::untangle::{around, tangled};
+use super::settle::settle;
 use crate::error::{Error, Result};
 use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
@@ -84,7 +84,7 @@ impl Mail {
             growth.enter(lattice, tissue);
             let (rest, loose) = level.resting()?;
             let relaxation = Relaxation::new((lattice, rest), from, &turns, options.poisson);
-            Ok::<_, Error>(relax(relaxation, (lattice, loose), rounds, &mut growth, image))
+            Ok::<_, Error>(settle(relaxation, (lattice, loose), rounds, &mut growth, image))
         };
         let steps = options.relaxation.len() + 2;
         // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
@@ -118,75 +118,6 @@ impl Mail {
         let displacement = Volume::new(lattice.grid.clone(), displacement)?;
         Ok((lattice.clone(), displacement))
     }
-}
-
-/// Relative volume of a cell's corner below which (or above its inverse) images let go of its elements.
-const LEAST_VOLUME: f64 = 0.3;
-/// Times that elements are let go at each spacing.
-const RELEASES: usize = 6;
-/// Links around a tangled cell that settle anew when it is let go.
-const AROUND: usize = 5;
-
-/// Relaxes by mechanics alone (several times where organs change their volume, until they do), then with the images' pull,
-/// which lets go where cells would tangle and has no hold on what is `loose`.
-fn relax(
-    mut relaxation: Relaxation<'_>,
-    (lattice, loose): (&Lattice, &Mask),
-    rounds: usize,
-    growth: &mut Growth,
-    image: Option<&dyn ImagePull>,
-) -> Vec<[f32; 3]> {
-    let everywhere = relaxation.everywhere();
-    for _ in 0..growth.passes() {
-        relaxation.scale_links(growth.scale(lattice.node.len()));
-        relaxation.run(rounds, &everywhere, None);
-        growth.adapt(lattice, || relaxation.displacements());
-    }
-    let Some(image) = image else { return relaxation.displacements() };
-    let passes = image.passes(lattice);
-    let compare = image.at(lattice);
-    let mut released = loose.data().to_vec();
-    let soft: Vec<u32> = lattice.soft().collect();
-    let mut now = relaxation.displacements();
-    for pass in 0..passes.most {
-        let mut pull = compare(&now);
-        pull.release(lattice, &released);
-        relaxation.run(passes.rounds, &everywhere, Some(&pull));
-        let before = std::mem::replace(&mut now, relaxation.displacements());
-        let moved = f64::from(most_moved(&soft, &before, &now));
-        let last = pass + 1 == passes.most || moved < passes.settled_mm;
-        for _ in 0..if last { RELEASES } else { 1 } {
-            let cells = tangled(lattice, &now, &lattice.active, LEAST_VOLUME);
-            if cells.is_empty() {
-                break;
-            }
-            released.iter_mut().zip(around(lattice, &cells, 1)).for_each(|(r, m)| *r |= m);
-            pull.release(lattice, &released);
-            relaxation.run(passes.rounds, &relaxation.among(&around(lattice, &cells, AROUND)), Some(&pull));
-            now = relaxation.displacements();
-        }
-        if last {
-            break;
-        }
-    }
-    now
-}
-
-/// Share of the elements of which [`most_moved`] speaks.
-const MOST: f64 = 0.99;
-
-/// How far all but a hundredth of the soft elements have moved at most, mm.
-fn most_moved(soft: &[u32], before: &[[f32; 3]], after: &[[f32; 3]]) -> f32 {
-    let square = |&n: &u32| {
-        let [a, b] = [before, after].map(|u| u[n as usize]);
-        (0..3).map(|c| (b[c] - a[c]).powi(2)).sum::<f32>()
-    };
-    let mut squares: Vec<f32> = soft.par_iter().map(square).collect();
-    let at = (squares.len() as f64 * MOST) as usize;
-    if at >= squares.len() {
-        return 0.0;
-    }
-    squares.select_nth_unstable_by(at, f32::total_cmp).1.sqrt()
 }
 
 /// Regions of influence on the planning grid: 0 where no bone's motion comes, else the position in the skeleton plus 1

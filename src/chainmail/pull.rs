@@ -22,6 +22,12 @@ impl Pull {
         Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], farthest }
     }
 
+    /// Sets what pulls soft element `s`: stiffness and what it draws towards.
+    pub fn set(&mut self, s: usize, (stiffness, towards): ([f32; 6], [f32; 3])) {
+        self.stiffness[s] = stiffness;
+        self.towards[s] = towards;
+    }
+
     /// Lets go of the nodes that are set.
     pub(super) fn release(&mut self, lattice: &Lattice, nodes: &[bool]) {
         for (s, n) in lattice.soft().enumerate() {
@@ -59,8 +65,9 @@ impl Pull {
     }
 }
 
-/// Gives the pull at displacements of a lattice's nodes (storage order, mm).
-pub type Comparison<'a> = Box<dyn Fn(&[[f32; 3]]) -> Pull + 'a>;
+/// Renews the pull on some soft elements (their positions among a lattice's soft elements, ascending) at displacements of
+/// the lattice's nodes (storage order, mm).
+pub type Comparison<'a> = Box<dyn Fn(&[[f32; 3]], &[u32], &mut Pull) + 'a>;
 
 /// Images that pull elements towards places that look alike.
 pub trait ImagePull: Sync {
@@ -78,8 +85,10 @@ pub struct Passes {
     pub most: usize,
     /// Rounds of relaxation after each.
     pub rounds: usize,
-    /// The last comparison is the one after which all but a hundredth of the elements move by less than this, mm.
+    /// An element has settled when it moves by no more than this after a comparison, mm.
     pub settled_mm: f64,
+    /// As [`Pull::farthest`].
+    pub farthest: f32,
 }
 
 #[cfg(test)]

@@ -89,12 +89,12 @@ impl<'a> Relaxation<'a> {
             parity[k % 2].extend(u.iter().map(|u| [u[0], u[1], u[2], 0.0]));
         }
         let turn = if rest.turning { bone_turns(lattice, turns) } else { Vec::new() };
-        let turn = turn.iter().map(|t| rest.links.per_step(t)).collect();
+        let turn = turn.par_iter().map(|t| rest.links.per_step(t)).collect();
         let of_plane = |p: &RestingPlane| Plane {
             turned: p.total.iter().map(|total| [0.0, 0.0, 0.0, *total]).collect(),
             rotation: vec![Turn::default(); p.soft.len()],
         };
-        let planes = rest.planes.iter().map(of_plane).collect();
+        let planes = rest.planes.par_iter().map(of_plane).collect();
         let yielding = (3.0 * poisson / (1.0 + poisson)) as f32;
         Self { rest, u: Halves { parity, plane }, turn, planes, yielding, scale: Vec::new() }
     }
@@ -134,7 +134,11 @@ impl<'a> Relaxation<'a> {
 
     /// Displacements in storage order.
     pub fn displacements(&self) -> Vec<[f32; 3]> {
-        (0..self.planes.len()).flat_map(|k| self.u.plane(k).iter().map(|u| [u[0], u[1], u[2]])).collect()
+        let mut out = vec![[0.0; 3]; self.planes.len() * self.u.plane];
+        out.par_chunks_mut(self.u.plane).enumerate().for_each(|(k, out)| {
+            out.iter_mut().zip(self.u.plane(k)).for_each(|(out, u)| *out = [u[0], u[1], u[2]]);
+        });
+        out
     }
 
     /// Updates the displacements of all planes of one parity; within a plane in storage order (Gauss-Seidel).
@@ -268,8 +272,9 @@ impl<'a> Relaxation<'a> {
     }
 }
 
-/// Local rotation of every node that `displacement` means; identity outside. `turns` are the bones' rotations.
-pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Vec<Matrix3<f64>> {
+/// Local rotation minus identity of every node that `displacement` means, column by column; 0 outside. `turns` are the bones'
+/// rotations.
+pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Vec<Turn> {
     const STEPS: usize = 12;
     let (links, softness) = (Links::new(lattice, true), softness(lattice, Elasticity::Corotated));
     let u: Vec<Lanes> = displacement.iter().map(|u| [u[0], u[1], u[2], 0.0]).collect();
@@ -289,7 +294,7 @@ pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<
     let found: Vec<Vec<Turn>> = soft.par_chunks(LANES).map(of_batch).collect();
     let mut out = bone_turns(lattice, turns);
     soft.iter().zip(found.iter().flatten()).for_each(|(&n, turn)| out[n as usize] = *turn);
-    out.iter().map(|t| Matrix3::from_fn(|a, b| f64::from(t[b][a])) + Matrix3::identity()).collect()
+    out
 }
 
 /// The bones' rotations minus identity on their nodes, none elsewhere.
@@ -299,5 +304,5 @@ fn bone_turns(lattice: &Lattice, turns: &[Matrix3<f64>]) -> Vec<Turn> {
         Node::Bone(b) => turns[usize::from(*b)],
         _ => Turn::default(),
     };
-    lattice.node.iter().map(of).collect()
+    lattice.node.par_iter().map(of).collect()
 }

@@ -24,14 +24,31 @@ pub fn tangled(lattice: &Lattice, u: &[[f32; 3]], nodes: &[u32], least: f64) -> 
         .collect()
 }
 
+/// First nodes of the cells of which a corner is set.
+pub fn cells_of(lattice: &Lattice, nodes: &[bool]) -> Vec<u32> {
+    let corners = lattice.grid.cell_corners();
+    // As in [`tangled`], these cells lie in the grid.
+    lattice.active.iter().copied().filter(|&first| corners.iter().any(|c| nodes[first as usize + c])).collect()
+}
+
 /// Sets every node that is at most `links` links away from the cells that begin at `cells`.
 pub fn around(lattice: &Lattice, cells: &[u32], links: usize) -> Vec<bool> {
+    boxes(lattice, cells, links, links + 1)
+}
+
+/// Sets `nodes` and every node that a link joins to them.
+pub fn beside(lattice: &Lattice, nodes: &[u32]) -> Vec<bool> {
+    boxes(lattice, nodes, 1, 1)
+}
+
+/// Sets every node from `before` steps before to `after` steps after one of `nodes` along all axes.
+fn boxes(lattice: &Lattice, nodes: &[u32], before: usize, after: usize) -> Vec<bool> {
     let size = lattice.grid.size();
     let mut out = vec![false; lattice.node.len()];
-    for &first in cells {
-        let at = lattice.grid.voxel(first as usize);
-        let low = at.map(|c| c.saturating_sub(links));
-        let high: [usize; 3] = std::array::from_fn(|a| (at[a] + 1 + links).min(size[a] - 1));
+    for &node in nodes {
+        let at = lattice.grid.voxel(node as usize);
+        let low = at.map(|c| c.saturating_sub(before));
+        let high: [usize; 3] = std::array::from_fn(|a| (at[a] + after).min(size[a] - 1));
         for k in low[2]..=high[2] {
             for j in low[1]..=high[1] {
                 let row = lattice.grid.linear([low[0], j, k]);

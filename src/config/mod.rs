@@ -115,7 +115,7 @@ impl Preset {
                 ..base
             },
             Self::Accurate => Config {
-                refine: RefineOptions { passes: 16, settled: 0.01, rounds: 5, ..RefineOptions::default() },
+                refine: RefineOptions { passes: 16, settled: 0.005, rounds: 5, ..RefineOptions::default() },
                 ..base
             },
             Self::Thesis => Config {

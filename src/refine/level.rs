@@ -36,8 +36,6 @@ pub(super) struct Level<'a> {
     robust: f64,
     /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.
     reach: f64,
-    /// As [`Pull::farthest`].
-    farthest: f32,
 }
 
 /// Edge of the cube with the volume of a cell.
@@ -68,12 +66,11 @@ impl<'a> Level<'a> {
             weight: options.weight * mean * mean,
             robust: options.robust,
             reach: REACH * sigma,
-            farthest: options.farthest(lattice),
         }
     }
 
-    /// The pull at the elements' displacements `u`.
-    pub(super) fn pull(&self, u: &[[f32; 3]]) -> Pull {
+    /// Renews the pull on the soft elements `which` at the elements' displacements `u`.
+    pub(super) fn renew(&self, u: &[[f32; 3]], which: &[u32], pull: &mut Pull) {
         let m = self.offsets.len();
         let grey: Vec<(f64, f64)> = (0..self.planning.len().div_ceil(THINNED))
             .into_par_iter()
@@ -85,15 +82,14 @@ impl<'a> Level<'a> {
             })
             .collect();
         let grey = grey_values(&grey);
-        let (mut stiffness, mut towards) = (Vec::new(), Vec::new());
-        let each = (0..self.soft.len()).into_par_iter().map(|s| {
+        let each = which.par_iter().map(|&s| {
             vectorised(
                 #[inline(always)]
-                || self.element(s, u, grey),
+                || self.element(s as usize, u, grey),
             )
         });
-        each.unzip_into_vecs(&mut stiffness, &mut towards);
-        Pull { stiffness, towards, farthest: self.farthest }
+        let renewed: Vec<_> = each.collect();
+        which.iter().zip(renewed).for_each(|(&s, new)| pull.set(s as usize, new));
     }
 
     /// Where soft element `s` is now.

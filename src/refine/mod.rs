@@ -9,7 +9,7 @@ mod skin;
 pub use options::{RefineOptions, SkinOptions};
 pub use planning::PlanningSamples;
 
-use crate::chainmail::{Comparison, ImagePull, Lattice, Passes, Pull};
+use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};
 use level::{Level, mean_edge};
 use planning::{Planning, windowed};
@@ -48,18 +48,24 @@ impl ImagePull for Images<'_> {
         let of = |fraction| Level::new(&self.planning, fraction, lattice, &self.options);
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
-        let nothing = || Pull::none(lattice.soft().count(), self.options.farthest(lattice));
-        Box::new(move |u| {
-            let mut pull = level.as_ref().map_or_else(nothing, |level| level.pull(u));
-            if let Some(outline) = &outline {
-                outline.add(u, &mut pull);
+        Box::new(move |u, which, pull| {
+            match &level {
+                Some(level) => level.renew(u, which, pull),
+                None => which.iter().for_each(|&s| pull.set(s as usize, Default::default())),
             }
-            pull
+            if let Some(outline) = &outline {
+                outline.add(u, which, pull);
+            }
         })
     }
 
     fn passes(&self, lattice: &Lattice) -> Passes {
         let settled_mm = self.options.settled * mean_edge(&lattice.grid.spacing());
-        Passes { most: self.options.passes, rounds: self.options.rounds, settled_mm }
+        Passes {
+            most: self.options.passes,
+            rounds: self.options.rounds,
+            settled_mm,
+            farthest: self.options.farthest(lattice),
+        }
     }
 }

@@ -12,8 +12,8 @@ pub struct RefineOptions {
     pub weight: f64,
     /// Times that the images are compared anew at each spacing of the relaxation, at most.
     pub passes: usize,
-    /// They are not compared again once all but a hundredth of the elements move by less than this share of the elements'
-    /// spacing.
+    /// An element that moves by no more than this share of the elements' spacing after a comparison has settled: it is not
+    /// compared again while all beside it have settled too, and none is once all but a hundredth have.
     pub settled: f64,
     /// Rounds of relaxation after each comparison.
     pub rounds: usize,
@@ -68,7 +68,7 @@ impl Default for RefineOptions {
         Self {
             weight: 1.0,
             passes: 8,
-            settled: 0.03,
+            settled: 0.015,
             rounds: 3,
             blur: 0.2,
             least_blur: 0.4,

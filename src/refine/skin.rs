@@ -75,21 +75,24 @@ pub(super) struct Outline<'a> {
 }
 
 impl Outline<'_> {
-    /// Adds to the pull at the elements' displacements `u`.
-    pub(super) fn add(&self, u: &[[f32; 3]], pull: &mut Pull) {
-        let each = pull.stiffness.par_iter_mut().zip(&mut pull.towards).zip(&self.elements).zip(&self.soft);
-        each.for_each(|(((stiffness, towards), element), &n)| {
-            let Some((rest, depth, sure)) = element else { return };
-            let now = Vector3::from(u[n as usize].map(f64::from));
-            let Some((r, normal, w)) = self.asked(&(rest + now), *depth) else { return };
-            let w = w * sure * self.weight;
+    /// Adds to the pull on the soft elements `which` at the elements' displacements `u`.
+    pub(super) fn add(&self, u: &[[f32; 3]], which: &[u32], pull: &mut Pull) {
+        let asked = which.par_iter().map(|&s| {
+            let (rest, depth, sure) = self.elements[s as usize].as_ref()?;
+            let now = Vector3::from(u[self.soft[s as usize] as usize].map(f64::from));
+            let (r, normal, w) = self.asked(&(rest + now), *depth)?;
+            Some((r, normal, w * sure * self.weight, now))
+        });
+        let asked: Vec<_> = asked.collect();
+        for (&s, asked) in which.iter().zip(asked) {
+            let Some((r, normal, w, now)) = asked else { continue };
             // The quadratic of a further step, about the displacement that the element has.
             let b = normal * (w * (r + normal.dot(&now)));
             for (k, (x, y)) in Pull::ENTRIES.into_iter().enumerate() {
-                stiffness[k] += (w * normal[x] * normal[y]) as f32;
+                pull.stiffness[s as usize][k] += (w * normal[x] * normal[y]) as f32;
             }
-            (0..3).for_each(|a| towards[a] += b[a] as f32);
-        });
+            (0..3).for_each(|a| pull.towards[s as usize][a] += b[a] as f32);
+        }
     }
 
     /// How far a point must go along which gradient to be as deep in the fraction as it was in planning, and how much that
@@ -140,7 +143,8 @@ mod tests {
         let outline = skin.at(&lattice);
         let at_rest = vec![[0f32; 3]; lattice.node.len()];
         let mut pull = Pull::none(lattice.soft().count(), 100.0);
-        outline.add(&at_rest, &mut pull);
+        let which: Vec<u32> = (0..pull.towards.len() as u32).collect();
+        outline.add(&at_rest, &which, &mut pull);
         let mut pulled = 0;
         for (s, n) in lattice.soft().enumerate() {
             let x = lattice.rest(n as usize).coords;
@@ -166,7 +170,8 @@ mod tests {
             let options = SkinOptions { weight: 1.0, edge_mm, ..SkinOptions::default() };
             let skin = Skin::new(&ball(12.0), &ball(fraction), &options).unwrap();
             let mut pull = Pull::none(lattice.soft().count(), 100.0);
-            skin.at(&lattice).add(&at_rest, &mut pull);
+            let which: Vec<u32> = (0..pull.towards.len() as u32).collect();
+            skin.at(&lattice).add(&at_rest, &which, &mut pull);
             assert!(pull.stiffness.iter().flatten().all(|s| s.abs() < 1e-6), "{fraction} {edge_mm}");
         }
         assert!(Skin::new(&ball(12.0), &ball(12.0), &SkinOptions::default()).is_none());
