@@ -125,7 +125,7 @@ mod tests {
         Lattice::from_nodes(grid.clone(), node, vec![soft; grid.len()])
     }
 
-    /// Draws the elements of one corner by 0.5 mm and holds all others a little where they are at rest; notes who asks.
+    /// Draws the elements of one corner by 0.5 mm and holds all others where they are; notes who asks.
     struct Corner {
         always: bool,
         asked: Mutex<Vec<Vec<u32>>>,
