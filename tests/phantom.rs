@@ -310,3 +310,18 @@ fn senseless_options_are_refused() {
     assert!(refused(|o| o.size = [0, 4, 4]).contains("size"));
     assert!(toml::from_str::<Posture>("skull = { rotation = [1, 2, 3] }").is_err());
 }
+
+#[test]
+fn fat_goes_around_the_patient_and_leaves_what_is_in_him() {
+    let lean = Phantom::new(&tiny_options()).unwrap();
+    let stout = Phantom::new(&PhantomOptions { fat_mm: 18.0, ..tiny_options() }).unwrap();
+    assert_eq!(lean.bones.volume.data(), stout.bones.volume.data());
+    let [lean, stout] = [lean, stout].map(|p| (p.body, p.planning));
+    let added: Vec<usize> = (0..lean.0.data().len()).filter(|&v| stout.0.data()[v] && !lean.0.data()[v]).collect();
+    assert!((0..lean.0.data().len()).all(|v| stout.0.data()[v] || !lean.0.data()[v]));
+    // Fat but for the skin, and what a voxel takes of the air beside it.
+    let fat = added.iter().filter(|&&v| (-130.0..-70.0).contains(&stout.1.data()[v])).count();
+    let count = |body: &aventail::volume::Mask| body.data().iter().filter(|b| **b).count() as f64;
+    assert!((1.4..1.8).contains(&(count(&stout.0) / count(&lean.0))), "{} {}", count(&stout.0), count(&lean.0));
+    assert!(2 * fat > added.len(), "{fat} of {}", added.len());
+}

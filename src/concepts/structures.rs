@@ -65,7 +65,7 @@ const STEP: f64 = 1.1;
 /// Fig. 25.
 pub(super) fn vertebra() -> Result<Figure> {
     let size = [65, 61];
-    let anatomy = Anatomy::new(0.5);
+    let anatomy = Anatomy::new(0.5, 0.0);
     let body = anatomy.sample(&Point3::from(C7)).label;
     if body == 0 {
         return Err(Error::Internal("the phantom has no vertebra at the place of the figure".into()));

@@ -35,6 +35,7 @@ pub struct Anatomy {
     depth: Vec<Depth>,
     couch: Couch,
     edge: f64,
+    fat: f64,
 }
 
 /// A shape of a solid, by position.
@@ -86,8 +87,9 @@ fn parts<'a>(solids: impl Iterator<Item = &'a Solid>) -> Vec<Part> {
 }
 
 impl Anatomy {
-    /// The anatomy; `edge` is the width in mm over which tissues mix at their borders (partial volume).
-    pub fn new(edge: f64) -> Self {
+    /// The anatomy; `edge` is the width in mm over which tissues mix at their borders (partial volume), `fat` the thickness of a
+    /// layer that is put around it.
+    pub fn new(edge: f64, fat: f64) -> Self {
         let mut bones = vec![head_bones::skull(), head_bones::mandible(), head_bones::hyoid()];
         bones.extend(spine::vertebrae());
         bones.extend(trunk_bones::bones());
@@ -105,7 +107,7 @@ impl Anatomy {
             tissues.iter().flat_map(|t| t.solid.parts.iter().map(|p| &p.1)),
             edge + MUSCLE_FILL + 2.0,
         );
-        let skin_cells = Cells::new(within, skin.iter().map(|s| &s.1), SKIN_REACH + 20.0);
+        let skin_cells = Cells::new(within, skin.iter().map(|s| &s.1), SKIN_REACH + 20.0 + fat);
         let mut out = Self {
             bone_parts: parts(bones.iter().map(|b| &b.solid)),
             tissue_parts: parts(tissues.iter().map(|t| &t.solid)),
@@ -116,8 +118,9 @@ impl Anatomy {
             skin,
             depth: Vec::new(),
             skin_cells,
-            couch: Couch::new(),
+            couch: Couch::new(fat),
             edge,
+            fat,
         };
         let room = super::cells::CELL;
         let depth = |cell: usize| match out.outline_in(cell, &out.skin_cells.centre(cell)) {
@@ -248,10 +251,11 @@ impl Anatomy {
     }
 
     fn outline_in(&self, cell: usize, p: &V3) -> f64 {
-        self.skin_cells.parts(cell).iter().fold(SKIN_REACH, |d, &n| {
+        let lean = self.skin_cells.parts(cell).iter().fold(SKIN_REACH + self.fat, |d, &n| {
             let (width, shape) = &self.skin[n as usize];
             outline::blend(d, shape.distance(p), *width)
-        })
+        });
+        lean - self.fat
     }
 }
 

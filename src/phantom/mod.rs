@@ -75,7 +75,7 @@ impl Phantom {
     pub fn new(options: &PhantomOptions) -> Result<Self> {
         options.check()?;
         let (grid, fraction_grid) = (options.planning_grid()?, options.fraction_grid()?);
-        let anatomy = Anatomy::new(options.edge_mm);
+        let anatomy = Anatomy::new(options.edge_mm, options.fat_mm);
         let planning = render::planning(&anatomy, &grid, options)?;
         let names = anatomy.bones().iter().map(|b| b.name.clone());
         let bones = LabelMap { volume: planning.labels, names: (1u16..).zip(names).collect() };

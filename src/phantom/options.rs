@@ -20,6 +20,8 @@ pub struct PhantomOptions {
     pub top_mm: f64,
     /// Width over which tissues mix at their borders (partial volume), mm.
     pub edge_mm: f64,
+    /// Thickness of a layer of fat put around the patient, mm.
+    pub fat_mm: f64,
     /// Standard deviation of the planning CT's noise, HU.
     pub planning_noise_hu: f64,
     /// Standard deviation of the fraction CT's noise, HU.
@@ -56,6 +58,7 @@ impl Default for PhantomOptions {
             spacing_mm: [2.0, 2.0, 3.0],
             top_mm: 142.5,
             edge_mm: 1.8,
+            fat_mm: 0.0,
             planning_noise_hu: 8.0,
             fraction_noise_hu: 14.0,
             fraction_gain: 1.015,
@@ -79,9 +82,16 @@ impl PhantomOptions {
         Self { size: [103, 72, 70], spacing_mm: [5.0, 5.0, 6.0], edge_mm: 4.0, ..Self::default() }
     }
 
-    /// The thesis's scan: 512 x 512 x 126 voxels of 0.98 x 0.98 x 3 mm, from the forehead down.
+    /// The thesis's scan: 512 x 512 x 126 voxels of 0.98 x 0.98 x 3 mm, from the forehead down, of a patient of 7 million voxels.
     pub fn thesis_scale() -> Self {
-        Self { size: [512, 512, 126], spacing_mm: [0.98, 0.98, 3.0], top_mm: 112.0, edge_mm: 1.2, ..Self::default() }
+        Self {
+            size: [512, 512, 126],
+            spacing_mm: [0.98, 0.98, 3.0],
+            top_mm: 112.0,
+            edge_mm: 1.2,
+            fat_mm: 18.0,
+            ..Self::default()
+        }
     }
 
     /// The planning grid.
@@ -121,7 +131,7 @@ impl PhantomOptions {
     /// Refuses numbers that no image can have.
     pub(super) fn check(&self) -> Result<()> {
         let amounts = [self.edge_mm, self.fraction_gain];
-        let none_or_more = [self.planning_noise_hu, self.fraction_noise_hu, self.soft_tissue_mm];
+        let none_or_more = [self.planning_noise_hu, self.fraction_noise_hu, self.soft_tissue_mm, self.fat_mm];
         let any = [self.fraction_offset_hu, self.top_mm, self.fraction_cut_top_mm, self.fraction_cut_bottom_mm];
         let vectors = [self.fraction_grid_shift, self.scanner_shift_mm, self.couch_shift_mm, self.fraction_spacing_mm];
         let fine = amounts.iter().all(|v| v.is_finite() && *v > 0.0)
@@ -130,7 +140,8 @@ impl PhantomOptions {
         if fine {
             return Ok(());
         }
-        let problem = format!("edge {} mm, gain {}, noise {none_or_more:?}", self.edge_mm, self.fraction_gain);
+        let problem =
+            format!("edge {} mm, gain {}, noise, motion and fat {none_or_more:?}", self.edge_mm, self.fraction_gain);
         Err(Error::input("phantom options", problem, "give finite numbers; edge and gain must be positive"))
     }
 }

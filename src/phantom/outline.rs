@@ -68,20 +68,21 @@ pub(super) fn blend(d: f64, next: f64, width: f64) -> f64 {
     d.min(next) - h * h * width * 0.25
 }
 
-/// Height (y) of the couch top, mm.
-pub(super) const COUCH_TOP: f64 = 123.0;
+/// Height (y) of the couch top below the lean patient, mm.
+const COUCH_TOP: f64 = 123.0;
 
 /// The treatment couch and head support: HU of each part with its solid, in painting order.
 #[derive(Debug, Clone)]
 pub(super) struct Couch {
+    top: f64,
     parts: Vec<(f64, Shape)>,
     support: Shape,
 }
 
 impl Couch {
-    /// The couch below the patient.
-    pub(super) fn new() -> Self {
-        let y = COUCH_TOP;
+    /// The couch below a patient with so thick a layer of fat, mm.
+    pub(super) fn new(fat: f64) -> Self {
+        let y = COUCH_TOP + fat;
         let parts = vec![
             (-150.0, block([0.0, y + 22.0, -60.0], [262.0, 22.0, 400.0], 14.0)),
             (-955.0, block([0.0, y + 22.0, -60.0], [259.5, 19.5, 400.0], 12.0)),
@@ -89,12 +90,12 @@ impl Couch {
             (120.0, block([118.0, y - 6.0, -8.0], [9.0, 7.0, 16.0], 2.0)),
             (120.0, block([-118.0, y - 6.0, -8.0], [9.0, 7.0, 16.0], 2.0)),
         ];
-        Self { parts, support: block([0.0, y - 28.0, 10.0], [82.0, 28.0, 106.0], 12.0) }
+        Self { top: y, parts, support: block([0.0, y - 28.0, 10.0], [82.0, 28.0, 106.0], 12.0) }
     }
 
     /// HU at a point that is not patient; `skin` gives the distance to the resting patient's skin in mm.
     pub(super) fn hu(&self, p: &V3, skin: impl Fn() -> f64, edge: f64) -> f64 {
-        if p.y < COUCH_TOP - 58.0 {
+        if p.y < self.top - 58.0 {
             return -1000.0;
         }
         let mut hu = -1000.0;
