@@ -4,7 +4,7 @@
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
-use super::dial::{Nothing, Search};
+use super::dial::Search;
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
 use super::lattice::{Lattice, Node};
@@ -142,9 +142,9 @@ impl Medium {
             }
         };
         let seeds: Vec<(i32, u32)> = seeds.iter().map(|s| (0, s.1)).collect();
-        let mut search = Search::new(self, 0..self.len(), latest, Nothing);
+        let mut search = Search::new(self, 0..self.len(), latest);
         search.run(&seeds);
-        Arrival { times: search.times, limit: self.limit }
+        Arrival { times: search.keys, limit: self.limit }
     }
 
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in

@@ -65,7 +65,7 @@ const LEAST_SHEAR: f32 = 0.02;
 /// 2^23: above it single precision holds integers only.
 const TWO_POW_23: f32 = 8_388_608.0;
 /// No link takes longer, ticks: reached at spacings beyond a metre.
-const MOST_TICKS: f32 = 8e6;
+pub(super) const MOST_TICKS: f32 = 8e6;
 
 /// One of the links of every element.
 #[derive(Debug, Clone, Copy)]
@@ -108,18 +108,18 @@ impl FrontRules {
     /// Ticks along a link of this factor between two nodes whose relative shears add up to `shears`.
     pub fn ticks(&self, factor: f32, shears: f32) -> u32 {
         match self.time {
-            LinkTime::FastInStiff => Self::ticks_of::<true>(factor, shears),
-            LinkTime::SlowInStiff | LinkTime::Literal => Self::ticks_of::<false>(factor, shears),
+            LinkTime::FastInStiff => Self::ticks_of::<true>(factor, shears, MOST_TICKS),
+            LinkTime::SlowInStiff | LinkTime::Literal => Self::ticks_of::<false>(factor, shears, MOST_TICKS),
         }
     }
 
-    /// As [`FrontRules::ticks`]; `FAST`: shear multiplies, [`LinkTime::FastInStiff`], otherwise it divides.
+    /// As [`FrontRules::ticks`], `most` at most; `FAST`: shear multiplies, [`LinkTime::FastInStiff`], otherwise it divides.
     #[inline(always)]
-    pub fn ticks_of<const FAST: bool>(factor: f32, shears: f32) -> u32 {
+    pub fn ticks_of<const FAST: bool>(factor: f32, shears: f32, most: f32) -> u32 {
         let s = shears.max(2.0 * LEAST_SHEAR);
         let t = if FAST { factor * s } else { factor / s };
         // Added to 2^23, a number's nearest integer stands in the low bits: without the cost of a call to round it.
-        (t.clamp(1.0, MOST_TICKS) + TWO_POW_23).to_bits() & 0x7f_ffff
+        (t.max(1.0).min(most) + TWO_POW_23).to_bits() & 0x7f_ffff
     }
 
     /// Index steps of the links.

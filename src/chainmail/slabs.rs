@@ -4,22 +4,20 @@
 //! Times are least sums, and of equal times the first bone counts: whatever the planes, the end is the same.
 
 use super::arrival::{LATE, Medium, arrived};
-use super::dial::{Owners, Search};
+use super::dial::Search;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// How one wave from all bones went: when it came to each cell, and from which bone.
 pub(super) struct FirstArrivals<'a> {
     /// The slabs' searches, in order.
-    parts: Vec<Search<'a, Owners>>,
-    /// Latest time that counts.
-    limit: i32,
+    parts: Vec<Search<'a>>,
 }
 
 impl<'a> FirstArrivals<'a> {
     /// Runs the wave, by at most so many slabs.
     pub(super) fn of(medium: &'a Medium, slabs: usize) -> Self {
-        let mut parts: Vec<Search<'_, Owners>> =
+        let mut parts: Vec<Search<'_>> =
             cut(medium, slabs).into_par_iter().map(|planes| slab(medium, planes)).collect();
         let mut seeds: Vec<Vec<(i32, u32)>> = parts.iter_mut().map(|p| p.surface(medium)).collect();
         while seeds.iter().any(|s| !s.is_empty()) {
@@ -27,15 +25,15 @@ impl<'a> FirstArrivals<'a> {
             let news: Vec<News> = parts.iter_mut().flat_map(Search::news).collect();
             seeds = parts.iter_mut().map(|part| part.learn(&news)).collect();
         }
-        Self { parts, limit: medium.limit }
+        Self { parts }
     }
 
     /// Ticks at a cell of soft tissue and the bone; `None` where the wave does not come, and in bones.
     pub(super) fn at(&self, cell: usize) -> Option<(u32, u16)> {
         // The parts' own cells follow each other.
         let part = &self.parts[self.parts.partition_point(|p| p.first + p.own.end <= cell)];
-        let own = cell - part.first;
-        Some((arrived(part.times[own], self.limit)?, part.notes.0[own]))
+        let (time, bone) = part.told_by(part.keys[cell - part.first]);
+        Some((arrived(time, part.limit)?, bone))
     }
 }
 
@@ -59,20 +57,20 @@ fn cut(medium: &Medium, most: usize) -> Vec<Range<usize>> {
     slabs
 }
 
-/// What a cell was told: the cell in the medium, time and bone.
-type News = (usize, i32, u16);
+/// What a cell was told: the cell in the medium, and its key.
+type News = (usize, i32);
 
 /// A search over these planes, and one more on either side that does not hand on.
-fn slab(medium: &Medium, planes: Range<usize>) -> Search<'_, Owners> {
+fn slab(medium: &Medium, planes: Range<usize>) -> Search<'_> {
     let plane = medium.size()[0] * medium.size()[1];
     let own = planes.start * plane..planes.end * plane;
     let seen = own.start.saturating_sub(plane)..(own.end + plane).min(medium.len());
     let own = own.start - seen.start..own.end - seen.start;
-    let notes = Owners(vec![0; seen.len()]);
-    Search::new(medium, seen, None, notes).handing_on(own)
+    let last = medium.surface.last().map_or(0, |s| s.0);
+    Search::new(medium, seen, None).telling(last).handing_on(own)
 }
 
-impl Search<'_, Owners> {
+impl Search<'_> {
     /// Where a cell of the medium is among those that are this search's own.
     fn place(&self, cell: usize) -> Option<usize> {
         cell.checked_sub(self.first).filter(|c| self.own.contains(c))
@@ -83,8 +81,8 @@ impl Search<'_, Owners> {
         let mut seeds = Vec::new();
         for &(bone, cell) in &medium.surface {
             let Some(cell) = self.place(cell as usize) else { continue };
-            self.notes.0[cell] = bone;
-            seeds.push((0, cell as u32));
+            self.keys[cell] = i32::from(bone);
+            seeds.push((i32::from(bone), cell as u32));
         }
         seeds
     }
@@ -94,18 +92,17 @@ impl Search<'_, Owners> {
         let mut told = std::mem::take(&mut self.told);
         told.sort_unstable();
         told.dedup();
-        let of = |n: usize| (self.first + n, self.times[n], self.notes.0[n]);
-        told.into_iter().map(|n| of(n as usize)).collect()
+        told.into_iter().map(|n| (self.first + n as usize, self.keys[n as usize])).collect()
     }
 
     /// Takes up what is better than it had; the cells from which that goes on, earliest first.
     fn learn(&mut self, news: &[News]) -> Vec<(i32, u32)> {
         let mut seeds = Vec::new();
-        for &(cell, time, bone) in news {
+        for &(cell, key) in news {
             let Some(cell) = self.place(cell) else { continue };
-            if (time, bone) < (self.times[cell], self.notes.0[cell]) {
-                (self.times[cell], self.notes.0[cell]) = (time, bone);
-                seeds.push((time, cell as u32));
+            if key < self.keys[cell] {
+                self.keys[cell] = key;
+                seeds.push((key, cell as u32));
             }
         }
         seeds.sort_unstable();
