@@ -1,9 +1,10 @@
 //! First arrivals of fronts where bones hand on their motion undiminished: only times count, so that a wave is a shortest
-//! path search over cells packed for it.
+//! path search over cells packed for it in bricks.
 //!
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
+use super::brick::{Brick, Bricks, CELLS, value};
 use super::dial::Search;
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
@@ -16,32 +17,30 @@ pub(super) const LATE: i32 = i32::MAX;
 /// Times beyond this do not count, whatever the cut-off: sums stay far from overflow.
 const MOST: f64 = (1 << 30) as f64;
 
-/// Cells that are looked at together: a cell's neighbours on one row, and one more that makes it four.
-pub(super) const SPAN: usize = 4;
+/// Fewer planes of bricks are not worth a thread.
+const LEAST_PLANES: usize = 4;
 
-/// Fewer planes are not worth a thread.
-const LEAST_PLANES: usize = 8;
-
-/// Links to the cells of a row.
+/// Links of a cell to the cells of one brick.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
-    /// Distance in storage to the first of [`SPAN`] cells.
-    pub(super) offset: isize,
+pub(super) struct Links {
+    /// Bricks ahead.
+    pub(super) brick: isize,
     /// Factor of each link; see [`FrontRules::factor`].
-    pub(super) factor: [f32; SPAN],
-    /// Bit `l` is set where the front runs along link `l`.
+    pub(super) factor: [f32; CELLS],
+    /// Bit `l` is set where the front runs to cell `l`.
     pub(super) open: u32,
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
 pub(super) struct Medium {
     low: [usize; 3],
-    size: [usize; 3],
+    pub(super) bricks: Bricks,
     /// Relative shear of each cell.
-    pub(super) shear: Vec<f32>,
+    pub(super) shear: Vec<Brick<f32>>,
     /// Times before a wave: [`LATE`] in soft tissue, 0 where no front may enter.
-    pub(super) rest: Vec<i32>,
-    pub(super) rows: Vec<Row>,
+    pub(super) rest: Vec<Brick<i32>>,
+    /// For each cell of a brick its links, brick by brick.
+    pub(super) links: [Vec<Links>; CELLS],
     pub(super) rules: FrontRules,
     /// Latest time that counts.
     pub(super) limit: i32,
@@ -52,8 +51,9 @@ pub(super) struct Medium {
 }
 
 /// How a wave went, on the cells of the medium.
+#[derive(Default)]
 pub(super) struct Arrival {
-    times: Vec<i32>,
+    times: Vec<Brick<i32>>,
     limit: i32,
 }
 
@@ -61,25 +61,31 @@ impl Medium {
     /// Packs a lattice.
     pub(super) fn new(lattice: &Lattice, rules: FrontRules) -> Self {
         let [low, size] = active_box(lattice);
-        let cells: usize = size.iter().product();
-        // Room at the end for the last row's span.
-        let (mut shear, mut rest) = (vec![0f32; cells + SPAN], vec![0i32; cells + SPAN]);
-        let rows = shear[..cells].par_chunks_mut(size[0]).zip(rest[..cells].par_chunks_mut(size[0]));
+        let bricks = Bricks::holding(size);
+        let (mut shear, mut rest) = (vec![Brick::default(); bricks.len()], vec![Brick::default(); bricks.len()]);
+        let rows = shear.par_chunks_mut(bricks.size[0]).zip(rest.par_chunks_mut(bricks.size[0]));
         rows.enumerate().for_each(|(row, (shear, rest))| {
-            let start = lattice.grid.linear([low[0], low[1] + row % size[1], low[2] + row / size[1]]);
-            for ((shear, rest), n) in shear.iter_mut().zip(rest).zip(start..) {
-                *shear = lattice.constraint[n].shear;
-                *rest = if lattice.node[n] == Node::Soft { LATE } else { 0 };
+            let [j, k] = [row % bricks.size[1], row / bricks.size[1]].map(|at| 2 * at);
+            for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)] {
+                if j >= size[1] || k >= size[2] {
+                    continue;
+                }
+                let start = lattice.grid.linear([low[0], low[1] + j, low[2] + k]);
+                for i in 0..size[0] {
+                    let (n, at) = (start + i, i % 2 + 2 * (j % 2) + 4 * (k % 2));
+                    shear[i / 2].0[at] = lattice.constraint[n].shear;
+                    rest[i / 2].0[at] = if lattice.node[n] == Node::Soft { LATE } else { 0 };
+                }
             }
         });
         let hops = rules.links(lattice);
-        let greatest = shear.iter().copied().fold(0f32, f32::max);
+        let greatest = shear.iter().flat_map(|b| b.0).fold(0f32, f32::max);
         let ticks =
             || hops.iter().flat_map(|h| [0.0, 2.0 * greatest].map(|shears| rules.ticks(rules.factor(h.mm), shears)));
         let mut medium = Self {
             low,
-            size,
-            rows: rows_of(&hops, &rules, size),
+            bricks,
+            links: std::array::from_fn(|at| links_of(at, &hops, &rules, bricks)),
             limit: (rules.cutoff * TICKS).min(MOST) as i32,
             ticks: [ticks().min(), ticks().max()].map(|t| t.unwrap_or(1) as i32),
             rules,
@@ -99,25 +105,15 @@ impl Medium {
             .filter_map(|&n| {
                 let Node::Bone(bone) = lattice.node[n as usize] else { return None };
                 let cell = self.cell(lattice.grid.voxel(n as usize));
-                let soft = |row: &Row| {
-                    let first = cell.wrapping_add_signed(row.offset);
-                    (0..SPAN).any(|l| row.open >> l & 1 == 1 && self.rest[first + l] == LATE)
+                let soft = |links: &Links| {
+                    let rest = self.rest[(cell / CELLS).wrapping_add_signed(links.brick)].0;
+                    (0..CELLS).any(|l| links.open >> l & 1 == 1 && rest[l] == LATE)
                 };
-                self.rows.iter().any(soft).then_some((bone, cell as u32))
+                self.links[cell % CELLS].iter().any(soft).then_some((bone, cell as u32))
             })
             .collect();
         found.sort_unstable();
         found
-    }
-
-    /// Number of cells.
-    pub(super) fn len(&self) -> usize {
-        self.size.iter().product()
-    }
-
-    /// Cells along each axis.
-    pub(super) fn size(&self) -> [usize; 3] {
-        self.size
     }
 
     /// The lattice's voxel of the first cell.
@@ -127,12 +123,18 @@ impl Medium {
 
     /// The cell of a voxel of the lattice, which must lie inside the box.
     pub(super) fn cell(&self, voxel: [usize; 3]) -> usize {
-        let [i, j, k] = std::array::from_fn(|a| voxel[a] - self.low[a]);
-        i + self.size[0] * (j + self.size[1] * k)
+        self.bricks.cell(std::array::from_fn(|a| voxel[a] - self.low[a]))
     }
 
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
-    pub(super) fn times(&self, source: Source, latest: Option<&[i32]>) -> Arrival {
+    pub(super) fn times(&self, source: Source, latest: Option<&[Brick<i32>]>) -> Arrival {
+        let mut arrival = Arrival::default();
+        self.times_into(&mut arrival, source, latest);
+        arrival
+    }
+
+    /// As [`Medium::times`], in the room of a wave that is needed no more: fresh memory costs a tenth of a wave.
+    pub(super) fn times_into(&self, arrival: &mut Arrival, source: Source, latest: Option<&[Brick<i32>]>) {
         let seeds = match source {
             Source::AnyBone => &self.surface[..],
             Source::Bone(b) => {
@@ -142,20 +144,22 @@ impl Medium {
             }
         };
         let seeds: Vec<(i32, u32)> = seeds.iter().map(|s| (0, s.1)).collect();
-        let mut search = Search::new(self, 0..self.len(), latest);
+        let room = std::mem::take(&mut arrival.times);
+        let mut search = Search::new(self, 0..self.bricks.len(), latest, room);
         search.run(&seeds);
-        Arrival { times: search.keys, limit: self.limit }
+        *arrival = Arrival { times: search.keys, limit: self.limit };
     }
 
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
     /// the skeleton.
     pub(super) fn first_arrivals(&self) -> FirstArrivals<'_> {
-        FirstArrivals::of(self, rayon::current_num_threads().min(self.size[2] / LEAST_PLANES))
+        FirstArrivals::of(self, rayon::current_num_threads().min(self.bricks.size[2] / LEAST_PLANES))
     }
 
     /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
-    pub(super) fn latest(&self, first: &Arrival, ratio: f64) -> Vec<i32> {
-        first.times.par_iter().map(|&t| (ratio * f64::from(t)).min(f64::from(LATE)) as i32).collect()
+    pub(super) fn latest(&self, first: &Arrival, ratio: f64) -> Vec<Brick<i32>> {
+        let of = |t: i32| (ratio * f64::from(t)).min(f64::from(LATE)) as i32;
+        first.times.par_iter().map(|times| Brick(times.0.map(of))).collect()
     }
 }
 
@@ -176,28 +180,26 @@ pub(super) fn active_box(lattice: &Lattice) -> [[usize; 3]; 2] {
     [low, std::array::from_fn(|a| high[a] + 2 - low[a])]
 }
 
-/// The links by rows of cells.
-fn rows_of(hops: &[Hop], rules: &FrontRules, size: [usize; 3]) -> Vec<Row> {
-    let mut rows: Vec<Row> = Vec::new();
+/// The links of cell `at` of a brick, by the bricks that they lead to.
+fn links_of(at: usize, hops: &[Hop], rules: &FrontRules, bricks: Bricks) -> Vec<Links> {
+    let mut links: Vec<Links> = Vec::new();
     for hop in hops {
-        let [i, j, k] = hop.step.map(|s| s as isize);
-        let offset = size[0] as isize * (j + size[1] as isize * k) - 1;
-        let at = rows.iter().position(|r| r.offset == offset).unwrap_or_else(|| {
-            rows.push(Row { offset, factor: [1.0; SPAN], open: 0 });
-            rows.len() - 1
+        let (brick, place) = bricks.beside(at, hop.step);
+        let to = links.iter().position(|l| l.brick == brick).unwrap_or_else(|| {
+            links.push(Links { brick, factor: [1.0; CELLS], open: 0 });
+            links.len() - 1
         });
-        let lane = (i + 1) as usize;
-        rows[at].factor[lane] = rules.factor(hop.mm);
-        rows[at].open |= 1 << lane;
+        links[to].factor[place] = rules.factor(hop.mm);
+        links[to].open |= 1 << place;
     }
-    rows
+    links
 }
 
 impl Arrival {
     /// Ticks at a cell of soft tissue; `None` where the wave does not come, and in bones.
     #[inline(always)]
     pub(super) fn time(&self, cell: usize) -> Option<u32> {
-        arrived(self.times[cell], self.limit)
+        arrived(value(&self.times, cell), self.limit)
     }
 }
 

@@ -1,8 +1,9 @@
 //! A wave as a shortest path search: Dial's algorithm with buckets as wide as they may be (Dinitz), over the cells of a
 //! [`Medium`] or of some of its planes.
 
-use super::arrival::{Medium, SPAN};
-use super::front::{FrontRules, LinkTime, MOST_TICKS};
+use super::arrival::Medium;
+use super::brick::{Brick, CELLS, value};
+use super::front::{FrontRules, LinkTime, MOST_TICKS, TICKS_ZERO};
 use crate::geometry::vectorised;
 use std::ops::Range;
 
@@ -12,17 +13,17 @@ use std::ops::Range;
 /// The least key is the least time, and of equal times the first bone, without asking for either.
 pub(super) struct Search<'a> {
     medium: &'a Medium,
-    /// The first cell that is looked at.
+    /// The first brick that is looked at.
     pub(super) first: usize,
-    /// Cells that hand on what they are told, counted from the first.
+    /// Bricks whose cells hand on what they are told, counted from the first.
     pub(super) own: Range<usize>,
     /// Key of each cell.
-    pub(super) keys: Vec<i32>,
+    pub(super) keys: Vec<Brick<i32>>,
     /// Bits of a key below its time.
     shift: u32,
     /// Latest time that counts.
     pub(super) limit: i32,
-    latest: Option<&'a [i32]>,
+    latest: Option<&'a [Brick<i32>]>,
     /// Cells that were told something and do not hand it on.
     pub(super) told: Vec<u32>,
     /// Whether cells may have handed on already what now changes.
@@ -30,14 +31,19 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Before the wave: `cells` are looked at, all of which hand on. `latest`: a time for each cell, after which the wave does
-    /// not enter it.
-    pub(super) fn new(medium: &'a Medium, cells: Range<usize>, latest: Option<&'a [i32]>) -> Self {
-        let own = 0..cells.len();
-        // Room at the end for the last row's span.
-        let keys = medium.rest[cells.start..cells.end + SPAN].to_vec();
+    /// Before the wave: `bricks` are looked at, all of which hand on. `latest`: a time for each cell, after which the wave does
+    /// not enter it. `room`: where keys are written, whatever it holds.
+    pub(super) fn new(
+        medium: &'a Medium,
+        bricks: Range<usize>,
+        latest: Option<&'a [Brick<i32>]>,
+        room: Vec<Brick<i32>>,
+    ) -> Self {
+        let (first, own, mut keys) = (bricks.start, 0..bricks.len(), room);
+        keys.clear();
+        keys.extend_from_slice(&medium.rest[bricks]);
         let (limit, told) = (medium.limit, Vec::new());
-        Self { medium, first: cells.start, own, keys, shift: 0, limit, latest, told, again: false }
+        Self { medium, first, own, keys, shift: 0, limit, latest, told, again: false }
     }
 
     /// Tells apart the bones up to this one: the more there are, the sooner times end, at 2^30 ticks by 2 to the bits that
@@ -52,7 +58,7 @@ impl<'a> Search<'a> {
         (key >> self.shift, (key & !(-1 << self.shift)) as u16)
     }
 
-    /// Only these cells hand on what they are told.
+    /// Only the cells of these bricks hand on what they are told.
     pub(super) fn handing_on(self, own: Range<usize>) -> Self {
         Self { own, ..self }
     }
@@ -76,6 +82,7 @@ impl<'a> Search<'a> {
     fn spread<const FAST: bool>(&mut self, seeds: &[(i32, u32)]) {
         let [quickest, slowest] = self.medium.ticks;
         let mut ring = Ring::new([quickest, slowest.min(self.limit + 1)]);
+        let mut offers = vec![Offers::default(); BATCH * CELLS];
         let shift = self.shift;
         let mut seeds = seeds.iter().map(|&(key, cell)| (key >> shift, cell)).peekable();
         while let Some(next) = if ring.waiting > 0 { Some(ring.base) } else { seeds.peek().map(|s| s.0) } {
@@ -88,68 +95,104 @@ impl<'a> Search<'a> {
             while let Some(seed) = seeds.next_if(|s| s.0 < ring.base + ring.width) {
                 bucket.push(seed.1);
             }
-            for n in bucket.drain(..) {
-                let cell = n as usize;
-                let now = self.keys[cell] >> shift;
-                // A time before this bucket was dealt with in its own.
-                if now < ring.base || now > self.limit {
-                    continue;
-                }
-                if self.own.contains(&cell) {
-                    self.expand::<FAST>(cell, &mut ring);
-                } else {
-                    self.told.push(n);
+            self.keep_due(&mut bucket, ring.base);
+            for cells in bucket.chunks(BATCH) {
+                let found = self.expand::<FAST>(cells, &mut offers);
+                for offer in &offers[..found] {
+                    self.offer(offer, &mut ring);
                 }
             }
+            bucket.clear();
             ring.advance(bucket);
         }
     }
 
-    /// Offers the time of a settled cell to its neighbours.
-    ///
-    /// Whether an offer is early enough is as good as random, so that a branch for each would cost more than to compute a
-    /// row's four at a time and ask once.
+    /// Keeps the cells of a bucket that are due in it: those with a time before it were dealt with in their own. Cells that do
+    /// not hand on are told, and go as well.
     #[inline(always)]
-    fn expand<const FAST: bool>(&mut self, n: usize, ring: &mut Ring) {
-        let (now, shift) = (self.keys[n], self.shift);
-        // What comes later than the limit does not count, however much later.
-        let most = MOST_TICKS.min((self.limit + 1) as f32);
-        let all = &self.medium.shear[self.first..];
-        let shear = all[n];
-        for row in &self.medium.rows {
-            let first = n.wrapping_add_signed(row.offset);
-            let shears = all.get(first..).and_then(|s| s.first_chunk::<SPAN>());
-            let keys = self.keys.get(first..).and_then(|t| t.first_chunk::<SPAN>());
-            let (Some(shears), Some(keys)) = (shears, keys) else { continue };
-            let mut due = [0; SPAN];
-            let mut early = 0;
-            for l in 0..SPAN {
-                let ticks = FrontRules::ticks_of::<FAST>(row.factor[l], shear + shears[l], most);
-                due[l] = now + ((ticks as i32) << shift);
-                early |= u32::from(due[l] < keys[l]) << l;
+    fn keep_due(&mut self, bucket: &mut Vec<u32>, base: i32) {
+        let mut kept = 0;
+        for at in 0..bucket.len() {
+            let n = bucket[at];
+            let now = value(&self.keys, n as usize) >> self.shift;
+            let due = (now >= base) & (now <= self.limit);
+            let own = self.own.contains(&(n as usize / CELLS));
+            if due && !own {
+                self.told.push(n);
             }
-            early &= row.open;
-            while early != 0 {
-                let l = early.trailing_zeros() as usize;
-                early &= early - 1;
-                self.offer(first + l, due[l % SPAN], ring);
-            }
+            bucket[kept] = n;
+            kept += usize::from(due & own);
         }
+        bucket.truncate(kept);
     }
 
-    /// Makes an offer to a neighbour that it will not refuse for being late.
+    /// What settled cells have to offer to their neighbours: how many bricks hold one for which it is early enough.
+    ///
+    /// Whether an offer is early enough is as good as random, and a branch for each would be mispredicted as often, with all
+    /// that was begun after it: so first the offers of some cells are computed, without a branch, and then those are made
+    /// that were early.
     #[inline(always)]
-    fn offer(&mut self, cell: usize, due: i32, ring: &mut Ring) {
-        let [held, time] = [self.keys[cell], due].map(|key| key >> self.shift);
-        if self.latest.is_some_and(|latest| time > latest[cell]) {
-            return;
+    fn expand<const FAST: bool>(&self, cells: &[u32], offers: &mut [Offers]) -> usize {
+        // What comes later than the limit does not count, however much later.
+        let most = MOST_TICKS.min((self.limit + 1) as f32);
+        let (shift, keys) = (self.shift, &self.keys[..]);
+        let shear = &self.medium.shear[self.first..][..keys.len()];
+        let mut found = 0;
+        for &n in cells {
+            let (brick, at) = (n as usize / CELLS, n as usize % CELLS);
+            let own = shear[brick].0[at];
+            let now = keys[brick].0[at].wrapping_sub(TICKS_ZERO << shift);
+            for links in &self.medium.links[at] {
+                let to = brick.wrapping_add_signed(links.brick);
+                let (Some(shears), Some(keys)) = (shear.get(to), keys.get(to)) else { continue };
+                let mut due = [0; CELLS];
+                let mut early = 0;
+                for (l, due) in due.iter_mut().enumerate() {
+                    let ticks = FrontRules::ticks_above_zero::<FAST>(links.factor[l], own + shears.0[l], most);
+                    *due = now.wrapping_add(ticks << shift);
+                    early |= u32::from(*due < keys.0[l]) << l;
+                }
+                early &= links.open;
+                offers[found] = Offers { due, brick: to as u32, early };
+                found += usize::from(early != 0);
+            }
         }
-        self.keys[cell] = due;
-        // What waits in that bucket already is not put there twice.
-        if self.again || !ring.holds(held, time) {
-            ring.put(cell, time);
+        found
+    }
+
+    /// Makes offers to cells of a brick that they do not refuse for being late.
+    #[inline(always)]
+    fn offer(&mut self, offers: &Offers, ring: &mut Ring) {
+        let brick = offers.brick as usize;
+        let mut early = offers.early;
+        while early != 0 {
+            let at = early.trailing_zeros() as usize % CELLS;
+            early &= early - 1;
+            let (due, held) = (offers.due[at], self.keys[brick].0[at]);
+            let [time, before] = [due, held].map(|key| key >> self.shift);
+            if due >= held || self.latest.is_some_and(|latest| time > latest[brick].0[at]) {
+                continue;
+            }
+            self.keys[brick].0[at] = due;
+            // What waits in that bucket already is not put there twice.
+            if self.again || !ring.holds(before, time) {
+                ring.put(CELLS * brick + at, time);
+            }
         }
     }
+}
+
+/// So many cells are looked at before anything is written.
+const BATCH: usize = 32;
+
+/// What a cell has to offer to those of one brick.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(32))]
+struct Offers {
+    due: [i32; CELLS],
+    brick: u32,
+    /// Bit `l` is set where cell `l` had nothing as early.
+    early: u32,
 }
 
 /// Buckets are no wider, ticks: times up to 2^32 / [`WIDEST`] after a bucket are then divided exactly.

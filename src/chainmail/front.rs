@@ -64,6 +64,8 @@ pub const TICKS: f64 = 32.0;
 const LEAST_SHEAR: f32 = 0.02;
 /// 2^23: above it single precision holds integers only.
 const TWO_POW_23: f32 = 8_388_608.0;
+/// The bits of that, and so what [`FrontRules::ticks_above_zero`] counts from.
+pub(super) const TICKS_ZERO: i32 = TWO_POW_23.to_bits() as i32;
 /// No link takes longer, ticks: reached at spacings beyond a metre.
 pub(super) const MOST_TICKS: f32 = 8e6;
 
@@ -107,19 +109,21 @@ impl FrontRules {
 
     /// Ticks along a link of this factor between two nodes whose relative shears add up to `shears`.
     pub fn ticks(&self, factor: f32, shears: f32) -> u32 {
-        match self.time {
-            LinkTime::FastInStiff => Self::ticks_of::<true>(factor, shears, MOST_TICKS),
-            LinkTime::SlowInStiff | LinkTime::Literal => Self::ticks_of::<false>(factor, shears, MOST_TICKS),
-        }
+        let above = match self.time {
+            LinkTime::FastInStiff => Self::ticks_above_zero::<true>(factor, shears, MOST_TICKS),
+            LinkTime::SlowInStiff | LinkTime::Literal => Self::ticks_above_zero::<false>(factor, shears, MOST_TICKS),
+        };
+        (above - TICKS_ZERO) as u32
     }
 
-    /// As [`FrontRules::ticks`], `most` at most; `FAST`: shear multiplies, [`LinkTime::FastInStiff`], otherwise it divides.
+    /// As [`FrontRules::ticks`], `most` at most, and [`TICKS_ZERO`] more; `FAST`: shear multiplies,
+    /// [`LinkTime::FastInStiff`], otherwise it divides.
     #[inline(always)]
-    pub fn ticks_of<const FAST: bool>(factor: f32, shears: f32, most: f32) -> u32 {
+    pub fn ticks_above_zero<const FAST: bool>(factor: f32, shears: f32, most: f32) -> i32 {
         let s = shears.max(2.0 * LEAST_SHEAR);
         let t = if FAST { factor * s } else { factor / s };
         // Added to 2^23, a number's nearest integer stands in the low bits: without the cost of a call to round it.
-        (t.max(1.0).min(most) + TWO_POW_23).to_bits() & 0x7f_ffff
+        (t.max(1.0).min(most) + TWO_POW_23).to_bits() as i32
     }
 
     /// Index steps of the links.

@@ -2,6 +2,7 @@
 
 mod arrival;
 mod blend;
+mod brick;
 mod carry;
 mod dial;
 mod engine;

@@ -3,6 +3,7 @@
 
 use super::arrival::{Arrival, Medium, active_box};
 use super::blend::{FirstWave, each_active, weight, weighted_mean};
+use super::brick::{Brick, CELLS};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
@@ -88,7 +89,7 @@ impl Waves {
 }
 
 /// The latest time at each cell, where waves are let go.
-fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<i32>> {
+fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<Brick<i32>>> {
     (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
 }
 
@@ -102,32 +103,35 @@ fn superpose(
     let latest = latest(medium, options);
     let mut sums = Sums::new(medium, lattice, options.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
+    let mut waves: Vec<Arrival> = Vec::new();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<Arrival> = group.par_iter().map(|&b| medium.times(Source::Bone(b), latest.as_deref())).collect();
+        waves.resize_with(group.len(), Arrival::default);
+        let each = waves.par_iter_mut().zip(group);
+        each.for_each(|(wave, &b)| medium.times_into(wave, Source::Bone(b), latest.as_deref()));
         let motions = group.iter().map(|&b| &bones.transforms[usize::from(b)]);
         sums.add(&motions.zip(&waves).collect::<Vec<_>>());
     }
     sums.blended(bones)
 }
 
-/// Weights and weighted displacements of the waves so far, cell by cell.
+/// Weights and weighted displacements of the waves so far, brick by brick.
 struct Sums<'a> {
     medium: &'a Medium,
     lattice: &'a Lattice,
     exponent: f64,
-    cells: Vec<[f64; 4]>,
+    bricks: Vec<[[f64; 4]; CELLS]>,
 }
 
 impl<'a> Sums<'a> {
     fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
-        Self { medium, lattice, exponent, cells: vec![[0.0; 4]; medium.len()] }
+        Self { medium, lattice, exponent, bricks: vec![[[0.0; 4]; CELLS]; medium.bricks.len()] }
     }
 
     /// Adds waves in their order, whatever the number of threads.
     fn add(&mut self, waves: &[(&Rigid, &Arrival)]) {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
-        let [nx, ny, _] = medium.size();
-        self.cells.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
+        let [nx, ny, _] = medium.bricks.size;
+        self.bricks.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
             for &wave in waves {
                 add_row(medium, lattice, wave, (row % ny, row / ny), exponent, sums);
             }
@@ -135,29 +139,37 @@ impl<'a> Sums<'a> {
     }
 
     fn blended(&self, bones: &Initiators<'_>) -> Vec<Option<[f32; 3]>> {
-        each_active(self.lattice, bones, |_, voxel| weighted_mean(self.cells[self.medium.cell(voxel)]))
+        each_active(self.lattice, bones, |_, voxel| {
+            let cell = self.medium.cell(voxel);
+            weighted_mean(self.bricks[cell / CELLS][cell % CELLS])
+        })
     }
 }
 
-/// Adds a wave's weights and weighted displacements along a row of cells.
+/// Adds a wave's weights and weighted displacements along a row of bricks.
 fn add_row(
     medium: &Medium,
     lattice: &Lattice,
     (motion, wave): (&Rigid, &Arrival),
     (j, k): (usize, usize),
     exponent: f64,
-    sums: &mut [[f64; 4]],
+    sums: &mut [[[f64; 4]; CELLS]],
 ) {
     let low = medium.low();
-    let x = lattice.grid.centre([low[0], low[1] + j, low[2] + k]);
+    let first: [Vector3<f64>; 4] = std::array::from_fn(|row| {
+        let x = lattice.grid.centre([low[0], low[1] + 2 * j + row % 2, low[2] + 2 * k + row / 2]);
+        motion * x - x
+    });
     let step: Vector3<f64> = lattice.grid.step().column(0).into_owned();
-    let (first, along) = (motion * x - x, motion.rotation * step - step);
-    let start = sums.len() * (j + medium.size()[1] * k);
-    for (i, s) in sums.iter_mut().enumerate() {
-        let Some(time) = wave.time(start + i) else { continue };
-        let w = weight(time, exponent);
-        let u = first + along * i as f64;
-        s[0] += w;
-        (0..3).for_each(|a| s[1 + a] += w * u[a]);
+    let along = motion.rotation * step - step;
+    let start = sums.len() * (j + medium.bricks.size[1] * k);
+    for (i, brick) in sums.iter_mut().enumerate() {
+        for (at, s) in brick.iter_mut().enumerate() {
+            let Some(time) = wave.time(CELLS * (start + i) + at) else { continue };
+            let w = weight(time, exponent);
+            let u = first[at / 2] + along * (2 * i + at % 2) as f64;
+            s[0] += w;
+            (0..3).for_each(|a| s[1 + a] += w * u[a]);
+        }
     }
 }
