@@ -27,8 +27,8 @@ pub(super) struct Links {
     pub(super) brick: isize,
     /// Factor of each link; see [`FrontRules::factor`].
     pub(super) factor: [f32; CELLS],
-    /// Bit `l` is set where the front runs to cell `l`.
-    pub(super) open: u32,
+    /// Bit `l` for cell `l` where the front runs to it, otherwise 0.
+    pub(super) open: [i32; CELLS],
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
@@ -107,7 +107,7 @@ impl Medium {
                 let cell = self.cell(lattice.grid.voxel(n as usize));
                 let soft = |links: &Links| {
                     let rest = self.rest[(cell / CELLS).wrapping_add_signed(links.brick)].0;
-                    (0..CELLS).any(|l| links.open >> l & 1 == 1 && rest[l] == LATE)
+                    (0..CELLS).any(|l| links.open[l] != 0 && rest[l] == LATE)
                 };
                 self.links[cell % CELLS].iter().any(soft).then_some((bone, cell as u32))
             })
@@ -186,11 +186,11 @@ fn links_of(at: usize, hops: &[Hop], rules: &FrontRules, bricks: Bricks) -> Vec<
     for hop in hops {
         let (brick, place) = bricks.beside(at, hop.step);
         let to = links.iter().position(|l| l.brick == brick).unwrap_or_else(|| {
-            links.push(Links { brick, factor: [1.0; CELLS], open: 0 });
+            links.push(Links { brick, factor: [1.0; CELLS], open: [0; CELLS] });
             links.len() - 1
         });
         links[to].factor[place] = rules.factor(hop.mm);
-        links[to].open |= 1 << place;
+        links[to].open[place] = 1 << place;
     }
     links
 }

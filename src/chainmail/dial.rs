@@ -145,14 +145,14 @@ impl<'a> Search<'a> {
             for links in &self.medium.links[at] {
                 let to = brick.wrapping_add_signed(links.brick);
                 let (Some(shears), Some(keys)) = (shear.get(to), keys.get(to)) else { continue };
-                let mut due = [0; CELLS];
-                let mut early = 0;
-                for (l, due) in due.iter_mut().enumerate() {
+                let (mut due, mut bits) = ([0; CELLS], [0; CELLS]);
+                for l in 0..CELLS {
                     let ticks = FrontRules::ticks_above_zero::<FAST>(links.factor[l], own + shears.0[l], most);
-                    *due = now.wrapping_add(ticks << shift);
-                    early |= u32::from(*due < keys.0[l]) << l;
+                    due[l] = now.wrapping_add(ticks << shift);
+                    bits[l] = -i32::from(due[l] < keys.0[l]) & links.open[l];
                 }
-                early &= links.open;
+                let [a, b, c, d, e, f, g, h] = bits;
+                let early = (((a | e) | (c | g)) | ((b | f) | (d | h))) as u32;
                 offers[found] = Offers { due, brick: to as u32, early };
                 found += usize::from(early != 0);
             }
