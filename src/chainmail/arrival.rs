@@ -4,13 +4,14 @@
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
-use super::brick::{Brick, Bricks, CELLS, value};
+use super::brick::{Brick, Bricks, CELLS};
 use super::dial::Search;
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
 use super::lattice::{Lattice, Node};
 use super::slabs::FirstArrivals;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Time that no wave has come, in cells; all others are below [`MOST`].
 pub(super) const LATE: i32 = i32::MAX;
@@ -196,10 +197,9 @@ fn links_of(at: usize, hops: &[Hop], rules: &FrontRules, bricks: Bricks) -> Vec<
 }
 
 impl Arrival {
-    /// Ticks at a cell of soft tissue; `None` where the wave does not come, and in bones.
-    #[inline(always)]
-    pub(super) fn time(&self, cell: usize) -> Option<u32> {
-        arrived(value(&self.times, cell), self.limit)
+    /// Times of some bricks, and the latest that counts.
+    pub(super) fn row(&self, bricks: Range<usize>) -> (&[Brick<i32>], i32) {
+        (&self.times[bricks], self.limit)
     }
 }
 

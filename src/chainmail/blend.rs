@@ -84,11 +84,20 @@ pub(super) fn only_times(options: &ChainmailOptions) -> bool {
     options.order == Order::Timestamps && options.structures == Structures::None && options.carry == Carry::Rigid
 }
 
-/// Weight t^-n of a wave that took `time` ticks.
-pub(super) fn weight(time: u32, exponent: f64) -> f64 {
-    let t = f64::from(time.max(1));
-    // The usual exponent, without the cost of a general power.
-    if (exponent - 4.0).abs() < f64::EPSILON { (t * t * t * t).recip() } else { t.powf(-exponent) }
+/// Weight t^-n of a wave that took `time` ticks, of which there is at least one.
+pub(super) fn weight(time: f64, exponent: f64) -> f64 {
+    if is_usual(exponent) { usual_weight(time) } else { time.powf(-exponent) }
+}
+
+/// Whether weights are [`usual_weight`].
+pub(super) fn is_usual(exponent: f64) -> bool {
+    (exponent - 4.0).abs() < f64::EPSILON
+}
+
+/// Weight by the usual exponent of 4, without the cost of a general power.
+#[inline(always)]
+pub(super) fn usual_weight(time: f64) -> f64 {
+    (time * time * time * time).recip()
 }
 
 /// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
@@ -109,7 +118,7 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) 
                 }
                 for (b, wave) in waves.iter().filter(|(_, wave)| wave.time[node] != NEVER) {
                     let u = scene.brought(wave, *b, node, [at % nx, at / nx, k]);
-                    let w = weight(wave.time[node], options.exponent);
+                    let w = weight(f64::from(wave.time[node].max(1)), options.exponent);
                     s[0] += w;
                     (0..3).for_each(|a| s[1 + a] += w * u[a]);
                 }

@@ -2,14 +2,14 @@
 //! row, along which a rigid motion's displacement is linear.
 
 use super::arrival::{Arrival, Medium, active_box};
-use super::blend::{FirstWave, each_active, weight, weighted_mean};
+use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
 use super::brick::{Brick, CELLS};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
 use super::lattice::{Lattice, Node};
 use super::options::{ChainmailOptions, Combination};
-use crate::geometry::Rigid;
+use crate::geometry::{Rigid, vectorised};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -93,7 +93,7 @@ fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<Brick<i32>>
     (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
 }
 
-/// Eq. 5.7: as many waves at a time as there are threads, added row by row.
+/// Eq. 5.7: some waves at a time for each thread, added row by row.
 fn superpose(
     medium: &Medium,
     lattice: &Lattice,
@@ -104,7 +104,7 @@ fn superpose(
     let mut sums = Sums::new(medium, lattice, options.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     let mut waves: Vec<Arrival> = Vec::new();
-    for group in present.chunks(rayon::current_num_threads().max(1)) {
+    for group in present.chunks(ABREAST * rayon::current_num_threads()) {
         waves.resize_with(group.len(), Arrival::default);
         let each = waves.par_iter_mut().zip(group);
         each.for_each(|(wave, &b)| medium.times_into(wave, Source::Bone(b), latest.as_deref()));
@@ -114,17 +114,27 @@ fn superpose(
     sums.blended(bones)
 }
 
-/// Weights and weighted displacements of the waves so far, brick by brick.
+/// Waves on their way for each thread, before they are added: with two, no thread waits long for the other.
+const ABREAST: usize = 2;
+
+/// Weights and weighted displacements of a brick's cells.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    weight: Brick<f64>,
+    moved: [Brick<f64>; 3],
+}
+
+/// The sums of the waves so far, brick by brick.
 struct Sums<'a> {
     medium: &'a Medium,
     lattice: &'a Lattice,
     exponent: f64,
-    bricks: Vec<[[f64; 4]; CELLS]>,
+    bricks: Vec<Sum>,
 }
 
 impl<'a> Sums<'a> {
     fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
-        Self { medium, lattice, exponent, bricks: vec![[[0.0; 4]; CELLS]; medium.bricks.len()] }
+        Self { medium, lattice, exponent, bricks: vec![Sum::default(); medium.bricks.len()] }
     }
 
     /// Adds waves in their order, whatever the number of threads.
@@ -132,8 +142,17 @@ impl<'a> Sums<'a> {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
         let [nx, ny, _] = medium.bricks.size;
         self.bricks.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
-            for &wave in waves {
-                add_row(medium, lattice, wave, (row % ny, row / ny), exponent, sums);
+            for &(motion, wave) in waves {
+                let line = Line::of(motion, medium, lattice, [row % ny, row / ny]);
+                let waves = wave.row(nx * row..nx * (row + 1));
+                if is_usual(exponent) {
+                    vectorised(
+                        #[inline(always)]
+                        || line.add(waves, sums, usual_weight),
+                    );
+                } else {
+                    line.add(waves, sums, |t| weight(t, exponent));
+                }
             }
         });
     }
@@ -141,35 +160,54 @@ impl<'a> Sums<'a> {
     fn blended(&self, bones: &Initiators<'_>) -> Vec<Option<[f32; 3]>> {
         each_active(self.lattice, bones, |_, voxel| {
             let cell = self.medium.cell(voxel);
-            weighted_mean(self.bricks[cell / CELLS][cell % CELLS])
+            let (Sum { weight, moved: [x, y, z] }, at) = (self.bricks[cell / CELLS], cell % CELLS);
+            weighted_mean([weight, x, y, z].map(|sum| sum.0[at]))
         })
     }
 }
 
-/// Adds a wave's weights and weighted displacements along a row of bricks.
-fn add_row(
-    medium: &Medium,
-    lattice: &Lattice,
-    (motion, wave): (&Rigid, &Arrival),
-    (j, k): (usize, usize),
-    exponent: f64,
-    sums: &mut [[[f64; 4]; CELLS]],
-) {
-    let low = medium.low();
-    let first: [Vector3<f64>; 4] = std::array::from_fn(|row| {
-        let x = lattice.grid.centre([low[0], low[1] + 2 * j + row % 2, low[2] + 2 * k + row / 2]);
-        motion * x - x
-    });
-    let step: Vector3<f64> = lattice.grid.step().column(0).into_owned();
-    let along = motion.rotation * step - step;
-    let start = sums.len() * (j + medium.bricks.size[1] * k);
-    for (i, brick) in sums.iter_mut().enumerate() {
-        for (at, s) in brick.iter_mut().enumerate() {
-            let Some(time) = wave.time(CELLS * (start + i) + at) else { continue };
-            let w = weight(time, exponent);
-            let u = first[at / 2] + along * (2 * i + at % 2) as f64;
-            s[0] += w;
-            (0..3).for_each(|a| s[1 + a] += w * u[a]);
+/// A bone's motion along a row of bricks, where its displacement is linear.
+struct Line {
+    /// Displacement of the cells of the first brick.
+    first: [Brick<f64>; 3],
+    /// What is added to it from a brick to the next.
+    step: Vector3<f64>,
+}
+
+impl Line {
+    /// The motion along row `[j, k]` of bricks.
+    fn of(motion: &Rigid, medium: &Medium, lattice: &Lattice, [j, k]: [usize; 2]) -> Self {
+        let low = medium.low();
+        let mut first = [Brick::default(); 3];
+        for at in 0..CELLS {
+            let x = lattice.grid.centre([low[0] + at % 2, low[1] + 2 * j + at / 2 % 2, low[2] + 2 * k + at / 4]);
+            let u = motion * x - x;
+            (0..3).for_each(|a| first[a].0[at] = u[a]);
+        }
+        let step: Vector3<f64> = lattice.grid.step().column(0) * 2.0;
+        Self { first, step: motion.rotation * step - step }
+    }
+
+    /// Adds a wave's weights and weighted displacements.
+    #[inline(always)]
+    fn add(&self, (times, limit): (&[Brick<i32>], i32), sums: &mut [Sum], weigh: impl Fn(f64) -> f64) {
+        for ((i, sum), times) in sums.iter_mut().enumerate().zip(times) {
+            let mut w = Brick::<f64>::default();
+            for l in 0..CELLS {
+                let time = times.0[l];
+                let came = f64::from((time != 0) & (time <= limit));
+                w.0[l] = came * weigh(f64::from(time.max(1)));
+            }
+            for l in 0..CELLS {
+                sum.weight.0[l] += w.0[l];
+            }
+            for a in 0..3 {
+                let (first, ahead) = (self.first[a], self.step[a] * i as f64);
+                let moved = &mut sum.moved[a];
+                for l in 0..CELLS {
+                    moved.0[l] += w.0[l] * (first.0[l] + ahead);
+                }
+            }
         }
     }
 }
