@@ -134,7 +134,8 @@ struct Sums<'a> {
 
 impl<'a> Sums<'a> {
     fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
-        Self { medium, lattice, exponent, bricks: vec![Sum::default(); medium.bricks.len()] }
+        let bricks = (0..medium.bricks.len()).into_par_iter().map(|_| Sum::default()).collect();
+        Self { medium, lattice, exponent, bricks }
     }
 
     /// Adds waves in their order, whatever the number of threads.
