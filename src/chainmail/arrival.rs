@@ -206,5 +206,11 @@ impl Arrival {
 /// Ticks of a time that came to soft tissue within the limit.
 #[inline(always)]
 pub(super) fn arrived(time: i32, limit: i32) -> Option<u32> {
-    (time != 0 && time <= limit).then_some(time as u32)
+    came(time, limit).then_some(time as u32)
+}
+
+/// Whether a time came to soft tissue within the limit.
+#[inline(always)]
+pub(super) fn came(time: i32, limit: i32) -> bool {
+    (time != 0) & (time <= limit)
 }

@@ -1,7 +1,7 @@
 //! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
 //! row, along which a rigid motion's displacement is linear.
 
-use super::arrival::{Arrival, Medium, active_box};
+use super::arrival::{Arrival, Medium, active_box, came};
 use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
 use super::brick::{Brick, CELLS};
 use super::carry::Initiators;
@@ -193,11 +193,17 @@ impl Line {
     #[inline(always)]
     fn add(&self, (times, limit): (&[Brick<i32>], i32), sums: &mut [Sum], weigh: impl Fn(f64) -> f64) {
         for ((i, sum), times) in sums.iter_mut().enumerate().zip(times) {
-            let mut w = Brick::<f64>::default();
+            let (mut w, mut any) = (Brick::<f64>::default(), false);
+            for l in 0..CELLS {
+                any |= came(times.0[l], limit);
+            }
+            // Most of a wave that is let go early.
+            if !any {
+                continue;
+            }
             for l in 0..CELLS {
                 let time = times.0[l];
-                let came = f64::from((time != 0) & (time <= limit));
-                w.0[l] = came * weigh(f64::from(time.max(1)));
+                w.0[l] = f64::from(came(time, limit)) * weigh(f64::from(time.max(1)));
             }
             for l in 0..CELLS {
                 sum.weight.0[l] += w.0[l];
