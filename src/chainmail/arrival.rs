@@ -127,6 +127,12 @@ impl Medium {
         self.bricks.cell(std::array::from_fn(|a| voxel[a] - self.low[a]))
     }
 
+    /// The bricks that hold soft tissue, in order.
+    pub(super) fn soft_bricks(&self) -> Vec<usize> {
+        let soft = |at: &usize| self.rest[*at].0.contains(&LATE);
+        (0..self.bricks.len()).into_par_iter().filter(soft).collect()
+    }
+
     /// Runs one wave and notes nothing but times. `latest`: a time for each cell, after which the wave does not enter it.
     pub(super) fn times(&self, source: Source, latest: Option<&[Brick<i32>]>) -> Arrival {
         let mut arrival = Arrival::default();

@@ -93,7 +93,7 @@ fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<Brick<i32>>
     (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
 }
 
-/// Eq. 5.7: some waves at a time for each thread, added row by row.
+/// Eq. 5.7: some waves at a time for each thread, added brick by brick.
 fn superpose(
     medium: &Medium,
     lattice: &Lattice,
@@ -124,48 +124,68 @@ struct Sum {
     moved: [Brick<f64>; 3],
 }
 
-/// The sums of the waves so far, brick by brick.
+/// The sums of the waves so far, in the bricks that hold soft tissue.
 struct Sums<'a> {
     medium: &'a Medium,
     lattice: &'a Lattice,
     exponent: f64,
-    bricks: Vec<Sum>,
+    /// The bricks, in order, row by row.
+    bricks: Vec<usize>,
+    sums: Vec<Sum>,
 }
 
 impl<'a> Sums<'a> {
     fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
-        let bricks = (0..medium.bricks.len()).into_par_iter().map(|_| Sum::default()).collect();
-        Self { medium, lattice, exponent, bricks }
+        let bricks = medium.soft_bricks();
+        let sums = bricks.par_iter().map(|_| Sum::default()).collect();
+        Self { medium, lattice, exponent, bricks, sums }
     }
 
     /// Adds waves in their order, whatever the number of threads.
     fn add(&mut self, waves: &[(&Rigid, &Arrival)]) {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
         let [nx, ny, _] = medium.bricks.size;
-        self.bricks.par_chunks_mut(nx).enumerate().for_each(|(row, sums)| {
-            for &(motion, wave) in waves {
-                let line = Line::of(motion, medium, lattice, [row % ny, row / ny]);
-                let waves = wave.row(nx * row..nx * (row + 1));
-                if is_usual(exponent) {
-                    vectorised(
-                        #[inline(always)]
-                        || line.add(waves, sums, usual_weight),
-                    );
-                } else {
-                    line.add(waves, sums, |t| weight(t, exponent));
+        let parts = self.bricks.par_chunks(PART).zip(self.sums.par_chunks_mut(PART));
+        parts.for_each(|(bricks, mut sums)| {
+            for bricks in bricks.chunk_by(|a, b| a / nx == b / nx) {
+                let (row, rest) = sums.split_at_mut(bricks.len());
+                sums = rest;
+                let at = bricks[0] / nx;
+                for &(motion, wave) in waves {
+                    let line = Line::of(motion, medium, lattice, [at % ny, at / ny]);
+                    let times = wave.row(at * nx..(at + 1) * nx);
+                    let each = bricks.iter().map(|b| b % nx).zip(&mut *row);
+                    if is_usual(exponent) {
+                        vectorised(
+                            #[inline(always)]
+                            || line.add(times, each, usual_weight),
+                        );
+                    } else {
+                        line.add(times, each, |t| weight(t, exponent));
+                    }
                 }
             }
         });
     }
 
     fn blended(&self, bones: &Initiators<'_>) -> Vec<Option<[f32; 3]>> {
+        let mut place = vec![0u32; self.medium.bricks.len()];
+        for (at, &brick) in self.bricks.iter().enumerate() {
+            place[brick] = at as u32;
+        }
         each_active(self.lattice, bones, |_, voxel| {
-            let cell = self.medium.cell(voxel);
-            let (Sum { weight, moved: [x, y, z] }, at) = (self.bricks[cell / CELLS], cell % CELLS);
+            let (brick, at) = {
+                let cell = self.medium.cell(voxel);
+                (cell / CELLS, cell % CELLS)
+            };
+            let Sum { weight, moved: [x, y, z] } = &self.sums[place[brick] as usize];
             weighted_mean([weight, x, y, z].map(|sum| sum.0[at]))
         })
     }
 }
+
+/// Bricks that a thread adds at a time.
+const PART: usize = 4096;
 
 /// A bone's motion along a row of bricks, where its displacement is linear.
 struct Line {
@@ -189,10 +209,16 @@ impl Line {
         Self { first, step: motion.rotation * step - step }
     }
 
-    /// Adds a wave's weights and weighted displacements.
+    /// Adds a wave's weights and weighted displacements to bricks at some places in the row.
     #[inline(always)]
-    fn add(&self, (times, limit): (&[Brick<i32>], i32), sums: &mut [Sum], weigh: impl Fn(f64) -> f64) {
-        for ((i, sum), times) in sums.iter_mut().enumerate().zip(times) {
+    fn add<'s>(
+        &self,
+        (times, limit): (&[Brick<i32>], i32),
+        bricks: impl Iterator<Item = (usize, &'s mut Sum)>,
+        weigh: impl Fn(f64) -> f64,
+    ) {
+        for (i, sum) in bricks {
+            let times = &times[i];
             let (mut w, mut any) = (Brick::<f64>::default(), false);
             for l in 0..CELLS {
                 any |= came(times.0[l], limit);
