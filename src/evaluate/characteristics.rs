@@ -1,5 +1,6 @@
 //! The five characteristics of a set of Jacobians (thesis Tab. 2), by two passes over the values where they lie.
 
+use crate::geometry::{LANES, vectorised};
 use crate::stats::Bins;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -58,16 +59,13 @@ impl Sums {
     const NONE: Self = Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0 };
 
     fn of(values: &[f32]) -> Self {
-        let mut s = Self { cells: values.len(), ..Self::NONE };
-        for &j in values {
-            let positive = j > 0.0;
-            s.above += usize::from(j > 2.0);
-            s.below += usize::from(positive & (j < 0.5));
-            s.sum += if positive { f64::from(j) } else { 0.0 };
-            s.min = if positive & (j < s.min) { j } else { s.min };
-            s.max = if j > s.max { j } else { s.max };
-        }
-        s
+        let (blocks, rest) = values.as_chunks::<LANES>();
+        let lanes = vectorised(
+            #[inline(always)]
+            || Lanes::of(blocks),
+        );
+        let rest = rest.iter().map(|j| Lanes::of(&[[*j]]).lane(0, 1));
+        (0..LANES).map(|l| lanes.lane(l, blocks.len())).chain(rest).fold(Self::NONE, Self::with)
     }
 
     fn with(self, other: Self) -> Self {
@@ -79,6 +77,41 @@ impl Sums {
             min: self.min.min(other.min),
             max: self.max.max(other.max),
         }
+    }
+}
+
+/// [`Sums`] of every `N`-th value: one sum would wait for itself from value to value.
+struct Lanes<const N: usize> {
+    above: [u32; N],
+    below: [u32; N],
+    sum: [f64; N],
+    min: [f32; N],
+    max: [f32; N],
+}
+
+impl<const N: usize> Lanes<N> {
+    #[inline(always)]
+    fn of(blocks: &[[f32; N]]) -> Self {
+        let (mut above, mut below, mut sum) = ([0; N], [0; N], [0.0; N]);
+        let (mut min, mut max) = ([f32::INFINITY; N], [0f32; N]);
+        for block in blocks {
+            for l in 0..N {
+                let j = block[l];
+                let positive = j > 0.0;
+                above[l] += u32::from(j > 2.0);
+                below[l] += u32::from(positive & (j < 0.5));
+                sum[l] += f64::from(if positive { j } else { 0.0 });
+                min[l] = if positive & (j < min[l]) { j } else { min[l] };
+                max[l] = if j > max[l] { j } else { max[l] };
+            }
+        }
+        Self { above, below, sum, min, max }
+    }
+
+    /// What was found in one of them, among a number of values.
+    fn lane(&self, l: usize, cells: usize) -> Sums {
+        let [above, below] = [self.above[l], self.below[l]].map(|n| n as usize);
+        Sums { cells, above, below, sum: self.sum[l], min: self.min[l], max: self.max[l] }
     }
 }
 

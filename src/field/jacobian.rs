@@ -76,9 +76,9 @@ pub fn jacobian_by_planes<R: Send>(
 
 /// A cell's Jacobian from six times its volume and that of its least tetrahedron.
 fn relative_volume(push: &PushField) -> impl Fn(f32, f32) -> f32 + Sync + use<> {
-    let volume = 6.0 * push.displacement.grid().step().determinant();
+    let share = 1.0 / (6.0 * push.displacement.grid().step().determinant());
     #[inline(always)]
-    move |total: f32, least: f32| if least > 0.0 { (f64::from(total) / volume) as f32 } else { FOLDED }
+    move |total: f32, least: f32| if least > 0.0 { (f64::from(total) * share) as f32 } else { FOLDED }
 }
 
 #[inline(always)]
