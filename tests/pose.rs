@@ -87,7 +87,7 @@ fn bones_keep_their_volume_to_the_last_digit_of_the_file() {
         assert!((t.to_homogeneous().determinant() - 1.0).abs() < 1e-6, "{name}");
     }
     // ... and in the file's single precision it is 1 within 1e-4.
-    let (map, strides) = (jacobian(&push), grid.strides());
+    let (map, strides) = (jacobian(&push).to_volume(), grid.strides());
     let mut cells = 0;
     for l in 0..grid.len() - strides.iter().sum::<usize>() {
         let corners = (0..8).map(|c| l + (0..3).filter(|a| c >> a & 1 == 1).map(|a| strides[a]).sum::<usize>());

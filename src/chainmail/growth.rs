@@ -209,7 +209,7 @@ mod tests {
             let u = Vector3::from(p.push.displacement.data()[l].map(f64::from));
             Some((transforms[bone(l)? as usize] * x - (x + u)).norm())
         });
-        let folded = map.data().iter().filter(|j| **j <= 0.0).count();
+        let folded = map.to_volume().data().iter().filter(|j| **j <= 0.0).count();
         (relative_volume(&map, &labels, 9).unwrap(), folded, off.fold(0.0, f64::max))
     }
 

@@ -38,7 +38,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         "V_deformed / V_initial on the planning grid; -1 folded, 1 outside tissue",
         move |path| {
             let options = options("Jacobian of planning to fraction");
-            io::write_image(path, &outcome.jacobian, Stored::Float32, &options)
+            io::write_map(path, &outcome.jacobian, &options)
         },
     );
     for (name, mask, what) in [

@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::field::{InverseReport, PullField, PushField, warp_labels};
 use crate::geometry::Grid;
 use crate::runtime::Runtime;
-use crate::volume::{LabelMap, Mask, Volume};
+use crate::volume::{LabelMap, Mask, Spans, Volume};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -75,7 +75,7 @@ pub struct Assessment {
 ///
 /// # Errors
 /// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
-pub fn assess(subject: &Subject<'_>, runtime: &Runtime) -> Result<(Assessment, Volume<f32>, Option<LabelMap>)> {
+pub fn assess(subject: &Subject<'_>, runtime: &Runtime) -> Result<(Assessment, Spans<f32>, Option<LabelMap>)> {
     let pair = subject.pair;
     let (mask, measured_in) = runtime.stage("find the tissue", || domain(subject))?;
     let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
@@ -160,7 +160,7 @@ fn regular(
     field: &PushField,
     mask: &Mask,
     through: Option<&Volume<[f32; 3]>>,
-) -> (Regularity, Volume<f32>) {
+) -> (Regularity, Spans<f32>) {
     let grid = field.displacement.grid();
     let labels = |map: &LabelMap| LabelMap {
         volume: match through {

@@ -75,17 +75,28 @@ impl CellKinds {
         Self { grid, names, runs, rows }
     }
 
-    /// The runs of a row of cells: where each lies in storage, and what it holds.
+    /// The runs of a row of cells: where each lies along it, and what it holds.
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = (Range<usize>, Cell)> + Clone + '_ {
-        let start = row * self.grid.size()[0];
         let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
-        of_row.iter().map(move |r| (start + r.first as usize..start + r.end as usize, r.kind))
+        of_row.iter().map(|r| (r.first as usize..r.end as usize, r.kind))
     }
 
-    /// The rows of plane `k`.
-    pub(super) fn rows_of_plane(&self, k: usize) -> Range<usize> {
+    /// From the first to the last cell of a row that is not outside.
+    pub(super) fn extent(&self, row: usize) -> Range<usize> {
+        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
+        let ends = of_row.first().zip(of_row.last());
+        ends.map_or(0..0, |(first, last)| first.first as usize..last.end as usize)
+    }
+
+    /// All rows, in storage order.
+    pub(super) fn rows(&self) -> Range<usize> {
+        0..self.rows.len() - 1
+    }
+
+    /// j and k of a row.
+    pub(super) fn place_of(&self, row: usize) -> [usize; 2] {
         let nj = self.grid.size()[1];
-        k * nj..(k + 1) * nj
+        [row % nj, row / nj]
     }
 
     /// What the cell with this lowest corner holds.

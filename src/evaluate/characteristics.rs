@@ -1,4 +1,4 @@
-//! The five characteristics of a set of Jacobians (thesis Tab. 2), by two passes over the values where they lie.
+//! The five characteristics of a set of Jacobians (thesis Tab. 2), by two passes over the values where they lie, in runs.
 
 use crate::geometry::{LANES, vectorised};
 use crate::stats::Bins;
@@ -58,14 +58,14 @@ struct Sums {
 impl Sums {
     const NONE: Self = Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0 };
 
-    fn of(values: &[f32]) -> Self {
-        let (blocks, rest) = values.as_chunks::<LANES>();
-        let lanes = vectorised(
+    fn of(parts: &[&[f32]]) -> Self {
+        let mut lanes = Lanes::NONE;
+        vectorised(
             #[inline(always)]
-            || Lanes::of(blocks),
+            || parts.iter().for_each(|values| lanes.take(values)),
         );
-        let rest = rest.iter().map(|j| Lanes::of(&[[*j]]).lane(0, 1));
-        (0..LANES).map(|l| lanes.lane(l, blocks.len())).chain(rest).fold(Self::NONE, Self::with)
+        let all = (0..LANES).map(|l| lanes.lane(l)).fold(Self::NONE, Self::with);
+        Self { cells: parts.iter().map(|values| values.len()).sum(), ..all }
     }
 
     fn with(self, other: Self) -> Self {
@@ -80,45 +80,63 @@ impl Sums {
     }
 }
 
-/// [`Sums`] of every `N`-th value: one sum would wait for itself from value to value.
-struct Lanes<const N: usize> {
-    above: [u32; N],
-    below: [u32; N],
-    sum: [f64; N],
-    min: [f32; N],
-    max: [f32; N],
+/// [`Sums`] of values in turn: one sum would wait for itself from value to value.
+struct Lanes {
+    above: [u32; LANES],
+    below: [u32; LANES],
+    sum: [f64; LANES],
+    min: [f32; LANES],
+    max: [f32; LANES],
 }
 
-impl<const N: usize> Lanes<N> {
+impl Lanes {
+    const NONE: Self = Self {
+        above: [0; LANES],
+        below: [0; LANES],
+        sum: [0.0; LANES],
+        min: [f32::INFINITY; LANES],
+        max: [0.0; LANES],
+    };
+
     #[inline(always)]
-    fn of(blocks: &[[f32; N]]) -> Self {
-        let (mut above, mut below, mut sum) = ([0; N], [0; N], [0.0; N]);
-        let (mut min, mut max) = ([f32::INFINITY; N], [0f32; N]);
-        for block in blocks {
-            for l in 0..N {
-                let j = block[l];
-                let positive = j > 0.0;
-                above[l] += u32::from(j > 2.0);
-                below[l] += u32::from(positive & (j < 0.5));
-                sum[l] += f64::from(if positive { j } else { 0.0 });
-                min[l] = if positive & (j < min[l]) { j } else { min[l] };
-                max[l] = if j > max[l] { j } else { max[l] };
-            }
+    fn take(&mut self, values: &[f32]) {
+        let (blocks, rest) = values.as_chunks::<LANES>();
+        blocks.iter().for_each(|block| self.add(block));
+        if !rest.is_empty() {
+            // What is not positive adds to nothing.
+            let mut last = [0.0; LANES];
+            last[..rest.len()].copy_from_slice(rest);
+            self.add(&last);
         }
-        Self { above, below, sum, min, max }
     }
 
-    /// What was found in one of them, among a number of values.
-    fn lane(&self, l: usize, cells: usize) -> Sums {
+    #[inline(always)]
+    fn add(&mut self, values: &[f32; LANES]) {
+        for l in 0..LANES {
+            let j = values[l];
+            let positive = j > 0.0;
+            self.above[l] += u32::from(j > 2.0);
+            self.below[l] += u32::from(positive & (j < 0.5));
+            self.sum[l] += f64::from(if positive { j } else { 0.0 });
+            self.min[l] = if positive & (j < self.min[l]) { j } else { self.min[l] };
+            self.max[l] = if j > self.max[l] { j } else { self.max[l] };
+        }
+    }
+
+    /// What was found in one of them.
+    fn lane(&self, l: usize) -> Sums {
         let [above, below] = [self.above[l], self.below[l]].map(|n| n as usize);
-        Sums { cells, above, below, sum: self.sum[l], min: self.min[l], max: self.max[l] }
+        Sums { cells: 0, above, below, sum: self.sum[l], min: self.min[l], max: self.max[l] }
     }
 }
+
+/// Runs of values that one task adds up; their number decides in which order sums are added.
+const TASK: usize = 2048;
 
 impl Tally {
     /// Of the values in `parts`.
     pub(super) fn of(parts: &[&[f32]]) -> Self {
-        let sums: Vec<Sums> = parts.par_iter().map(|values| Sums::of(values)).collect();
+        let sums: Vec<Sums> = parts.par_chunks(TASK).map(Sums::of).collect();
         Self { sums: sums.into_iter().fold(Sums::NONE, Sums::with), positive: Bins::of(parts, |j| j > 0.0) }
     }
 

@@ -3,8 +3,8 @@
 use super::cell::{Cell, CellKinds};
 use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
-use crate::field::{FOLDED, PushField, jacobian_by_planes};
-use crate::volume::{LabelMap, Mask, Volume};
+use crate::field::{FOLDED, PushField, RowOfCells, jacobian_by_rows};
+use crate::volume::{LabelMap, Mask, Spans, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -61,30 +61,20 @@ pub(super) struct DigitalFolds {
 }
 
 /// The Jacobian map of a push field and its characteristics; `cells` says what the cells of its grid hold.
-pub fn evaluate(push: &PushField, cells: &CellKinds) -> (Volume<f32>, JacobianReport) {
+pub fn evaluate(push: &PushField, cells: &CellKinds) -> (Spans<f32>, JacobianReport) {
     let (map, report, _) = with_folds(push, cells);
     (map, report)
 }
 
 /// As [`evaluate`], and where digital folds lie.
-pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Volume<f32>, JacobianReport, DigitalFolds) {
-    let (map, found) = jacobian_by_planes(push, |k, jacobians, folds| Found::of(k, (jacobians, folds), cells));
-    let of = |part: fn(&Found) -> &Vec<f32>| found.iter().map(|f| &part(f)[..]).collect::<Vec<_>>();
-    let soft = of(|f| &f.soft);
-    let bony = [of(|f| &f.edge), of(|f| &f.inside)].concat();
+pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, JacobianReport, DigitalFolds) {
+    let at_least = |row: usize| cells.extent(row);
+    let (map, found) = jacobian_by_rows(push, at_least, |found: &mut Found, row| found.take(row, cells));
+    let Runs { soft, bony, inside, contact, interface } = Runs::of(&map, cells);
     let of_soft = Tally::of(&soft);
     let soft_tissue = of_soft.stats(&soft);
     let body = of_soft.with(&Tally::of(&bony)).stats(&[soft, bony].concat());
-    let mut inside = vec![Vec::new(); cells.names.len()];
-    for f in &found {
-        let mut rest = &f.inside[..];
-        for (bone, number) in &f.bones {
-            let (own, others) = rest.split_at(*number);
-            inside[usize::from(*bone)].extend_from_slice(own);
-            rest = others;
-        }
-    }
-    let of_bones: Vec<JacobianStats> = inside.par_iter().map(|j| stats(&[&j[..]])).collect();
+    let of_bones: Vec<JacobianStats> = inside.par_iter().map(|runs| stats(runs)).collect();
     let folds = |part: fn(&DigitalFolds) -> usize| found.iter().map(|f| part(&f.folds)).sum();
     let folds = DigitalFolds {
         soft: folds(|f| f.soft),
@@ -95,8 +85,8 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Volume<f32>, J
     let report = JacobianReport {
         body,
         soft_tissue,
-        contact: stats(&of(|f| &f.contact)),
-        interface: stats(&of(|f| &f.interface)),
+        contact: stats(&contact),
+        interface: stats(&interface),
         bones: cells.names.iter().cloned().zip(of_bones).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: folds.soft,
         jumps_above_10: jumps(&map, cells, found.iter().flat_map(|f| &f.high).copied()),
@@ -104,62 +94,86 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Volume<f32>, J
     (map, report, folds)
 }
 
-/// What a plane of cells holds.
+/// What a plane of cells holds that is not in the map.
 #[derive(Default)]
 struct Found {
-    soft: Vec<f32>,
-    /// Partly one bone.
-    edge: Vec<f32>,
-    /// Wholly inside a bone.
-    inside: Vec<f32>,
-    /// Whose bones these are: index and number of cells, in turn.
-    bones: Vec<(u16, usize)>,
-    contact: Vec<f32>,
-    interface: Vec<f32>,
     folds: DigitalFolds,
-    /// Storage positions of body cells whose Jacobian is large enough to differ from another by more than [`JUMP`].
-    high: Vec<usize>,
+    /// Lowest corners of body cells whose Jacobian is large enough to differ from another by more than [`JUMP`].
+    high: Vec<[usize; 3]>,
 }
 
 impl Found {
-    /// The cells between planes `k` and `k + 1`, from that plane of the map and of the digital folds.
-    fn of(k: usize, (jacobians, folds): (&[f32], &[bool]), cells: &CellKinds) -> Self {
-        let runs = || cells.rows_of_plane(k).flat_map(|row| cells.row(row));
-        let soft = runs().filter(|r| r.1 == Cell::Soft).map(|r| r.0.len()).sum();
-        let mut found = Self { soft: Vec::with_capacity(soft), ..Self::default() };
-        let before = k * jacobians.len();
-        for (run, kind) in runs() {
-            let here = run.start - before..run.end - before;
-            found.take(kind, run.start, &jacobians[here.clone()], &folds[here]);
-        }
-        found
-    }
-
-    /// Takes up a run of cells of one kind that begins at `start` in storage.
-    fn take(&mut self, kind: Cell, start: usize, jacobians: &[f32], folds: &[bool]) {
-        let (to, folded) = match kind {
-            Cell::Outside => return,
-            Cell::Soft => (&mut self.soft, &mut self.folds.soft),
-            Cell::Edge => (&mut self.edge, &mut self.folds.bone),
-            Cell::Inside(bone) => {
-                self.bones.push((bone, jacobians.len()));
-                (&mut self.inside, &mut self.folds.bone)
+    /// Takes up a row of cells.
+    fn take(&mut self, of: RowOfCells<'_, f32, bool>, cells: &CellKinds) {
+        for (run, kind) in cells.row(of.row) {
+            let here = run.start - of.cells.start..run.end - of.cells.start;
+            let folded = of.other[here.clone()].iter().map(|fold| usize::from(*fold)).sum::<usize>();
+            match kind {
+                Cell::Outside => {}
+                Cell::Soft => self.folds.soft += folded,
+                Cell::Edge | Cell::Inside(_) => self.folds.bone += folded,
+                Cell::Contact => self.folds.contact += folded,
+                Cell::Interface => self.folds.interface += folded,
             }
-            Cell::Contact => (&mut self.contact, &mut self.folds.contact),
-            Cell::Interface => (&mut self.interface, &mut self.folds.interface),
-        };
-        to.extend_from_slice(jacobians);
-        *folded += folds.iter().map(|fold| usize::from(*fold)).sum::<usize>();
-        let high = |j: &f32| *j > JUMP + FOLDED;
-        if kind.body() && jacobians.iter().fold(false, |any, j| any | high(j)) {
-            self.high.extend(jacobians.iter().enumerate().filter(|(_, j)| high(j)).map(|(i, _)| start + i));
+            let high = |j: &f32| *j > JUMP + FOLDED;
+            let jacobians = &of.kept[here];
+            if kind.body() && jacobians.iter().fold(false, |any, j| any | high(j)) {
+                let [j, k] = cells.place_of(of.row);
+                self.high.extend(run.zip(jacobians).filter(|(_, j)| high(j)).map(|(i, _)| [i, j, k]));
+            }
         }
     }
+}
+
+/// The values of a map by what its cells hold, in runs where they lie.
+#[derive(Default)]
+struct Runs<'a> {
+    soft: Vec<&'a [f32]>,
+    /// Partly or wholly one bone.
+    bony: Vec<&'a [f32]>,
+    /// Wholly inside a bone, by its index.
+    inside: Vec<Vec<&'a [f32]>>,
+    contact: Vec<&'a [f32]>,
+    interface: Vec<&'a [f32]>,
+}
+
+impl<'a> Runs<'a> {
+    fn of(map: &'a Spans<f32>, cells: &CellKinds) -> Self {
+        let mut all = Self { inside: vec![Vec::new(); cells.names.len()], ..Self::default() };
+        for row in cells.rows() {
+            let (span, values) = map.row(row);
+            for (run, kind) in cells.row(row) {
+                let run = &values[run.start - span.start..run.end - span.start];
+                match kind {
+                    Cell::Outside => {}
+                    Cell::Soft => all.soft.push(run),
+                    Cell::Edge => all.bony.push(run),
+                    Cell::Inside(bone) => {
+                        all.bony.push(run);
+                        all.inside[usize::from(bone)].push(run);
+                    }
+                    Cell::Contact => all.contact.push(run),
+                    Cell::Interface => all.interface.push(run),
+                }
+            }
+        }
+        all
+    }
+}
+
+/// Jacobians of the cells of the body, contact and sliding interfaces left out, in storage order.
+pub(super) fn of_body(map: &Spans<f32>, cells: &CellKinds) -> Vec<f32> {
+    let of_row = |row: usize| {
+        let (span, values) = map.row(row);
+        let runs = cells.row(row).filter(|(_, kind)| kind.body());
+        runs.flat_map(move |(run, _)| &values[run.start - span.start..run.end - span.start])
+    };
+    cells.rows().flat_map(of_row).copied().collect()
 }
 
 /// Volume of a structure after over before, from a Jacobian map on the labels' grid: the mean over cells by the share of their
 /// corners that carry the label. `None` where no cell does or all are folded.
-pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Option<f64> {
+pub fn relative_volume(map: &Spans<f32>, labels: &LabelMap, label: u16) -> Option<f64> {
     let grid = map.grid();
     let data = labels.volume.data();
     let mut sums: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
@@ -168,26 +182,22 @@ pub fn relative_volume(map: &Volume<f32>, labels: &LabelMap, label: u16) -> Opti
             *sums.entry(cell).or_default() += 0.125;
         }
     }
-    let cells = sums.iter().filter(|(c, _)| map.data()[**c] > 0.0);
-    let (sum, weight) = cells.fold((0.0, 0.0), |(s, w), (c, share)| (s + share * f64::from(map.data()[*c]), w + share));
+    let cells = sums.into_iter().map(|(c, share)| (map.at(grid.voxel(c)), share)).filter(|(j, _)| *j > 0.0);
+    let (sum, weight) = cells.fold((0.0, 0.0), |(s, w), (j, share)| (s + share * f64::from(j), w + share));
     (weight > 0.0).then(|| sum / weight)
 }
 
 /// Pairs of body cells that share a face and whose Jacobians differ by more than [`JUMP`]; one of each is among `high`.
-fn jumps(map: &Volume<f32>, cells: &CellKinds, high: impl Iterator<Item = usize>) -> usize {
-    let grid = map.grid();
+fn jumps(map: &Spans<f32>, cells: &CellKinds, high: impl Iterator<Item = [usize; 3]>) -> usize {
+    let size = map.grid().size();
     let mut pairs = BTreeSet::new();
-    for l in high {
-        let v = grid.voxel(l);
-        for (a, stride) in grid.strides().into_iter().enumerate() {
+    for v in high {
+        for a in 0..3 {
             for forward in [true, false] {
                 let mut other = v;
                 other[a] = if forward { v[a] + 1 } else { v[a].wrapping_sub(1) };
-                if other[a] < grid.size()[a] && cells.at(other).body() {
-                    let o = grid.linear(other);
-                    if (map.data()[l] - map.data()[o]).abs() > JUMP {
-                        pairs.insert((l.min(o), stride));
-                    }
+                if other[a] < size[a] && cells.at(other).body() && (map.at(v) - map.at(other)).abs() > JUMP {
+                    pairs.insert((v.min(other), a));
                 }
             }
         }
@@ -269,7 +279,8 @@ mod tests {
         let volume = Volume::from_fn(grid.clone(), |l| if (3..=5).contains(&(l % 10)) { 7 } else { 0u16 });
         let labels = LabelMap { volume, names: BTreeMap::new() };
         // Cells 3 and 4 lie inside, 2 and 5 by half.
-        let map = Volume::from_fn(grid, |l| [1.0, 1.0, 2.0, 0.5, 0.5, 2.0, 9.0, 1.0, 1.0, 1.0][l % 10]);
+        let map = Volume::from_fn(grid, |l| [1.0f32, 1.0, 2.0, 0.5, 0.5, 2.0, 9.0, 1.0, 1.0, 1.0][l % 10]);
+        let map = Spans::of_volume(&map);
         assert!((relative_volume(&map, &labels, 7).unwrap() - (2.0 * 0.5 + 2.0 * 0.5 * 2.0) / 3.0).abs() < 1e-6);
         assert_eq!(relative_volume(&map, &labels, 3), None);
     }

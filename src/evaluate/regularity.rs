@@ -5,7 +5,7 @@ use super::curl::{self, CurlReport};
 use super::jacobian::{self, JacobianReport, JacobianStats};
 use crate::field::PushField;
 use crate::stats::Summary;
-use crate::volume::{LabelMap, Mask, Volume};
+use crate::volume::{LabelMap, Mask, Spans};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -100,13 +100,11 @@ pub fn evaluate(
     rigid: &[(u16, String)],
     sliding: &[([u16; 2], f64)],
     structures: Option<&LabelMap>,
-) -> (Regularity, Volume<f32>) {
+) -> (Regularity, Spans<f32>) {
     let cells = CellKinds::new(tissue, bones, rigid, sliding);
     let (map, report, digital) = jacobian::with_folds(field, &cells);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
-    let [_, nj, nk] = map.grid().size();
-    let runs = (0..nj * nk).flat_map(|row| cells.row(row)).filter(|(_, kind)| kind.body());
-    let body: Vec<f32> = runs.flat_map(|(run, _)| map.data()[run].iter().copied()).collect();
+    let body = jacobian::of_body(&map, &cells);
     let folded = digital.soft + digital.bone;
     let folds = FoldCertificate {
         cells: body.len(),
@@ -139,7 +137,7 @@ pub fn evaluate(
 }
 
 /// Jacobians of the cells whose 8 corners all lie in one structure, by its name.
-fn cells_by_structure(map: &Volume<f32>, structures: &LabelMap) -> Vec<(String, Vec<f32>)> {
+fn cells_by_structure(map: &Spans<f32>, structures: &LabelMap) -> Vec<(String, Vec<f32>)> {
     let grid = map.grid();
     let [ni, nj, nk] = grid.size();
     let [sx, sy, sz] = grid.strides();
@@ -150,10 +148,11 @@ fn cells_by_structure(map: &Volume<f32>, structures: &LabelMap) -> Vec<(String, 
         .map(|k| {
             let mut found: BTreeMap<u16, Vec<f32>> = BTreeMap::new();
             for j in 0..nj - 1 {
-                for l in grid.linear([0, j, k])..grid.linear([0, j, k]) + ni - 1 {
+                for i in 0..ni - 1 {
+                    let l = grid.linear([i, j, k]);
                     let label = labels[l];
                     if label > 0 && corners.iter().all(|c| labels[l + c] == label) {
-                        found.entry(label).or_default().push(map.data()[l]);
+                        found.entry(label).or_default().push(map.at([i, j, k]));
                     }
                 }
             }
@@ -172,6 +171,7 @@ fn cells_by_structure(map: &Volume<f32>, structures: &LabelMap) -> Vec<(String, 
 mod tests {
     use super::*;
     use crate::geometry::Grid;
+    use crate::volume::Volume;
 
     #[test]
     fn volumes_and_folds_by_hand() {
@@ -188,7 +188,7 @@ mod tests {
         assert!((r.folds.folded_ml - 125.0 * 0.01).abs() < 1e-9);
         assert_eq!(r.structures[0].0, "left");
         assert!((r.structures[0].1.mean - 2.0).abs() < 1e-6 && r.structures[0].1.cells == 75);
-        assert!((*map.at([0, 0, 0]) - 2.0).abs() < 1e-6);
+        assert!((map.at([0, 0, 0]) - 2.0).abs() < 1e-6);
         let h = &r.histograms[0];
         assert!((h.folded_ml - 1.25).abs() < 1e-9 && (h.ml.iter().sum::<f64>() - 1.5).abs() < 1e-9);
         let cumulative = r.histograms[1].cumulative();

@@ -6,65 +6,108 @@
 use super::PushField;
 use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{LANES, Wide, vectorised};
-use crate::volume::Volume;
+use crate::volume::{Mask, Spans};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// `value(total, least, least_of_ten)` of every cell with a computed corner, `unmeasured` elsewhere: six times the volume of
+/// `value(total, least, least_of_ten)` of every cell with a computed corner, `beyond` elsewhere: six times the volume of
 /// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
 /// where a tetrahedron is turned inside out.
-pub(super) fn each_cell<A: Value>(
-    push: &PushField,
-    unmeasured: A,
-    value: impl Fn(f32, f32, f32) -> A + Sync,
-) -> Volume<A> {
-    each_plane(
+pub(super) fn each_cell<A: Value>(push: &PushField, beyond: A, value: impl Fn(f32, f32, f32) -> A + Sync) -> Spans<A> {
+    each_row(
         push,
-        (unmeasured, ()),
+        |_| 0..0,
+        (beyond, ()),
         #[inline(always)]
         |total, least, least_of_ten| (value(total, least, least_of_ten), ()),
-        |_, _, _| (),
+        |(), _| (),
     )
     .0
 }
 
-/// Two values of each cell as [`each_cell`] gives one. The first are kept; `then` takes each plane of both while it is at hand.
-pub(super) fn each_plane<A: Value, B: Value, R: Send>(
+/// A row of cells while it is at hand: two values of each of some of them.
+pub struct RowOfCells<'a, A, B> {
+    /// `j + k * nj` of the lowest corners.
+    pub row: usize,
+    /// The cells, along the row; no cell of the others has a computed corner.
+    pub cells: Range<usize>,
+    /// One value of each, which is kept.
+    pub kept: &'a [A],
+    /// The other, which is not.
+    pub other: &'a [B],
+}
+
+/// Two values of each cell as [`each_cell`] gives one, in a span of each row that holds `at_least` the cells given for it. The first
+/// are kept; `then` takes each row while it is at hand, into one result for each plane.
+pub(super) fn each_row<A: Value, B: Value, R: Default + Send>(
     push: &PushField,
-    unmeasured: (A, B),
+    at_least: impl Fn(usize) -> Range<usize>,
+    beyond: (A, B),
     value: impl Fn(f32, f32, f32) -> (A, B) + Sync,
-    then: impl Fn(usize, &[A], &[B]) -> R + Sync,
-) -> (Volume<A>, Vec<R>) {
+    then: impl Fn(&mut R, RowOfCells<'_, A, B>) + Sync,
+) -> (Spans<A>, Vec<R>) {
     let grid = push.displacement.grid();
     let [ni, nj, nk] = grid.size();
-    let mut kept = vec![A::default(); grid.len()];
-    let rooms = || (Rows::new([ni, nj], grid.step()), vec![unmeasured.1; ni * nj]);
-    let planes = kept.par_chunks_mut(ni * nj).enumerate().map_init(rooms, |(rows, other), (k, kept)| {
-        // Memory that stays zero is not touched.
-        if unmeasured.0 != A::default() {
-            kept.fill(unmeasured.0);
+    let spans = spans(&push.computed, at_least);
+    let room = || (Rows::new(ni, grid.step()), vec![beyond.1; ni]);
+    Spans::by_planes(grid.clone(), beyond.0, &spans, room, |(rows, other), k, kept| {
+        let mut found = R::default();
+        if k + 1 == nk {
+            return found;
         }
-        other.fill(unmeasured.1);
-        if k + 1 < nk {
+        let (of_plane, mut rest) = (&spans[k * nj..(k + 1) * nj], kept);
+        rows.at = None;
+        for (j, cells) in of_plane.iter().enumerate() {
+            let (kept, others) = rest.split_at_mut(cells.len());
+            rest = others;
+            if cells.is_empty() {
+                continue;
+            }
+            let other = &mut other[..cells.len()];
             vectorised(
                 #[inline(always)]
                 || {
-                    rows.begin(push, k);
-                    let cells = kept.chunks_mut(ni).zip(other.chunks_mut(ni));
-                    for (j, cells) in cells.take(nj - 1).enumerate() {
-                        if rows.advance(push, j, k) {
-                            rows.cut(j + k);
-                            rows.each(cells, &value);
-                        }
-                    }
+                    rows.advance(push, of_plane, j, k);
+                    rows.cut(j + k);
+                    rows.each((kept, other), beyond, &value);
                 },
             );
+            then(&mut found, RowOfCells { row: j + k * nj, cells: cells.clone(), kept, other });
         }
-        then(k, kept, other)
-    });
-    let found = planes.collect();
-    (Volume::new(grid.clone(), kept).expect("one value per voxel"), found)
+        found
+    })
+}
+
+/// The cells of each row from the first to the last that has a computed corner or is asked for.
+fn spans(computed: &Mask, at_least: impl Fn(usize) -> Range<usize>) -> Vec<Range<usize>> {
+    let [ni, nj, nk] = computed.grid().size();
+    let rows: Vec<Range<usize>> = computed
+        .data()
+        .par_chunks(ni * nj)
+        .flat_map_iter(|plane| {
+            plane.chunks(ni).map(|row| {
+                vectorised(
+                    #[inline(always)]
+                    || extent(row),
+                )
+            })
+        })
+        .collect();
+    let voxels = |row: usize| {
+        let along = |row: usize| union(&rows[row], &rows[row + 1]);
+        union(&along(row), &along(row + nj))
+    };
+    let of_row = |row: usize| {
+        let (j, k) = (row % nj, row / nj);
+        if j + 1 == nj || k + 1 == nk || ni == 1 {
+            return 0..0;
+        }
+        let corners = voxels(row);
+        let computed = if corners.is_empty() { 0..0 } else { corners.start.saturating_sub(1)..corners.end.min(ni - 1) };
+        union(&computed, &at_least(row))
+    };
+    (0..nj * nk).map(of_row).collect()
 }
 
 /// What is found of a cell; `()` for nothing.
@@ -90,10 +133,8 @@ type Line = [Vec<f32>; 3];
 
 /// A row of cells, between four rows of voxels: low or high along `j` (bit 0) and `k` (bit 1).
 ///
-/// Only cells from the first to the last with a computed corner are looked at. There is room for whole blocks at the end of lines.
+/// There is room for whole blocks at the end of lines.
 struct Rows {
-    /// From the first to the last computed voxel of each row, in either plane.
-    active: Vec<Range<usize>>,
     /// The voxels that are corners of the cells looked at.
     span: Range<usize>,
     /// Whether any of the four voxels at each place of the span was computed.
@@ -118,11 +159,10 @@ struct Rows {
 }
 
 impl Rows {
-    fn new([ni, nj]: [usize; 2], step: &Matrix3<f64>) -> Self {
+    fn new(ni: usize, step: &Matrix3<f64>) -> Self {
         let padded = ni + LANES;
         let line = |_| std::array::from_fn(|_| vec![0.0; padded]);
         Self {
-            active: vec![0..0; nj],
             span: 0..0,
             computed: vec![false; ni],
             u: std::array::from_fn(line),
@@ -138,40 +178,14 @@ impl Rows {
         }
     }
 
-    /// Goes to the cells between planes `k` and `k + 1`.
+    /// Takes up the corners and edges of the row of cells (j, k); `cells` are the spans of the plane's rows, of which this one's is not
+    /// empty.
     #[inline(always)]
-    fn begin(&mut self, push: &PushField, k: usize) {
-        let ni = self.computed.len();
-        let (_, planes) = push.computed.data().split_at(push.computed.grid().linear([0, 0, k]));
-        let (low, high) = planes.split_at(ni * self.active.len());
-        for ((active, low), high) in self.active.iter_mut().zip(low.chunks(ni)).zip(high.chunks(ni)) {
-            *active = union(&extent(low), &extent(high));
-        }
-        self.at = None;
-    }
-
-    /// The voxels that are corners of the cells of row `j` that are looked at.
-    #[inline(always)]
-    fn span_of(&self, j: usize) -> Range<usize> {
-        let active = union(&self.active[j], &self.active[j + 1]);
-        if active.is_empty() { 0..0 } else { active.start.saturating_sub(1)..(active.end + 1).min(self.computed.len()) }
-    }
-
-    /// The voxels of row `j` that are corners of cells looked at, on either side of it.
-    #[inline(always)]
-    fn needed(&self, j: usize) -> Range<usize> {
-        let before = if j == 0 { 0..0 } else { self.span_of(j - 1) };
-        let after = if j + 1 == self.active.len() { 0..0 } else { self.span_of(j) };
-        union(&before, &after)
-    }
-
-    /// Takes up the corners and edges of the row of cells (j, k), if any is to be looked at.
-    #[inline(always)]
-    fn advance(&mut self, push: &PushField, j: usize, k: usize) -> bool {
-        let (span, needed) = (self.span_of(j), [self.needed(j), self.needed(j + 1)]);
-        if span.is_empty() {
-            return false;
-        }
+    fn advance(&mut self, push: &PushField, cells: &[Range<usize>], j: usize, k: usize) {
+        let span = corners(&cells[j]);
+        // Voxels of a row are needed for the cells on either side of it.
+        let needed = [j.checked_sub(1).map_or(0..0, |before| corners(&cells[before])), corners(&cells[j + 1])];
+        let needed = needed.map(|beside| union(&beside, &span));
         let Self { u, ex, ey, ez, step, .. } = self;
         let known = self.at.is_some_and(|at| at + 1 == j);
         if known {
@@ -209,7 +223,6 @@ impl Rows {
             *any = a | b | c | d;
         }
         (self.span, self.at) = (span, Some(j));
-        true
     }
 
     /// Cuts the cells of the span; `sum` of their j and k tells the way of the cell at `i` = 0.
@@ -261,18 +274,29 @@ impl Rows {
         }
     }
 
-    /// Values of the cells of the span in a row.
+    /// Values of the cells of the span.
     #[inline(always)]
-    fn each<A: Value, B: Value>(&self, (one, other): (&mut [A], &mut [B]), value: &impl Fn(f32, f32, f32) -> (A, B)) {
-        let Some(last) = self.span.end.checked_sub(1).filter(|last| *last > self.span.start) else { return };
-        let cells = one[self.span.start..last].iter_mut().zip(&mut other[self.span.start..last]);
+    fn each<A: Value, B: Value>(
+        &self,
+        (one, other): (&mut [A], &mut [B]),
+        beyond: (A, B),
+        value: &impl Fn(f32, f32, f32) -> (A, B),
+    ) {
         let measured = self.computed.iter().zip(&self.computed[1..]).map(|(a, b)| a | b);
         let found = self.total.iter().zip(&self.least).zip(&self.least_of_ten);
-        for (((one, other), measured), ((total, least), least_of_ten)) in cells.zip(measured).zip(found) {
+        for (((one, other), measured), ((total, least), least_of_ten)) in
+            one.iter_mut().zip(other).zip(measured).zip(found)
+        {
             let found = value(*total, *least, *least_of_ten);
-            (*one, *other) = if measured { found } else { (*one, *other) };
+            (*one, *other) = if measured { found } else { beyond };
         }
     }
+}
+
+/// The voxels that are corners of some cells of a row.
+#[inline(always)]
+fn corners(cells: &Range<usize>) -> Range<usize> {
+    if cells.is_empty() { 0..0 } else { cells.start..cells.end + 1 }
 }
 
 /// From the first to the last voxel of a row that is set.

@@ -8,8 +8,10 @@
 //! `cells` computes them.
 
 use super::PushField;
-use super::cells::{each_cell, each_plane};
-use crate::volume::{Mask, Volume};
+pub use super::cells::RowOfCells;
+use super::cells::{each_cell, each_row};
+use crate::volume::{Mask, Spans};
+use std::ops::Range;
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
 pub const FOLDED: f32 = -1.0;
@@ -18,7 +20,7 @@ pub const FOLDED: f32 = -1.0;
 ///
 /// [`FOLDED`] where any of the 5 tetrahedra is not positive; 1 at the last voxel along each axis, which has no cell,
 /// and where none of the 8 corners was computed: the smooth extension outside tissue is not anatomy.
-pub fn jacobian(push: &PushField) -> Volume<f32> {
+pub fn jacobian(push: &PushField) -> Spans<f32> {
     let relative = relative_volume(push);
     each_cell(
         push,
@@ -43,30 +45,37 @@ pub fn digital_folds(push: &PushField) -> Mask {
         #[inline(always)]
         |_, _, least_of_ten| fails(least_of_ten),
     )
+    .to_volume()
 }
 
 /// The cells that [`digital_folds`] sets, by their first voxel in storage, ascending.
 pub fn folded_cells(push: &PushField) -> Vec<usize> {
-    let [ni, nj, _] = push.displacement.grid().size();
-    let (_, found) = each_plane(
+    let ni = push.displacement.grid().size()[0];
+    let (_, found) = each_row(
         push,
+        |_| 0..0,
         ((), false),
         #[inline(always)]
         |_, _, least_of_ten| ((), fails(least_of_ten)),
-        |k, _, folds| (0..folds.len()).filter(|&cell| folds[cell]).map(|cell| k * ni * nj + cell).collect::<Vec<_>>(),
+        |found: &mut Vec<usize>, row| {
+            let folded = row.cells.zip(row.other).filter(|(_, folds)| **folds);
+            found.extend(folded.map(|(i, _)| row.row * ni + i));
+        },
     );
     found.concat()
 }
 
-/// [`jacobian`], and what `then` makes of each plane of it and of [`digital_folds`] (its number, the Jacobians, the folds) while
-/// they are at hand.
-pub fn jacobian_by_planes<R: Send>(
+/// [`jacobian`], and what `then` makes, plane by plane, of each row of it and of [`digital_folds`] while they are at hand. The spans of
+/// the map hold `at_least` the cells given for each row.
+pub fn jacobian_by_rows<R: Default + Send>(
     push: &PushField,
-    then: impl Fn(usize, &[f32], &[bool]) -> R + Sync,
-) -> (Volume<f32>, Vec<R>) {
+    at_least: impl Fn(usize) -> Range<usize>,
+    then: impl Fn(&mut R, RowOfCells<'_, f32, bool>) + Sync,
+) -> (Spans<f32>, Vec<R>) {
     let relative = relative_volume(push);
-    each_plane(
+    each_row(
         push,
+        at_least,
         (1.0, false),
         #[inline(always)]
         |total, least, least_of_ten| (relative(total, least), fails(least_of_ten)),
@@ -76,9 +85,9 @@ pub fn jacobian_by_planes<R: Send>(
 
 /// A cell's Jacobian from six times its volume and that of its least tetrahedron.
 fn relative_volume(push: &PushField) -> impl Fn(f32, f32) -> f32 + Sync + use<> {
-    let share = 1.0 / (6.0 * push.displacement.grid().step().determinant());
+    let share = (1.0 / (6.0 * push.displacement.grid().step().determinant())) as f32;
     #[inline(always)]
-    move |total: f32, least: f32| if least > 0.0 { (f64::from(total) * share) as f32 } else { FOLDED }
+    move |total: f32, least: f32| if least > 0.0 { total * share } else { FOLDED }
 }
 
 #[inline(always)]
@@ -91,6 +100,7 @@ fn fails(least_of_ten: f32) -> bool {
 mod tests {
     use super::*;
     use crate::geometry::Grid;
+    use crate::volume::Volume;
     use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
     use proptest::prelude::*;
 
@@ -101,6 +111,10 @@ mod tests {
             (map(x) - x).map(|c| c as f32).into()
         });
         PushField { displacement, computed: Volume::filled(grid, true) }
+    }
+
+    fn jacobian(push: &PushField) -> Volume<f32> {
+        super::jacobian(push).to_volume()
     }
 
     /// Grids as scanners write them: any spacing, oblique, either handedness.
@@ -176,6 +190,19 @@ mod tests {
                 let (value, fold) = if measured { (map.data()[l], folds.data()[l]) } else { (1.0, false) };
                 prop_assert_eq!((part_map.data()[l], part_folds.data()[l]), (value, fold), "voxel {:?}", v);
             }
+            // More cells may be asked for; row by row each is told once.
+            let [ni, nj, nk] = grid.size();
+            let asked = |row: usize| if row % nj + 1 < nj && row / nj + 1 < nk { row % ni..ni - 1 } else { 0..0 };
+            let (wide, rows) = jacobian_by_rows(&part, asked, |rows: &mut Vec<(usize, Vec<bool>)>, row| {
+                rows.push((row.row * ni + row.cells.start, row.other.to_vec()));
+            });
+            prop_assert!((0..nj * nk).all(|row| asked(row).all(|i| wide.row(row).0.contains(&i))));
+            prop_assert_eq!(wide.to_volume(), part_map);
+            let mut told = vec![false; grid.len()];
+            for (start, folds) in rows.concat() {
+                told[start..][..folds.len()].copy_from_slice(&folds);
+            }
+            prop_assert_eq!(&told[..], part_folds.data());
         }
     }
 

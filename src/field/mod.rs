@@ -27,7 +27,7 @@ pub use contour::resample_contours;
 pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;
 pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
-pub use jacobian::{FOLDED, digital_folds, folded_cells, jacobian, jacobian_by_planes};
+pub use jacobian::{FOLDED, RowOfCells, digital_folds, folded_cells, jacobian, jacobian_by_rows};
 pub use label_vote::resample_labels;
 pub use multiple::multiple_preimages;
 pub use overlap::overlaps;

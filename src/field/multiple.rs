@@ -7,14 +7,18 @@ use super::PushField;
 use super::jacobian::FOLDED;
 use super::tetrahedra::{Side, cover};
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume};
+use crate::volume::{Mask, Spans, Volume};
 
 /// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`.
-pub fn multiple_preimages(push: &PushField, map: &Volume<f32>, fraction: &Grid) -> Mask {
+pub fn multiple_preimages(push: &PushField, map: &Spans<f32>, fraction: &Grid) -> Mask {
     let grid = push.displacement.grid();
     let mut out = Volume::filled(fraction.clone(), false);
-    for (l, _) in map.data().iter().enumerate().filter(|(_, j)| **j <= FOLDED) {
-        cover(push, grid.voxel(l), fraction, Side::Inverted, |voxel| out.data_mut()[voxel] = true);
+    let [_, nj, nk] = grid.size();
+    for row in 0..nj * nk {
+        let (cells, values) = map.row(row);
+        for (i, _) in cells.zip(values).filter(|(_, j)| **j <= FOLDED) {
+            cover(push, [i, row % nj, row / nj], fraction, Side::Inverted, |voxel| out.data_mut()[voxel] = true);
+        }
     }
     out
 }

@@ -8,7 +8,7 @@ use super::{Loaded, atomic, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume};
+use crate::volume::{Mask, Spans, Volume};
 use crate::warning::Warning;
 use std::path::Path;
 
@@ -87,6 +87,22 @@ pub fn write_image(path: impl AsRef<Path>, image: &Volume<f32>, stored: Stored, 
         extension: None,
     };
     write(path, &contents, options.gzip_level)
+}
+
+/// Writes a map as float32; the extension of `path` chooses the format.
+///
+/// # Errors
+/// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown.
+pub fn write_map(path: impl AsRef<Path>, map: &Spans<f32>, options: &WriteOptions) -> Result<()> {
+    let description = &options.description;
+    let contents = Contents {
+        grid: map.grid(),
+        values: Values::Spans(map),
+        meaning: Meaning::Scalar,
+        description,
+        extension: None,
+    };
+    write(path.as_ref(), &contents, options.gzip_level)
 }
 
 /// Writes a mask as uint8, 1 inside; the extension of `path` chooses the format.

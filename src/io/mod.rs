@@ -34,7 +34,7 @@ pub use atomic::write_file;
 pub use contours::{read_contours, write_contours};
 pub use density::read_density;
 pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
-pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_mask};
+pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_map, write_mask};
 pub use labels::{read_label_map, read_labels, write_labels};
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};

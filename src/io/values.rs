@@ -3,6 +3,7 @@
 use super::voxels::{Element, Layout};
 use crate::field::FieldFormat;
 use crate::geometry::Grid;
+use crate::volume::Spans;
 use std::ops::Range;
 
 /// What an image file will hold.
@@ -32,6 +33,8 @@ pub(super) enum Meaning {
 pub(super) enum Values<'a> {
     /// As float32.
     Float(&'a [f32]),
+    /// As float32.
+    Spans(&'a Spans<f32>),
     /// Rounded to int16; the caller has checked the range.
     Rounded(&'a [f32]),
     /// 1 and 0 as uint8.
@@ -48,7 +51,7 @@ impl Values<'_> {
     /// Stored type.
     pub(super) fn element(&self) -> Element {
         match self {
-            Self::Float(_) | Self::Vectors(_) => Element::F32,
+            Self::Float(_) | Self::Spans(_) | Self::Vectors(_) => Element::F32,
             Self::Rounded(_) => Element::I16,
             Self::Mask(_) | Self::Bytes(_) => Element::U8,
             Self::Words(_) => Element::U16,
@@ -64,6 +67,7 @@ impl Values<'_> {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::Float(v) | Self::Rounded(v) => v.len(),
+            Self::Spans(v) => v.grid().len(),
             Self::Mask(v) => v.len(),
             Self::Bytes(v) | Self::Words(v) => v.len(),
             Self::Vectors(v) => 3 * v.len(),
@@ -74,6 +78,11 @@ impl Values<'_> {
     pub(super) fn fill(&self, layout: Layout, range: Range<usize>, out: &mut Vec<u8>) {
         match self {
             Self::Float(v) => v[range].iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes())),
+            Self::Spans(v) => {
+                let mut values = vec![0.0; range.len()];
+                v.copy_to(range.start, &mut values);
+                values.iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
+            }
             Self::Rounded(v) => {
                 v[range].iter().for_each(|x| out.extend_from_slice(&(x.round_ties_even() as i16).to_le_bytes()));
             }

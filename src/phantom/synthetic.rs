@@ -244,7 +244,7 @@ mod tests {
     fn the_jacobian_of_the_formulas_is_known() {
         let of = |formula| {
             let object = TestObject::new(formula, [2.0, 4.0, 4.0]).unwrap();
-            let map = jacobian(&object.push);
+            let map = jacobian(&object.push).to_volume();
             let grid = map.grid().clone();
             (0..grid.len()).map(|n| (grid.centre(grid.voxel(n)), map.data()[n])).collect::<Vec<_>>()
         };

@@ -17,7 +17,7 @@ use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::refine::Images;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Mask, Volume, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Spans, trilinear_vector};
 use crate::warning::Warning;
 use nalgebra::Point3;
 
@@ -112,7 +112,7 @@ pub(super) fn carry_out(
 }
 
 /// What came of the volumes that were asked to change.
-fn reached(labels: &LabelMap, jacobian: &Volume<f32>, config: &Config) -> Vec<VolumeReached> {
+fn reached(labels: &LabelMap, jacobian: &Spans<f32>, config: &Config) -> Vec<VolumeReached> {
     let of = |c: &VolumeChange| {
         let label = labels.names.iter().find(|(_, n)| **n == c.organ).map(|(l, _)| *l);
         let reached = label.and_then(|l| evaluate::jacobian::relative_volume(jacobian, labels, l));

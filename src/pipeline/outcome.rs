@@ -11,7 +11,7 @@ use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::BoneFit;
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
-use crate::volume::{LabelMap, Mask, Volume};
+use crate::volume::{LabelMap, Mask, Spans, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ pub struct Outcome {
     /// The bone labels on the fraction grid.
     pub bones_on_fraction: LabelMap,
     /// Jacobian map of the push field on the planning grid; -1 folded, 1 where not computed.
-    pub jacobian: Volume<f32>,
+    pub jacobian: Spans<f32>,
     /// Jacobian characteristics.
     pub jacobian_report: JacobianReport,
     /// How rigidly the field moves each bone.

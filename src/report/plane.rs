@@ -5,7 +5,7 @@
 
 use super::canvas::{Align, Canvas, Pen, Rgb};
 use crate::geometry::Grid;
-use crate::volume::{Volume, trilinear};
+use crate::volume::{Spans, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -241,11 +241,11 @@ pub(super) fn nearest<T: Copy>(volume: &Volume<T>, p: &Point3<f64>) -> Option<T>
 }
 
 /// Value of the cell (named by its lowest-index corner) that holds a world position; `None` outside the image.
-pub(super) fn cell_at<T: Copy>(volume: &Volume<T>, p: &Point3<f64>) -> Option<T> {
-    let grid = volume.grid();
+pub(super) fn cell_at(map: &Spans<f32>, p: &Point3<f64>) -> Option<f32> {
+    let grid = map.grid();
     let index = grid.index(p);
     let inside = (0..3).all(|a| index[a] >= 0.0 && index[a] < grid.size()[a] as f64);
-    inside.then(|| *volume.at([0, 1, 2].map(|a| index[a] as usize)))
+    inside.then(|| map.at([0, 1, 2].map(|a| index[a] as usize)))
 }
 
 #[cfg(test)]

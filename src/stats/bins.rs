@@ -27,6 +27,8 @@ fn place(value: f32) -> u32 {
 
 /// Values in a row that are counted apart.
 const TURNS: usize = 4;
+/// Fewer values are counted by one thread in one place: clearing and adding up more places would take longer.
+const MANY: usize = 1 << 17;
 
 /// How many of the values of a sample lie in each bin.
 #[derive(Debug, Clone)]
@@ -35,6 +37,11 @@ pub struct Bins(Vec<u32>);
 impl Bins {
     /// Counts the values in `parts` that are to be kept.
     pub fn of(parts: &[&[f32]], keep: impl Fn(f32) -> bool + Sync) -> Self {
+        if parts.iter().map(|values| values.len()).sum::<usize>() < MANY {
+            let mut bins = vec![0; BINS];
+            parts.iter().flat_map(|values| *values).filter(|v| keep(**v)).for_each(|v| bins[bin(*v)] += 1);
+            return Self(bins);
+        }
         // Neighbours mostly lie in one bin: counted in one place, each would wait for the one before.
         let count = |mut bins: Vec<[u32; TURNS]>, values: &&[f32]| {
             for values in values.chunks(TURNS) {

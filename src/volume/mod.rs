@@ -9,11 +9,13 @@ pub mod label;
 pub mod morphology;
 pub mod region;
 mod smooth;
+mod spans;
 
 pub use cubic::cubic;
 pub use interpolate::{Surrounding, axis_pairs, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
 pub use smooth::{gaussian, gaussian_ratio};
+pub use spans::Spans;
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

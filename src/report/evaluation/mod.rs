@@ -14,7 +14,7 @@ use crate::evaluate::{Assessment, Subject};
 use crate::io::write_file;
 use crate::pipeline::InputFile;
 use crate::runtime::StageTime;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, Spans};
 use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -54,7 +54,7 @@ pub struct Drawable<'a> {
     /// The field and the images.
     pub subject: Subject<'a>,
     /// Jacobian map of planning to fraction.
-    pub jacobian: Volume<f32>,
+    pub jacobian: Spans<f32>,
     /// Planning structures on the fraction's grid.
     pub mapped: Option<LabelMap>,
 }

@@ -8,7 +8,7 @@ use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
 use super::{Assessed, Drawable, EvaluationPicture};
 use crate::error::{Error, Result};
 use crate::evaluate::regularity::BIN;
-use crate::volume::{Volume, trilinear_vector};
+use crate::volume::{Spans, Volume, trilinear_vector};
 use nalgebra::Point3;
 
 const BACKDROP: Rgb = [198, 203, 210];
@@ -97,7 +97,7 @@ fn fusion(planning: &Volume<f32>, fraction: &Volume<f32>, pull: &Volume<[f32; 3]
 /// Pictures of the three planes, before they become a sheet.
 type Rows = [(Plane, Canvas); 3];
 
-fn jacobians(planning: &Volume<f32>, map: &Volume<f32>) -> Rows {
+fn jacobians(planning: &Volume<f32>, map: &Spans<f32>) -> Rows {
     middle_planes(planning).map(|plane| {
         let hu = plane.hu(planning);
         let picture = plane.paint(|p, n| {

@@ -51,22 +51,18 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
 mod tests {
     use super::super::super::example;
     use super::*;
+    use crate::volume::{Spans, Volume};
 
     #[test]
     fn folded_cells_are_black_and_growth_is_red() {
         let (case, mut outcome, _) = example::small();
         let grid = outcome.jacobian.grid().clone();
         // Left half grows, right half shrinks, one slab is folded.
-        for l in 0..grid.len() {
-            let p = grid.centre(grid.voxel(l));
-            outcome.jacobian.data_mut()[l] = if p.z > 30.0 {
-                -1.0
-            } else if p.x > 0.0 {
-                1.8
-            } else {
-                0.6
-            };
-        }
+        outcome.jacobian = Spans::of_volume(&Volume::from_fn(grid.clone(), |l| match grid.centre(grid.voxel(l)) {
+            p if p.z > 30.0 => -1.0,
+            p if p.x > 0.0 => 1.8,
+            _ => 0.6,
+        }));
         let scene = Scene::new(&case, &outcome);
         let picture = draw(&scene).canvas;
         // The coronal row lies below the axial one.
