@@ -3,6 +3,7 @@
 //! The writer deflates blocks of fixed size independently, ends each with a sync flush and joins them into one member, as
 //! pigz does. Block borders do not depend on the number of threads, so neither do the bytes.
 
+use super::gaps::Gaps;
 use flate2::Crc;
 use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
@@ -170,11 +171,13 @@ impl Payload<'_> {
         Ok(())
     }
 
-    /// Writes header and items as one gzip member of this level (0 to 9), in parallel.
+    /// Writes header and items as one gzip member of this level (0 to 9), in parallel. Of noisy data the lowest level compresses
+    /// gaps alone.
     pub(super) fn write_gzip(&self, out: &mut dyn Write, level: u32) -> io::Result<()> {
         out.write_all(&[MAGIC[0], MAGIC[1], 8, 0, 0, 0, 0, 0, 0, 255])?;
-        let mut deflate = Deflate::new(level, self.noisy);
-        let head = deflate.block(&self.header)?;
+        let gaps = (self.noisy && level == 1).then(|| Gaps::new(BLOCK)).transpose()?;
+        let packer = || Packer { zlib: Deflate::new(level, self.noisy), gaps: gaps.as_ref() };
+        let head = packer().block(&self.header)?;
         out.write_all(&head.bytes)?;
         let mut crc = head.crc;
         let mut total = self.header.len() as u64;
@@ -182,10 +185,10 @@ impl Payload<'_> {
             let blocks: Vec<io::Result<Deflated>> = wave
                 .into_par_iter()
                 .map_init(
-                    || (Deflate::new(level, self.noisy), Vec::with_capacity(BLOCK)),
-                    |(deflate, raw), n| {
+                    || (packer(), Vec::with_capacity(BLOCK)),
+                    |(packer, raw), n| {
                         self.block(n, raw);
-                        deflate.block(raw)
+                        packer.block(raw)
                     },
                 )
                 .collect();
@@ -209,17 +212,34 @@ struct Deflated {
     crc: Crc,
 }
 
+/// Makes blocks by gaps where these are given, else by zlib.
+struct Packer<'a> {
+    zlib: Deflate,
+    gaps: Option<&'a Gaps>,
+}
+
+impl Packer<'_> {
+    fn block(&mut self, raw: &[u8]) -> io::Result<Deflated> {
+        let mut crc = Crc::new();
+        crc.update(raw);
+        let bytes = match self.gaps {
+            Some(gaps) => gaps.pack(raw),
+            None => self.zlib.block(raw)?,
+        };
+        Ok(Deflated { bytes, crc })
+    }
+}
+
 /// A compressor that starts anew for each block.
-struct Deflate {
+pub(super) struct Deflate {
     zlib: zlib_rs::Deflate,
     /// Room for a block.
     room: Vec<u8>,
 }
 
 impl Deflate {
-    /// Of this level (0 to 9). For noisy data the lowest level looks for runs only: less work, and codes of their own for every
-    /// block, which the search for strings does without at this level.
-    fn new(level: u32, noisy: bool) -> Self {
+    /// Of this level (0 to 9). For noisy data the lowest level looks for runs only.
+    pub(super) fn new(level: u32, noisy: bool) -> Self {
         let strategy = if noisy && level == 1 { Strategy::Rle } else { Strategy::Default };
         let config = DeflateConfig {
             level: level.min(9) as i32,
@@ -231,10 +251,9 @@ impl Deflate {
         Self { zlib: zlib_rs::Deflate::new_with_config(config), room: vec![0; BLOCK] }
     }
 
-    fn block(&mut self, raw: &[u8]) -> io::Result<Deflated> {
+    /// Deflate data for `raw`, ended on a byte border; not the last of its stream.
+    pub(super) fn block(&mut self, raw: &[u8]) -> io::Result<Vec<u8>> {
         self.zlib.reset();
-        let mut crc = Crc::new();
-        crc.update(raw);
         let mut bytes = Vec::new();
         loop {
             let (done, before) = (self.zlib.total_in() as usize, self.zlib.total_out());
@@ -244,7 +263,7 @@ impl Deflate {
             bytes.extend_from_slice(&self.room[..made]);
             // The flush is complete only when the compressor leaves room unused.
             if made < self.room.len() {
-                return Ok(Deflated { bytes, crc });
+                return Ok(bytes);
             }
         }
     }

@@ -10,6 +10,7 @@ pub mod checksum;
 mod contours;
 mod density;
 mod field;
+mod gaps;
 mod gzip;
 mod image;
 pub mod inspect;

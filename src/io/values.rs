@@ -77,33 +77,36 @@ impl Values<'_> {
     /// Appends the bytes of stored values `range`, vectors laid out as told.
     pub(super) fn fill(&self, layout: Layout, range: Range<usize>, out: &mut Vec<u8>) {
         match self {
-            Self::Float(v) => v[range].iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes())),
+            Self::Float(v) => append(out, &v[range], |x| x.to_le_bytes()),
             Self::Spans(v) => {
                 let mut values = vec![0.0; range.len()];
                 v.copy_to(range.start, &mut values);
-                values.iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
+                append(out, &values, |x| x.to_le_bytes());
             }
-            Self::Rounded(v) => {
-                v[range].iter().for_each(|x| out.extend_from_slice(&(x.round_ties_even() as i16).to_le_bytes()));
-            }
-            Self::Mask(v) => out.extend(v[range].iter().map(|&x| u8::from(x))),
-            Self::Bytes(v) => out.extend(v[range].iter().map(|&x| x as u8)),
-            Self::Words(v) => v[range].iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes())),
+            Self::Rounded(v) => append(out, &v[range], |x| (x.round_ties_even() as i16).to_le_bytes()),
+            Self::Mask(v) => append(out, &v[range], |x| [u8::from(*x)]),
+            Self::Bytes(v) => append(out, &v[range], |x| [*x as u8]),
+            Self::Words(v) => append(out, &v[range], |x| x.to_le_bytes()),
             Self::Vectors(v) => match layout {
-                Layout::Interleaved => {
-                    v.as_flattened()[range].iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
-                }
+                Layout::Interleaved => append(out, &v.as_flattened()[range], |x| x.to_le_bytes()),
                 Layout::Planar => {
                     for component in 0..3 {
                         let start = component * v.len();
                         let from = range.start.clamp(start, start + v.len()) - start;
                         let to = range.end.clamp(start, start + v.len()) - start;
-                        v[from..to].iter().for_each(|x| out.extend_from_slice(&x[component].to_le_bytes()));
+                        append(out, &v[from..to], |x| x[component].to_le_bytes());
                     }
                 }
             },
         }
     }
+}
+
+/// Appends the bytes of values, each made by `bytes`.
+fn append<T, const N: usize>(out: &mut Vec<u8>, values: &[T], bytes: impl Fn(&T) -> [u8; N]) {
+    let start = out.len();
+    out.resize(start + N * values.len(), 0);
+    out[start..].as_chunks_mut().0.iter_mut().zip(values).for_each(|(to, value)| *to = bytes(value));
 }
 
 #[cfg(test)]
