@@ -4,6 +4,7 @@
 //! every cell: that costs less than sorting cells by their way.
 
 use super::PushField;
+use super::extent::{extent, union};
 use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{LANES, Wide, vectorised};
 use crate::volume::{Mask, Spans};
@@ -89,7 +90,7 @@ fn spans(computed: &Mask, at_least: impl Fn(usize) -> Range<usize>) -> Vec<Range
             plane.chunks(ni).map(|row| {
                 vectorised(
                     #[inline(always)]
-                    || extent(row),
+                    || extent(row, |part| part.iter().fold(false, |any, set| any | set)),
                 )
             })
         })
@@ -114,19 +115,6 @@ fn spans(computed: &Mask, at_least: impl Fn(usize) -> Range<usize>) -> Vec<Range
 pub(super) trait Value: Copy + Default + PartialEq + Send + Sync {}
 
 impl<T: Copy + Default + PartialEq + Send + Sync> Value for T {}
-
-/// Voxels that are looked at together where nothing was computed.
-const BLOCK: usize = 32;
-
-/// What two ranges span, of which any may be empty.
-#[inline(always)]
-fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
-    match (a.is_empty(), b.is_empty()) {
-        (true, _) => b.clone(),
-        (_, true) => a.clone(),
-        _ => a.start.min(b.start)..a.end.max(b.end),
-    }
-}
 
 /// A vector at each place of a row, component by component.
 type Line = [Vec<f32>; 3];
@@ -297,18 +285,6 @@ impl Rows {
 #[inline(always)]
 fn corners(cells: &Range<usize>) -> Range<usize> {
     if cells.is_empty() { 0..0 } else { cells.start..cells.end + 1 }
-}
-
-/// From the first to the last voxel of a row that is set.
-#[inline(always)]
-fn extent(row: &[bool]) -> Range<usize> {
-    let any = |chunk: &[bool]| chunk.iter().fold(false, |any, set| any | set);
-    // Whole blocks outside are passed over at once.
-    let before = (row.chunks(BLOCK).take_while(|chunk| !any(chunk)).count() * BLOCK).min(row.len());
-    let Some(first) = row[before..].iter().position(|set| *set) else { return 0..0 };
-    let behind = row.rchunks(BLOCK).take_while(|chunk| !any(chunk)).count() * BLOCK;
-    let last = row[..row.len() - behind].iter().rposition(|set| *set).unwrap_or(0);
-    before + first..last + 1
 }
 
 /// The components of the vectors of a row.

@@ -7,6 +7,7 @@
 
 use super::bones::MovedBones;
 use super::newton::thinned;
+use super::reach::Reach;
 use super::sampler::Sampler;
 use super::search::{Search, Tally};
 use super::tetrahedra::{Drop, Mesh};
@@ -275,6 +276,7 @@ pub fn invert(
         push,
         robust: Continued::new(&push.displacement),
         quick: Sampler::new(&push.displacement),
+        reach: Reach::new(push),
         guess: Continued::new(&guess),
         mesh: Mesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
         bones,

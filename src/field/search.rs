@@ -1,12 +1,15 @@
 //! The search for the pre-images of a slab of fraction voxels.
 
 use super::bones::MovedBones;
+use super::extent::{extent, union};
 use super::invert::{Continued, InvertOptions, solve};
+use super::reach::Reach;
 use super::sampler::{NOWHERE, Sampler};
 use super::tetrahedra::{Drop, Mesh};
 use super::{PushField, in_steps};
 use crate::geometry::{Grid, LANES, Wide, vectorised};
 use nalgebra::{Point3, Vector3};
+use std::ops::Range;
 
 /// Iteration limit of the quick search, which is all that there is where no tissue comes to lie: the continued field outside
 /// tissue may have no inverse at all.
@@ -28,6 +31,7 @@ pub(super) struct Search<'a, V> {
     pub(super) push: &'a PushField,
     pub(super) robust: Continued<'a>,
     pub(super) quick: Sampler<'a>,
+    pub(super) reach: Reach,
     pub(super) guess: Continued<'a>,
     pub(super) mesh: Mesh<'a, V>,
     pub(super) bones: Option<&'a MovedBones<'a>>,
@@ -54,26 +58,63 @@ impl<V> Search<'_, V> {
                 rows.forget();
             }
             let y = self.fraction.centre([0, j, k]).coords;
-            self.starts(&y, drawn, &mut rows);
-            self.row(&y, drawn, &mut rows);
-            self.settle(&y, (drawn, owner), (v, inside), &mut rows, &mut t);
+            let open = self.open(&y, drawn, owner);
+            rows.now.rest(&open);
+            self.leave(&y, &open, inside, &mut t);
+            self.starts(&y, drawn, open.clone(), &mut rows);
+            self.row(&y, drawn, open.clone(), &mut rows);
+            self.settle(&y, (drawn, owner), open, (v, inside), &mut rows, &mut t);
             rows.advance();
         }
         t
     }
 
+    /// The voxels of a row that begins at `y` in which anything may come to lie but what is there, in whole blocks.
+    fn open(&self, y: &Vector3<f64>, drawn: &[Drop<3>], owner: &[u16]) -> Range<usize> {
+        let planning = self.push.displacement.grid();
+        let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
+        let reach = self.reach.of_places(&planning.index(&Point3::from(*y)), &along, drawn.len());
+        let drawn_there = extent(drawn, |part| part.iter().fold(false, |any, d| any | (d.rank > 0)));
+        let owned = extent(owner, |part| part.iter().fold(false, |any, o| any | (*o > 0)));
+        let Range { start, end } = union(&reach, &union(&drawn_there, &owned));
+        start / LANES * LANES..end.next_multiple_of(LANES).min(drawn.len())
+    }
+
+    /// What lies beside the `open` voxels of a row that begins at `y`: it stays, inside the planning scan or not.
+    fn leave(&self, y: &Vector3<f64>, open: &Range<usize>, inside: &mut [bool], t: &mut Tally) {
+        let planning = self.push.displacement.grid();
+        let first = planning.index(&Point3::from(*y));
+        let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
+        let whole = self.reach.holds(&first, &(first + along * inside.len() as f64));
+        for beside in [0..open.start, open.end..inside.len()] {
+            if whole {
+                inside[beside].fill(true);
+                continue;
+            }
+            let begin = beside.start;
+            for (n, inside) in inside[beside].chunks_mut(LANES).enumerate() {
+                let block = Sampler::block(&(first + along * (begin + n * LANES) as f64), &along);
+                let places = self.quick.land(&block, &Default::default());
+                inside.iter_mut().zip(places).for_each(|(inside, place)| *inside = place != NOWHERE);
+                t.outside += inside.iter().filter(|inside| !**inside).count();
+            }
+        }
+    }
+
     /// Where the search starts in a row that begins at `y`.
-    fn starts(&self, y: &Vector3<f64>, drawn: &[Drop<3>], rows: &mut Rows) {
+    fn starts(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut Rows) {
         let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
         let [before, last] = &rows.before;
         // What the rows lead to expect: the third is nearly in line.
         for a in 0..3 {
-            for ((start, before), last) in rows.now.v[a].iter_mut().zip(&before.v[a]).zip(&last.v[a]) {
+            let starts = rows.now.v[a][open.clone()].iter_mut();
+            for ((start, before), last) in starts.zip(&before.v[a][open.clone()]).zip(&last.v[a][open.clone()]) {
                 *start = 2.0 * last - before;
             }
         }
-        for (i, (drawn, (before, last))) in drawn.iter().zip(before.solved.iter().zip(&last.solved)).enumerate() {
-            if drawn.rank == 0 && before & last {
+        for i in open {
+            let drawn = &drawn[i];
+            if drawn.rank == 0 && before.solved[i] & last.solved[i] {
                 continue;
             }
             let held = || drawn.value.map(|u| -u);
@@ -86,28 +127,29 @@ impl<V> Search<'_, V> {
     }
 
     /// The quick search of a row, from where its voxels start.
-    fn row(&self, y: &Vector3<f64>, drawn: &[Drop<3>], rows: &mut Rows) {
+    fn row(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut Rows) {
         let planning = self.push.displacement.grid();
         let first = planning.index(&Point3::from(*y));
         let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
         // A little less, so that rounding cannot take it across the limit.
         let tolerance = self.options.tolerance_mm as f32 * (1.0 - f32::EPSILON);
         let limits = (tolerance, self.options.max_iterations.min(QUICK_ITERATIONS));
+        let (begin, end) = (open.start / LANES, open.end.div_ceil(LANES));
         vectorised(
             #[inline(always)]
             || {
-                let [x, y, z] = rows.now.v.each_mut().map(|v| v.as_chunks_mut::<LANES>().0);
-                let blocks = x.iter_mut().zip(y).zip(z).zip(rows.residual.as_chunks_mut::<LANES>().0);
-                for (n, (((x, y), z), residual)) in blocks.enumerate() {
+                let [x, y, z] = rows.now.v.each_mut().map(|v| &mut v.as_chunks_mut::<LANES>().0[begin..end]);
+                let blocks = x.iter_mut().zip(y).zip(z).zip(&mut rows.residual.as_chunks_mut::<LANES>().0[begin..end]);
+                for (n, (((x, y), z), residual)) in (begin..).zip(blocks) {
                     let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
                     let rough = drawn[n * LANES..].iter().take(LANES).any(|d| d.rank > 0);
                     let found = self.quick.invert(&block, ([Wide(*x), Wide(*y), Wide(*z)], rough), limits);
                     [*x, *y, *z] = found.v.map(|v| v.0);
                     *residual = found.residual.0;
                 }
-                let [x, y, z] = rows.now.v.each_ref().map(|v| v.as_chunks::<LANES>().0);
-                let places = rows.place.as_chunks_mut::<LANES>().0;
-                for (n, (place, ((x, y), z))) in places.iter_mut().zip(x.iter().zip(y).zip(z)).enumerate() {
+                let [x, y, z] = rows.now.v.each_ref().map(|v| &v.as_chunks::<LANES>().0[begin..end]);
+                let places = &mut rows.place.as_chunks_mut::<LANES>().0[begin..end];
+                for (n, (place, ((x, y), z))) in (begin..).zip(places.iter_mut().zip(x.iter().zip(y).zip(z))) {
                     let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
                     *place = self.quick.land(&block, &[Wide(*x), Wide(*y), Wide(*z)]);
                 }
@@ -120,14 +162,15 @@ impl<V> Search<'_, V> {
         &self,
         y: &Vector3<f64>,
         (drawn, owner): (&[Drop<3>], &[u16]),
+        open: Range<usize>,
         (v, inside): (&mut [[f32; 3]], &mut [bool]),
         rows: &mut Rows,
         t: &mut Tally,
     ) {
         let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
         let arrived = |residual: f32| f64::from(residual) < self.options.tolerance_mm;
-        for start in (0..v.len()).step_by(LANES) {
-            let block = start..(start + LANES).min(v.len());
+        for start in open.clone().step_by(LANES) {
+            let block = start..(start + LANES).min(open.end);
             let plain = owner[block.clone()].iter().all(|o| *o == 0)
                 && rows.residual[block.clone()].iter().all(|r| arrived(*r));
             if !plain {
@@ -251,6 +294,18 @@ struct Row {
     v: [Vec<f32>; 3],
     /// Where they are solutions.
     solved: Vec<bool>,
+}
+
+impl Row {
+    /// What is not open stays where it is.
+    fn rest(&mut self, open: &Range<usize>) {
+        for v in &mut self.v {
+            v[..open.start].fill(0.0);
+            v[open.end..].fill(0.0);
+        }
+        self.solved[..open.start].fill(true);
+        self.solved[open.end..].fill(true);
+    }
 }
 
 impl Rows {
