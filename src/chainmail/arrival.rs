@@ -4,7 +4,7 @@
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
-use super::brick::{Brick, Bricks, CELLS};
+use super::brick::{Brick, Bricks, CELLS, TILE, in_tile};
 use super::dial::Search;
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
@@ -24,12 +24,22 @@ const LEAST_PLANES: usize = 4;
 /// Links of a cell to the cells of one brick.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Links {
-    /// Bricks ahead.
-    pub(super) brick: isize,
+    /// Bricks ahead along each axis.
+    step: [i32; 3],
+    /// The same in memory, for each place of a brick in its tile.
+    pub(super) ahead: [i32; TILE * TILE],
     /// Factor of each link; see [`FrontRules::factor`].
     pub(super) factor: [f32; CELLS],
     /// Bit `l` for cell `l` where the front runs to it, otherwise 0.
     pub(super) open: [i32; CELLS],
+}
+
+impl Links {
+    /// The brick that they lead to from one of its own.
+    #[inline(always)]
+    pub(super) fn from(&self, brick: usize) -> usize {
+        brick.wrapping_add_signed(self.ahead[in_tile(brick)] as isize)
+    }
 }
 
 /// What fronts run through: the box of the lattice that holds all active nodes, with a border that none may enter.
@@ -64,18 +74,19 @@ impl Medium {
         let [low, size] = active_box(lattice);
         let bricks = Bricks::holding(size);
         let (mut shear, mut rest) = (vec![Brick::default(); bricks.len()], vec![Brick::default(); bricks.len()]);
-        let rows = shear.par_chunks_mut(bricks.size[0]).zip(rest.par_chunks_mut(bricks.size[0]));
-        rows.enumerate().for_each(|(row, (shear, rest))| {
-            let [j, k] = [row % bricks.size[1], row / bricks.size[1]].map(|at| 2 * at);
-            for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)] {
-                if j >= size[1] || k >= size[2] {
-                    continue;
-                }
-                let start = lattice.grid.linear([low[0], low[1] + j, low[2] + k]);
-                for i in 0..size[0] {
-                    let (n, at) = (start + i, i % 2 + 2 * (j % 2) + 4 * (k % 2));
-                    shear[i / 2].0[at] = lattice.constraint[n].shear;
-                    rest[i / 2].0[at] = if lattice.node[n] == Node::Soft { LATE } else { 0 };
+        let planes = shear.par_chunks_mut(bricks.plane()).zip(rest.par_chunks_mut(bricks.plane()));
+        planes.enumerate().for_each(|(plane, (shear, rest))| {
+            for k in (2 * plane..2 * plane + 2).take_while(|k| *k < size[2]) {
+                for j in 0..size[1] {
+                    let start = lattice.grid.linear([low[0], low[1] + j, low[2] + k]);
+                    for of_tile in (0..size[0]).step_by(2 * TILE) {
+                        let first = bricks.cell([of_tile, j, k]) - plane * bricks.plane() * CELLS;
+                        for i in 0..(size[0] - of_tile).min(2 * TILE) {
+                            let (n, brick, at) = (start + of_tile + i, first / CELLS + i / 2, first % CELLS + i % 2);
+                            shear[brick].0[at] = lattice.constraint[n].shear;
+                            rest[brick].0[at] = if lattice.node[n] == Node::Soft { LATE } else { 0 };
+                        }
+                    }
                 }
             }
         });
@@ -107,7 +118,7 @@ impl Medium {
                 let Node::Bone(bone) = lattice.node[n as usize] else { return None };
                 let cell = self.cell(lattice.grid.voxel(n as usize));
                 let soft = |links: &Links| {
-                    let rest = self.rest[(cell / CELLS).wrapping_add_signed(links.brick)].0;
+                    let rest = self.rest[links.from(cell / CELLS)].0;
                     (0..CELLS).any(|l| links.open[l] != 0 && rest[l] == LATE)
                 };
                 self.links[cell % CELLS].iter().any(soft).then_some((bone, cell as u32))
@@ -160,7 +171,7 @@ impl Medium {
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
     /// the skeleton.
     pub(super) fn first_arrivals(&self) -> FirstArrivals<'_> {
-        FirstArrivals::of(self, rayon::current_num_threads().min(self.bricks.size[2] / LEAST_PLANES))
+        FirstArrivals::of(self, rayon::current_num_threads().min(self.bricks.planes() / LEAST_PLANES))
     }
 
     /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
@@ -191,9 +202,9 @@ pub(super) fn active_box(lattice: &Lattice) -> [[usize; 3]; 2] {
 fn links_of(at: usize, hops: &[Hop], rules: &FrontRules, bricks: Bricks) -> Vec<Links> {
     let mut links: Vec<Links> = Vec::new();
     for hop in hops {
-        let (brick, place) = bricks.beside(at, hop.step);
-        let to = links.iter().position(|l| l.brick == brick).unwrap_or_else(|| {
-            links.push(Links { brick, factor: [1.0; CELLS], open: [0; CELLS] });
+        let (step, place) = Bricks::beside(at, hop.step);
+        let to = links.iter().position(|l| l.step == step).unwrap_or_else(|| {
+            links.push(Links { step, ahead: bricks.ahead(step), factor: [1.0; CELLS], open: [0; CELLS] });
             links.len() - 1
         });
         links[to].factor[place] = rules.factor(hop.mm);

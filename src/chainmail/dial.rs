@@ -143,7 +143,7 @@ impl<'a> Search<'a> {
             let own = shear[brick].0[at];
             let now = keys[brick].0[at].wrapping_sub(TICKS_ZERO << shift);
             for links in &self.medium.links[at] {
-                let to = brick.wrapping_add_signed(links.brick);
+                let to = links.from(brick);
                 let (Some(shears), Some(keys)) = (shear.get(to), keys.get(to)) else { continue };
                 let (mut due, mut bits) = ([0; CELLS], [0; CELLS]);
                 for l in 0..CELLS {

@@ -3,7 +3,7 @@
 
 use super::arrival::{Arrival, Medium, active_box, came};
 use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
-use super::brick::{Brick, CELLS};
+use super::brick::{Brick, CELLS, TILE};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
@@ -129,7 +129,7 @@ struct Sums<'a> {
     medium: &'a Medium,
     lattice: &'a Lattice,
     exponent: f64,
-    /// The bricks, in order, row by row.
+    /// The bricks, in order.
     bricks: Vec<usize>,
     sums: Vec<Sum>,
 }
@@ -144,17 +144,18 @@ impl<'a> Sums<'a> {
     /// Adds waves in their order, whatever the number of threads.
     fn add(&mut self, waves: &[(&Rigid, &Arrival)]) {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
-        let [nx, ny, _] = medium.bricks.size;
+        let lines: Vec<Motion> = waves.iter().map(|(motion, _)| Motion::of(motion, medium, lattice)).collect();
         let parts = self.bricks.par_chunks(PART).zip(self.sums.par_chunks_mut(PART));
         parts.for_each(|(bricks, mut sums)| {
-            for bricks in bricks.chunk_by(|a, b| a / nx == b / nx) {
+            for bricks in bricks.chunk_by(|a, b| a / TILE == b / TILE) {
                 let (row, rest) = sums.split_at_mut(bricks.len());
                 sums = rest;
-                let at = bricks[0] / nx;
-                for &(motion, wave) in waves {
-                    let line = Line::of(motion, medium, lattice, [at % ny, at / ny]);
-                    let times = wave.row(at * nx..(at + 1) * nx);
-                    let each = bricks.iter().map(|b| b % nx).zip(&mut *row);
+                let start = bricks[0] / TILE * TILE;
+                let place = medium.bricks.place(start);
+                for (motion, (_, wave)) in lines.iter().zip(waves) {
+                    let line = motion.along(place);
+                    let times = wave.row(start..start + TILE);
+                    let each = bricks.iter().map(|b| b - start).zip(&mut *row);
                     if is_usual(exponent) {
                         vectorised(
                             #[inline(always)]
@@ -187,7 +188,34 @@ impl<'a> Sums<'a> {
 /// Bricks that a thread adds at a time.
 const PART: usize = 4096;
 
-/// A bone's motion along a row of bricks, where its displacement is linear.
+/// A bone's motion, whose displacement is linear in a cell's place.
+struct Motion {
+    /// Displacement of the first cell of the medium.
+    first: Vector3<f64>,
+    /// What is added to it from a cell to the next along each axis.
+    step: [Vector3<f64>; 3],
+}
+
+impl Motion {
+    fn of(motion: &Rigid, medium: &Medium, lattice: &Lattice) -> Self {
+        let x = lattice.grid.centre(medium.low());
+        let step = [0, 1, 2].map(|a| lattice.grid.step().column(a).into_owned());
+        Self { first: motion * x - x, step: step.map(|s| motion.rotation * s - s) }
+    }
+
+    /// Along the row of bricks that begins at this cell.
+    fn along(&self, [i, j, k]: [usize; 3]) -> Line {
+        let mut first = [Brick::default(); 3];
+        for at in 0..CELLS {
+            let cell = [i + at % 2, j + at / 2 % 2, k + at / 4].map(|c| c as f64);
+            let u = self.first + self.step[0] * cell[0] + self.step[1] * cell[1] + self.step[2] * cell[2];
+            (0..3).for_each(|a| first[a].0[at] = u[a]);
+        }
+        Line { first, step: self.step[0] * 2.0 }
+    }
+}
+
+/// A bone's motion along a row of bricks.
 struct Line {
     /// Displacement of the cells of the first brick.
     first: [Brick<f64>; 3],
@@ -196,19 +224,6 @@ struct Line {
 }
 
 impl Line {
-    /// The motion along row `[j, k]` of bricks.
-    fn of(motion: &Rigid, medium: &Medium, lattice: &Lattice, [j, k]: [usize; 2]) -> Self {
-        let low = medium.low();
-        let mut first = [Brick::default(); 3];
-        for at in 0..CELLS {
-            let x = lattice.grid.centre([low[0] + at % 2, low[1] + 2 * j + at / 2 % 2, low[2] + 2 * k + at / 4]);
-            let u = motion * x - x;
-            (0..3).for_each(|a| first[a].0[at] = u[a]);
-        }
-        let step: Vector3<f64> = lattice.grid.step().column(0) * 2.0;
-        Self { first, step: motion.rotation * step - step }
-    }
-
     /// Adds a wave's weights and weighted displacements to bricks at some places in the row.
     #[inline(always)]
     fn add<'s>(
