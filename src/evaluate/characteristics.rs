@@ -112,8 +112,7 @@ impl Lanes {
 
     #[inline(always)]
     fn add(&mut self, values: &[f32; LANES]) {
-        for l in 0..LANES {
-            let j = values[l];
+        for (l, &j) in values.iter().enumerate() {
             let positive = j > 0.0;
             self.above[l] += u32::from(j > 2.0);
             self.below[l] += u32::from(positive & (j < 0.5));
