@@ -112,9 +112,9 @@ fn spans(computed: &Mask, at_least: impl Fn(usize) -> Range<usize>) -> Vec<Range
 }
 
 /// What is found of a cell; `()` for nothing.
-pub(super) trait Value: Copy + Default + PartialEq + Send + Sync {}
+pub(super) trait Value: Copy + Default + Send + Sync {}
 
-impl<T: Copy + Default + PartialEq + Send + Sync> Value for T {}
+impl<T: Copy + Default + Send + Sync> Value for T {}
 
 /// A vector at each place of a row, component by component.
 type Line = [Vec<f32>; 3];
