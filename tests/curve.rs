@@ -36,15 +36,25 @@ fn curve(out: &str) -> (assert_cmd::Command, PathBuf) {
 fn every_setting_of_the_plan_is_a_point_beside_the_peers() {
     let peers = write("peers.csv", "name,seconds,error_mm\nother tool,90.5,2.25\n");
     let (mut run, out) = curve("curve");
-    run.arg("--landmarks").arg(&phantom().landmarks).arg("--peers").arg(peers).assert().success();
+    run.arg("--landmarks")
+        .arg(&phantom().landmarks)
+        .arg("--peers")
+        .arg(peers)
+        .arg("--threads")
+        .arg("2")
+        .assert()
+        .success();
     assert_eq!(files_below(&out), ["curve.csv", "curve.md", "curve.png"]);
     let table = fs::read_to_string(out.join("curve.csv")).expect("it was written");
     let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|l| l.split(',').collect()).collect();
-    assert_eq!(rows.iter().map(|r| r[1]).collect::<Vec<_>>(), ["none", "both", "other tool"], "{table}");
+    assert_eq!(rows.iter().map(|r| r[1]).collect::<Vec<_>>(), ["none", "both", "1", "2", "other tool"], "{table}");
     let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("a number");
     // With both images the error is smaller.
     assert!(number(1, 5) < number(0, 5) && number(0, 3) > 0.0 && number(0, 4) > 0.0, "{table}");
-    assert!(number(2, 3) > 90.4 && number(2, 5) > 2.2 && rows[1][2] == "true", "{table}");
+    assert!(number(4, 3) > 90.4 && number(4, 5) > 2.2 && rows[1][2] == "true", "{table}");
+    // Threads change the time alone.
+    assert_eq!(rows[2][5..], rows[1][5..], "{table}");
+    assert_eq!(rows[3], [&["threads", "2"], &rows[1][2..]].concat(), "{table}");
 }
 
 #[test]

@@ -2,10 +2,10 @@
 
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
 use super::register::{open_folder, progress};
-use crate::config::StudyPlan;
+use crate::config::{Config, StudyPlan};
 use crate::error::{Error, Result};
 use crate::phantom::{Phantom, PhantomOptions};
-use crate::pipeline::{Case, measure, phantom_case};
+use crate::pipeline::{Case, CurvePoint, measure, phantom_case};
 use crate::report::{CurveEntry, Peer, write_curve};
 use crate::runtime::Runtime;
 use clap::Args;
@@ -14,7 +14,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-Every setting of the plan is registered anew, one after the other; the time is that of the registration in memory. The error is
+Every setting of the plan is registered anew, one after the other, and the default with fewer threads; the time is that of the
+registration in memory. The error is
 the mean distance of the landmarks from where they should be. Without a case of your own it is measured on the phantom, at
 20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md.
 
@@ -89,8 +90,36 @@ pub fn run(args: &CurveArgs) -> Result<String> {
             }
         }
     }
+    if let Some((stage, config)) = stages.iter().find(|(stage, _)| stage.settings.is_empty()) {
+        entries.extend(by_threads(args, &case, (config, &points[stage.id.as_str()]), &runtime)?);
+    }
     let text = write_curve(&args.out, &title, &entries, &peers)?;
     Ok(format!("{text}\nThe picture: {}", args.out.join("curve.png").display()))
+}
+
+/// The default with 1, 2, 4 and so on threads up to those of `runtime`, with which it is measured already.
+fn by_threads(
+    args: &CurveArgs,
+    case: &Case,
+    (config, all): (&Config, &CurvePoint),
+    runtime: &Runtime,
+) -> Result<Vec<CurveEntry>> {
+    let most = runtime.threads();
+    let entry = |threads: usize, point: CurvePoint| CurveEntry {
+        series: "threads".into(),
+        name: threads.to_string(),
+        default: threads == most,
+        point,
+    };
+    let mut entries = Vec::new();
+    for threads in (0..).map(|n| 1 << n).take_while(|threads| *threads < most) {
+        runtime.progress().note(&format!("threads: {threads}"));
+        entries.push(entry(threads, measure(case, config, &Runtime::new(threads, progress(args.quiet))?)?));
+    }
+    if !entries.is_empty() {
+        entries.push(entry(most, all.clone()));
+    }
+    Ok(entries)
 }
 
 /// The user's case, or the phantom.
