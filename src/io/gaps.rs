@@ -24,7 +24,7 @@ impl Gaps {
     /// Has zlib make the pieces for blocks of at most `block` bytes.
     pub(super) fn new(block: usize) -> io::Result<Self> {
         let zeros = vec![0; block];
-        let mut deflate = Deflate::new(1, true);
+        let mut deflate = Deflate::new(6);
         let mut gaps = Self(Default::default());
         for (digit, pieces) in gaps.0.iter_mut().enumerate() {
             let unit = GRAIN * BASE.pow(digit as u32);

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::ops::Range;
-use zlib_rs::{DeflateConfig, DeflateFlush, Strategy};
+use zlib_rs::{DeflateConfig, DeflateFlush};
 
 /// First bytes of a gzip member.
 const MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -176,7 +176,7 @@ impl Payload<'_> {
     pub(super) fn write_gzip(&self, out: &mut dyn Write, level: u32) -> io::Result<()> {
         out.write_all(&[MAGIC[0], MAGIC[1], 8, 0, 0, 0, 0, 0, 0, 255])?;
         let gaps = (self.noisy && level == 1).then(|| Gaps::new(BLOCK)).transpose()?;
-        let packer = || Packer { zlib: Deflate::new(level, self.noisy), gaps: gaps.as_ref() };
+        let packer = || gaps.as_ref().map_or_else(|| Packer::Zlib(Deflate::new(level)), Packer::Gaps);
         let head = packer().block(&self.header)?;
         out.write_all(&head.bytes)?;
         let mut crc = head.crc;
@@ -212,19 +212,19 @@ struct Deflated {
     crc: Crc,
 }
 
-/// Makes blocks by gaps where these are given, else by zlib.
-struct Packer<'a> {
-    zlib: Deflate,
-    gaps: Option<&'a Gaps>,
+/// What makes blocks.
+enum Packer<'a> {
+    Gaps(&'a Gaps),
+    Zlib(Deflate),
 }
 
 impl Packer<'_> {
     fn block(&mut self, raw: &[u8]) -> io::Result<Deflated> {
         let mut crc = Crc::new();
         crc.update(raw);
-        let bytes = match self.gaps {
-            Some(gaps) => gaps.pack(raw),
-            None => self.zlib.block(raw)?,
+        let bytes = match self {
+            Self::Gaps(gaps) => gaps.pack(raw),
+            Self::Zlib(zlib) => zlib.block(raw)?,
         };
         Ok(Deflated { bytes, crc })
     }
@@ -238,12 +238,10 @@ pub(super) struct Deflate {
 }
 
 impl Deflate {
-    /// Of this level (0 to 9). For noisy data the lowest level looks for runs only.
-    pub(super) fn new(level: u32, noisy: bool) -> Self {
-        let strategy = if noisy && level == 1 { Strategy::Rle } else { Strategy::Default };
+    /// Of this level (0 to 9).
+    pub(super) fn new(level: u32) -> Self {
         let config = DeflateConfig {
             level: level.min(9) as i32,
-            strategy,
             window_bits: -15,
             mem_level: MOST_MEMORY,
             ..DeflateConfig::default()
