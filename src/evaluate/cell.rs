@@ -77,13 +77,16 @@ impl CellKinds {
 
     /// The runs of a row of cells: where each lies along it, and what it holds.
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = (Range<usize>, Cell)> + Clone + '_ {
-        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
-        of_row.iter().map(|r| (r.first as usize..r.end as usize, r.kind))
+        self.of_row(row).iter().map(|r| (r.first as usize..r.end as usize, r.kind))
+    }
+
+    fn of_row(&self, row: usize) -> &[Run] {
+        &self.runs[self.rows[row]..self.rows[row + 1]]
     }
 
     /// From the first to the last cell of a row that is not outside.
     pub(super) fn extent(&self, row: usize) -> Range<usize> {
-        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
+        let of_row = self.of_row(row);
         let ends = of_row.first().zip(of_row.last());
         ends.map_or(0..0, |(first, last)| first.first as usize..last.end as usize)
     }
@@ -102,7 +105,7 @@ impl CellKinds {
     /// What the cell with this lowest corner holds.
     pub(super) fn at(&self, [i, j, k]: [usize; 3]) -> Cell {
         let row = j + k * self.grid.size()[1];
-        let of_row = &self.runs[self.rows[row]..self.rows[row + 1]];
+        let of_row = self.of_row(row);
         let holds = of_row.iter().find(|r| (r.first as usize..r.end as usize).contains(&i));
         holds.map_or(Cell::Outside, |r| r.kind)
     }

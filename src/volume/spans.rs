@@ -76,15 +76,6 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
         (first..first + values.len(), values)
     }
 
-    /// The values of the voxels at `range` in storage, which lie within the span of one row.
-    pub fn run(&self, range: Range<usize>) -> &[T] {
-        let ni = self.grid.size()[0];
-        let row = range.start / ni;
-        let (span, values) = self.row(row);
-        let start = range.start - row * ni - span.start;
-        &values[start..start + range.len()]
-    }
-
     /// Writes the values of the voxels from `start` in storage on.
     pub fn copy_to(&self, start: usize, out: &mut [T]) {
         let ni = self.grid.size()[0];
@@ -155,7 +146,7 @@ mod tests {
             prop_assert_eq!(&part[..], &whole.data()[range]);
             for (row, span) in spans.iter().enumerate().filter(|(_, span)| !span.is_empty()) {
                 let run = row * ni + span.start..row * ni + span.end;
-                prop_assert_eq!(found.run(run.clone()), &whole.data()[run]);
+                prop_assert_eq!(found.row(row), (span.clone(), &whole.data()[run]));
             }
         }
     }
