@@ -1,9 +1,11 @@
 //! Rank 7: how long the hot paths take on this machine, on a scene of the size of the thesis's, beside what its memory allows.
 
+mod exact;
 mod floor;
 mod scene;
 mod task;
 
+pub use exact::{AgainstExact, Distances};
 pub use floor::{Bandwidth, bandwidth};
 pub use scene::{Scene, SceneSize};
 pub use task::Task;
@@ -79,6 +81,9 @@ pub struct BenchmarkReport {
     pub bones: usize,
     /// The tasks.
     pub tasks: Vec<Measurement>,
+    /// How far the default propagation is from the exact one, when both [`Task::Superposition`] and [`Task::Propagation`] are
+    /// among them.
+    pub against_exact: Option<AgainstExact>,
 }
 
 /// Makes the scene and times the tasks on it.
@@ -120,6 +125,9 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
             peak_memory: peak,
         });
     }
+    let both = [Task::Superposition, Task::Propagation].iter().all(|t| options.tasks.contains(t));
+    let against_exact =
+        both.then(|| runtime.stage("default against exact", || exact::against_exact(&scene))).transpose()?;
     let grid = scene.phantom.planning.grid();
     Ok(BenchmarkReport {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -131,6 +139,7 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
         active: scene.active,
         bones: scene.phantom.skeleton.bones.len(),
         tasks,
+        against_exact,
     })
 }
 
@@ -151,5 +160,9 @@ mod tests {
             assert!((t.floor_share * report.bandwidth.triad / t.bytes_per_second - 1.0).abs() < 1e-9, "{t:?}");
             assert!(t.target_seconds.is_none(), "targets are for the full size");
         }
+        // Where elements are as coarse as voxels there is little to lose, and where nothing differs nothing was compared.
+        let AgainstExact { field, superposition, let_go } = report.against_exact.unwrap();
+        assert!(0.0 < field.mean && field.mean < 0.1 && field.mean < superposition.mean, "{field:?} {superposition:?}");
+        assert!(let_go.is_some_and(|waves| waves.of == 42 && waves.most_mm < 1.0), "{let_go:?}");
     }
 }

@@ -21,9 +21,9 @@ pub enum Task {
     Elements,
     /// One wave from all bones over every voxel, and the displacements that it brings.
     Prioritised,
-    /// One wave per bone over every voxel, round fronts, nothing pruned, weights t^-4.
+    /// One wave per bone over every voxel, round fronts, none let go, weights t^-4.
     Superposition,
-    /// The default waves: coarse elements, pruned.
+    /// The default waves: coarse elements, let go where they hardly weigh.
     Waves,
     /// The default propagation without images.
     Propagation,
@@ -91,8 +91,8 @@ impl Task {
         match self {
             Self::Elements => "elements of the chain mail at every voxel",
             Self::Prioritised => "one wave from all bones over every voxel, with displacements",
-            Self::Superposition => "a wave of each bone over every voxel, nothing pruned",
-            Self::Waves => "the default waves: coarse elements, pruned",
+            Self::Superposition => "a wave of each bone over every voxel, none let go",
+            Self::Waves => "the default waves: coarse elements, let go where they hardly weigh",
             Self::Propagation => "the default propagation without images",
             Self::PropagationWithImages => "the default propagation with images",
             Self::Invert => "the inverse to 1e-3 mm",
@@ -164,7 +164,7 @@ impl Task {
             Self::Prioritised => voxelwise(Combination::Prioritisation)?,
             Self::Superposition => voxelwise(Combination::Superposition)?,
             Self::Waves => {
-                let lattice = Lattice::new(&tissue, &options.material, &Organs::default(), options.spacing_mm);
+                let lattice = Lattice::new(&tissue, &options.material, &Organs::default(), options.spacing_of_waves());
                 black_box(spread(&lattice, &bones, &options));
             }
             Self::Propagation => {

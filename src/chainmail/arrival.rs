@@ -4,7 +4,7 @@
 //! Times are integers; each is the unique least sum over paths, whatever the order of processing. What cannot be entered
 //! (outside, bones) has time 0 from the start, so that no offer is ever early enough and nothing else needs asking.
 
-use super::brick::{Brick, Bricks, CELLS, TILE, in_tile};
+use super::brick::{Brick, Bricks, CELLS, TILE, in_tile, value};
 use super::dial::Search;
 use super::engine::Source;
 use super::front::{FrontRules, Hop, TICKS};
@@ -66,6 +66,8 @@ pub(super) struct Medium {
 pub(super) struct Arrival {
     times: Vec<Brick<i32>>,
     limit: i32,
+    /// Whether it was let go somewhere.
+    pub(super) let_go: bool,
 }
 
 impl Medium {
@@ -165,7 +167,7 @@ impl Medium {
         let room = std::mem::take(&mut arrival.times);
         let mut search = Search::new(self, 0..self.bricks.len(), latest, room);
         search.run(&seeds);
-        *arrival = Arrival { times: search.keys, limit: self.limit };
+        *arrival = Arrival { times: search.keys, limit: self.limit, let_go: search.let_go };
     }
 
     /// Runs one wave from all bones and notes which one comes first at each cell; of several at the same time the first in
@@ -174,10 +176,29 @@ impl Medium {
         FirstArrivals::of(self, rayon::current_num_threads().min(self.bricks.planes() / LEAST_PLANES))
     }
 
-    /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`].
+    /// The latest time at each cell by [`super::ChainmailOptions::prune_ratio`]: the greatest, over all cells that a wave could
+    /// go on to, of `ratio` times the first arrival there less the time to go there. What a wave brings within `ratio` times
+    /// the first arrival it brings as if it were never let go.
+    ///
+    /// These are least sums as well, of a wave that begins in all cells, later where the first one came early.
     pub(super) fn latest(&self, first: &Arrival, ratio: f64) -> Vec<Brick<i32>> {
-        let of = |t: i32| (ratio * f64::from(t)).min(f64::from(LATE)) as i32;
-        first.times.par_iter().map(|times| Brick(times.0.map(of))).collect()
+        let allowed =
+            |t: i32| if came(t, first.limit) { (ratio * f64::from(t)).min(f64::from(self.limit)) as i32 } else { 0 };
+        let most =
+            first.times.par_iter().map(|times| times.0.map(allowed).into_iter().max().unwrap_or(0)).max().unwrap_or(0);
+        let mut search = Search::new(self, 0..self.bricks.len(), None, Vec::new());
+        let begin = |(keys, times): (&mut Brick<i32>, &Brick<i32>)| {
+            for (key, &time) in keys.0.iter_mut().zip(&times.0).filter(|(key, _)| **key == LATE) {
+                *key = most - allowed(time);
+            }
+        };
+        search.keys.par_iter_mut().zip(&first.times).for_each(begin);
+        let soft = |cell: &u32| value(&self.rest, *cell as usize) == LATE;
+        let cells = (0..(CELLS * self.bricks.len()) as u32).into_par_iter().filter(soft);
+        let mut seeds: Vec<(i32, u32)> = cells.map(|cell| (value(&search.keys, cell as usize), cell)).collect();
+        seeds.par_sort_unstable();
+        search.run(&seeds);
+        search.keys.into_par_iter().map(|keys| Brick(keys.0.map(|key| most - key))).collect()
     }
 }
 

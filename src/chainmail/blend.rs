@@ -63,7 +63,7 @@ pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainmail
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
 pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
     if only_times(options) {
-        return superpose::spread(lattice, bones, options);
+        return superpose::spread(lattice, bones, options).0;
     }
     let scene = Scene::new(lattice, bones, options);
     match options.combination {
@@ -104,12 +104,12 @@ pub(super) fn usual_weight(time: f64) -> f64 {
 fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
     let lattice = scene.lattice;
     let [nx, ny, _] = lattice.grid.size();
-    let first = (options.prune_ratio > 1.0).then(|| run(scene, Source::AnyBone, None).time);
-    let bound = first.as_deref().map(|times| (times, options.prune_ratio));
+    let latest = superpose::latest_at_nodes(lattice, options);
     let mut sums = vec![[0f64; 4]; lattice.node.len()];
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
-        let waves: Vec<(u16, Wave)> = group.par_iter().map(|&b| (b, run(scene, Source::Bone(b), bound))).collect();
+        let waves: Vec<(u16, Wave)> =
+            group.par_iter().map(|&b| (b, run(scene, Source::Bone(b), latest.as_deref()))).collect();
         sums.par_chunks_mut(nx * ny).enumerate().for_each(|(k, sums)| {
             for (at, s) in sums.iter_mut().enumerate() {
                 let node = k * nx * ny + at;

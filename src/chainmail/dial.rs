@@ -24,6 +24,8 @@ pub(super) struct Search<'a> {
     /// Latest time that counts.
     pub(super) limit: i32,
     latest: Option<&'a [Brick<i32>]>,
+    /// Whether it was too late somewhere.
+    pub(super) let_go: bool,
     /// Cells that were told something and do not hand it on.
     pub(super) told: Vec<u32>,
     /// Whether cells may have handed on already what now changes.
@@ -43,7 +45,7 @@ impl<'a> Search<'a> {
         keys.clear();
         keys.extend_from_slice(&medium.rest[bricks]);
         let (limit, told) = (medium.limit, Vec::new());
-        Self { medium, first, own, keys, shift: 0, limit, latest, told, again: false }
+        Self { medium, first, own, keys, shift: 0, limit, latest, let_go: false, told, again: false }
     }
 
     /// Tells apart the bones up to this one: the more there are, the sooner times end, at 2^30 ticks by 2 to the bits that
@@ -170,7 +172,11 @@ impl<'a> Search<'a> {
             early &= early - 1;
             let (due, held) = (offers.due[at], self.keys[brick].0[at]);
             let [time, before] = [due, held].map(|key| key >> self.shift);
-            if due >= held || self.latest.is_some_and(|latest| time > latest[brick].0[at]) {
+            if due >= held {
+                continue;
+            }
+            if self.latest.is_some_and(|latest| time > latest[brick].0[at]) {
+                self.let_go = true;
                 continue;
             }
             self.keys[brick].0[at] = due;

@@ -82,25 +82,24 @@ impl Info {
 
 /// Runs one wave.
 ///
-/// `bound`: first-arrival times and a ratio; the wave does not enter nodes that it would reach later than the ratio
-/// times the first arrival.
+/// `latest`: a time for each node, after which the wave does not enter it.
 ///
 /// Bones other than the source are not entered (thesis 5.4.2). Timestamps are the unique least path sums, and of several
 /// fastest parents the first in storage counts, whatever the order of processing.
-pub fn run(scene: &Scene<'_>, source: Source, bound: Option<(&[u32], f64)>) -> Wave {
+pub fn run(scene: &Scene<'_>, source: Source, latest: Option<&[u32]>) -> Wave {
     let links = scene.rules.links(scene.lattice);
     if scene.order == Order::Timestamps && scene.structures == Structures::None {
         let queue = BucketQueue::new(&scene.rules, links.iter().map(|h| h.mm));
-        return Engine::new(scene, links, queue, bound).run(source);
+        return Engine::new(scene, links, queue, latest).run(source);
     }
-    Engine::new(scene, links, HeapQueue::new(scene.order, scene.structures), bound).run(source)
+    Engine::new(scene, links, HeapQueue::new(scene.order, scene.structures), latest).run(source)
 }
 
 struct Engine<'a, Q: Queue> {
     scene: &'a Scene<'a>,
     links: Vec<Hop>,
     limit: u32,
-    bound: Option<(&'a [u32], f64)>,
+    latest: Option<&'a [u32]>,
     queue: Q,
     rank: Vec<Q::Rank>,
     done: Vec<bool>,
@@ -108,7 +107,7 @@ struct Engine<'a, Q: Queue> {
 }
 
 impl<'a, Q: Queue> Engine<'a, Q> {
-    fn new(scene: &'a Scene<'a>, links: Vec<Hop>, queue: Q, bound: Option<(&'a [u32], f64)>) -> Self {
+    fn new(scene: &'a Scene<'a>, links: Vec<Hop>, queue: Q, latest: Option<&'a [u32]>) -> Self {
         let n = scene.lattice.node.len();
         let trace = Trace {
             order: Vec::new(),
@@ -118,7 +117,7 @@ impl<'a, Q: Queue> Engine<'a, Q> {
             info: vec![Info::default(); if queue.averages() { n } else { 0 }],
         };
         let limit = (scene.rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32;
-        Self { scene, links, limit, bound, queue, rank: vec![Q::NEVER; n], done: vec![false; n], trace }
+        Self { scene, links, limit, latest, queue, rank: vec![Q::NEVER; n], done: vec![false; n], trace }
     }
 
     fn run(mut self, source: Source) -> Wave {
@@ -172,7 +171,7 @@ impl<'a, Q: Queue> Engine<'a, Q> {
             return;
         }
         let time = Q::time(self.rank[n]) + self.scene.rules.between(lattice, n, m, hop.mm);
-        let late = self.bound.is_some_and(|(first, ratio)| f64::from(time) > ratio * f64::from(first[m]));
+        let late = self.latest.is_some_and(|latest| time > latest[m]);
         if time > self.limit || late {
             return;
         }

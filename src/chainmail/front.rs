@@ -23,7 +23,7 @@ pub enum LinkTime {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Front {
-    /// 26 links, each by its length: round within a few percent.
+    /// 26 links, each by its length: at most 13 % too long on cubes, 9 % on the mean; 25 and 16 % on voxels three times as high.
     #[default]
     Round,
     /// 6 links: rhombus fronts (thesis Fig. 14, 15).

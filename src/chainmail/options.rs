@@ -46,9 +46,12 @@ pub struct ChainmailOptions {
     pub exponent: f64,
     /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
     pub cutoff: f64,
-    /// A bone's front stops where it arrives this many times later than the first one: its weight there is below this
-    /// ratio to the power -n. 0 for none (exact).
+    /// A bone's wave is let go where it comes this many times later than the first one, there and wherever it would go
+    /// from there: it weighs less than this ratio to the power -n of the first. 0 for none (exact).
     pub prune_ratio: f64,
+    /// Waves run through elements of this spacing, mm, or through those of `spacing_mm` where they are finer; elements
+    /// of other spacings take what waves bring there. 0 for the planning grid itself.
+    pub waves_mm: f64,
     /// Spacing of the elements, mm; 0 for the planning grid itself.
     pub spacing_mm: f64,
     /// What pulls the elements in the relaxation.
@@ -78,7 +81,8 @@ impl Default for ChainmailOptions {
             combination: Combination::Superposition,
             exponent: 4.0,
             cutoff: 800.0 * 0.98,
-            prune_ratio: 4.0,
+            prune_ratio: 16.0,
+            waves_mm: 5.0,
             spacing_mm: 4.5,
             elasticity: Elasticity::Corotated,
             poisson: 0.38,
@@ -107,8 +111,13 @@ impl ChainmailOptions {
 
     /// Whether elements of a spacing (mm) are relaxed.
     pub(super) fn relaxes(&self, spacing: f64) -> bool {
-        let finest = spacing <= self.spacing_mm;
-        self.relaxation.iter().any(|r| (r.0 - spacing).abs() < f64::EPSILON || (finest && r.0 <= self.spacing_mm))
+        let same = |other: f64| (other - spacing).abs() < f64::EPSILON;
+        self.relaxation.iter().any(|r| same(r.0) || (same(self.spacing_mm) && r.0 <= self.spacing_mm))
+    }
+
+    /// Spacing of the elements that waves run through, mm.
+    pub fn spacing_of_waves(&self) -> f64 {
+        self.waves_mm.min(self.spacing_mm)
     }
 
     /// Whether these settings say something about an organ.
@@ -127,6 +136,7 @@ impl ChainmailOptions {
             within("exponent", self.exponent, 0.1, 64.0),
             within("cutoff", self.cutoff, 1e-3, 1e6),
             within("prune_ratio", self.prune_ratio, 0.0, 1e6),
+            within("waves_mm", self.waves_mm, 0.0, 50.0),
             within("poisson", self.poisson, 0.0, 0.49),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),

@@ -5,6 +5,7 @@ use super::carry::Initiators;
 use super::extend::{extend, fill};
 use super::growth::Growth;
 use super::lattice::{Lattice, Node, Tissue};
+use super::let_go::LetGo;
 use super::mail::{Level, Mail};
 use super::mend::mend;
 use super::options::ChainmailOptions;
@@ -28,6 +29,18 @@ pub struct Propagation {
     pub lattice: Arc<Lattice>,
     /// Displacement of each element, mm.
     pub displacement: Vec<[f32; 3]>,
+    /// Waves that were let go, and the most that this can change; where a bound is known.
+    pub let_go: Option<LetGo>,
+}
+
+/// The elements, moved.
+pub struct Elements {
+    /// Where they are at rest.
+    pub lattice: Arc<Lattice>,
+    /// Displacement of each of its nodes, mm, continued beyond the patient.
+    pub displacement: Volume<[f32; 3]>,
+    /// As in [`Propagation`].
+    pub let_go: Option<LetGo>,
 }
 
 /// Carries the bones' motion to every voxel of the planning grid.
@@ -57,15 +70,16 @@ impl Mail {
         image: Option<&dyn ImagePull>,
         progress: &dyn Progress,
     ) -> Result<Propagation> {
-        let (lattice, coarse) = self.elements(tissue, bones, options, image, progress)?;
+        let Elements { lattice, displacement: coarse, let_go } =
+            self.elements(tissue, bones, options, image, progress)?;
         let steps = options.relaxation.len() + 2;
         progress.step(steps - 1, steps, "all voxels");
         let mut push = to_voxels((tissue, &self.computed), bones.transforms, &coarse)?;
         mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
-        Ok(Propagation { push, lattice, displacement: coarse.into_data() })
+        Ok(Propagation { push, lattice, displacement: coarse.into_data(), let_go })
     }
 
-    /// Carries the bones' motion to the elements alone: the lattice, and its displacements continued beyond the patient.
+    /// Carries the bones' motion to the elements alone.
     ///
     /// # Errors
     /// As [`Mail::propagate`].
@@ -76,7 +90,7 @@ impl Mail {
         options: &ChainmailOptions,
         image: Option<&dyn ImagePull>,
         progress: &dyn Progress,
-    ) -> Result<(Arc<Lattice>, Volume<[f32; 3]>)> {
+    ) -> Result<Elements> {
         let turns = rotation_matrices(bones.transforms);
         let mut growth = Growth::new(&options.volume_change, tissue)?;
         let mut relaxed = |level: &Level, from: &[[f32; 3]], rounds| {
@@ -87,13 +101,15 @@ impl Mail {
             Ok::<_, Error>(settle(relaxation, (lattice, loose), rounds, &mut growth, image))
         };
         let steps = options.relaxation.len() + 2;
+        progress.step(0, steps, "propagate");
+        let brought = self.brought(bones, options)?;
         // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
         let mut change: Option<Volume<[f32; 3]>> = None;
         for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
-            progress.step(n, steps, &format!("relax at {spacing} mm"));
+            progress.step(n + 1, steps, &format!("relax at {spacing} mm"));
             let level = self.at(spacing)?;
             let lattice = &level.lattice;
-            let start = start(level, bones, options, change.as_ref());
+            let start = start(lattice, &brought.on(lattice, bones), change.as_ref());
             let relaxed = relaxed(level, &start.0, rounds)?;
             let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
                 .map(|n| {
@@ -105,18 +121,18 @@ impl Mail {
                 fill(lattice, &difference, |_| false, |layer, _, _| layer < 2).0,
             )?);
         }
-        progress.step(steps - 2, steps, "propagate");
         let level = self.at(options.spacing_mm)?;
         let lattice = &level.lattice;
-        let (mut displacement, _) = start(level, bones, options, change.as_ref());
+        let (mut displacement, _) = start(lattice, &brought.on(lattice, bones), change.as_ref());
         if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
+            progress.step(steps - 2, steps, &format!("relax at {} mm", options.spacing_mm));
             displacement = relaxed(level, &displacement, rounds)?;
         }
         let known: Vec<Option<[f32; 3]>> =
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
         displacement = extend(lattice, &known, |node| tissue.holds(&lattice.rest(node)));
         let displacement = Volume::new(lattice.grid.clone(), displacement)?;
-        Ok((lattice.clone(), displacement))
+        Ok(Elements { lattice: lattice.clone(), displacement, let_go: brought.let_go })
     }
 }
 
@@ -157,13 +173,11 @@ pub fn regions(
 
 /// What the waves bring plus the coarser correction on the whole lattice, and the former alone.
 fn start(
-    level: &Level,
-    bones: &Initiators<'_>,
-    options: &ChainmailOptions,
+    lattice: &Lattice,
+    brought: &[Option<[f32; 3]>],
     change: Option<&Volume<[f32; 3]>>,
 ) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let lattice = &*level.lattice;
-    let plain = reached_or_filled(lattice, &level.spread(bones, options));
+    let plain = reached_or_filled(lattice, brought);
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];

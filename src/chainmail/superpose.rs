@@ -1,9 +1,10 @@
 //! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
 //! row, along which a rigid motion's displacement is linear.
 
-use super::arrival::{Arrival, Medium, active_box, came};
+pub(super) use super::arrival::active_box;
+use super::arrival::{Arrival, Medium, came};
 use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
-use super::brick::{Brick, CELLS, TILE};
+use super::brick::{Brick, CELLS, TILE, value};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
@@ -13,19 +14,24 @@ use crate::geometry::{Rigid, vectorised};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// As [`super::spread`].
-pub(super) fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+/// As [`super::spread`], and how many waves were let go; with prioritisation none is.
+pub(super) fn spread(
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    options: &ChainmailOptions,
+) -> (Vec<Option<[f32; 3]>>, usize) {
     let medium = Medium::new(lattice, FrontRules::of(options));
     match options.combination {
         Combination::Superposition => superpose(&medium, lattice, bones, options),
         Combination::Prioritisation => {
             let wave = medium.first_arrivals();
-            each_active(lattice, bones, |_, voxel| {
+            let first = each_active(lattice, bones, |_, voxel| {
                 let (_, bone) = wave.at(medium.cell(voxel))?;
                 let x = lattice.grid.centre(voxel);
                 let u = bones.transforms[usize::from(bone)] * x - x;
                 Some([u.x as f32, u.y as f32, u.z as f32])
-            })
+            });
+            (first, 0)
         }
     }
 }
@@ -75,16 +81,16 @@ impl Waves {
         Some(Self { medium, each })
     }
 
-    /// As [`super::spread`].
+    /// As [`spread`].
     pub(super) fn blend(
         &self,
         lattice: &Lattice,
         bones: &Initiators<'_>,
         options: &ChainmailOptions,
-    ) -> Vec<Option<[f32; 3]>> {
+    ) -> (Vec<Option<[f32; 3]>>, usize) {
         let mut sums = Sums::new(&self.medium, lattice, options.exponent);
         sums.add(&bones.transforms.iter().zip(&self.each).collect::<Vec<_>>());
-        sums.blended(bones)
+        (sums.blended(bones), self.each.iter().filter(|wave| wave.let_go).count())
     }
 }
 
@@ -93,14 +99,23 @@ fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<Brick<i32>>
     (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
 }
 
+/// The latest time at each node, where waves are let go.
+pub(super) fn latest_at_nodes(lattice: &Lattice, options: &ChainmailOptions) -> Option<Vec<u32>> {
+    let medium = Medium::new(lattice, FrontRules::of(options));
+    let latest = latest(&medium, options)?;
+    let of = |&n: &u32| value(&latest, medium.cell(lattice.grid.voxel(n as usize))) as u32;
+    Some(lattice.on_all_nodes(lattice.active.iter().map(of), 0))
+}
+
 /// Eq. 5.7: some waves at a time for each thread, added brick by brick.
 fn superpose(
     medium: &Medium,
     lattice: &Lattice,
     bones: &Initiators<'_>,
     options: &ChainmailOptions,
-) -> Vec<Option<[f32; 3]>> {
+) -> (Vec<Option<[f32; 3]>>, usize) {
     let latest = latest(medium, options);
+    let mut let_go = 0;
     let mut sums = Sums::new(medium, lattice, options.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     let mut waves: Vec<Arrival> = Vec::new();
@@ -110,8 +125,9 @@ fn superpose(
         each.for_each(|(wave, &b)| medium.times_into(wave, Source::Bone(b), latest.as_deref()));
         let motions = group.iter().map(|&b| &bones.transforms[usize::from(b)]);
         sums.add(&motions.zip(&waves).collect::<Vec<_>>());
+        let_go += waves.iter().filter(|wave| wave.let_go).count();
     }
-    sums.blended(bones)
+    (sums.blended(bones), let_go)
 }
 
 /// Waves on their way for each thread, before they are added: with two, no thread waits long for the other.

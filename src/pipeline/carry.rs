@@ -46,7 +46,7 @@ pub(super) fn carry_out(
     })?;
     let turns = rotation_matrices(&fit.transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
-    let mut push = propagation.push;
+    let (mut push, let_go) = (propagation.push, propagation.let_go);
     let (mut pull, mut inverse) = runtime.stage("invert", || {
         let motions = skeleton.bones.iter().map(|b| b.label).zip(fit.transforms.iter().copied());
         let bones = MovedBones::new(&case.bones, motions, target);
@@ -100,6 +100,7 @@ pub(super) fn carry_out(
         skin_contact,
         volume_changes,
         uncertainty: None,
+        let_go,
         links,
         inverse,
         consistency,
@@ -194,7 +195,7 @@ fn soft_tissue(
         u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
     };
     let displacement = (0..lattice.node.len()).map(at).collect();
-    Ok((Propagation { push, lattice: lattice.into(), displacement }, None))
+    Ok((Propagation { push, lattice: lattice.into(), displacement, let_go: None }, None))
 }
 
 /// The label of the bone that reaches each voxel first.

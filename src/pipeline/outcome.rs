@@ -1,7 +1,7 @@
 //! What a registration found.
 
 use super::Case;
-use crate::chainmail::LinkReport;
+use crate::chainmail::{LetGo, LinkReport};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
@@ -63,6 +63,8 @@ pub struct Outcome {
     pub volume_changes: Vec<VolumeReached>,
     /// Uncertainty on the planning grid, mm, 0 outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
+    /// Waves that were let go, and the most that this can change; where a bound is known.
+    pub let_go: Option<LetGo>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.

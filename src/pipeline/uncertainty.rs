@@ -64,6 +64,7 @@ fn bones_alone(mail: &Mail, case: &Case, outcome: &Outcome, options: &ChainmailO
     let spacing = alone_mm(options);
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
+        waves_mm: options.spacing_of_waves(),
         relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
         ..options.clone()
     };
@@ -72,5 +73,5 @@ fn bones_alone(mail: &Mail, case: &Case, outcome: &Outcome, options: &ChainmailO
     let transforms: Vec<Rigid> = outcome.bone_fits.iter().map(|b| b.transform).collect();
     let centroids: Vec<Point3<f64>> = outcome.skeleton.bones.iter().map(|b| b.centroid).collect();
     let bones = Initiators { transforms: &transforms, centroids: &centroids };
-    Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.1)
+    Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
 }

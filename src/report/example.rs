@@ -1,7 +1,7 @@
 //! A made-up run for the tests of this room: an ellipsoid head with two bones under a smooth known field.
 
 use super::{OutputFile, Run};
-use crate::chainmail::LinkReport;
+use crate::chainmail::{LetGo, LinkReport};
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
@@ -127,6 +127,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         skin_contact: None,
         volume_changes: vec![VolumeReached { organ: "parotid_left".into(), factor: 0.8, reached: Some(0.81) }],
         uncertainty: None,
+        let_go: Some(LetGo { waves: 3, of: 42, each_percent: 0.024, together_percent: 0.073, most_mm: 0.02 }),
         links: LinkReport {
             links: 400_000,
             violated: 1200,

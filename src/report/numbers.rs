@@ -1,6 +1,6 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
-use crate::chainmail::LinkReport;
+use crate::chainmail::{LetGo, LinkReport};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
@@ -74,6 +74,9 @@ pub struct Report {
     pub volume_changes: Vec<VolumeReached>,
     /// How far the result may be trusted, when it was asked for.
     pub uncertainty: Option<UncertaintyReport>,
+    /// Waves that were let go, and the most that this can change; where a bound is known.
+    #[serde(default)]
+    pub let_go: Option<LetGo>,
     /// Chain-mail links.
     pub links: LinkReport,
     /// Quality of the inverse.
@@ -113,6 +116,7 @@ impl Report {
             contact: outcome.contact.clone(),
             volume_changes: outcome.volume_changes.clone(),
             uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
+            let_go: outcome.let_go,
             links: outcome.links,
             inverse: outcome.inverse,
             consistency: outcome.consistency,

@@ -46,6 +46,9 @@ pub fn terminal_table(report: &Report) -> String {
             links.violated_percent, links.links, links.mean_excess_mm, links.max_excess_mm
         ),
     ));
+    if let Some(waves) = &report.let_go {
+        rows.push(("waves", waves.to_string()));
+    }
     let inverse = &report.inverse;
     rows.push((
         "inverse",

@@ -1,8 +1,10 @@
 //! Waves over scenes drawn at random: least times, packed cells, threads.
 
 use super::super::arrival::Medium;
+use super::super::engine::Source;
 use super::super::front::FrontRules;
 use super::super::slabs::FirstArrivals;
+use super::super::superpose;
 use super::*;
 use proptest::prelude::*;
 
@@ -106,6 +108,39 @@ proptest! {
                         }
                     }
                 }
+            }
+        }
+    }
+
+    /// Letting waves go changes no time that counts, and the displacements by no more than the bound that is printed.
+    #[test]
+    fn what_is_let_go_is_bounded(lattice in random_scene(), ratio in 1.2f64..8.0, turn in prop::array::uniform3(-2.0f64..2.0)) {
+        let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::from(turn)), Rigid::translation(0.0, -1.0, 0.5)];
+        let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
+        for front in [Front::Round, Front::Rhombus] {
+            let exact = ChainmailOptions { front, combination: Combination::Superposition, carry: Carry::Rigid, ..options() };
+            let pruned = ChainmailOptions { prune_ratio: ratio, ..exact.clone() };
+            let medium = Medium::new(&lattice, FrontRules::of(&exact));
+            let first = medium.times(Source::AnyBone, None);
+            let latest = medium.latest(&first, ratio);
+            let mut gone = 0;
+            for bone in 0..2 {
+                let (whole, part) = (medium.times(Source::Bone(bone), None), medium.times(Source::Bone(bone), Some(&latest)));
+                gone += usize::from(part.let_go);
+                let all = 0..medium.bricks.len();
+                let rows = first.row(all.clone()).0.iter().zip(whole.row(all.clone()).0).zip(part.row(all).0);
+                for (first, (whole, part)) in rows.flat_map(|((f, w), p)| (0..8).map(|l| (f.0[l], (w.0[l], p.0[l])))) {
+                    prop_assert!(part >= whole && (part == whole || f64::from(whole) > ratio * f64::from(first)), "{first} {whole} {part}");
+                }
+            }
+            let (u, _) = superpose::spread(&lattice, &bones, &exact);
+            let (v, let_go) = superpose::spread(&lattice, &bones, &pruned);
+            prop_assert_eq!(let_go, gone);
+            let bound = LetGo::new(let_go, &lattice, &t, &pruned);
+            for (u, v) in u.iter().zip(&v) {
+                let (Some(u), Some(v)) = (u, v) else { prop_assert!(u == v); continue };
+                let apart = (0..3).map(|a| f64::from(u[a] - v[a]).powi(2)).sum::<f64>().sqrt();
+                prop_assert!(apart <= bound.most_mm + 1e-5, "{} for {:?}", apart, bound);
             }
         }
     }

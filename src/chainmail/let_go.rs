@@ -1,0 +1,68 @@
+//! What waves that were let go could have changed: the bound that a run prints.
+
+use super::lattice::Lattice;
+use super::options::ChainmailOptions;
+use super::superpose::active_box;
+use crate::geometry::Rigid;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Waves that were let go where they hardly weigh, and the most that this can change.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct LetGo {
+    /// Waves that were let go somewhere.
+    pub waves: usize,
+    /// All waves.
+    pub of: usize,
+    /// The most that one of them weighs where it was let go, percent of the first: ratio to the power -n.
+    pub each_percent: f64,
+    /// The most that they weigh together at any element, percent of the first.
+    pub together_percent: f64,
+    /// The most by which an element's displacement differs for it before relaxation, mm: that share of the greatest
+    /// difference between two bones' displacements in the box of the elements.
+    pub most_mm: f64,
+}
+
+impl LetGo {
+    /// Of so many waves of these bones, of which each is let go as the options say.
+    pub(super) fn new(waves: usize, lattice: &Lattice, bones: &[Rigid], options: &ChainmailOptions) -> Self {
+        let each = if waves > 0 { options.prune_ratio.powf(-options.exponent) } else { 0.0 };
+        let together = waves as f64 * each;
+        let apart = if waves > 0 { apart(lattice, bones) } else { 0.0 };
+        Self {
+            waves,
+            of: bones.len(),
+            each_percent: 100.0 * each,
+            together_percent: 100.0 * together,
+            most_mm: together * apart,
+        }
+    }
+}
+
+impl fmt::Display for LetGo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { waves: 0, .. } = self else {
+            return write!(
+                f,
+                "{} of {} let go where they weigh {:.4} % at most, which changes no element by more than {:.2} mm",
+                self.waves, self.of, self.each_percent, self.most_mm
+            );
+        };
+        write!(f, "of {} bones, none let go", self.of)
+    }
+}
+
+/// The greatest difference between two bones' displacements in the box of the active elements, mm: it is that of two places of
+/// one point, linear in the point, and so is found at a corner.
+fn apart(lattice: &Lattice, bones: &[Rigid]) -> f64 {
+    let [low, size] = active_box(lattice);
+    let corner = |n: usize| lattice.grid.centre(std::array::from_fn(|a| low[a] + (n >> a & 1) * (size[a] - 1)));
+    let mut most: f64 = 0.0;
+    for x in (0..8).map(corner) {
+        let moved: Vec<_> = bones.iter().map(|bone| bone * x).collect();
+        for (n, a) in moved.iter().enumerate() {
+            most = moved[n + 1..].iter().map(|b| (a - b).norm()).fold(most, f64::max);
+        }
+    }
+    most
+}
