@@ -11,7 +11,6 @@ use super::front::{FrontRules, Hop, TICKS};
 use super::lattice::{Lattice, Node};
 use super::slabs::FirstArrivals;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Time that no wave has come, in cells; all others are below [`MOST`].
 pub(super) const LATE: i32 = i32::MAX;
@@ -64,8 +63,8 @@ pub(super) struct Medium {
 /// How a wave went, on the cells of the medium.
 #[derive(Default)]
 pub(super) struct Arrival {
-    times: Vec<Brick<i32>>,
-    limit: i32,
+    pub(super) times: Vec<Brick<i32>>,
+    pub(super) limit: i32,
     /// Whether it was let go somewhere.
     pub(super) let_go: bool,
 }
@@ -232,13 +231,6 @@ fn links_of(at: usize, hops: &[Hop], rules: &FrontRules, bricks: Bricks) -> Vec<
         links[to].open[place] = 1 << place;
     }
     links
-}
-
-impl Arrival {
-    /// Times of some bricks, and the latest that counts.
-    pub(super) fn row(&self, bricks: Range<usize>) -> (&[Brick<i32>], i32) {
-        (&self.times[bricks], self.limit)
-    }
 }
 
 /// Ticks of a time that came to soft tissue within the limit.

@@ -58,26 +58,68 @@ pub(super) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> First
     FirstWave { order, time, owner, angle: Vec::new() }
 }
 
-/// Waves are kept up to this many bytes.
-const MOST_KEPT: usize = 64 << 20;
+/// Waves are kept up to this many bytes: those of 42 bones in the thesis's scan take 60 MB.
+const MOST_KEPT: usize = 128 << 20;
 
 /// When each bone's wave comes to each element.
 pub(super) struct Waves {
     medium: Medium,
     /// In the order of the skeleton.
-    each: Vec<Arrival>,
+    each: Vec<Kept>,
+}
+
+/// A wave that is kept: what it brought to the bricks that hold soft tissue, in their order.
+struct Kept {
+    times: Vec<Brick<i32>>,
+    limit: i32,
+    let_go: bool,
+}
+
+/// When a wave came.
+trait Times: Sync {
+    /// To the cells of a brick, which has this place among those that hold soft tissue.
+    fn at(&self, brick: usize, place: usize) -> &Brick<i32>;
+    /// The latest time that counts.
+    fn limit(&self) -> i32;
+}
+
+impl Times for Kept {
+    #[inline(always)]
+    fn at(&self, _: usize, place: usize) -> &Brick<i32> {
+        &self.times[place]
+    }
+
+    fn limit(&self) -> i32 {
+        self.limit
+    }
+}
+
+impl Times for Arrival {
+    #[inline(always)]
+    fn at(&self, brick: usize, _: usize) -> &Brick<i32> {
+        &self.times[brick]
+    }
+
+    fn limit(&self) -> i32 {
+        self.limit
+    }
 }
 
 impl Waves {
     /// Runs the waves of so many bones; `None` where they would take too much room.
     pub(super) fn new(lattice: &Lattice, bones: u16, options: &ChainmailOptions) -> Option<Self> {
-        let cells: usize = active_box(lattice)[1].iter().product();
-        if cells * usize::from(bones) * size_of::<i32>() > MOST_KEPT {
+        let medium = Medium::new(lattice, FrontRules::of(options));
+        let bricks = medium.soft_bricks();
+        if bricks.len() * usize::from(bones) * size_of::<Brick<i32>>() > MOST_KEPT {
             return None;
         }
-        let medium = Medium::new(lattice, FrontRules::of(options));
         let latest = latest(&medium, options);
-        let each = (0..bones).into_par_iter().map(|b| medium.times(Source::Bone(b), latest.as_deref())).collect();
+        let keep = |wave: &mut Arrival, bone| {
+            medium.times_into(wave, Source::Bone(bone), latest.as_deref());
+            let times = bricks.iter().map(|&brick| wave.times[brick]).collect();
+            Kept { times, limit: wave.limit, let_go: wave.let_go }
+        };
+        let each = (0..bones).into_par_iter().map_init(Arrival::default, keep).collect();
         Some(Self { medium, each })
     }
 
@@ -158,11 +200,12 @@ impl<'a> Sums<'a> {
     }
 
     /// Adds waves in their order, whatever the number of threads.
-    fn add(&mut self, waves: &[(&Rigid, &Arrival)]) {
+    fn add(&mut self, waves: &[(&Rigid, &impl Times)]) {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
         let lines: Vec<Motion> = waves.iter().map(|(motion, _)| Motion::of(motion, medium, lattice)).collect();
         let parts = self.bricks.par_chunks(PART).zip(self.sums.par_chunks_mut(PART));
-        parts.for_each(|(bricks, mut sums)| {
+        parts.enumerate().for_each(|(part, (bricks, mut sums))| {
+            let mut first = part * PART;
             for bricks in bricks.chunk_by(|a, b| a / TILE == b / TILE) {
                 let (row, rest) = sums.split_at_mut(bricks.len());
                 sums = rest;
@@ -170,17 +213,18 @@ impl<'a> Sums<'a> {
                 let place = medium.bricks.place(start);
                 for (motion, (_, wave)) in lines.iter().zip(waves) {
                     let line = motion.along(place);
-                    let times = wave.row(start..start + TILE);
-                    let each = bricks.iter().map(|b| b - start).zip(&mut *row);
+                    let times = |(&brick, place)| (brick - start, wave.at(brick, place));
+                    let each = bricks.iter().zip(first..).map(times).zip(&mut *row);
                     if is_usual(exponent) {
                         vectorised(
                             #[inline(always)]
-                            || line.add(times, each, usual_weight),
+                            || line.add(wave.limit(), each, usual_weight),
                         );
                     } else {
-                        line.add(times, each, |t| weight(t, exponent));
+                        line.add(wave.limit(), each, |t| weight(t, exponent));
                     }
                 }
+                first += bricks.len();
             }
         });
     }
@@ -240,16 +284,15 @@ struct Line {
 }
 
 impl Line {
-    /// Adds a wave's weights and weighted displacements to bricks at some places in the row.
+    /// Adds a wave's weights and weighted displacements to bricks at some places in the row, by its times there.
     #[inline(always)]
     fn add<'s>(
         &self,
-        (times, limit): (&[Brick<i32>], i32),
-        bricks: impl Iterator<Item = (usize, &'s mut Sum)>,
+        limit: i32,
+        bricks: impl Iterator<Item = ((usize, &'s Brick<i32>), &'s mut Sum)>,
         weigh: impl Fn(f64) -> f64,
     ) {
-        for (i, sum) in bricks {
-            let times = &times[i];
+        for ((i, times), sum) in bricks {
             let (mut w, mut any) = (Brick::<f64>::default(), false);
             for l in 0..CELLS {
                 any |= came(times.0[l], limit);

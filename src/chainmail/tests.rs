@@ -424,8 +424,7 @@ fn waves_of_a_long_body_stay_near_their_bones() {
     let latest = medium.latest(&medium.times(engine::Source::AnyBone, None), 4.0);
     let reached = |bone: u8, latest| {
         let wave = medium.times(engine::Source::Bone(u16::from(bone - b'A')), latest);
-        let (times, limit) = wave.row(0..medium.bricks.len());
-        times.iter().flat_map(|t| t.0).filter(|&t| arrival::came(t, limit)).count()
+        wave.times.iter().flat_map(|t| t.0).filter(|&t| arrival::came(t, wave.limit)).count()
     };
     let all = lattice.soft().count();
     assert_eq!(reached(b'A', None), all);
