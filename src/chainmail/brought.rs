@@ -4,6 +4,8 @@ use super::blend::each_active;
 use super::carry::Initiators;
 use super::lattice::Lattice;
 use super::let_go::LetGo;
+use crate::volume::Surrounding;
+use nalgebra::{Point3, Vector3};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -27,22 +29,17 @@ impl Brought {
         Cow::Owned(each_active(lattice, bones, |node, _| self.between(&all, &lattice.rest(node))))
     }
 
-    /// The mean of the elements around a place, by nearness.
-    fn between(&self, all: &[Option<[f32; 3]>], place: &nalgebra::Point3<f64>) -> Option<[f32; 3]> {
-        let grid = &self.lattice.grid;
-        let (at, size) = (grid.index(place), grid.size());
-        let (mut weights, mut sum) = (0.0, [0.0; 3]);
-        for corner in 0..8usize {
-            let beside: [f64; 3] = std::array::from_fn(|a| at[a].floor() + (corner >> a & 1) as f64);
-            if (0..3).any(|a| beside[a] < 0.0 || beside[a] >= size[a] as f64) {
-                continue;
+    /// The mean of the elements around a place, by nearness, of those where a wave comes.
+    fn between(&self, all: &[Option<[f32; 3]>], place: &Point3<f64>) -> Option<[f32; 3]> {
+        let around = Surrounding::of(&self.lattice.grid, &self.lattice.grid.index(place))?;
+        let (mut weights, mut sum) = (0.0, Vector3::zeros());
+        for (voxel, weight) in around.voxels.into_iter().zip(around.weights) {
+            if let Some(u) = all[voxel] {
+                weights += weight;
+                sum += Vector3::from(u.map(f64::from)) * weight;
             }
-            let Some(u) = all[grid.linear(beside.map(|c| c as usize))] else { continue };
-            let weight: f64 = (0..3).map(|a| 1.0 - (at[a] - beside[a]).abs()).product();
-            weights += weight;
-            (0..3).for_each(|a| sum[a] += weight * f64::from(u[a]));
         }
-        (weights > LEAST_WEIGHT).then(|| sum.map(|s| (s / weights) as f32))
+        (weights > LEAST_WEIGHT).then(|| (sum / weights).map(|v| v as f32).into())
     }
 }
 
