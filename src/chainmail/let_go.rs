@@ -1,8 +1,8 @@
 //! What waves that were let go could have changed: the bound that a run prints.
 
+use super::arrival::active_box;
 use super::lattice::Lattice;
 use super::options::ChainmailOptions;
-use super::superpose::active_box;
 use crate::geometry::Rigid;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -41,19 +41,17 @@ impl LetGo {
 
 impl fmt::Display for LetGo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { waves: 0, .. } = self else {
-            return write!(
-                f,
-                "{} of {} let go where they weigh {:.4} % at most, which changes no element by more than {:.2} mm",
-                self.waves, self.of, self.each_percent, self.most_mm
-            );
-        };
-        write!(f, "of {} bones, none let go", self.of)
+        let Self { waves, of, each_percent, most_mm, .. } = self;
+        if *waves == 0 {
+            return write!(f, "of {of} bones, none let go");
+        }
+        let changes = format!("which changes no element by more than {most_mm:.2} mm");
+        write!(f, "{waves} of {of} let go where they weigh {each_percent:.4} % at most, {changes}")
     }
 }
 
-/// The greatest difference between two bones' displacements in the box of the active elements, mm: it is that of two places of
-/// one point, linear in the point, and so is found at a corner.
+/// The greatest difference between two bones' displacements in the box of the active elements, mm. It is linear in the place, so
+/// that its length is greatest at a corner.
 fn apart(lattice: &Lattice, bones: &[Rigid]) -> f64 {
     let [low, size] = active_box(lattice);
     let corner = |n: usize| lattice.grid.centre(std::array::from_fn(|a| low[a] + (n >> a & 1) * (size[a] - 1)));

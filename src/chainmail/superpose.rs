@@ -1,7 +1,6 @@
 //! Superposition and prioritisation where bones hand on their motion undiminished: waves over packed cells, blended row by
 //! row, along which a rigid motion's displacement is linear.
 
-pub(super) use super::arrival::active_box;
 use super::arrival::{Arrival, Medium, came};
 use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
 use super::brick::{Brick, CELLS, TILE, value};

@@ -20,8 +20,8 @@ const REST: f64 = 60e6;
 
 /// Estimated peak resident memory of a registration, bytes; docs/performance.md has it beside measured peaks.
 pub fn memory_estimate(planning: &Grid, fraction: &Grid, config: &Config) -> u64 {
-    let spacing = config.chainmail.spacing_mm;
-    let elements = planning.coarsened(spacing).len() as f64;
+    let elements = planning.coarsened(config.chainmail.spacing_mm).len() as f64;
+    let of_waves = planning.coarsened(config.chainmail.spacing_of_waves()).len() as f64;
     let r = &config.refine;
     let pulling = [r.weight, r.skin.weight].into_iter().filter(|w| *w > 0.0).count();
     let images = if config.soft_tissue == SoftTissue::ChainMail { 4.0 * pulling as f64 } else { 0.0 };
@@ -29,7 +29,7 @@ pub fn memory_estimate(planning: &Grid, fraction: &Grid, config: &Config) -> u64
     let kept = planning.len() as f64 * (PLANNING + images) + fraction.len() as f64 * (FRACTION + images);
     let resting = if config.chainmail.relaxation.is_empty() { 0.0 } else { elements * RESTING };
     let passing = planning.len() as f64 * PASSING;
-    (kept + resting + passing.max(elements * (ELEMENT + variant)) + REST) as u64
+    (kept + resting + passing.max(of_waves * (ELEMENT + variant)) + REST) as u64
 }
 
 #[cfg(test)]
@@ -47,5 +47,8 @@ mod tests {
         let mut fine = config;
         fine.chainmail.spacing_mm = 0.0;
         assert!(memory_estimate(&grid(200), &grid(200), &fine) > large);
+        let mut waves = Config::default();
+        waves.chainmail.waves_mm = 0.0;
+        assert!(memory_estimate(&grid(200), &grid(200), &waves) > large);
     }
 }

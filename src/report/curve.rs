@@ -48,14 +48,24 @@ pub fn write_curve(folder: &Path, title: &str, entries: &[CurveEntry], peers: &[
     Ok(text)
 }
 
-/// Lines over the time, a cross for the default and one for every peer.
+/// Error over time.
 fn picture(entries: &[CurveEntry], peers: &[Peer]) -> Canvas {
+    let series = series(entries, peers);
+    let curves = Curves { x: "run time, s".into(), y: "mean error, mm".into(), series };
+    plot::draw(&curves, 900, 620)
+}
+
+/// Lines over the time, a mark for the default and one for every peer.
+fn series(entries: &[CurveEntry], peers: &[Peer]) -> Vec<Series> {
     let mut series: Vec<Series> = Vec::new();
     for e in entries {
         let at = [e.point.seconds, e.point.error_mm.mean];
         match series.iter_mut().find(|s| s.name == e.series) {
             Some(s) => s.points.push(at),
-            None => series.push(Series { name: e.series.clone(), colour: series.len(), points: vec![at], marks: true }),
+            None => {
+                let colour = series.len() % plot::STANDS_OUT;
+                series.push(Series { name: e.series.clone(), colour, points: vec![at], marks: true });
+            }
         }
     }
     for s in &mut series {
@@ -67,10 +77,10 @@ fn picture(entries: &[CurveEntry], peers: &[Peer]) -> Canvas {
     }
     for p in peers {
         let points = vec![[p.seconds, p.error_mm]];
-        series.push(Series { name: p.name.clone(), colour: series.len(), points, marks: true });
+        let colour = series.len() % plot::STANDS_OUT;
+        series.push(Series { name: p.name.clone(), colour, points, marks: true });
     }
-    let curves = Curves { x: "run time, s".into(), y: "mean error, mm".into(), series };
-    plot::draw(&curves, 900, 620)
+    series
 }
 
 fn numbers(out: &mut Writer<&mut dyn std::io::Write>, entries: &[CurveEntry], peers: &[Peer]) -> std::io::Result<()> {
@@ -149,5 +159,18 @@ mod tests {
             text.contains("| spacing | **3 mm** (default) | 16.0 |  | 0.300 | 0.60 | 3 |") && text.contains("elastix")
         );
         assert!(std::fs::metadata(folder.path().join("curve.png")).unwrap().len() > 1000);
+    }
+
+    #[test]
+    fn no_two_lines_of_the_built_in_plan_look_alike() {
+        // With the line for threads, and the default.
+        let plan = crate::config::StudyPlan::curve().unwrap();
+        let titles = plan.tables.iter().map(|t| t.title.as_str()).chain(["threads"]);
+        let entries: Vec<_> =
+            titles.zip(["3 mm", "6 mm"].into_iter().cycle()).map(|(t, n)| entry(t, n, 1.0, 1.0)).collect();
+        let series = series(&entries, &[]);
+        let colours: std::collections::BTreeSet<usize> = series.iter().map(|s| s.colour).collect();
+        assert!(series.len() == entries.len() + 1 && colours.len() == series.len(), "{colours:?}");
+        assert!(colours.iter().all(|c| *c <= plot::STANDS_OUT));
     }
 }

@@ -5,7 +5,7 @@ use super::colour::{FAINT, INK};
 use crate::concepts::{Curves, Series};
 
 /// Colours of lines, told apart also in grey; the last one stands out.
-const LINES: [Rgb; 8] = [
+const LINES: [Rgb; 12] = [
     [13, 90, 167],
     [214, 88, 20],
     [15, 133, 110],
@@ -13,6 +13,10 @@ const LINES: [Rgb; 8] = [
     [190, 30, 75],
     [120, 120, 120],
     [196, 154, 10],
+    [86, 180, 233],
+    [128, 72, 28],
+    [226, 120, 180],
+    [112, 138, 40],
     [20, 20, 20],
 ];
 /// The colour of what is to be seen first.
