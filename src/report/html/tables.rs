@@ -280,7 +280,8 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                     tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", count(links.violated), links.violated_percent)) } }
                     tr { td { "Excess, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", links.mean_excess_mm, links.p95_excess_mm, links.max_excess_mm)) } }
                     @if let Some(waves) = &report.let_go {
-                        tr { td { "Waves" } td.n { (waves) } }
+                        tr { td { "Waves let go where they hardly weigh" } td.n { (waves.waves) " of " (waves.of) } }
+                        tr { td { "Weight of one there / change of an element by all, at most" } td.n { (format!("{:.4} % / {:.2} mm", waves.each_percent, waves.most_mm)) } }
                     }
                 }
             }
