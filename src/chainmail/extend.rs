@@ -20,7 +20,7 @@ pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>], inside: impl Fn(usi
     // How far a displacement has faded at a distance.
     let faded = |u: &[f32; 3], d: f32| {
         let length = f64::from(u.iter().map(|v| v * v).sum::<f32>().sqrt());
-        (f64::from(d) - KEEP_MM) / FADE_MM.max(FADE * length)
+        (f64::from(d) - KEEP_MM) / (fades_within(length) - KEEP_MM)
     };
     let (mut out, far) = fill(lattice, known, inside, |_, u, d| faded(u, d) < 1.0);
     for (u, &d) in out.iter_mut().zip(&far) {
@@ -28,6 +28,11 @@ pub fn extend(lattice: &Lattice, known: &[Option<[f32; 3]>], inside: impl Fn(usi
         *u = u.map(|v| v * keep as f32);
     }
     out
+}
+
+/// Distance from the patient at which a displacement of this length has faded, mm.
+pub fn fades_within(length: f64) -> f64 {
+    KEEP_MM + FADE_MM.max(FADE * length)
 }
 
 /// From 0 at 0 to 1 at 1, straight but for its ends.

@@ -34,6 +34,7 @@ mod untangle;
 
 pub use blend::{FirstWave, first_wave, spread};
 pub use carry::{Carry, Initiators};
+pub use extend::fades_within;
 pub use front::{Front, LinkTime, Order, Structures};
 pub use growth::VolumeChange;
 pub use lattice::{Lattice, Node, Tissue};

@@ -43,8 +43,9 @@ impl<'a> Scene<'a> {
         let overlap = overlap(case.planning.grid(), case.fraction.grid());
         let shift_before = (overlap < LEAST_OVERLAP).then_some(outcome.couch_shift);
         let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
-        let fraction_box = Region::of(case.fraction.grid());
-        let (from, to, focus) = focus(outcome, &fraction_box).unwrap_or_else(|| {
+        // Of a region of interest, the scans hold more than the patient that was carried along.
+        let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.grid()))];
+        let (from, to, focus) = focus(outcome, seen).unwrap_or_else(|| {
             (case.planning.grid().middle(), case.fraction.grid().middle(), "the middle of the scans".to_owned())
         });
         let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
@@ -105,14 +106,17 @@ fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Poi
     (body, moved)
 }
 
-/// Centroid of the bone that moves most apart from the couch shift, in planning and fraction, and its description.
-fn focus(outcome: &Outcome, region: &Region) -> Option<(Point3<f64>, Point3<f64>, String)> {
+/// Centroid of the bone that moves most apart from the couch shift, of those that lie in these boxes of planning and fraction:
+/// there and there, and its description.
+fn focus(outcome: &Outcome, [planning, fraction]: [Option<Region>; 2]) -> Option<(Point3<f64>, Point3<f64>, String)> {
     let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
     let moves = bones.map(|(bone, fit)| {
         let to = fit.transform * bone.centroid;
         (bone, to, (to - bone.centroid - outcome.couch_shift).norm())
     });
-    let (bone, to, mm) = moves.filter(|(_, to, _)| region.contains(to)).max_by(|a, b| a.2.total_cmp(&b.2))?;
+    let within = |region: &Option<Region>, p: &Point3<f64>| region.as_ref().is_some_and(|r| r.contains(p));
+    let seen = moves.filter(|(bone, to, _)| within(&planning, &bone.centroid) && within(&fraction, to));
+    let (bone, to, mm) = seen.max_by(|a, b| a.2.total_cmp(&b.2))?;
     let focus =
         format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
     Some((bone.centroid, to, focus))
