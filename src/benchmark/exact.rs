@@ -40,11 +40,11 @@ pub(super) fn against_exact(scene: &Scene) -> Result<AgainstExact> {
     let plain = |options| ChainmailOptions { relaxation: Vec::new(), mend: 0, ..options };
     let (tissue, bones) = scene.chainmail(&options);
     let of = |options: &ChainmailOptions| propagate(&tissue, &bones, options, None, &Silent);
-    let let_go = of(&options)?.let_go;
-    let field = distances(scene, &scene.push, &of(&waves)?.push);
+    let default = of(&options)?;
+    let field = distances(scene, &default.push, &of(&waves)?.push);
     let exact = ChainmailOptions { spacing_mm: 0.0, ..plain(waves) };
     let superposition = distances(scene, &of(&plain(options))?.push, &of(&exact)?.push);
-    Ok(AgainstExact { field, superposition, let_go })
+    Ok(AgainstExact { field, superposition, let_go: default.let_go })
 }
 
 fn distances(scene: &Scene, a: &PushField, b: &PushField) -> Distances {
