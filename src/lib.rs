@@ -21,39 +21,17 @@
 //! 7 pipeline benchmark                        6 config io concepts
 //! 5 fit refine phantom comparator             4 skeleton chainmail evaluate dose
 //! 3 field body                                2 volume     voxels on a grid
-//! 1 geometry   grids, rigid transforms        0 error warning progress runtime stats
+//! 1 geometry   grids, rigid transforms        0 error findings warning progress runtime stats
 //! ```
 
-pub mod error;
-pub mod progress;
-pub mod runtime;
-pub mod stats;
-pub mod warning;
-
-pub mod geometry;
-pub mod volume;
-
-pub mod body;
-pub mod field;
-
-pub mod chainmail;
-pub mod dose;
-pub mod evaluate;
-pub mod skeleton;
-
-pub mod comparator;
-pub mod fit;
-pub mod phantom;
-pub mod refine;
-
-pub mod concepts;
-pub mod config;
-pub mod io;
-
-pub mod benchmark;
-pub mod pipeline;
-pub mod report;
+pub use aventail_base::{Error, Result, error, findings, geometry, progress, runtime, stats, volume, warning};
+pub use aventail_bones::{fit, skeleton};
+pub use aventail_fields::{body, field};
+pub use aventail_formats::io;
+pub use aventail_measures::{dose, evaluate};
+pub use aventail_pages::report;
+pub use aventail_registration::{benchmark, config, pipeline};
+pub use aventail_scenes::{concepts, phantom};
+pub use aventail_tissue::{chainmail, comparator, refine};
 
 pub mod cli;
-
-pub use error::{Error, Result};

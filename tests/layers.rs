@@ -1,4 +1,5 @@
-//! The layout is what `src/lib.rs` says: rooms import only from lower ranks, one room knows NIfTI, files stay short.
+//! The layout is what `src/lib.rs` says: rooms import only from lower ranks, crates hold whole ranks and depend only on lower
+//! ones, one room knows NIfTI, files stay short.
 //!
 //! Sources are read as tokens, so comments, strings and line breaks inside `use` cannot mislead; tests are left out.
 
@@ -10,7 +11,7 @@ use std::str::FromStr;
 
 /// Rooms by rank, as the table in `src/lib.rs`.
 const RANKS: [&[&str]; 10] = [
-    &["error", "warning", "progress", "runtime", "stats"],
+    &["error", "findings", "warning", "progress", "runtime", "stats"],
     &["geometry"],
     &["volume"],
     &["field", "body"],
@@ -22,6 +23,19 @@ const RANKS: [&[&str]; 10] = [
     &["cli"],
 ];
 
+/// The crates below `src`, lowest first, and their rooms; `cli` is the program's own. A crate takes from earlier ones only.
+const CRATES: [(&str, &[&str]); 9] = [
+    ("base", &["error", "findings", "warning", "progress", "runtime", "stats", "geometry", "volume"]),
+    ("fields", &["field", "body"]),
+    ("measures", &["evaluate", "dose"]),
+    ("tissue", &["chainmail", "refine", "comparator"]),
+    ("bones", &["skeleton", "fit"]),
+    ("scenes", &["phantom", "concepts"]),
+    ("formats", &["io"]),
+    ("registration", &["config", "pipeline", "benchmark"]),
+    ("pages", &["report"]),
+];
+
 /// Imports inside rank 0 that are meant: a runtime shows progress and reports errors.
 const EXCEPTIONS: [(&str, &str); 2] = [("runtime", "progress"), ("runtime", "error")];
 
@@ -31,8 +45,9 @@ const LONGEST: usize = 450;
 /// Median length of a source file in lines, tests left out.
 const MEDIAN: usize = 150;
 
-/// A source file: its path inside `src`, and its code without tests.
+/// A source file: its path inside `src`, and inside its crate, and its code without tests.
 struct Source {
+    file: PathBuf,
     path: PathBuf,
     code: Code,
     lines: usize,
@@ -178,11 +193,12 @@ fn sources() -> Vec<Source> {
     let mut sources: Vec<Source> = files
         .iter()
         .map(|file| {
-            let path = file.strip_prefix(&root).expect("it was found below src").to_path_buf();
-            let text = fs::read_to_string(file).expect("sources are text");
+            let file = file.strip_prefix(&root).expect("it was found below src");
+            let path = in_crate(file);
+            let text = fs::read_to_string(root.join(file)).expect("sources are text");
             let code = Code::of(&text, depth(&path));
             let lines = text.lines().count() - code.test_lines;
-            Source { path, code, lines }
+            Source { file: file.to_path_buf(), path, code, lines }
         })
         .collect();
     let tests: Vec<PathBuf> = sources
@@ -216,6 +232,12 @@ fn depth(path: &Path) -> usize {
     if path.ends_with("mod.rs") { parts - 1 } else { parts }
 }
 
+/// The path of a source file inside its crate.
+fn in_crate(file: &Path) -> PathBuf {
+    let of_crate = CRATES.iter().find_map(|(name, _)| file.strip_prefix(name).ok());
+    of_crate.unwrap_or(file).to_path_buf()
+}
+
 /// The room that a file belongs to: its first folder, or the file itself.
 fn room(path: &Path) -> String {
     let first = path.components().next().expect("a path has parts");
@@ -244,25 +266,73 @@ fn violations(room: &str, imports: &BTreeSet<String>) -> Vec<String> {
 fn rooms_import_only_from_lower_ranks() {
     let mut wrong = Vec::new();
     for s in sources().iter().filter(|s| !["lib.rs", "main.rs"].iter().any(|f| s.path == Path::new(f))) {
+        // Lower crates are named at a crate's root only, so that `crate::room` is the one way to a room.
+        let around = s.code.heads.iter().filter(|h| h.trim_start_matches(':').starts_with("aventail"));
+        wrong.extend(around.map(|h| format!("{}: names the crate {h}", s.file.display())));
         wrong.extend(violations(&room(&s.path), &s.code.rooms).iter().map(|v| format!("{}: {v}", s.path.display())));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// The rooms that a crate's root holds.
+fn rooms_of(lib: &Path) -> Vec<String> {
+    let lib = fs::read_to_string(lib).expect("a crate has a root");
+    lib.lines().filter_map(|l| Some(l.strip_prefix("pub mod ")?.strip_suffix(';')?.to_owned())).collect()
+}
+
 #[test]
-fn every_room_of_the_crate_has_the_rank_that_it_says() {
+fn every_room_has_the_crate_and_the_rank_that_it_says() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let lib = fs::read_to_string(root.join("lib.rs")).unwrap();
-    let rooms: Vec<&str> = lib.lines().filter_map(|l| l.strip_prefix("pub mod ")?.strip_suffix(';')).collect();
+    let mut rooms = Vec::new();
+    for (name, expected) in CRATES.iter().copied().chain([("", ["cli"].as_slice())]) {
+        let found = rooms_of(&root.join(name).join("lib.rs"));
+        assert_eq!(
+            BTreeSet::from_iter(&found),
+            expected.iter().map(|e| e.to_string()).collect::<Vec<_>>().iter().collect()
+        );
+        rooms.extend(found.into_iter().map(|room| (name, room)));
+    }
     assert_eq!(rooms.len(), RANKS.concat().len(), "{rooms:?}");
-    for room in rooms {
-        let rank = rank(room).unwrap_or_else(|| panic!("{room} has no rank in this test"));
+    for (name, room) in rooms {
+        let rank = rank(&room).unwrap_or_else(|| panic!("{room} has no rank in this test"));
         if rank > 0 {
-            let text = fs::read_to_string(root.join(room).join("mod.rs")).unwrap();
+            let text = fs::read_to_string(root.join(name).join(&room).join("mod.rs")).unwrap();
             assert!(
                 text.starts_with(&format!("//! Rank {rank}: ")),
                 "{room}/mod.rs does not begin with `//! Rank {rank}: `"
             );
+        }
+    }
+}
+
+/// The crates of ours that a manifest names as dependencies, and apart those that only its tests need.
+fn dependencies(manifest: &str) -> [BTreeSet<String>; 2] {
+    let (mut found, mut section) = ([BTreeSet::new(), BTreeSet::new()], "");
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            section = line;
+        } else if let Some(name) = line.strip_prefix("aventail-").and_then(|l| l.split(['.', ' ']).next()) {
+            found[usize::from(section != "[dependencies]")].insert(name.to_owned());
+        }
+    }
+    found
+}
+
+#[test]
+fn crates_depend_only_on_lower_ones() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let folders = fs::read_dir(&root).unwrap().map(|e| e.unwrap().path()).filter(|p| p.join("Cargo.toml").is_file());
+    assert_eq!(folders.count(), CRATES.len(), "a crate below src that this test does not know");
+    for (n, (name, _)) in CRATES.iter().enumerate() {
+        let manifest = fs::read_to_string(root.join(name).join("Cargo.toml")).unwrap();
+        let below: BTreeSet<String> = CRATES[..n].iter().map(|c| c.0.to_owned()).collect();
+        let [used, tests] = dependencies(&manifest);
+        assert!(used.is_subset(&below), "{name} depends on {:?}", used.difference(&below));
+        assert!(!tests.contains(*name), "{name} tests itself from outside");
+        // What a crate imports it says at its root, so that `crate::room` leads to the crate that holds it.
+        let lib = fs::read_to_string(root.join(name).join("lib.rs")).unwrap();
+        for other in used {
+            assert!(lib.contains(&format!("use aventail_{other}::")), "{name} depends on {other} and does not use it");
         }
     }
 }
@@ -308,9 +378,19 @@ fn nothing_unwraps_outside_tests() {
 fn every_file_says_what_it_is_for() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for s in sources() {
-        let text = fs::read_to_string(root.join(&s.path)).unwrap();
+        let text = fs::read_to_string(root.join(&s.file)).unwrap();
         assert!(text.starts_with("//! "), "{} does not open with its purpose", s.path.display());
     }
+}
+
+#[test]
+fn the_manifest_reader_tells_tests_apart() {
+    let manifest =
+        "[dependencies]\naventail-base.workspace = true\nserde = \"1\"\n[dev-dependencies]\naventail-x = 1\n";
+    let names = |list: &[&str]| list.iter().map(|n| n.to_string()).collect::<BTreeSet<_>>();
+    assert_eq!(dependencies(manifest), [names(&["base"]), names(&["x"])]);
+    assert_eq!(in_crate(Path::new("tissue/chainmail/dial.rs")), Path::new("chainmail/dial.rs"));
+    assert_eq!(in_crate(Path::new("cli/mod.rs")), Path::new("cli/mod.rs"));
 }
 
 #[test]

@@ -278,7 +278,7 @@ fn a_shifted_scanner_moves_patient_couch_and_grid_together() {
 #[test]
 fn arms_can_be_raised_by_a_posture_file() {
     let text = include_str!("../data/arms_raised_posture.toml");
-    let posture: Posture = toml::from_str(text).unwrap();
+    let posture: Posture = Posture::parse(text).unwrap();
     let p = Phantom::new(&PhantomOptions { posture, ..tiny_options() }).unwrap();
     for side in ["left", "right"] {
         let n = p.skeleton.bones.iter().position(|b| b.name == format!("humerus_{side}")).unwrap();
@@ -300,15 +300,15 @@ fn senseless_options_are_refused() {
         Phantom::new(&options).unwrap_err().to_string()
     };
     assert!(
-        refused(|o| o.posture = toml::from_str("femur_left = { rotation_deg = [1, 2, 3] }").unwrap())
+        refused(|o| o.posture = Posture::parse("femur_left = { rotation_deg = [1, 2, 3] }").unwrap())
             .contains("femur_left")
     );
-    assert!(refused(|o| o.posture = toml::from_str("skull = { shift_mm = [nan, 0, 0] }").unwrap()).contains("skull"));
+    assert!(refused(|o| o.posture = Posture::parse("skull = { shift_mm = [nan, 0, 0] }").unwrap()).contains("skull"));
     assert!(refused(|o| o.fraction_cut_top_mm = 1e4).contains("empty"));
     assert!(refused(|o| o.edge_mm = 0.0).contains("edge"));
     assert!(refused(|o| o.fraction_noise_hu = f64::NAN).contains("noise"));
     assert!(refused(|o| o.size = [0, 4, 4]).contains("size"));
-    assert!(toml::from_str::<Posture>("skull = { rotation = [1, 2, 3] }").is_err());
+    assert!(Posture::parse("skull = { rotation = [1, 2, 3] }").is_err());
 }
 
 #[test]

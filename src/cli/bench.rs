@@ -2,7 +2,7 @@
 
 use super::register::progress;
 use crate::benchmark::{AgainstExact, BenchmarkOptions, BenchmarkReport, Distances, SceneSize, Task, run as measure};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::runtime::Runtime;
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
@@ -79,7 +79,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<String> {
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let report = measure(&options, &runtime)?;
     if args.json {
-        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+        return report.json();
     }
     Ok(table(&report))
 }

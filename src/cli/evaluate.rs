@@ -182,7 +182,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     runtime.stage("write", || evaluation::write(&args.out, &report, &pictures))?;
     if args.json {
         report.stages = runtime.times();
-        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+        return report.json();
     }
     let page = args.out.join("evaluation.html");
     Ok(format!("{}\nThe report: {}", evaluation::terminal_table(&report), page.display()))

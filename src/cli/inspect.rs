@@ -1,6 +1,6 @@
 //! `aventail inspect FILE...`: what files hold, and whether they lie on one grid.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::inspect::{Inspection, compare_grids, inspect};
 use clap::Args;
 use serde::Serialize;
@@ -34,7 +34,7 @@ pub fn run(files: &[PathBuf], json: bool) -> Result<String> {
     let grids = compare_grids(&files);
     if json {
         let report = Report { files: &files, grids };
-        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(format!("inspection as JSON: {e}")));
+        return crate::io::json(&report);
     }
     let mut text = files.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     if !grids.is_empty() {

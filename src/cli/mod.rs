@@ -26,7 +26,7 @@ use clap::CommandFactory;
 /// Runs a parsed command line; returns what belongs on standard output.
 ///
 /// # Errors
-/// What the verb reports; [`crate::Error::exit_code`] is the process's exit code.
+/// What the verb reports; [`crate::error::Error::exit_code`] is the process's exit code.
 pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),

@@ -1,7 +1,7 @@
 //! The fields, images and masks of a run as files.
 
 use crate::config::Config;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::Outcome;
 use crate::report::OutputFile;
@@ -72,7 +72,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
             .add("regions.nii.gz", what, move |path| io::write_labels(path, regions, &options("regions of influence")));
     }
     files.add("settings.toml", "the settings of this run, for --config", |path| {
-        let text = toml::to_string_pretty(config).map_err(|e| Error::Internal(format!("settings as TOML: {e}")))?;
+        let text = config.toml()?;
         io::write_file(path, |w| w.write_all(text.as_bytes()))
     });
     files.write()

@@ -49,8 +49,8 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
 /// A posture that the phantom refuses is a fault of the file it came from.
 fn named(error: Error, args: &PhantomArgs) -> Error {
     match (error, &args.pose) {
-        (Error::Input { what, problem, remedy }, Some(path)) if what == "posture" => {
-            Error::Input { what: path.display().to_string(), problem, remedy }
+        (Error::Input { code, what, problem, remedy }, Some(path)) if what == "posture" => {
+            Error::Input { code, what: path.display().to_string(), problem, remedy }
         }
         (error, _) => error,
     }
@@ -69,7 +69,7 @@ fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
     if let Some(path) = &args.pose {
         let text =
             std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
-        options.posture = toml::from_str::<Posture>(&text).map_err(|e| {
+        options.posture = Posture::parse(&text).map_err(|e| {
             Error::read(
                 path,
                 format!("it is no posture: {e}"),

@@ -192,7 +192,7 @@ pub(super) fn write_run(
 ) -> Result<String> {
     let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
     let case = part.as_deref().unwrap_or(whole);
-    let settings = serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?;
+    let settings = config.value()?;
     let (outputs, pictures) = runtime
         .stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), || report::draw(case, &outcome)));
     let run = Run {
@@ -204,7 +204,7 @@ pub(super) fn write_run(
     let outcome = Outcome { stages: runtime.times(), ..outcome };
     let report = runtime.stage("report", || report::write(out, case, &outcome, &run, pictures?))?;
     if json {
-        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+        return report.json();
     }
     Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))
 }

@@ -80,7 +80,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     let moved = Moved::load(case)?;
     let mut records = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
-        let settings = serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?;
+        let settings = config.value()?;
         let key = moved.key(&settings);
         if let Some(record) = finished_stage(&args.out, &stage.id, &key) {
             records.insert(stage.id.clone(), record);
@@ -125,9 +125,7 @@ impl Moved {
     fn load(folder: &Path) -> Result<Self> {
         let path = folder.join("report.json");
         let remedy = "give the --out folder of a finished `aventail register` or `aventail pose`";
-        let text = std::fs::read(&path).map_err(|e| Error::read(&path, e.to_string(), remedy))?;
-        let report: Report = serde_json::from_slice(&text)
-            .map_err(|e| Error::read(&path, format!("it is no report of a run ({e})"), remedy))?;
+        let report = Report::read(&path, remedy)?;
         let inputs = ConfigFile::read(&path)?.inputs;
         let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| found(&i.path, folder));
         let needed = |role: &str| {

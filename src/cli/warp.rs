@@ -90,7 +90,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
         }
     }
     if args.json {
-        return serde_json::to_string_pretty(&report).map_err(|e| Error::Internal(e.to_string()));
+        return io::json(&report);
     }
     Ok(report.text())
 }

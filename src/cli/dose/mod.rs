@@ -10,7 +10,7 @@ use crate::dose::{DensityTable, Dvh, EnergyMassOptions, accumulate, difference, 
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::geometry::Grid;
-use crate::io::{self, Stored, WriteOptions, write_file};
+use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
@@ -143,9 +143,9 @@ fn finish(
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let (inputs, warnings) = (ledger.inputs, ledger.warnings);
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings };
-    write_file(beside(out), |w| Ok(serde_json::to_writer_pretty(w, &sidecar)?))?;
+    write_json(beside(out), &sidecar)?;
     if json {
-        return serde_json::to_string_pretty(&sidecar).map_err(|e| Error::Internal(e.to_string()));
+        return io::json(&sidecar);
     }
     Ok(format!("{text}The dose: {}", out.display()))
 }
@@ -266,7 +266,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     }
     write_dvh(&args.out, &doses)?;
     if args.json {
-        return serde_json::to_string_pretty(&doses).map_err(|e| Error::Internal(e.to_string()));
+        return io::json(&doses);
     }
     Ok(format!("{}The curves: {}", dvh_table(&doses), args.out.join("dvh.png").display()))
 }
@@ -293,9 +293,9 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let json = serde_json::json!({
         "inputs": ledger.inputs, "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
     });
-    write_file(args.out.join("compare.json"), |w| Ok(serde_json::to_writer_pretty(w, &json)?))?;
+    write_json(args.out.join("compare.json"), &json)?;
     if args.json {
-        return serde_json::to_string_pretty(&json).map_err(|e| Error::Internal(e.to_string()));
+        return io::json(&json);
     }
     Ok(format!(
         "  dose minus reference, where either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe maps: {}",

@@ -1,0 +1,128 @@
+//! The one error type. Every message names the file or thing, the value found and what to do about it.
+//!
+//! Variants hold paths, names and texts only, never domain types, so that every room can raise them.
+
+use std::path::{Path, PathBuf};
+
+/// Result with aventail's [`Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What went wrong, by cause. [`Error::exit_code`] gives each cause its process exit code.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The command line or the configuration asks for something that does not exist or cannot be.
+    #[error("{problem}\n  remedy: {remedy}")]
+    Usage {
+        /// What is wrong, with the value found.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A file is missing, truncated, or not in a format that can be read.
+    #[error("cannot read {}: {problem}\n  remedy: {remedy}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with the value found.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// The inputs were read but do not fit the task or each other.
+    #[error("{what}: {problem}{}\n  remedy: {remedy}", bracketed(code))]
+    Input {
+        /// Its code in [`crate::findings::FINDINGS`]; empty for what has none.
+        code: &'static str,
+        /// The file or thing at fault.
+        what: String,
+        /// What is wrong, with the value found.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A result cannot be written.
+    #[error("cannot write {}: {problem}\n  remedy: {remedy}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// The registration itself has no trustworthy answer, for example images without overlap.
+    #[error("registration failed: {problem}{}\n  remedy: {remedy}", bracketed(code))]
+    Registration {
+        /// Its code in [`crate::findings::FINDINGS`]; empty for what has none.
+        code: &'static str,
+        /// What is wrong, with the value found.
+        problem: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A defect of aventail: something that cannot happen did.
+    #[error("internal error: {0}\n  remedy: this is a defect of aventail; please report it with the command line")]
+    Internal(String),
+}
+
+/// A code behind a message.
+fn bracketed(code: &str) -> String {
+    if code.is_empty() { String::new() } else { format!(" [{code}]") }
+}
+
+impl Error {
+    /// [`Error::Usage`] from texts.
+    pub fn usage(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Usage { problem: problem.into(), remedy: remedy.into() }
+    }
+    /// [`Error::Read`] from a path and texts.
+    pub fn read(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Read { path: path.as_ref().into(), problem: problem.into(), remedy: remedy.into() }
+    }
+    /// [`Error::Input`] from texts.
+    pub fn input(what: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::refused("", what, problem, remedy)
+    }
+    /// [`Error::Input`] with a code of [`crate::findings::FINDINGS`].
+    pub fn refused(
+        code: &'static str,
+        what: impl Into<String>,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self::Input { code, what: what.into(), problem: problem.into(), remedy: remedy.into() }
+    }
+    /// [`Error::Write`] from a path and texts.
+    pub fn write(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Write { path: path.as_ref().into(), problem: problem.into(), remedy: remedy.into() }
+    }
+    /// [`Error::Registration`] from texts.
+    pub fn registration(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::failed("", problem, remedy)
+    }
+    /// [`Error::Registration`] with a code of [`crate::findings::FINDINGS`].
+    pub fn failed(code: &'static str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Registration { code, problem: problem.into(), remedy: remedy.into() }
+    }
+    /// The code of the finding, where it has one.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Input { code, .. } | Self::Registration { code, .. } => code,
+            _ => "",
+        }
+    }
+
+    /// Process exit code of this cause: 1 internal, 2 usage, 3 unreadable file, 4 unsuitable input,
+    /// 5 unwritable output, 6 registration failed.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Internal(_) => 1,
+            Self::Usage { .. } => 2,
+            Self::Read { .. } => 3,
+            Self::Input { .. } => 4,
+            Self::Write { .. } => 5,
+            Self::Registration { .. } => 6,
+        }
+    }
+}

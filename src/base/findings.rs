@@ -1,0 +1,155 @@
+//! Everything that aventail warns of or refuses for a reason of its own: code, reason and remedy, in one table.
+//!
+//! A finding is raised by [`crate::warning::Warning::new`], [`crate::Error::refused`] or [`crate::Error::failed`] with its
+//! code; `tests/findings.rs` proves that every code raised is in this table and that the table holds no others, and makes
+//! `docs/refusals.md` from it.
+
+/// How a finding is told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Told {
+    /// The run goes on and says so.
+    Warned,
+    /// Nothing is written.
+    Refused,
+    /// Refused where it is certain, warned of where it is doubtful.
+    RefusedOrWarned,
+}
+
+/// One kind of finding.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finding {
+    /// Stable kebab-case name.
+    pub code: &'static str,
+    /// How it is told.
+    pub told: Told,
+    /// What was found.
+    pub reason: &'static str,
+    /// What to do about it.
+    pub remedy: &'static str,
+}
+
+const fn warned(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::Warned, reason, remedy }
+}
+
+/// All findings, by code.
+pub const FINDINGS: &[Finding] = &[
+    warned(
+        "bone-in-pieces",
+        "A bone's label lies in several pieces.",
+        "Check the label map: a part of another bone, or a bone cut by the scan's edge.",
+    ),
+    warned(
+        "bone-not-explained",
+        "A bone should be in view of the fraction CT, but its contrast is not found there; it follows its joint.",
+        "Look at it in the fusion images; its place is a guess.",
+    ),
+    warned(
+        "bone-without-parent",
+        "None of the bones that carry a bone is labelled.",
+        "Label them, or set the bone's parent in skeleton.toml.",
+    ),
+    warned(
+        "bones-apart",
+        "A joint's gap has grown by more than its play.",
+        "Check labels and fusion images at that joint.",
+    ),
+    warned(
+        "bones-by-label",
+        "No label of --bones has a known bone's name; every label counts as one rigid bone.",
+        "Give names with --labels.",
+    ),
+    warned(
+        "bones-meet",
+        "Cells between touching bones are folded: rigid bones slide or collide there.",
+        "Do not trust the field in the joint itself.",
+    ),
+    warned("bones-overlap", "Moved bones lie in each other.", "Check labels and fusion images of the two bones."),
+    warned(
+        "energy-outside",
+        "More than 1 % of the dose's energy falls outside the target grid.",
+        "Give a larger --grid.",
+    ),
+    warned(
+        "extension-damaged",
+        "A NIfTI header extension is cut off or has an impossible size.",
+        "Write the file anew; label names may be missing.",
+    ),
+    warned(
+        "fit-iterations",
+        "The fit of a bone stopped at its iteration limit.",
+        "Look at the bones named; raise fit.max_iterations if they are off.",
+    ),
+    warned(
+        "folded",
+        "Tissue cells outside bone contact and sliding interfaces are folded.",
+        "See the Jacobian map; do not map dose there.",
+    ),
+    warned("folds-in-steep-dose", "The field folds where the dose is steep.", "Do not trust the mapped dose there."),
+    warned(
+        "input-changed",
+        "A file is not the one that the recorded run has read.",
+        "Run it on the recorded file, or take the result as a new one.",
+    ),
+    warned(
+        "inverse",
+        "Tissue voxels of the fraction CT have no exact pre-image.",
+        "They show nothing of the planning scan; see the masks.",
+    ),
+    warned("joint-limit", "A joint lies beyond its soft range.", "Check the label and the fusion images."),
+    warned(
+        "labels-ignored",
+        "Labels that are no bones of the skeleton were ignored.",
+        "Rename them if they are bones.",
+    ),
+    warned(
+        "no-inverse",
+        "Points or voxels have no exact pre-image in a field that had to be inverted.",
+        "Give the field of the other direction.",
+    ),
+    warned(
+        "no-orientation",
+        "A header does not tell where the patient's left, back and head are.",
+        "Check orientation in a viewer, and write the file with a full header.",
+    ),
+    warned(
+        "no-tissue",
+        "The planning CT shows no tissue above the least HU inside the patient.",
+        "Check that it is a CT in HU.",
+    ),
+    warned(
+        "not-scaled",
+        "A voxel-wise quantity was carried without scaling it by the change of volume.",
+        "Add --scale-by-jacobian if it is an amount per voxel.",
+    ),
+    warned(
+        "outside-field",
+        "A part of the input lies outside a field and was not moved by it.",
+        "Give a field that covers the input, or crop the input.",
+    ),
+    warned(
+        "qform-invalid",
+        "A NIfTI qform is set but is no valid geometry; the sform is used.",
+        "Write the file anew.",
+    ),
+    warned(
+        "sform-qform-disagree",
+        "The sform and the qform of a NIfTI file place the image differently.",
+        "Find out which one is right, and write the file anew.",
+    ),
+    warned(
+        "skin-meets-skin",
+        "The moved patient lies on himself: skin passes through skin.",
+        "Do not trust dose or contours there.",
+    ),
+    warned("sliding", "Cells of declared sliding interfaces are folded.", "Motion may be discontinuous there."),
+    warned("small-bone", "A bone has very few voxels.", "Its pose mostly follows its joint."),
+    warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
+    warned(
+        "uncertain-field-in-steep-dose",
+        "The field's own residual changes the dose by more than 1 % of its maximum.",
+        "Do not trust the mapped dose there.",
+    ),
+    warned("volume-change", "Organs did not change their volume as asked.", "See the table of volumes in the report."),
+    warned("weak-start", "The couch shift explains little of the bones' contrast.", "Look at the fusion images first."),
+];

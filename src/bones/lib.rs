@@ -1,0 +1,9 @@
+//! Crate of aventail: the jointed skeleton, and the pose that explains an image.
+//!
+//! The program and its documentation are in the package `aventail`, which re-exports these rooms.
+
+use aventail_base::{error, geometry, progress, stats, volume, warning};
+use aventail_measures::evaluate;
+
+pub mod fit;
+pub mod skeleton;

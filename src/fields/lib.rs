@@ -1,0 +1,8 @@
+//! Crate of aventail: displacement fields in both directions, and the patient in a CT.
+//!
+//! The program and its documentation are in the package `aventail`, which re-exports these rooms.
+
+use aventail_base::{error, geometry, stats, volume};
+
+pub mod body;
+pub mod field;

@@ -1,0 +1,62 @@
+//! Rank 6: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, skeletons, poses,
+//! checksums.
+//!
+//! Inside the library every position is LPS mm; this room converts at the file boundary. Formats are told apart by
+//! the first bytes of a file when reading and by its extension when writing. Every write goes to a temporary file in
+//! the same folder that is renamed when complete, so that no half-written result is ever seen.
+
+mod atomic;
+pub mod checksum;
+mod contours;
+mod density;
+mod field;
+mod gaps;
+mod gzip;
+mod image;
+pub mod inspect;
+mod json;
+mod keyed;
+mod labels;
+mod landmarks;
+mod metaimage;
+mod nifti;
+mod nrrd;
+pub mod points;
+pub mod pose;
+mod raster;
+pub mod skeleton;
+pub mod transform;
+mod values;
+mod voxels;
+
+#[cfg(test)]
+mod tests;
+
+pub use atomic::write_file;
+pub use contours::{read_contours, write_contours};
+pub use density::read_density;
+pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
+pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_map, write_mask};
+pub use json::{json, write_json};
+pub use labels::{read_label_map, read_labels, write_labels};
+pub use landmarks::{read_bone_landmarks, read_landmarks};
+pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
+pub use transform::read_bone_transforms;
+
+use crate::warning::Warning;
+use std::path::PathBuf;
+
+/// What was read from a file, with what is worth knowing about the file.
+#[derive(Debug, Clone)]
+pub struct Loaded<T> {
+    /// The image, label map or field; LPS mm.
+    pub value: T,
+    /// The file.
+    pub path: PathBuf,
+    /// SHA-256 of the file's bytes, hexadecimal.
+    pub sha256: String,
+    /// What its header said.
+    pub header: HeaderNotes,
+    /// Legal but unusual findings.
+    pub warnings: Vec<Warning>,
+}

@@ -1,0 +1,150 @@
+//! `pose.toml`: how far each joint of a skeleton is moved, by bone name.
+
+use super::keyed::{Keyed, near, parse};
+use super::skeleton::bare;
+use super::write_file;
+use crate::error::Result;
+use crate::skeleton::{JointPose, Pose, Skeleton};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Reads a pose. Bones that the file does not name do not move against their parent.
+///
+/// `[bones.NAME]` has `flexion_deg`, `lateral_deg`, `axial_deg` (components of the rotation vector in the joint's axes,
+/// degrees) and `shift_mm` (along the same axes). `[couch]` has `rotation_deg` and `shift_mm` of the root, which carries
+/// all bones: about the root's centre and axes.
+///
+/// # Errors
+/// [`Error::Read`](crate::error::Error::Read) when the file is missing or no TOML; [`Error::Input`](crate::error::Error::Input), naming
+/// file, key and value, for unknown bones and keys, values of the wrong type, and a pose of the root under its name.
+pub fn read_pose(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Pose> {
+    let table = parse(path.as_ref())?;
+    let file = Keyed::new(path.as_ref(), &table);
+    file.only(&["couch", "bones"])?;
+    let mut joints = vec![JointPose::default(); skeleton.bones.len()];
+    if let (Some(couch), Some(root)) = (file.inner("couch")?, joints.first_mut()) {
+        couch.only(&["rotation_deg", "shift_mm"])?;
+        root.rotation = couch.numbers("rotation_deg")?.unwrap_or_default().map(f64::to_radians);
+        root.translation = couch.numbers("shift_mm")?.unwrap_or_default();
+    }
+    let listed = file.inner("bones")?.map_or_else(|| Ok(Vec::new()), |bones| bones.each())?;
+    for (name, keys) in listed {
+        let names = || skeleton.bones.iter().map(|b| b.name.as_str());
+        match names().position(|n| n == name) {
+            None => {
+                let remedy = format!("bones of this skeleton that may be meant: {}", near(name, names()));
+                return Err(keys.refuse("", "no such bone", remedy));
+            }
+            Some(0) => return Err(keys.refuse("", "this bone is the root", "move it with [couch]")),
+            Some(at) => joints[at] = joint(&keys)?,
+        }
+    }
+    Ok(Pose { joints })
+}
+
+fn joint(keys: &Keyed) -> Result<JointPose> {
+    keys.only(&["flexion_deg", "lateral_deg", "axial_deg", "shift_mm"])?;
+    let angle = |key: &str| Ok(keys.number(key)?.unwrap_or_default().to_radians());
+    Ok(JointPose {
+        rotation: [angle("flexion_deg")?, angle("lateral_deg")?, angle("axial_deg")?],
+        translation: keys.numbers("shift_mm")?.unwrap_or_default(),
+    })
+}
+
+/// Writes a pose, leaving out joints that do not move.
+///
+/// # Errors
+/// [`Error::Write`](crate::error::Error::Write) when the file cannot be written.
+pub fn write_pose(path: impl AsRef<Path>, skeleton: &Skeleton, pose: &Pose) -> Result<()> {
+    let text = text(skeleton, pose);
+    write_file(path, |out| out.write_all(text.as_bytes()))
+}
+
+fn text(skeleton: &Skeleton, pose: &Pose) -> String {
+    let mut out = String::from(
+        "# A pose: the motion of each bone against its parent, planning to fraction.\n\
+         # Angles are components of the rotation vector in the joint's axes, degrees; positive flexion bends forwards.\n\
+         # Shifts are along the same axes (right-left, front-back, foot-head), mm.\n\
+         # [couch] moves the root, and with it all bones.\n",
+    );
+    // Rust writes the shortest digits that read back as the same number.
+    let list = |v: [f64; 3]| v.map(|x| format!("{x:?}")).join(", ");
+    for (bone, joint) in skeleton.bones.iter().zip(&pose.joints) {
+        let degrees = joint.rotation.map(f64::to_degrees);
+        let lines = if bone.parent.is_none() {
+            format!("\n[couch]\nrotation_deg = [{}]\nshift_mm = [{}]\n", list(degrees), list(joint.translation))
+        } else if *joint == JointPose::default() {
+            continue;
+        } else {
+            let name =
+                if bare(&bone.name) { bone.name.clone() } else { toml::Value::from(bone.name.as_str()).to_string() };
+            let [flexion, lateral, axial] = degrees;
+            format!(
+                "\n[bones.{name}]\nflexion_deg = {flexion:?}\nlateral_deg = {lateral:?}\naxial_deg = {axial:?}\nshift_mm = [{}]\n",
+                list(joint.translation)
+            )
+        };
+        out.write_str(&lines).expect("writing to a String cannot fail");
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::skeleton::tests::example;
+    use super::*;
+
+    fn load(text: &str) -> Result<Pose> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("pose.toml");
+        std::fs::write(&path, text).unwrap();
+        read_pose(&path, &example())
+    }
+
+    #[test]
+    fn written_poses_read_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("pose.toml");
+        let mut pose = Pose { joints: vec![JointPose::default(); 4] };
+        pose.joints[0] = JointPose { rotation: [0.1, -0.2, 1.0 / 3.0], translation: [500.0, -1e-7, 0.1] };
+        pose.joints[2] = JointPose { rotation: [0.0, 0.7, 0.0], translation: [0.0, 0.0, -3.25] };
+        write_pose(&path, &example(), &pose).unwrap();
+        let back = read_pose(&path, &example()).unwrap();
+        for (a, b) in pose.joints.iter().zip(&back.joints) {
+            let values = |j: &JointPose| j.rotation.into_iter().chain(j.translation).collect::<Vec<_>>();
+            for (x, y) in values(a).iter().zip(values(b)) {
+                assert!((x - y).abs() <= 1e-14 * x.abs(), "{x} {y}");
+            }
+        }
+        assert_eq!(std::fs::read_to_string(&path).unwrap().matches("[bones.").count(), 1);
+    }
+
+    #[test]
+    fn degrees_go_to_the_named_bone_and_the_couch_to_the_root() {
+        let pose =
+            load("couch.shift_mm = [1, 2, 3]\n[bones.skull]\nflexion_deg = 90\nshift_mm = [0, 0, 1.5]\n").unwrap();
+        let mut expected = vec![JointPose::default(); 4];
+        expected[0].translation = [1.0, 2.0, 3.0];
+        expected[2] = JointPose { rotation: [std::f64::consts::FRAC_PI_2, 0.0, 0.0], translation: [0.0, 0.0, 1.5] };
+        assert_eq!(pose.joints, expected);
+    }
+
+    #[test]
+    fn refusals_name_the_file_the_key_and_the_value() {
+        let cases = [
+            ("[bones.skul]", &["bones.skul", "no such bone", "skull"][..]),
+            ("[bones.vertebrae_T1]", &["bones.vertebrae_T1", "root", "[couch]"]),
+            ("bones.skull.flexion_deg = \"5\"", &["bones.skull.flexion_deg = \"5\"", "number"]),
+            ("bones.skull.flexion_deg = inf", &["bones.skull.flexion_deg = inf", "finite"]),
+            ("bones.skull.rotation_deg = [1, 2, 3]", &["bones.skull.rotation_deg", "unknown key"]),
+            ("couch.rotation_deg = 5", &["couch.rotation_deg = 5", "3 finite numbers"]),
+            ("couch.flexion_deg = 5", &["couch.flexion_deg", "unknown key"]),
+        ];
+        for (text, parts) in cases {
+            let error = load(text).unwrap_err().to_string();
+            for part in parts.iter().chain(&["pose.toml"]) {
+                assert!(error.contains(part), "{text}: {error}");
+            }
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! Crate of aventail: files to domain types and back.
+//!
+//! The program and its documentation are in the package `aventail`, which re-exports these rooms.
+
+use aventail_base::{error, geometry, volume, warning};
+use aventail_bones::{fit, skeleton};
+use aventail_fields::field;
+use aventail_measures::{dose, evaluate};
+
+pub mod io;

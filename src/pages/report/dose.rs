@@ -1,0 +1,143 @@
+//! Dose-volume histograms as CSV, picture and text.
+
+use super::chart::{COLOURS, Curve, chart};
+use crate::dose::Dvh;
+use crate::error::{Error, Result};
+use crate::io::{write_file, write_json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Dose-volume histograms of one dose.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct DoseDvh {
+    /// What the dose is called, for example its file's name.
+    pub name: String,
+    /// Each structure.
+    pub structures: Vec<Dvh>,
+}
+
+/// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists.
+///
+/// # Errors
+/// [`Error::Write`] when a file cannot be written.
+pub fn write_dvh(folder: &Path, doses: &[DoseDvh]) -> Result<()> {
+    let internal = |e: csv::Error| Error::Internal(format!("dose-volume histogram as CSV: {e}"));
+    let curves = curves(doses).map_err(internal)?;
+    write_file(folder.join("dvh.csv"), |out| out.write_all(&curves))?;
+    let figures = figures(doses).map_err(internal)?;
+    write_file(folder.join("dvh_figures.csv"), |out| out.write_all(&figures))?;
+    write_json(folder.join("dvh.json"), doses)?;
+    write_file(folder.join("dvh.png"), |out| plot(doses).write_png(out))
+}
+
+/// One line per dose, structure and bin.
+fn curves(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record(["dose", "structure", "gy", "volume_percent"])?;
+    for dose in doses {
+        for s in &dose.structures {
+            for (n, share) in s.cumulative.iter().enumerate() {
+                let (gy, percent) = (n as f64 * s.bin, 100.0 * share);
+                table.write_record([&dose.name, &s.name, &format!("{gy:.3}"), &format!("{percent:.4}")])?;
+            }
+        }
+    }
+    table.into_inner().map_err(|e| e.into_error().into())
+}
+
+/// One line per dose and structure.
+fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let at = doses.iter().flat_map(|d| &d.structures).next().map_or(&[][..], |s| &s.v);
+    let names = ["dose", "structure", "volume_ml", "outside_ml", "mean_gy", "min_gy", "max_gy"];
+    let more = ["d98_gy", "d95_gy", "d50_gy", "d2_gy", "d0.03cc_gy"];
+    let heads = names.iter().chain(&more).map(|n| (*n).to_owned());
+    table.write_record(heads.chain(at.iter().map(|v| format!("v{}gy_percent", v.gy))))?;
+    for dose in doses {
+        for s in &dose.structures {
+            let numbers = [s.volume_ml, s.outside_ml, s.mean, s.min, s.max, s.d98, s.d95, s.d50, s.d2, s.d003cc];
+            let numbers = numbers.iter().copied().chain(s.v.iter().map(|v| v.percent)).map(|v| format!("{v:.4}"));
+            table.write_record([dose.name.clone(), s.name.clone()].into_iter().chain(numbers))?;
+        }
+    }
+    table.into_inner().map_err(|e| e.into_error().into())
+}
+
+/// A curve for each structure; the first dose is thick.
+fn plot(doses: &[DoseDvh]) -> super::canvas::Canvas {
+    let all = || doses.iter().flat_map(|d| &d.structures);
+    let most = all().map(|s| s.max).fold(1.0, f64::max);
+    let curves: Vec<Curve> = doses
+        .iter()
+        .enumerate()
+        .flat_map(|(d, dose)| {
+            dose.structures.iter().enumerate().map(move |(n, s)| Curve {
+                name: if doses.len() == 1 { s.name.clone() } else { format!("{}, {}", s.name, dose.name) },
+                colour: COLOURS[n % COLOURS.len()],
+                width: if d == 0 { 5.0 } else { 2.5 },
+                points: s.cumulative.iter().enumerate().map(|(b, v)| [b as f64 * s.bin, 100.0 * v]).collect(),
+            })
+        })
+        .collect();
+    chart("dose, Gy", [0.0, 1.05 * most], &curves)
+}
+
+/// The figures of each dose and structure for the terminal.
+pub fn dvh_table(doses: &[DoseDvh]) -> String {
+    let mut out = String::new();
+    for dose in doses {
+        let head = ["structure", "ml", "Dmean", "Dmax", "D95", "D50", "D2", "D0.03cc"];
+        write!(out, "{}, Gy\n  {:<24}", dose.name, head[0]).expect("writing to a string does not fail");
+        head[1..].iter().for_each(|h| write!(out, "{h:>9}").expect("writing to a string does not fail"));
+        for s in &dose.structures {
+            write!(out, "\n  {:<24}", s.name).expect("writing to a string does not fail");
+            for v in [s.volume_ml, s.mean, s.max, s.d95, s.d50, s.d2, s.d003cc] {
+                write!(out, "{v:>9.2}").expect("writing to a string does not fail");
+            }
+            for v in &s.v {
+                write!(out, "  V{} {:.1} %", v.gy, v.percent).expect("writing to a string does not fail");
+            }
+            if s.outside_ml > 0.0 {
+                write!(out, "  ({:.1} ml outside the dose grid)", s.outside_ml)
+                    .expect("writing to a string does not fail");
+            }
+        }
+        out.push('\n');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dose::Share;
+
+    fn one() -> DoseDvh {
+        let s = Dvh {
+            name: "cord, left".into(),
+            volume_ml: 2.0,
+            mean: 10.0,
+            max: 20.0,
+            cumulative: vec![1.0, 0.5],
+            bin: 10.0,
+            v: vec![Share { gy: 20.0, percent: 12.5 }],
+            ..Dvh::default()
+        };
+        DoseDvh { name: "plan".into(), structures: vec![s] }
+    }
+
+    #[test]
+    fn tables_hold_the_figures() {
+        let text = String::from_utf8(curves(&[one()]).unwrap()).unwrap();
+        assert!(text.contains("plan,\"cord, left\",10.000,50.0000"), "{text}");
+        let text = String::from_utf8(figures(&[one()]).unwrap()).unwrap();
+        assert!(
+            text.starts_with("dose,structure,volume_ml")
+                && text.contains("v20gy_percent")
+                && text.trim().ends_with("12.5000"),
+            "{text}"
+        );
+        assert!(dvh_table(&[one()]).contains("V20 12.5 %"));
+        assert!(plot(&[one()]).height() > 600);
+    }
+}

@@ -1,0 +1,61 @@
+//! Rank 8: from an outcome to the files that people read.
+//!
+//! [`write()`] puts the evidence of a run into a folder: `report.html`, one page that a physicist reads top to bottom;
+//! `report.json`, its numbers with everything needed to run again; `landmarks.csv`; `bone_transforms.json`; and the
+//! pictures under `report/`. [`terminal_table`] is the short version for the screen.
+
+mod canvas;
+mod chart;
+mod colour;
+mod concepts;
+mod csv;
+mod curve;
+pub mod dose;
+pub mod evaluation;
+#[cfg(test)]
+mod example;
+mod html;
+mod numbers;
+mod pictures;
+mod plane;
+mod plot;
+mod study;
+mod table;
+mod transforms;
+
+pub use concepts::write_concepts;
+pub use csv::write_landmarks;
+pub use curve::{CurveEntry, Peer, write_curve};
+pub use html::page;
+pub use numbers::{OutputFile, Report, Run};
+pub use pictures::{Picture, draw};
+pub use study::{StageRecord, finished_stage, write_stage, write_study};
+pub use table::terminal_table;
+pub use transforms::write_bone_transforms;
+
+use crate::error::{Error, Result};
+use crate::io::{write_file, write_json};
+use crate::pipeline::{Case, Outcome};
+use std::path::Path;
+
+/// Writes the report of a run, with the pictures that [`draw`] made of it, into `folder` and returns its numbers.
+///
+/// # Errors
+/// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
+pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run, mut pictures: Vec<Picture>) -> Result<Report> {
+    let pictures_folder = folder.join("report");
+    std::fs::create_dir_all(&pictures_folder)
+        .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
+    pictures.extend(pictures::material(&run.settings)?);
+    pictures::write(&pictures_folder, &pictures)?;
+    let report = Report::new(case, outcome, run);
+    write_json(folder.join("report.json"), &report)?;
+    if let Some(landmarks) = &report.landmarks {
+        write_landmarks(&folder.join("landmarks.csv"), landmarks)?;
+    }
+    let transforms = report.bones.iter().map(|b| (b.name.as_str(), &b.transform));
+    write_bone_transforms(&folder.join("bone_transforms.json"), transforms)?;
+    let page = page(&report, &pictures);
+    write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
+    Ok(report)
+}

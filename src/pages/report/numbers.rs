@@ -1,0 +1,223 @@
+//! The numbers of a run: what `report.json` holds and the page shows.
+
+use crate::chainmail::{LetGo, LinkReport};
+use crate::error::{Error, Result};
+use crate::evaluate::contact::ContactReport;
+use crate::evaluate::jacobian::JacobianReport;
+use crate::evaluate::landmark::LandmarkReport;
+use crate::evaluate::rigidity::BoneRigidity;
+use crate::evaluate::uncertainty::UncertaintyReport;
+use crate::field::{ConsistencyReport, InverseReport};
+use crate::fit::BoneFit;
+use crate::geometry::Grid;
+use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
+use crate::runtime::{StageTime, peak_memory};
+use crate::skeleton::Pose;
+use crate::warning::Warning;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// How a run was started, as far as the outcome does not know it.
+#[derive(Debug, Clone, Default)]
+pub struct Run {
+    /// The command line.
+    pub command: String,
+    /// The settings it ran with, defaults resolved.
+    pub settings: serde_json::Value,
+    /// Number of threads.
+    pub threads: usize,
+    /// Files that were written beside the report.
+    pub outputs: Vec<OutputFile>,
+}
+
+/// A file that a run wrote.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OutputFile {
+    /// Its name inside the output folder.
+    pub name: String,
+    /// What it holds, in words: grid, direction, unit.
+    pub what: String,
+}
+
+/// The numbers of a run. Lengths in mm, positions in LPS mm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Version of aventail.
+    pub version: String,
+    /// When the report was made, seconds since 1970-01-01 UTC.
+    pub created: u64,
+    /// The command line.
+    pub command: String,
+    /// Input files with checksums.
+    pub inputs: Vec<InputFile>,
+    /// The settings it ran with, defaults resolved.
+    pub settings: serde_json::Value,
+    /// Grid of the planning CT.
+    pub planning_grid: Grid,
+    /// Grid of the fraction CT.
+    pub fraction_grid: Grid,
+    /// Couch shift and difference of scanner origins, planning to fraction.
+    pub couch_shift: Vector3<f64>,
+    /// Each bone's fit.
+    pub bones: Vec<BoneFit>,
+    /// Motion of each joint, in the order of the bones.
+    pub pose: Pose,
+    /// How rigidly the field moves each bone.
+    pub rigidity: Vec<BoneRigidity>,
+    /// Jacobian characteristics.
+    pub jacobian: JacobianReport,
+    /// Bones that overlap or come apart, and skin on skin.
+    #[serde(default)]
+    pub contact: ContactReport,
+    /// Volumes that were asked to change.
+    #[serde(default)]
+    pub volume_changes: Vec<VolumeReached>,
+    /// How far the result may be trusted, when it was asked for.
+    pub uncertainty: Option<UncertaintyReport>,
+    /// Waves that were let go, and the most that this can change; where a bound is known.
+    #[serde(default)]
+    pub let_go: Option<LetGo>,
+    /// Chain-mail links.
+    pub links: LinkReport,
+    /// Quality of the inverse.
+    pub inverse: InverseReport,
+    /// Planning to fraction and back through both fields.
+    pub consistency: ConsistencyReport,
+    /// Landmark residuals, when landmarks were given.
+    pub landmarks: Option<LandmarkReport>,
+    /// Warnings.
+    pub warnings: Vec<Warning>,
+    /// Wall time of each stage.
+    pub stages: Vec<StageTime>,
+    /// Number of threads.
+    pub threads: usize,
+    /// Peak resident memory, bytes, where the system tells.
+    pub peak_memory: Option<u64>,
+    /// Files that were written beside the report.
+    pub outputs: Vec<OutputFile>,
+}
+
+impl Report {
+    /// Reads the `report.json` of a run; `remedy`: what to do where it is none.
+    ///
+    /// # Errors
+    /// [`Error::Read`] when the file cannot be read or is no report.
+    pub fn read(path: &Path, remedy: &str) -> Result<Self> {
+        let text = std::fs::read(path).map_err(|e| Error::read(path, e.to_string(), remedy))?;
+        serde_json::from_slice(&text).map_err(|e| Error::read(path, format!("it is no report of a run ({e})"), remedy))
+    }
+
+    /// As JSON for machines; its code is made here, once.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Internal`] when a value has no JSON.
+    pub fn json(&self) -> Result<String> {
+        crate::io::json(self)
+    }
+
+    /// Gathers the numbers of a run; peak memory and time are of now.
+    pub fn new(case: &Case, outcome: &Outcome, run: &Run) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
+            command: run.command.clone(),
+            inputs: case.inputs.clone(),
+            settings: run.settings.clone(),
+            planning_grid: case.planning.grid().clone(),
+            fraction_grid: case.fraction.grid().clone(),
+            couch_shift: outcome.couch_shift,
+            bones: outcome.bone_fits.clone(),
+            pose: outcome.pose.clone(),
+            rigidity: outcome.rigidity.clone(),
+            jacobian: outcome.jacobian_report.clone(),
+            contact: outcome.contact.clone(),
+            volume_changes: outcome.volume_changes.clone(),
+            uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
+            let_go: outcome.let_go,
+            links: outcome.links,
+            inverse: outcome.inverse,
+            consistency: outcome.consistency,
+            landmarks: outcome.landmarks.clone(),
+            warnings: outcome.warnings.clone(),
+            stages: outcome.stages.clone(),
+            threads: run.threads,
+            peak_memory: peak_memory(),
+            outputs: run.outputs.clone(),
+        }
+    }
+
+    /// Wall time of all stages, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.stages.iter().map(|s| s.seconds).sum()
+    }
+
+    /// Largest departure of any bone from rigid motion, root mean square, mm, and the bone.
+    pub fn least_rigid(&self) -> Option<&BoneRigidity> {
+        self.rigidity.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))
+    }
+
+    /// Number of bones that the image determined.
+    pub fn bones_by_image(&self) -> usize {
+        self.bones.iter().filter(|b| b.determined_by == "image").count()
+    }
+}
+
+/// A count with its thousands set apart by thin spaces, as `2 118 297`.
+pub(super) fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{202f}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// Date and time in UTC, as `2026-11-21 03:05 UTC`, of seconds since 1970.
+pub(super) fn utc(seconds: u64) -> String {
+    // Civil date from day number: Hinnant, "chrono-compatible low-level date algorithms", with years from March.
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * from_march + 2) / 5 + 1;
+    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    let year = 400 * era + year_of_era + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02} {:02}:{:02} UTC", rest / 3_600, rest / 60 % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::example;
+
+    #[test]
+    fn dates() {
+        assert_eq!(utc(0), "1970-01-01 00:00 UTC");
+        assert_eq!(utc(951_782_399), "2000-02-28 23:59 UTC");
+        assert_eq!(utc(951_782_400), "2000-02-29 00:00 UTC");
+        assert_eq!(utc(1_795_230_300), "2026-11-21 03:05 UTC");
+    }
+
+    #[test]
+    fn thousands_stand_apart() {
+        assert_eq!([0, 999, 1_000, 2_118_297].map(count), ["0", "999", "1\u{202f}000", "2\u{202f}118\u{202f}297"]);
+    }
+
+    #[test]
+    fn json_round_trip() {
+        let (case, outcome, run) = example::small();
+        let report = Report::new(&case, &outcome, &run);
+        let text = serde_json::to_string(&report).unwrap();
+        let back: Report = serde_json::from_str(&text).unwrap();
+        assert_eq!(back, report);
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(value["inputs"][0]["sha256"].as_str().unwrap().len(), 64);
+        assert_eq!(value["settings"], run.settings);
+    }
+}

@@ -1,0 +1,170 @@
+//! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
+
+use super::Case;
+use super::carry::{bone_of_label, images_pull, tissue};
+use super::contact;
+use super::register::{check_image, check_labels};
+use super::study::LINKING;
+use super::uncertainty::{self, alone_mm};
+use crate::body;
+use crate::chainmail::{Mail, Organs, organ_label};
+use crate::config::{Config, SoftTissue};
+use crate::error::Result;
+use crate::evaluate::contact::RestingBones;
+use crate::evaluate::uncertainty::PlanningSide;
+use crate::evaluate::{self, CellKinds};
+use crate::field;
+use crate::fit::{BoneSamples, LandmarkUse};
+use crate::refine::PlanningSamples;
+use crate::runtime::Runtime;
+use crate::skeleton::{self, Skeleton};
+use crate::volume::Mask;
+use crate::warning::Warning;
+
+/// What every way to move the bones begins with: the skeleton and the patient.
+pub(super) struct Patient {
+    pub(super) skeleton: Skeleton,
+    /// Inside of the skin in the planning CT.
+    pub(super) body: Mask,
+    /// What was found on the way.
+    pub(super) warnings: Vec<Warning>,
+}
+
+impl Patient {
+    /// Finds skeleton and patient in the planning side of a case.
+    pub(super) fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
+        Ok(Self::new_beside(case, config, runtime, |_| ())?.0)
+    }
+
+    /// As [`Patient::new`], with what `work` makes of the skeleton while the patient is looked for, for the most part by one
+    /// thread.
+    fn new_beside<T: Send>(
+        case: &Case,
+        config: &Config,
+        runtime: &Runtime,
+        work: impl FnOnce(&Skeleton) -> T + Send,
+    ) -> Result<(Self, T)> {
+        check_labels(case)?;
+        let (skeleton, warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+        // Wrong names are found before the long work begins.
+        let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
+        Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
+        for change in &config.chainmail.volume_change {
+            organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
+        }
+        let find = || body::find(&case.planning, Some(&case.bones), &config.body);
+        let (body, made) = runtime.stage("find the patient", || rayon::join(find, || work(&skeleton)));
+        Ok((Self { skeleton, body: body?, warnings }, made))
+    }
+}
+
+/// What bones and tissue are before anything moves.
+pub(super) struct Resting {
+    /// The bones' surfaces.
+    pub(super) bones: RestingBones,
+    /// The chain mail; `None` where another model carries the motion.
+    pub(super) mail: Option<Mail>,
+    /// What its elements show in the planning CT.
+    pub(super) samples: PlanningSamples,
+    /// The voxels of tissue, which count.
+    pub(super) tissue: Mask,
+    /// The voxels near bones that touch.
+    pub(super) beside_contact: Mask,
+    /// What the cells between them hold.
+    pub(super) cells: CellKinds,
+    /// The planning side of the uncertainty; `None` where no map of it is asked for.
+    pub(super) side: Option<PlanningSide>,
+}
+
+impl Resting {
+    /// Of a case or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
+    ///
+    /// # Errors
+    /// As [`Mail::new`].
+    pub(super) fn new(
+        case: &Case,
+        (skeleton, body): (&Skeleton, &Mask),
+        mapped: bool,
+        config: &Config,
+        runtime: &Runtime,
+    ) -> Result<Self> {
+        runtime.stage(LINKING, || {
+            let options = &config.chainmail;
+            let mapped = mapped && config.output.uncertainty;
+            let bone_of_label = bone_of_label(skeleton);
+            let mail = || {
+                let alone = (mapped && images_pull(config)).then(|| alone_mm(options));
+                Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
+            };
+            let wanted = config.soft_tissue == SoftTissue::ChainMail;
+            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body))).transpose();
+            let bones = || contact::resting(&case.bones, skeleton);
+            let cells = || {
+                let tissue = evaluate::jacobian::tissue(body, &case.planning);
+                let rigid = skeleton.labels_and_names();
+                let cells = CellKinds::new(&tissue, &case.bones, &rigid, &config.sliding.pairs(&rigid));
+                (tissue, cells)
+            };
+            let mail = || wanted.then(mail).transpose();
+            let contact = || {
+                let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
+                field::beside_contact(case.bones.volume.grid(), &bone)
+            };
+            let bones = || rayon::join(bones, contact);
+            let (((bones, beside_contact), side), ((tissue, cells), mail)) =
+                rayon::join(|| rayon::join(bones, side), || rayon::join(cells, mail));
+            Ok(Self {
+                bones,
+                mail: mail?,
+                samples: PlanningSamples::default(),
+                tissue,
+                beside_contact: beside_contact?,
+                cells,
+                side: side?,
+            })
+        })
+    }
+}
+
+/// The planning side of a registration. Results are the same bits whether fractions share one or each has its own.
+pub struct Planning {
+    pub(super) patient: Patient,
+    /// Of the whole scan; a region of interest has its own.
+    pub(super) resting: Option<Resting>,
+    /// Each bone's look in the planning CT; `None` where landmarks alone place the bones.
+    pub(super) samples: Option<BoneSamples>,
+}
+
+impl Planning {
+    /// Prepares the planning side of a case; its fraction plays no part.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Input`] when planning CT and labels do not fit each other.
+    pub fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
+        check_image("planning CT", &case.planning)?;
+        let by_landmarks = !case.bone_landmarks.is_empty() && config.fit.bone_landmarks == LandmarkUse::Replace;
+        let draw = |skeleton: &Skeleton| {
+            (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
+        };
+        let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
+        let resting = || Resting::new(case, (&patient.skeleton, &patient.body), true, config, runtime);
+        let resting = (!config.region.is_some()).then(resting).transpose()?;
+        Ok(Self { patient, resting, samples })
+    }
+}
+
+/// The user's skeleton, or the one that the labels give.
+fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
+    let built = skeleton::build(&case.bones)?;
+    let mut warnings = built.warnings;
+    let ignored: Vec<&str> =
+        built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.names_organ(n)).collect();
+    if !ignored.is_empty() {
+        let list = ignored.join(", ");
+        warnings.push(Warning::new(
+            "labels-ignored",
+            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
+        ));
+    }
+    Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
+}
