@@ -32,6 +32,14 @@ const fn warned(code: &'static str, reason: &'static str, remedy: &'static str) 
     Finding { code, told: Told::Warned, reason, remedy }
 }
 
+const fn refused(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::Refused, reason, remedy }
+}
+
+const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::RefusedOrWarned, reason, remedy }
+}
+
 /// All findings, by code.
 pub const FINDINGS: &[Finding] = &[
     warned(
@@ -60,9 +68,19 @@ pub const FINDINGS: &[Finding] = &[
         "Give names with --labels.",
     ),
     warned(
+        "bones-lost",
+        "A share of the bones in view, by volume, is not found in the fraction CT.",
+        "Look at the bones named in the fusion images before anything else.",
+    ),
+    warned(
         "bones-meet",
         "Cells between touching bones are folded: rigid bones slide or collide there.",
         "Do not trust the field in the joint itself.",
+    ),
+    refused(
+        "bones-not-found",
+        "Less than half of the bones in view, by volume, are found in the fraction CT.",
+        "Give two CTs of one patient and region, or place the bones with --bone-landmarks.",
     ),
     warned("bones-overlap", "Moved bones lie in each other.", "Check labels and fusion images of the two bones."),
     warned(
@@ -86,6 +104,26 @@ pub const FINDINGS: &[Finding] = &[
         "See the Jacobian map; do not map dose there.",
     ),
     warned("folds-in-steep-dose", "The field folds where the dose is steep.", "Do not trust the mapped dose there."),
+    refused(
+        "fraction-mirrored",
+        "The fraction CT shows the mirror image of the planning CT: mirrored left to right, the bones explain it better.",
+        "Correct the x axis of the wrong header, after a look at the heart, the liver or a marked side.",
+    ),
+    refused_or_warned(
+        "fraction-scaled",
+        "The fraction CT shows the planning CT's bones at another scale along an axis.",
+        "Compare voxel spacing and slice thickness of both files with their DICOM series.",
+    ),
+    refused(
+        "fraction-turned",
+        "No bones are found; turned or mirrored otherwise they would be.",
+        "Correct the direction in the wrong header, or give scans of one position of the patient.",
+    ),
+    warned(
+        "hu-doubtful",
+        "Air does not lie near -1000 HU: the HU look scaled.",
+        "Compare RescaleSlope and RescaleIntercept with the DICOM series.",
+    ),
     warned(
         "input-changed",
         "A file is not the one that the recorded run has read.",
@@ -98,9 +136,25 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned("joint-limit", "A joint lies beyond its soft range.", "Check the label and the fusion images."),
     warned(
+        "label-doubtful",
+        "A bone's label hardly stands out from what is beside it, or holds air.",
+        "Look at it in a viewer.",
+    ),
+    warned("label-on-wrong-side", "A few labels lie on the other side than their names say.", "Check these labels."),
+    warned(
         "labels-ignored",
         "Labels that are no bones of the skeleton were ignored.",
         "Rename them if they are bones.",
+    ),
+    refused(
+        "labels-mirrored",
+        "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
+        "Write labels and CT anew from the DICOM series, and check the side of a known structure.",
+    ),
+    refused(
+        "labels-off-bone",
+        "The bone labels do not lie on the bones of the planning CT.",
+        "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
     ),
     warned(
         "no-inverse",
@@ -116,6 +170,11 @@ pub const FINDINGS: &[Finding] = &[
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",
         "Check that it is a CT in HU.",
+    ),
+    refused(
+        "not-in-hu",
+        "An image that must be a CT in HU has no air or no soft tissue where HU have them.",
+        "Set slope and offset as the DICOM series has them, or give the CT: the message names what would mend it.",
     ),
     warned(
         "not-scaled",
@@ -138,6 +197,11 @@ pub const FINDINGS: &[Finding] = &[
         "Find out which one is right, and write the file anew.",
     ),
     warned(
+        "side-unsure",
+        "The bones are too nearly symmetric to tell a mirrored fraction CT from a true one.",
+        "Check left and right in the fusion images.",
+    ),
+    warned(
         "skin-meets-skin",
         "The moved patient lies on himself: skin passes through skin.",
         "Do not trust dose or contours there.",
@@ -149,6 +213,11 @@ pub const FINDINGS: &[Finding] = &[
         "uncertain-field-in-steep-dose",
         "The field's own residual changes the dose by more than 1 % of its maximum.",
         "Do not trust the mapped dose there.",
+    ),
+    warned(
+        "vertebra-missing",
+        "A vertebra is missing between others, or two lie too far apart.",
+        "Check the numbering.",
     ),
     warned("volume-change", "Organs did not change their volume as asked.", "See the table of volumes in the report."),
     warned("weak-start", "The couch shift explains little of the bones' contrast.", "Look at the fusion images first."),

@@ -6,4 +6,5 @@ use aventail_base::{error, geometry, progress, stats, volume, warning};
 use aventail_measures::evaluate;
 
 pub mod fit;
+pub mod plausibility;
 pub mod skeleton;

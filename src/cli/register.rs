@@ -8,7 +8,7 @@ use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io;
-use crate::pipeline::{Case, Outcome, Planning, memory_estimate, register, register_fraction};
+use crate::pipeline::{Case, Outcome, Planning, check_fraction, memory_estimate, register, register_fraction};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, Run};
 use crate::runtime::Runtime;
@@ -55,6 +55,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         let expected = memory_estimate(side.case.planning.grid(), side.case.fraction.grid(), &config);
         runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
         within_memory(expected, args.max_memory)?;
+        check_fraction(&side.case.fraction, &config)?;
         let planning = match &planning {
             Some(planning) => planning,
             None => planning.insert(Planning::new(&side.case, &config, &runtime)?),

@@ -37,12 +37,15 @@ pub struct BoneFit {
     /// its joints.
     pub determined_by: String,
 }
+mod accept;
 mod given;
 mod lie;
+mod mirror;
 mod planning;
 mod prior;
 mod problem;
 mod samples;
+mod scale;
 mod schedule;
 mod similarity;
 mod solver;

@@ -1,10 +1,12 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
+use super::accept::{LEAST_FOUND, accept, found_share, not_found};
 use super::given::{GivenMotion, given};
 use super::planning::{BoneSamples, Drawn};
 use super::prior::{limit_excess, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
+use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::common_motions;
@@ -42,10 +44,6 @@ const WEAK_START: f64 = 0.4;
 /// A bone whose position the image and its joints leave open by more than this (standard deviation, mm) follows its joints:
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
-
-/// A fit that finds less than this share of the bone volume in view is no registration: a bone or two can always be
-/// matched to something.
-const LEAST_FOUND: f64 = 0.3;
 
 /// Coarser passes stop when nothing moves by this share of their blur: a finer one follows.
 const PASSING: f64 = 0.01;
@@ -120,24 +118,18 @@ pub fn fit_pose(
     };
     let mut refused = None;
     for begin in starts {
-        let (fit, found) = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
+        let (mut fit, found, scale) = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
         if found >= LEAST_FOUND {
+            accept(&mut fit, (&scale, found), (&level.drawn.all, &level.fraction), options.measure)?;
             return Ok(fit);
         }
         // What is said of the best start.
-        refused.get_or_insert_with(|| {
-            Error::registration(
-                format!(
-                    "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
-                    100.0 * found.max(0.0),
-                    fit.bones.iter().filter(|b| b.determined_by == "image").count(),
-                    fit.bones.len()
-                ),
-                "check that both CTs show the same patient and a common body region, in HU",
-            )
-        });
+        refused.get_or_insert((fit, found, scale));
     }
-    Err(refused.unwrap_or_else(|| Error::Internal("a fit without a start".into())))
+    let (fit, found, scale) = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
+    scale.judge()?;
+    let coarse = (&level.drawn.all, &level.fraction);
+    Err(not_found((&fit, found), coarse, (samples, fraction), options)?)
 }
 
 /// Where a fit begins.
@@ -162,14 +154,14 @@ impl<'a> Fitter<'a> {
         Self { skeleton, options, centres, radii, nothing }
     }
 
-    /// The fit from a start, and the share of the bones in view that it has found. `fresh`: no bone has a guess of its own.
+    /// The fit from a start, the share of the bones in view that it has found, and the scale of the fraction. `fresh`: no bone has a guess of its own.
     fn from(
         &self,
         Start { common, share, mut transforms }: Start,
         (samples, fraction): (&'a BoneSamples, &Volume<f32>),
         fresh: bool,
         progress: &dyn Progress,
-    ) -> Result<(FitResult, f64)> {
+    ) -> Result<(FitResult, f64, Scale)> {
         let (skeleton, options) = (self.skeleton, self.options);
         let steps = 1 + options.outward.len() + options.levels.len();
         let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
@@ -203,6 +195,10 @@ impl<'a> Fitter<'a> {
         let after = self.evaluate(&level, &transforms);
         let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
         let found = found_share(skeleton, &bones);
+        let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == "image").collect();
+        let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
+        let drawn = &level.drawn.bones;
+        let scale = scale(drawn, &transforms, (&determined, apart), &level.fraction, options.measure);
         let weak = || {
             let problem = format!(
                 "the couch shift explains only {:.0} % of the bone contrast; look at the fusion images",
@@ -212,7 +208,7 @@ impl<'a> Fitter<'a> {
         };
         let warnings = if share < WEAK_START { vec![weak()] } else { Vec::new() };
         let pose = skeleton.pose_of(&transforms);
-        Ok((FitResult { pose, transforms, bones, common, common_share: share, warnings }, found))
+        Ok((FitResult { pose, transforms, bones, common, common_share: share, warnings }, found, scale))
     }
 
     fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
@@ -423,16 +419,6 @@ impl<'a> Fitter<'a> {
             })
             .collect()
     }
-}
-
-/// Share of the bone volume in view that the image determines; 0 when none is in view.
-fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
-    let volume = |only_found: bool| -> f64 {
-        let bones = skeleton.bones.iter().zip(fits).filter(|(_, f)| !only_found || f.determined_by == "image");
-        bones.map(|(b, f)| b.volume_mm3 * f.visible).sum()
-    };
-    let in_view = volume(false);
-    if in_view > 0.0 { volume(true) / in_view } else { 0.0 }
 }
 
 /// Standard deviation in the worst direction of the three parameters that begin at a position, from the curvature at

@@ -10,6 +10,7 @@ use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
+use crate::plausibility::CheckOptions;
 use crate::refine::RefineOptions;
 use crate::skeleton::SlidingOptions;
 use crate::volume::region::RegionOptions;
@@ -23,6 +24,8 @@ use std::path::{Path, PathBuf};
 pub struct Config {
     /// What the settings started from.
     pub preset: Preset,
+    /// What the checks of the inputs may do.
+    pub checks: CheckOptions,
     /// Finding the patient.
     pub body: BodyOptions,
     /// Fitting the skeleton.

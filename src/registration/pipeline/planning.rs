@@ -15,6 +15,7 @@ use crate::evaluate::uncertainty::PlanningSide;
 use crate::evaluate::{self, CellKinds};
 use crate::field;
 use crate::fit::{BoneSamples, LandmarkUse};
+use crate::plausibility::{labels_on_bone, sides_and_levels};
 use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
@@ -45,7 +46,8 @@ impl Patient {
         work: impl FnOnce(&Skeleton) -> T + Send,
     ) -> Result<(Self, T)> {
         check_labels(case)?;
-        let (skeleton, warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+        let (skeleton, mut warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
+        warnings.extend(runtime.stage("check inputs", || check_planning(case, &skeleton, config))?);
         // Wrong names are found before the long work begins.
         let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
         Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
@@ -141,7 +143,6 @@ impl Planning {
     /// # Errors
     /// [`crate::error::Error::Input`] when planning CT and labels do not fit each other.
     pub fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
-        check_image("planning CT", &case.planning)?;
         let by_landmarks = !case.bone_landmarks.is_empty() && config.fit.bone_landmarks == LandmarkUse::Replace;
         let draw = |skeleton: &Skeleton| {
             (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
@@ -151,6 +152,14 @@ impl Planning {
         let resting = (!config.region.is_some()).then(resting).transpose()?;
         Ok(Self { patient, resting, samples })
     }
+}
+
+/// Judges planning CT and labels by themselves and against each other.
+fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+    let mut warnings = check_image("planning CT", &case.planning, config)?;
+    warnings.extend(config.checks.told(sides_and_levels(&case.bones))?);
+    warnings.extend(config.checks.told(labels_on_bone(skeleton, &case.planning, &case.bones))?);
+    Ok(warnings)
 }
 
 /// The user's skeleton, or the one that the labels give.

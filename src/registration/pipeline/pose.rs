@@ -2,7 +2,7 @@
 
 use super::carry::{OUTSIDE_HU, carry_out};
 use super::planning::{Patient, Resting};
-use super::register::{check_image, fit_warnings};
+use super::register::fit_warnings;
 use super::{Case, Outcome};
 use crate::config::Config;
 use crate::error::{Error, Result};
@@ -38,7 +38,6 @@ pub fn pose(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Case, Outcome)> {
-    check_image("planning CT", &case.planning)?;
     let Patient { skeleton, body, warnings } = Patient::new(&case, config, runtime)?;
     let fit = given(&skeleton, &known(&case, &skeleton, motion)?)?;
     let warnings = [case.warnings.as_slice(), &warnings, &fit_warnings(&fit)].concat();

@@ -9,6 +9,7 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{FitResult, fit_pose, from_landmarks, given};
 use crate::geometry::Grid;
+use crate::plausibility::in_hounsfield;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume};
@@ -19,6 +20,7 @@ use crate::warning::Warning;
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
+    check_fraction(&case.fraction, config)?;
     register_fraction(case, &Planning::new(case, config, runtime)?, config, runtime)
 }
 
@@ -27,7 +29,7 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
 /// # Errors
 /// As [`register`].
 pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    check_image("fraction CT", &case.fraction)?;
+    let odd = check_fraction(&case.fraction, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
     let placed = match case.bone_landmarks.as_slice() {
         [] => None,
@@ -44,7 +46,7 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction_body) = runtime.stage("fit skeleton", || rayon::join(fit, patient));
     let (fit, fraction_body) = (fit?, fraction_body.transpose()?);
-    let warnings = [&case.warnings, warnings, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    let warnings = [&case.warnings, warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
         let fraction_body = fraction_body.map(|whole| part_of_body(&whole, part.fraction.grid()));
@@ -108,8 +110,16 @@ pub(super) fn check_labels(case: &Case) -> Result<()> {
     Ok(())
 }
 
+/// Judges the fraction of a case by itself, in little time: before anything long begins.
+///
+/// # Errors
+/// [`Error::Input`] where it is no CT in HU.
+pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
+    check_image("fraction CT", fraction, config)
+}
+
 /// An image that can show a patient.
-pub(super) fn check_image(what: &str, image: &Volume<f32>) -> Result<()> {
+pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
     if image.grid().size().iter().any(|&n| n < 4) {
         return Err(Error::input(
             what,
@@ -121,7 +131,7 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>) -> Result<()> {
     if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
         return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
     }
-    Ok(())
+    config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
 }
 
 /// Bones that the user should look at.
