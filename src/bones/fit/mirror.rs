@@ -8,7 +8,7 @@ use super::problem::{Body, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
 use super::solver::solve;
-use super::start::common_motions;
+use super::start::upright_motions;
 use super::tissue::Tissue;
 use crate::error::{Error, Result};
 use crate::geometry::Rigid;
@@ -140,7 +140,7 @@ pub(super) fn likely_way(
     measure: Measure,
 ) -> Option<(&'static str, f64)> {
     let of_way = |(name, map): (&'static str, Matrix3<f64>)| {
-        let starts = common_motions(&under(samples, &map), coarse, measure).ok()?;
+        let starts = upright_motions(&under(samples, &map), coarse, measure).ok()?;
         let placed = under_same(fine_samples, samples, &map);
         let bones = Bones::new(&placed);
         let shares = starts.iter().filter_map(|(t, _)| bones.explained(fine, t, measure).ok());

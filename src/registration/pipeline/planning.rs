@@ -138,6 +138,11 @@ pub struct Planning {
 }
 
 impl Planning {
+    /// What was found of the planning side.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.patient.warnings
+    }
+
     /// Prepares the planning side of a case; its fraction plays no part.
     ///
     /// # Errors

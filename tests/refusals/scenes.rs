@@ -1,0 +1,195 @@
+//! The table of scenes.
+
+use aventail::geometry::Grid;
+use aventail::pipeline::Case;
+use aventail::volume::Volume;
+use nalgebra::{Point3, Rotation3, Vector3};
+
+/// How a scene must end.
+#[derive(Debug, Clone, Copy)]
+pub enum Expected {
+    /// Refused by one of these codes.
+    Refused(&'static [&'static str]),
+    /// Done, with this warning.
+    Warned(&'static str),
+    /// Done, without a word about the inputs.
+    Silent,
+}
+
+/// One scene.
+pub struct Scene {
+    pub name: &'static str,
+    pub change: fn(&mut Case),
+    pub expected: Expected,
+}
+
+const fn scene(name: &'static str, change: fn(&mut Case), expected: Expected) -> Scene {
+    Scene { name, change, expected }
+}
+
+/// Warnings that speak of the inputs.
+pub const OF_INPUTS: [&str; 8] = [
+    "hu-doubtful",
+    "label-doubtful",
+    "label-on-wrong-side",
+    "vertebra-missing",
+    "side-unsure",
+    "fraction-scaled",
+    "bones-lost",
+    "weak-start",
+];
+
+use Expected::{Refused, Silent, Warned};
+
+const OFF: Expected = Refused(&["labels-off-bone"]);
+const NO_HU: Expected = Refused(&["not-in-hu"]);
+const TURNED: Expected = Refused(&["fraction-mirrored", "fraction-turned", "bones-not-found"]);
+const SCALED: Expected = Refused(&["fraction-scaled", "bones-not-found"]);
+
+/// What planning CT, labels and fraction CT say by themselves.
+pub const INPUTS: [Scene; 26] = [
+    scene("as they are", |_| {}, Silent),
+    scene("labels 12 mm to the left", |c| shift(c, [12.0, 0.0, 0.0]), OFF),
+    scene("labels 15 mm to the back", |c| shift(c, [0.0, 15.0, 0.0]), OFF),
+    scene("labels 12 mm too low", |c| shift(c, [0.0, 0.0, -12.0]), OFF),
+    scene("labels 30 mm too high", |c| shift(c, [0.0, 0.0, 30.0]), OFF),
+    scene("labels 30 mm aside", |c| shift(c, [30.0, 0.0, 0.0]), OFF),
+    scene("labels reversed left to right", |c| reverse_labels(c, 0), Refused(&["labels-mirrored"])),
+    scene("labels reversed front to back", |c| reverse_labels(c, 1), Refused(&["labels-mirrored"])),
+    scene("labels reversed head to foot", |c| reverse_labels(c, 2), Refused(&["labels-mirrored"])),
+    scene(
+        "left and right exchanged in the names",
+        |c| {
+            let other = |n: &String| match (n.contains("_left"), n.contains("_right")) {
+                (true, _) => n.replace("_left", "_right"),
+                (_, true) => n.replace("_right", "_left"),
+                _ => n.clone(),
+            };
+            c.bones.names.values_mut().for_each(|n| *n = other(n));
+        },
+        Refused(&["labels-mirrored"]),
+    ),
+    scene(
+        "planning CT and labels mirrored alike",
+        |c| {
+            reverse_labels(c, 0);
+            c.planning = reversed(&c.planning, 0);
+        },
+        Refused(&["labels-mirrored"]),
+    ),
+    scene("a level without a label", |c| c.bones.names.retain(|_, n| n != "vertebrae_C4"), Warned("vertebra-missing")),
+    scene("planning CT + 1024", |c| c.planning = c.planning.map(|v| v + 1024.0), NO_HU),
+    scene("fraction CT + 1024", |c| c.fraction = c.fraction.map(|v| v + 1024.0), NO_HU),
+    scene(
+        "both CTs + 1024",
+        |c| {
+            c.planning = c.planning.map(|v| v + 1024.0);
+            c.fraction = c.fraction.map(|v| v + 1024.0);
+        },
+        NO_HU,
+    ),
+    scene("fraction CT inverted", |c| c.fraction = c.fraction.map(|v| -v), NO_HU),
+    scene("fraction CT clipped at 0", |c| c.fraction = c.fraction.map(|v| v.max(0.0)), NO_HU),
+    scene(
+        "a dose for the fraction CT",
+        |c| c.fraction = c.fraction.map(|v| (v + 1100.0).clamp(0.0, 2000.0) / 30.0),
+        NO_HU,
+    ),
+    scene("labels for the fraction CT", |c| c.fraction = c.bones.volume.map(|v| f32::from(*v)), NO_HU),
+    scene("fraction CT with slope 0.6", |c| c.fraction = c.fraction.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene("planning CT with slope 0.6", |c| c.planning = c.planning.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene("padding of -1024", |c| pad(c, -1024.0), Silent),
+    scene("padding of -2000", |c| pad(c, -2000.0), Silent),
+    scene("padding of -3024", |c| pad(c, -3024.0), Silent),
+    scene("padding of -32768", |c| pad(c, -32768.0), Silent),
+    scene("padding of 0", |c| pad(c, 0.0), Silent),
+];
+
+/// What the fit finds of a phantom that is nearly the same left and right.
+pub const ALIKE: [Scene; 4] = [
+    scene("as it is", |_| {}, Silent),
+    scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
+    scene("slices 10 % too thick", |c| stretch(c, 2, 1.1), SCALED),
+    scene("turned by 180 degrees", |c| turn(c, 180.0), TURNED),
+];
+
+/// What the fit finds of a real patient.
+pub const FRACTION: [Scene; 5] = [
+    scene("as it is", |_| {}, Silent),
+    scene("a metre away", |c| away(c, 1000.0), Silent),
+    scene("left to right", |c| c.fraction = reversed(&c.fraction, 0), TURNED),
+    scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
+    scene("slices 10 % too thin", |c| stretch(c, 2, 0.9), SCALED),
+];
+
+/// Voxels in reverse order along an axis, under the same header.
+fn reversed<T: Copy + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> {
+    let grid = image.grid();
+    Volume::from_fn(grid.clone(), |n| {
+        let mut at = grid.voxel(n);
+        at[axis] = grid.size()[axis] - 1 - at[axis];
+        *image.at(at)
+    })
+}
+
+fn reverse_labels(case: &mut Case, axis: usize) {
+    case.bones.volume = reversed(&case.bones.volume, axis);
+}
+
+/// Labels moved by whole voxels that come nearest to this, LPS mm.
+fn shift(case: &mut Case, mm: [f64; 3]) {
+    let labels = &case.bones.volume;
+    let grid = labels.grid();
+    let step = grid.index(&Point3::from(grid.origin().coords + Vector3::from(mm))).map(|v| v.round() as i64);
+    case.bones.volume = Volume::from_fn(grid.clone(), |n| {
+        let from: [i64; 3] = std::array::from_fn(|a| grid.voxel(n)[a] as i64 - step[a]);
+        let inside = (0..3).all(|a| from[a] >= 0 && from[a] < grid.size()[a] as i64);
+        if inside { *labels.at(from.map(|v| v as usize)) } else { 0 }
+    });
+}
+
+/// Both CTs with this value in place of air.
+fn pad(case: &mut Case, value: f32) {
+    let padded = |v: &f32| if *v < -900.0 { value } else { *v };
+    // A third of the air stays: no scanner's circle ends at the skin.
+    let part = |image: &Volume<f32>| {
+        let all = image.map(padded);
+        let size = image.grid().size();
+        Volume::from_fn(image.grid().clone(), |n| {
+            let [i, ..] = image.grid().voxel(n);
+            if 6 * i > 5 * size[0] || 6 * i < size[0] { all.data()[n] } else { image.data()[n] }
+        })
+    };
+    case.planning = part(&case.planning);
+    case.fraction = part(&case.fraction);
+}
+
+/// The fraction under another header.
+fn under(case: &mut Case, grid: Grid) {
+    case.fraction = Volume::new(grid, case.fraction.data().to_vec()).expect("as many voxels");
+}
+
+fn stretch(case: &mut Case, axis: usize, factor: f64) {
+    let grid = case.fraction.grid();
+    let mut spacing = grid.spacing();
+    spacing[axis] *= factor;
+    let grid = Grid::new(grid.size(), spacing, grid.origin(), *grid.direction()).expect("a legal grid");
+    under(case, grid);
+}
+
+fn away(case: &mut Case, mm: f64) {
+    let grid = case.fraction.grid();
+    let origin = grid.origin() + Vector3::new(mm, -0.3 * mm, 0.2 * mm);
+    let grid = Grid::new(grid.size(), grid.spacing(), origin, *grid.direction()).expect("a legal grid");
+    under(case, grid);
+}
+
+/// Turned about the long axis through its middle.
+fn turn(case: &mut Case, degrees: f64) {
+    let grid = case.fraction.grid();
+    let q = Rotation3::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
+    let middle = grid.middle();
+    let origin = middle + q * (grid.origin() - middle);
+    let grid = Grid::new(grid.size(), grid.spacing(), origin, q.into_inner() * grid.direction()).expect("a legal grid");
+    under(case, grid);
+}
