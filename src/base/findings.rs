@@ -32,6 +32,10 @@ const fn warned(code: &'static str, reason: &'static str, remedy: &'static str) 
     Finding { code, told: Told::Warned, reason, remedy }
 }
 
+const fn refused(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::Refused, reason, remedy }
+}
+
 /// All findings, by code.
 pub const FINDINGS: &[Finding] = &[
     warned(
@@ -85,11 +89,21 @@ pub const FINDINGS: &[Finding] = &[
         "Tissue cells outside bone contact and sliding interfaces are folded.",
         "See the Jacobian map; do not map dose there.",
     ),
+    refused(
+        "folder-of-another-run",
+        "A result would take the place of a file that another command's run has written into the same folder.",
+        "Give another --out: a folder holds one run.",
+    ),
     warned("folds-in-steep-dose", "The field folds where the dose is steep.", "Do not trust the mapped dose there."),
     warned(
         "input-changed",
         "A file is not the one that the recorded run has read.",
         "Run it on the recorded file, or take the result as a new one.",
+    ),
+    refused(
+        "input-overwritten",
+        "A result would take the place of an input, by its own path, through a link or under another name.",
+        "Give another --out, or copy the input elsewhere.",
     ),
     warned(
         "inverse",
@@ -112,6 +126,11 @@ pub const FINDINGS: &[Finding] = &[
         "A header does not tell where the patient's left, back and head are.",
         "Check orientation in a viewer, and write the file with a full header.",
     ),
+    refused(
+        "no-run",
+        "A folder to inspect holds no report: no run, or one that was not finished.",
+        "Give the --out folder of a finished run, or files.",
+    ),
     warned(
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",
@@ -131,6 +150,11 @@ pub const FINDINGS: &[Finding] = &[
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",
         "Write the file anew.",
+    ),
+    refused(
+        "run-changed",
+        "Files of a run are missing, changed, or of another run than its report tells of.",
+        "Run it again into a new folder.",
     ),
     warned(
         "sform-qform-disagree",
