@@ -103,6 +103,11 @@ pub const FINDINGS: &[Finding] = &[
         "Tissue cells outside bone contact and sliding interfaces are folded.",
         "See the Jacobian map; do not map dose there.",
     ),
+    refused(
+        "folder-of-another-run",
+        "A result would take the place of a file that another command's run has written into the same folder.",
+        "Give another --out: a folder holds one run.",
+    ),
     warned("folds-in-steep-dose", "The field folds where the dose is steep.", "Do not trust the mapped dose there."),
     refused(
         "fraction-mirrored",
@@ -128,6 +133,11 @@ pub const FINDINGS: &[Finding] = &[
         "input-changed",
         "A file is not the one that the recorded run has read.",
         "Run it on the recorded file, or take the result as a new one.",
+    ),
+    refused(
+        "input-overwritten",
+        "A result would take the place of an input, by its own path, through a link or under another name.",
+        "Give another --out, or copy the input elsewhere.",
     ),
     warned(
         "inverse",
@@ -166,6 +176,11 @@ pub const FINDINGS: &[Finding] = &[
         "A header does not tell where the patient's left, back and head are.",
         "Check orientation in a viewer, and write the file with a full header.",
     ),
+    refused(
+        "no-run",
+        "A folder to inspect holds no report: no run, or one that was not finished.",
+        "Give the --out folder of a finished run, or files.",
+    ),
     warned(
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",
@@ -190,6 +205,11 @@ pub const FINDINGS: &[Finding] = &[
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",
         "Write the file anew.",
+    ),
+    refused(
+        "run-changed",
+        "Files of a run are missing, changed, or of another run than its report tells of.",
+        "Run it again into a new folder.",
     ),
     warned(
         "sform-qform-disagree",

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 use std::time::Instant;
 
+/// The most threads that can be asked for.
+pub const MOST_THREADS: usize = 1024;
+
 /// Time of one stage of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
@@ -29,8 +32,14 @@ impl Runtime {
     /// A runtime with `threads` threads (0: one per core).
     ///
     /// # Errors
-    /// When the thread pool cannot be started.
+    /// When there are more than [`MOST_THREADS`], or the thread pool cannot be started.
     pub fn new(threads: usize, progress: Box<dyn Progress>) -> Result<Self> {
+        if threads > MOST_THREADS {
+            return Err(Error::usage(
+                format!("{threads} threads are asked for"),
+                format!("give at most {MOST_THREADS}"),
+            ));
+        }
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()

@@ -5,6 +5,8 @@ use super::organs::OrganArgs;
 use crate::field::FieldFormat;
 use crate::io::points::Space;
 use crate::phantom::Formula;
+use crate::runtime::MOST_THREADS;
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -164,7 +166,7 @@ pub struct RunArgs {
     #[arg(long = "dvf-format", alias = "field-format", value_enum, value_name = "FORMAT")]
     pub field_format: Option<FormatName>,
     /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
     /// Print the numbers of the report as JSON instead of the table
     #[arg(long)]
@@ -212,7 +214,7 @@ Examples:
 #[derive(Debug, Args)]
 pub struct WarpArgs {
     /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt, .json#NAME); repeat it for a chain
-    #[arg(long, value_name = "[FROM:TO=]FILE", required = true)]
+    #[arg(long, value_name = "[FROM:TO=]FILE", required = true, value_parser = OsStringValueParser::new().try_map(LinkArg::of))]
     pub field: Vec<LinkArg>,
     /// Frame that the input lies in
     #[arg(long, value_name = "FRAME", value_parser = frame)]
@@ -256,7 +258,7 @@ pub struct WarpArgs {
     #[arg(long, value_enum, requires = "out_field", value_name = "FORMAT")]
     pub dvf_format: Option<FormatName>,
     /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
     /// Print JSON
     #[arg(long)]
@@ -388,7 +390,7 @@ pub struct PhantomArgs {
     #[arg(long, value_enum, conflicts_with = "pose")]
     pub field: Option<FormulaName>,
     /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
 }
 
@@ -410,6 +412,14 @@ pub struct SkeletonArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// A number of threads.
+pub(super) fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if n <= MOST_THREADS => Ok(n),
+        _ => Err(format!("give 0 to {MOST_THREADS}; 0 takes one per core")),
+    }
 }
 
 /// Three positive numbers joined by `x`.

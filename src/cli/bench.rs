@@ -34,7 +34,7 @@ pub struct BenchArgs {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = task)]
     pub only: Vec<Task>,
     /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
     /// Print JSON instead of the table
     #[arg(long)]

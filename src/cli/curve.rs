@@ -1,7 +1,8 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
-use super::register::{open_folder, progress};
+use super::register::progress;
+use super::{planned, run_folder};
 use crate::config::{Config, StudyPlan};
 use crate::error::{Error, Result};
 use crate::phantom::{Phantom, PhantomOptions};
@@ -54,7 +55,7 @@ pub struct CurveArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
     /// Show no progress
     #[arg(long, short)]
@@ -69,7 +70,9 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     let plan = args.plan.as_deref().map_or_else(StudyPlan::curve, StudyPlan::read)?;
     let stages = plan.stages()?;
     let peers = args.peers.as_deref().map(read_peers).transpose()?.unwrap_or_default();
-    open_folder(&args.out)?;
+    let files = [&args.planning, &args.bones, &args.labels, &args.fraction, &args.landmarks, &args.plan, &args.peers];
+    let files: Vec<&Path> = files.into_iter().filter_map(|p| p.as_deref()).collect();
+    let mut folder = run_folder(&args.out, &planned(&["curve.md"], &["curve.csv", "curve.png"]), &files)?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let (title, case) = load(args, &runtime)?;
     let mut points = BTreeMap::new();
@@ -93,7 +96,9 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     if let Some((stage, config)) = stages.iter().find(|(stage, _)| stage.settings.is_empty()) {
         entries.extend(by_threads(args, &case, (config, &points[stage.id.as_str()]), &runtime)?);
     }
+    folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
+    folder.finish();
     Ok(format!("{text}\nThe picture: {}", args.out.join("curve.png").display()))
 }
 
@@ -137,7 +142,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         landmarks: &None,
         bone_landmarks: &None,
     };
-    let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], runtime)?);
+    let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], &Config::default(), runtime)?);
     let read = || FractionSide::read(fraction, args.landmarks.as_deref());
     side.take(runtime.stage("read the fraction", read)?, &[]);
     Ok((fraction.display().to_string(), side.case))

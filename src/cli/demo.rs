@@ -1,7 +1,9 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
 use super::args::RunArgs;
-use super::register::{finish, open_folder, progress, settings};
+use super::outputs::planned;
+use super::register::{finish, progress, settings};
+use super::run_folder;
 use crate::config::ConfigFile;
 use crate::error::Result;
 use crate::phantom::{Phantom, PhantomOptions};
@@ -27,9 +29,9 @@ pub struct DemoArgs {
 /// When the folder cannot be written.
 pub fn run(args: &DemoArgs) -> Result<String> {
     let config = settings(&ConfigFile::default(), &args.run)?;
-    open_folder(&args.out)?;
+    let folder = run_folder(&args.out, &planned(&config), &[])?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
     let case = Case::from(phantom);
-    finish(&case, &config, &runtime, &args.out, args.run.json)
+    finish(&case, &config, &runtime, (folder, &args.out), args.run.json)
 }

@@ -1,10 +1,11 @@
 //! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
 
-use super::register::{open_folder, progress};
+use super::register::progress;
+use super::{command_line, planned, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
-use crate::io::{self, Loaded};
+use crate::io::{self, Loaded, Planned};
 use crate::pipeline::InputFile;
 use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
@@ -83,7 +84,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
     /// Print the numbers as JSON instead of the table
     #[arg(long)]
@@ -142,6 +143,12 @@ impl Ledger {
         loaded.value
     }
 
+    /// The files, as seen from the folder of the report that names them.
+    pub(super) fn seen_from(&self, folder: &Path) -> Vec<InputFile> {
+        let own = |i: &InputFile| InputFile { path: io::relative_to(folder, &i.path), ..i.clone() };
+        self.inputs.iter().map(own).collect()
+    }
+
     /// Reads a label map: names from its header, else from the JSON file.
     pub(super) fn labels(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
         let loaded = match (io::read_labels(path, None), names) {
@@ -158,7 +165,7 @@ impl Ledger {
 /// Of every kind; see [`Error`].
 pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let files = field_files(args)?;
-    open_folder(&args.out)?;
+    let mut folder = run_folder(&args.out, &planned_files(&files), &args.files())?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
@@ -172,20 +179,54 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let mut report = EvaluationReport {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
-        command: std::env::args().collect::<Vec<_>>().join(" "),
+        command: command_line(),
         inputs: ledger.inputs,
         fields,
         warnings: ledger.warnings,
         stages: runtime.times(),
         threads: runtime.threads(),
+        outputs: Vec::new(),
     };
-    runtime.stage("write", || evaluation::write(&args.out, &report, &pictures))?;
+    folder.begin()?;
+    runtime.stage("write", || evaluation::write(&args.out, &mut report, &pictures))?;
+    folder.finish();
     if args.json {
         report.stages = runtime.times();
         return report.json();
     }
     let page = args.out.join("evaluation.html");
     Ok(format!("{}\nThe report: {}", evaluation::terminal_table(&report), page.display()))
+}
+
+impl EvaluateArgs {
+    /// All files to read.
+    fn files(&self) -> Vec<&Path> {
+        let one = [
+            &self.planning_to_fraction,
+            &self.fraction_to_planning,
+            &self.planning,
+            &self.fraction,
+            &self.bones,
+            &self.labels_planning,
+            &self.labels_fraction,
+            &self.labels,
+            &self.landmarks,
+            &self.mask,
+            &self.then,
+            &self.direct,
+        ];
+        one.into_iter().flatten().chain(&self.compare).map(PathBuf::as_path).collect()
+    }
+}
+
+/// What will be written, besides pictures.
+fn planned_files(fields: &[FieldFiles]) -> Planned {
+    let mut all = planned(&["evaluation.json", "evaluation.html"], &["evaluation.csv", "evaluation.md"]);
+    match fields.len() {
+        1 => all.names.push("landmarks.csv".into()),
+        n => all.names.extend((1..=n).map(|n| format!("landmarks_{n}.csv"))),
+    }
+    all
 }
 
 /// The fields that the arguments name.

@@ -1,7 +1,8 @@
 //! Input files of a run: from the flags, else from the report that is run again.
 
+use super::headers::judge_names;
 use super::organs;
-use crate::config::RecordedInput;
+use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::geometry::Grid;
@@ -39,6 +40,16 @@ pub(super) fn either(own: &Option<PathBuf>, role: &str, recorded: &[RecordedInpu
     own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
 }
 
+/// Reads `--config`; the inputs of a report as this process finds them.
+pub(super) fn config_file(path: &Path) -> Result<ConfigFile> {
+    let mut file = ConfigFile::read(path)?;
+    let (folder, written_into) = (path.parent().unwrap_or(Path::new("")), file.folder.clone());
+    for input in &mut file.inputs {
+        input.path = io::recorded_file(folder, &input.path, written_into.as_deref());
+    }
+    Ok(file)
+}
+
 impl Inputs {
     pub(super) fn new(flags: &Flags<'_>, recorded: &[RecordedInput]) -> Result<Self> {
         let needed = |own: &Option<PathBuf>, role: &str| either(own, role, recorded).ok_or_else(|| missing(role));
@@ -53,16 +64,36 @@ impl Inputs {
         })
     }
 
-    /// Reads the files; those that a report recorded are checked against its checksums. The case has an empty image in
+    /// All files, in the order in which they are asked for.
+    pub(super) fn files(&self) -> Vec<&Path> {
+        let more = [&self.labels, &self.organs, &self.skeleton, &self.landmarks, &self.bone_landmarks];
+        let more = more.into_iter().filter_map(|p| p.as_deref());
+        [self.planning.as_path(), &self.bones].into_iter().chain(more).collect()
+    }
+
+    pub(super) fn planning(&self) -> &Path {
+        &self.planning
+    }
+
+    pub(super) fn bones(&self) -> &Path {
+        &self.bones
+    }
+
+    /// Whether there are landmarks on bones.
+    pub(super) fn has_bone_landmarks(&self) -> bool {
+        self.bone_landmarks.is_some()
+    }
+
+    /// Reads the files; those that a report recorded are checked against its checksums, and the settings against the labels. The case has an empty image in
     /// place of a fraction.
-    pub(super) fn load(&self, recorded: &[RecordedInput], runtime: &Runtime) -> Result<Case> {
+    pub(super) fn load(&self, recorded: &[RecordedInput], config: &Config, runtime: &Runtime) -> Result<Case> {
         runtime.stage("read", || {
-            let planning = io::read_image(&self.planning)?;
             let mut bones = io::read_labels(&self.bones, self.labels.as_deref())?;
             if let Some(path) = &self.organs {
                 let odd = organs::add(&mut bones.value, path)?;
                 bones.warnings.extend(odd);
             }
+            judge_names(&bones.value, config)?;
             let landmarks = self.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
             let bone_landmarks =
                 self.bone_landmarks.as_deref().map(io::read_bone_landmarks).transpose()?.unwrap_or_default();
@@ -70,6 +101,7 @@ impl Inputs {
                 Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
                 None => None,
             };
+            let planning = io::read_image(&self.planning)?;
             let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
             for (role, path) in [
                 ("labels", &self.labels),

@@ -1,7 +1,8 @@
-//! `aventail inspect FILE...`: what files hold, and whether they lie on one grid.
+//! `aventail inspect PATH...`: what files hold, whether they lie on one grid, and whether folders hold what their reports
+//! say.
 
 use crate::error::Result;
-use crate::io::inspect::{Inspection, compare_grids, inspect};
+use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, inspect};
 use clap::Args;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -10,7 +11,7 @@ use std::path::PathBuf;
 /// Options of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Images, label maps or displacement fields
+    /// Images, label maps or displacement fields; or folders of runs, whose files are checked against their reports
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON
@@ -23,20 +24,26 @@ pub struct InspectArgs {
 struct Report<'a> {
     files: &'a [Inspection],
     grids: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    folders: Vec<FolderCheck>,
 }
 
 /// The text, or with `json` the JSON document, that describes `files`.
 ///
 /// # Errors
-/// When a file cannot be read or its geometry cannot be used.
+/// When a file cannot be read or its geometry cannot be used, and when a folder does not hold what its report says.
 pub fn run(files: &[PathBuf], json: bool) -> Result<String> {
-    let files = files.iter().map(inspect).collect::<Result<Vec<_>>>()?;
+    let (folders, files): (Vec<&PathBuf>, Vec<&PathBuf>) = files.iter().partition(|path| path.is_dir());
+    let folders = folders.into_iter().map(|path| check_folder(path)).collect::<Result<Vec<_>>>()?.concat();
+    folders.iter().try_for_each(FolderCheck::require)?;
+    let files = files.into_iter().map(inspect).collect::<Result<Vec<_>>>()?;
     let grids = compare_grids(&files);
     if json {
-        let report = Report { files: &files, grids };
+        let report = Report { files: &files, grids, folders };
         return crate::io::json(&report);
     }
-    let mut text = files.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    let shown = folders.iter().map(ToString::to_string).chain(files.iter().map(ToString::to_string));
+    let mut text = shown.collect::<Vec<_>>().join("\n");
     if !grids.is_empty() {
         text.push('\n');
     }

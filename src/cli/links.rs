@@ -7,7 +7,8 @@ use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
 use crate::io::{self, transform};
 use crate::warning::Warning;
-use std::path::Path;
+use std::ffi::{OsStr, OsString};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// One `--field`.
@@ -17,6 +18,56 @@ pub struct LinkArg {
     pub frames: Option<(String, String)>,
     /// The file, with `#NAME` where a table of transforms holds several.
     pub file: String,
+    /// The same as the system names it, which may be no text.
+    exact: OsString,
+}
+
+impl LinkArg {
+    /// Of an argument as the system gives it.
+    ///
+    /// # Errors
+    /// As parsing a text.
+    pub(super) fn of(argument: OsString) -> Result<Self, String> {
+        let own: Self = argument.to_string_lossy().parse()?;
+        let exact = behind(&argument, own.frames.is_some());
+        Ok(Self { exact, ..own })
+    }
+
+    /// The file, and the name of its entry.
+    fn place(&self) -> (PathBuf, Option<&str>) {
+        let exact = || (PathBuf::from(&self.exact), None);
+        match self.file.rsplit_once('#') {
+            Some((path, entry)) if transform::is_transform(Path::new(path)) => {
+                let (whole, length) = (exact().0, entry.len() + 1);
+                (whole.to_str().map_or(whole.clone(), |w| w[..w.len() - length].into()), Some(entry))
+            }
+            _ => exact(),
+        }
+    }
+
+    /// The file.
+    pub(super) fn path(&self) -> PathBuf {
+        self.place().0
+    }
+}
+
+/// What stands behind the first `=` of an argument where frames stand before it, else all of it.
+fn behind(argument: &OsStr, frames: bool) -> OsString {
+    if !frames {
+        return argument.to_owned();
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStrExt;
+        let bytes = argument.as_bytes();
+        let from = bytes.iter().position(|b| *b == b'=').map_or(0, |n| n + 1);
+        OsStr::from_bytes(&bytes[from..]).to_owned()
+    }
+    #[cfg(not(unix))]
+    {
+        let text = argument.to_string_lossy();
+        text.split_once('=').map_or(&*text, |(_, file)| file).into()
+    }
 }
 
 impl FromStr for LinkArg {
@@ -35,7 +86,7 @@ impl FromStr for LinkArg {
         if file.is_empty() {
             return Err("the file is missing: FROM:TO=FILE".into());
         }
-        Ok(Self { frames, file: file.into() })
+        Ok(Self { frames, file: file.into(), exact: file.into() })
     }
 }
 
@@ -55,12 +106,9 @@ impl LinkArg {
     /// [`Error::Usage`] when its direction is unknown or said twice and differently; else as [`io::read_field`] and
     /// [`transform::read_rigid`].
     pub(super) fn read(&self) -> Result<(Link, Vec<Warning>)> {
-        let (path, entry) = match self.file.rsplit_once('#') {
-            Some((path, entry)) if transform::is_transform(Path::new(path)) => (path, Some(entry)),
-            _ => (self.file.as_str(), None),
-        };
-        let (motion, own, warnings) = if transform::is_transform(Path::new(path)) {
-            (Motion::Rigid(transform::read_rigid(path, entry)?), None, Vec::new())
+        let (path, entry) = self.place();
+        let (motion, own, warnings) = if transform::is_transform(&path) {
+            (Motion::Rigid(transform::read_rigid(&path, entry)?), None, Vec::new())
         } else {
             let field = io::read_field(path)?;
             let own = io::frames_of(&field.header.description);
@@ -106,6 +154,18 @@ mod tests {
         for bad in ["a:a=f.mha", "a:=f.mha", ":b=f.mha", "a:b=", "a_to_b:c=f.mha", "a:b:c=f.mha"] {
             assert!(parse(bad).is_err(), "{bad}");
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_need_not_be_text() {
+        use std::os::unix::ffi::OsStrExt;
+        let of = |bytes: &[u8]| LinkArg::of(OsStr::from_bytes(bytes).to_owned()).unwrap();
+        let odd = of(b"planning:day=f\xff=.mha");
+        assert_eq!(odd.frames, Some(("planning".into(), "day".into())));
+        assert_eq!(odd.path().as_os_str().as_bytes(), b"f\xff=.mha");
+        assert_eq!(of(b"a=f\xff.mha").path().as_os_str().as_bytes(), b"a=f\xff.mha");
+        assert_eq!(of(b"t.json#skull").place(), ("t.json".into(), Some("skull")));
     }
 
     #[test]

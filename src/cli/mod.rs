@@ -6,6 +6,7 @@ pub mod curve;
 mod demo;
 pub mod dose;
 pub mod evaluate;
+mod headers;
 mod inputs;
 mod inspect;
 mod links;
@@ -20,8 +21,26 @@ pub mod terminal;
 mod warp;
 
 use crate::error::Result;
+use crate::io::{Planned, RunFolder};
 use args::{Cli, Verb};
 use clap::CommandFactory;
+use std::path::Path;
+
+/// This process's command line for a report; bytes that are no text become replacement characters.
+pub(crate) fn command_line() -> String {
+    std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+}
+
+/// Takes hold of the folder of a run that will read `inputs`; see [`RunFolder::open`].
+pub(crate) fn run_folder(folder: &Path, planned: &Planned, inputs: &[&Path]) -> Result<RunFolder> {
+    RunFolder::open(folder, planned, inputs, &command_line())
+}
+
+/// What a run will write whose first file tells of the others.
+pub(crate) fn planned(reports: &[&str], names: &[&str]) -> Planned {
+    let own = |list: &[&str]| list.iter().map(|n| (*n).to_owned()).collect();
+    Planned { reports: own(reports), names: own(names) }
+}
 
 /// Runs a parsed command line; returns what belongs on standard output.
 ///

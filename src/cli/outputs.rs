@@ -2,11 +2,25 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::io::{self, Stored, WriteOptions};
+use crate::io::{self, Planned, Stored, WriteOptions};
 use crate::pipeline::Outcome;
 use crate::report::OutputFile;
 use rayon::prelude::*;
 use std::path::Path;
+
+/// What a run with these settings may write, besides pictures.
+pub(super) fn planned(config: &Config) -> Planned {
+    let format = config.output.field_format.extension();
+    let fields = ["planning_to_fraction", "fraction_to_planning"].map(|name| format!("{name}.{format}"));
+    let masks = ["planning_on_fraction", "bones_on_fraction", "jacobian", "body", "computed", "inside_planning"];
+    let more = ["skin_contact", "uncertainty", "regions"];
+    let images = masks.iter().chain(&more).map(|name| format!("{name}.nii.gz"));
+    let others = ["settings.toml", "landmarks.csv", "bone_transforms.json"].map(String::from);
+    Planned {
+        reports: ["report.json", "report.html"].map(String::from).into(),
+        names: fields.into_iter().chain(images).chain(others).collect(),
+    }
+}
 
 /// Writes fields, images and masks side by side; returns what was written.
 pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> Result<Vec<OutputFile>> {
@@ -84,20 +98,23 @@ type Writing<'a> = Box<dyn Fn(&Path) -> Result<()> + Sync + 'a>;
 /// Files of a folder, still to be written.
 struct Files<'a> {
     folder: &'a Path,
-    files: Vec<(OutputFile, Writing<'a>)>,
+    /// Name, what it holds, and how it is written.
+    files: Vec<((String, String), Writing<'a>)>,
 }
 
 impl<'a> Files<'a> {
     fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
-        self.files.push((OutputFile { name: name.into(), what: what.into() }, Box::new(write)));
+        self.files.push(((name.into(), what.into()), Box::new(write)));
     }
 
     /// Writes them side by side, so that one thread can compress while another waits for the disk; of several failures the first
     /// file's is told.
     fn write(self) -> Result<Vec<OutputFile>> {
-        let written: Vec<Result<()>> =
-            self.files.par_iter().with_max_len(1).map(|(file, write)| write(&self.folder.join(&file.name))).collect();
-        written.into_iter().collect::<Result<()>>()?;
-        Ok(self.files.into_iter().map(|(file, _)| file).collect())
+        let one = |((name, what), write): &((String, String), Writing<'a>)| {
+            write(&self.folder.join(name))?;
+            OutputFile::written(self.folder, name, what)
+        };
+        let written: Vec<Result<OutputFile>> = self.files.par_iter().with_max_len(1).map(one).collect();
+        written.into_iter().collect()
     }
 }

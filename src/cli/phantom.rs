@@ -1,11 +1,11 @@
 //! `aventail phantom`: the phantom as files, with everything that is true about it.
 
 use super::args::PhantomArgs;
-use super::register::open_folder;
+use super::run_folder;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::field::FieldFormat;
-use crate::io::{self, Stored, WriteOptions};
+use crate::io::{self, Planned, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions, Posture, TestObject};
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
@@ -17,25 +17,32 @@ use std::path::Path;
 /// When an option makes no image, the pose file cannot be read, or the folder cannot be written.
 pub fn run(args: &PhantomArgs) -> Result<String> {
     let options = options(args)?;
-    open_folder(&args.out)?;
+    let planned = Planned { reports: Vec::new(), names: names(args) };
+    let inputs: Vec<&Path> = args.pose.as_deref().into_iter().collect();
+    let mut folder = run_folder(&args.out, &planned, &inputs)?;
     let runtime = Runtime::new(args.threads, super::register::progress(false))?;
     if let Some(formula) = args.field {
+        folder.begin()?;
         let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;
         runtime.stage("write", || write_object(&object, &args.out))?;
+        folder.finish();
         return Ok(object_text(&object, &args.out));
     }
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
+    folder.begin()?;
     runtime.stage("write", || {
         write_planning(&phantom, &args.out)?;
         write_fraction(&phantom, &args.out)
     })?;
     if args.pose.is_none() {
         let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
-        let folder = args.out.join("fraction_2");
-        open_folder(&folder)?;
+        let second_folder = args.out.join("fraction_2");
+        std::fs::create_dir_all(&second_folder)
+            .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
         let second = runtime.stage("make the second fraction", || Phantom::new(&second))?;
-        runtime.stage("write", || write_fraction(&second, &folder))?;
+        runtime.stage("write", || write_fraction(&second, &second_folder))?;
     }
+    folder.finish();
     let out = args.out.display();
     Ok(format!(
         "{} bones, {} landmarks, planning {:?} voxels, fraction {:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
@@ -44,6 +51,21 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
         phantom.planning.grid().size(),
         phantom.fraction.grid().size(),
     ))
+}
+
+/// Names of what will be written.
+fn names(args: &PhantomArgs) -> Vec<String> {
+    let object = ["planning_image.nii.gz", "planning_labels.nii.gz", "planning_to_fraction.nii.gz"];
+    let deformed = ["fraction_image.nii.gz", "fraction_labels.nii.gz", "fraction_to_planning.nii.gz", "landmarks.csv"];
+    let patient = ["planning_ct.nii.gz", "bones.nii.gz", "body.nii.gz", "contours.json", "dose.nii.gz"];
+    let fraction =
+        ["fraction_ct.nii.gz", "true_planning_to_fraction.nii.gz", "true_bone_transforms.json", "landmarks.csv"];
+    let own = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+    if args.field.is_some() {
+        return [own(&object), own(&deformed)].concat();
+    }
+    let second = fraction.iter().map(|name| format!("fraction_2/{name}")).filter(|_| args.pose.is_none()).collect();
+    [own(&patient), own(&fraction), second].concat()
 }
 
 /// A posture that the phantom refuses is a fault of the file it came from.

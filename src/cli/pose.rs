@@ -1,17 +1,19 @@
 //! `aventail pose`: move the skeleton by hand and make the artificial CT.
 
 use super::args::RunArgs;
-use super::inputs::{Flags, Inputs, changed, either, named};
+use super::headers::judge;
+use super::inputs::{Flags, Inputs, changed, config_file, either, named};
 use super::organs::OrganArgs;
-use super::register::{open_folder, progress, settings, write_run};
-use crate::config::ConfigFile;
+use super::outputs::planned;
+use super::register::{progress, settings, write_run};
+use super::run_folder;
 use crate::error::{Error, Result};
 use crate::io;
 use crate::pipeline::{BoneMotion, pose};
 use crate::runtime::Runtime;
 use crate::skeleton;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
 A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and ranges:
@@ -93,7 +95,7 @@ fn parse_margin(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Of every kind but failed registration; see [`Error`].
 pub fn run(args: &PoseArgs) -> Result<String> {
-    let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
+    let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let mut config = settings(&file, &args.run)?;
     args.organs.apply(&mut config)?;
     let flags = Flags {
@@ -106,11 +108,17 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         bone_landmarks: &args.motion.bone_landmarks,
     };
     let inputs = Inputs::new(&flags, &file.inputs)?;
-    open_folder(&args.out)?;
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
-    let mut case = inputs.load(&file.inputs, &runtime)?;
     let by_hand = either(&args.motion.pose, "pose", &file.inputs);
     let transforms = either(&args.motion.transforms, "transforms", &file.inputs);
+    if by_hand.is_none() && transforms.is_none() && !inputs.has_bone_landmarks() {
+        return Err(no_motion());
+    }
+    let more = [args.config.as_deref(), by_hand.as_deref(), transforms.as_deref()];
+    let files: Vec<&Path> = inputs.files().into_iter().chain(more.into_iter().flatten()).collect();
+    let folder = run_folder(&args.out, &planned(&config), &files)?;
+    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    judge(inputs.planning(), inputs.bones(), &[], &config)?;
+    let mut case = inputs.load(&file.inputs, &config, &runtime)?;
     let motion = match (&by_hand, &transforms) {
         (Some(path), _) => {
             // The pose names bones and joints of the very skeleton that it is given to.
@@ -122,12 +130,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         }
         (None, Some(path)) => BoneMotion::Transforms(io::read_bone_transforms(path)?),
         (None, None) if !case.bone_landmarks.is_empty() => BoneMotion::Landmarks,
-        (None, None) => {
-            return Err(Error::usage(
-                "no motion is given",
-                "add --pose FILE, --transforms FILE or --bone-landmarks FILE",
-            ));
-        }
+        (None, None) => return Err(no_motion()),
     };
     for (role, path) in [("pose", &by_hand), ("transforms", &transforms)] {
         if let Some(path) = path {
@@ -137,5 +140,9 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         }
     }
     let (case, outcome) = pose(case, &motion, args.margin, &config, &runtime)?;
-    write_run(&case, outcome, &config, &runtime, &args.out, args.run.json)
+    write_run(&case, outcome, &config, &runtime, (folder, &args.out), args.run.json)
+}
+
+fn no_motion() -> Error {
+    Error::usage("no motion is given", "add --pose FILE, --transforms FILE or --bone-landmarks FILE")
 }

@@ -1,14 +1,16 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, either, missing};
-use super::outputs::write_outputs;
+use super::headers::{judge, within_memory};
+use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
+use super::outputs::{planned, write_outputs};
 use super::terminal::Terminal;
+use super::{command_line, run_folder};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
-use crate::io;
-use crate::pipeline::{Case, Outcome, Planning, check_fraction, memory_estimate, register, register_fraction};
+use crate::io::{self, RunFolder};
+use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, register_fraction};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, Run};
 use crate::runtime::Runtime;
@@ -21,7 +23,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &RegisterArgs) -> Result<String> {
-    let file = args.config.as_deref().map(ConfigFile::read).transpose()?.unwrap_or_default();
+    let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     let flags = Flags {
         planning: &args.planning,
@@ -36,13 +38,16 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
     let fractions = fractions(args, &file)?;
-    // The last one is read when all others are registered.
-    for path in fractions.iter().flat_map(|one| [Some(&one.file), one.landmarks.as_ref()]).flatten() {
-        io::checksum::require_file(path)?;
-    }
-    open_folder(&args.out)?;
+    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
-    let mut side = PlanningSide::new(inputs.load(&recorded, &runtime)?);
+    let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
+    let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+    within_memory(expected, args.max_memory)?;
+    for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
+        io::read_landmarks(path)?;
+    }
+    let mut side = PlanningSide::new(inputs.load(&recorded, &config, &runtime)?);
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;
@@ -52,9 +57,6 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         }
         let read = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| one.read()))?;
         side.take(read, &file.inputs);
-        let expected = memory_estimate(side.case.planning.grid(), side.case.fraction.grid(), &config);
-        runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
-        within_memory(expected, args.max_memory)?;
         check_fraction(&side.case.fraction, &config)?;
         let planning = match &planning {
             Some(planning) => planning,
@@ -64,12 +66,12 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             runtime.progress().note(&format!("fraction {}", one.name));
         }
         let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
-        let out = if fractions.len() > 1 { args.out.join(&one.name) } else { args.out.clone() };
-        open_folder(&out)?;
+        let out = folder_of(args, &fractions, one);
+        let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         // The next one is read meanwhile: disks and networks take their time.
         let text;
         (text, ahead) = runtime.beside(
-            || write_run(&side.case, outcome, &config, &runtime, &out, args.run.json),
+            || write_run(&side.case, outcome, &config, &runtime, (folder, &out), args.run.json),
             || fractions.get(n + 1).map(Fraction::read),
         );
         texts.push(text?);
@@ -82,6 +84,20 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             named.collect::<Vec<_>>().join("\n\n")
         }
     })
+}
+
+/// The folder of a fraction's results.
+fn folder_of(args: &RegisterArgs, all: &[Fraction], one: &Fraction) -> PathBuf {
+    if all.len() > 1 { args.out.join(&one.name) } else { args.out.clone() }
+}
+
+/// Takes hold of the folder of each fraction, before anything is read.
+fn hold(args: &RegisterArgs, config: &Config, inputs: &Inputs, fractions: &[Fraction]) -> Result<Vec<RunFolder>> {
+    let mut files = inputs.files();
+    files.extend(args.config.as_deref());
+    files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
+    let planned = planned(config);
+    fractions.iter().map(|one| run_folder(&folder_of(args, fractions, one), &planned, &files)).collect()
 }
 
 /// The settings of file and flags.
@@ -162,22 +178,14 @@ fn without(recorded: &mut Vec<RecordedInput>, role: &str) -> Vec<RecordedInput> 
     recorded.clone()
 }
 
-/// Refuses a run that is expected to need more than is allowed.
-fn within_memory(expected: u64, most_gb: Option<f64>) -> Result<()> {
-    match most_gb {
-        Some(most) if expected as f64 > most * 1e9 => Err(Error::usage(
-            format!(
-                "the run is expected to need {:.1} GB of memory, more than --max-memory {most}",
-                expected as f64 / 1e9
-            ),
-            "allow more, name a region with --roi, or resample the scans to larger voxels",
-        )),
-        _ => Ok(()),
-    }
-}
-
 /// Registers a case and writes everything into `out`; shared with `demo`.
-pub(super) fn finish(case: &Case, config: &Config, runtime: &Runtime, out: &Path, json: bool) -> Result<String> {
+pub(super) fn finish(
+    case: &Case,
+    config: &Config,
+    runtime: &Runtime,
+    out: (RunFolder, &Path),
+    json: bool,
+) -> Result<String> {
     let outcome = register(case, config, runtime)?;
     write_run(case, outcome, config, runtime, out, json)
 }
@@ -188,22 +196,19 @@ pub(super) fn write_run(
     outcome: Outcome,
     config: &Config,
     runtime: &Runtime,
-    out: &Path,
+    (mut folder, out): (RunFolder, &Path),
     json: bool,
 ) -> Result<String> {
+    folder.begin()?;
     let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
     let case = part.as_deref().unwrap_or(whole);
     let settings = config.value()?;
     let (outputs, pictures) = runtime
         .stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), || report::draw(case, &outcome)));
-    let run = Run {
-        command: std::env::args().collect::<Vec<_>>().join(" "),
-        settings,
-        threads: runtime.threads(),
-        outputs: outputs?,
-    };
+    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs: outputs? };
     let outcome = Outcome { stages: runtime.times(), ..outcome };
     let report = runtime.stage("report", || report::write(out, case, &outcome, &run, pictures?))?;
+    folder.finish();
     if json {
         return report.json();
     }
@@ -231,13 +236,4 @@ pub(super) fn settings(file: &ConfigFile, args: &RunArgs) -> Result<Config> {
         config.output.field_format = format.into();
     }
     Ok(config)
-}
-
-/// Makes the folder and proves that it can be written to, before anything long begins.
-pub(super) fn open_folder(folder: &Path) -> Result<()> {
-    let refuse = |e: std::io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
-    std::fs::create_dir_all(folder).map_err(refuse)?;
-    let probe = folder.join(".aventail-probe");
-    std::fs::write(&probe, []).map_err(refuse)?;
-    std::fs::remove_file(&probe).map_err(refuse)
 }

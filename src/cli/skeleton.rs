@@ -2,14 +2,14 @@
 
 use super::args::SkeletonArgs;
 use crate::error::{Error, Result};
-use crate::io::read_labels;
 use crate::io::skeleton::{load_override, write_skeleton};
+use crate::io::{check_files, read_labels};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What the verb shows, besides what it writes.
 #[derive(Debug, Clone, Serialize)]
@@ -31,6 +31,9 @@ struct Shown {
 /// When the labels cannot be read, when none is a bone, when the override does not fit, or when the result cannot be
 /// written.
 pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
+    let files = [Some(&args.bones), args.labels.as_ref(), args.skeleton.as_ref()];
+    let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
+    check_files(&files, args.out.as_slice())?;
     let labels = read_labels(&args.bones, args.labels.as_deref())?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
     shown.warnings.splice(0..0, labels.warnings);

@@ -1,9 +1,11 @@
 //! `aventail study`: the model's stages side by side on one case, with the same bone motion; or the concept figures.
 
+use super::inputs::config_file;
 use super::organs;
-use super::register::{open_folder, progress};
+use super::register::progress;
+use super::{planned, run_folder};
 use crate::concepts;
-use crate::config::{Config, ConfigFile, StudyPlan};
+use crate::config::{Config, RecordedInput, StudyPlan};
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::geometry::Rigid;
@@ -45,7 +47,7 @@ pub struct StudyArgs {
     #[arg(long, value_name = "FILE", requires = "case")]
     pub plan: Option<PathBuf>,
     /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
     /// Show no progress
     #[arg(long, short)]
@@ -65,10 +67,12 @@ pub fn run(args: &StudyArgs) -> Result<String> {
 }
 
 fn concept_figures(args: &StudyArgs) -> Result<String> {
-    open_folder(&args.out)?;
+    let mut folder = run_folder(&args.out, &planned(&[], &[]), &[])?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let figures = runtime.stage("concept figures", || concepts::figures(runtime.progress()))?;
+    folder.begin()?;
     let names = runtime.stage("write", || write_concepts(&args.out, &figures))?;
+    folder.finish();
     let lines = figures.iter().zip(&names).map(|(f, name)| format!("{name}: {}. {}", f.title, f.caption));
     Ok(lines.collect::<Vec<_>>().join("\n"))
 }
@@ -76,7 +80,13 @@ fn concept_figures(args: &StudyArgs) -> Result<String> {
 fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     let plan = args.plan.as_deref().map_or_else(StudyPlan::thesis, StudyPlan::read)?;
     let stages = plan.stages()?;
-    open_folder(&args.out)?;
+    let recorded = config_file(&case.join("report.json"));
+    let recorded: Vec<RecordedInput> = recorded.map(|file| file.inputs).unwrap_or_default();
+    let mut files: Vec<&Path> = args.plan.as_deref().into_iter().collect();
+    files.extend(recorded.iter().map(|i| i.path.as_path()).filter(|p| p.exists()));
+    // Stages that are finished stay, whatever became of the study.
+    let mut folder = run_folder(&args.out, &planned(&[], &["study.md", "study.csv", "study.html"]), &files)?;
+    folder.go_on();
     let moved = Moved::load(case)?;
     let mut records = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
@@ -94,6 +104,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         write_study(&args.out, &moved.title, &plan, &records)?;
     }
     let text = write_study(&args.out, &moved.title, &plan, &records)?;
+    folder.finish();
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
 }
 
@@ -126,8 +137,8 @@ impl Moved {
         let path = folder.join("report.json");
         let remedy = "give the --out folder of a finished `aventail register` or `aventail pose`";
         let report = Report::read(&path, remedy)?;
-        let inputs = ConfigFile::read(&path)?.inputs;
-        let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| found(&i.path, folder));
+        let inputs = config_file(&path)?.inputs;
+        let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| i.path.clone());
         let needed = |role: &str| {
             file(role).ok_or_else(|| {
                 Error::input(
@@ -179,12 +190,6 @@ impl Moved {
         let all = serde_json::json!([env!("CARGO_PKG_VERSION"), settings, inputs, self.motion]);
         sha256(all.to_string().as_bytes())
     }
-}
-
-/// A path of a report: as it was given, else beside the report.
-fn found(path: &Path, folder: &Path) -> PathBuf {
-    let beside = folder.join(path);
-    if !path.exists() && beside.exists() { beside } else { path.to_owned() }
 }
 
 /// Progress that says which stage of the study is at work.

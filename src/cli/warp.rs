@@ -1,6 +1,7 @@
 //! `aventail warp`: anything that has a position, from one frame to another.
 
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
+use super::links::LinkArg;
 use super::register::progress;
 use crate::error::{Error, Result};
 use crate::field::{
@@ -16,7 +17,7 @@ use crate::warning::Warning;
 use nalgebra::Point3;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What was done: the JSON that `--json` prints.
 #[derive(Debug, Serialize)]
@@ -41,6 +42,10 @@ struct Report {
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &WarpArgs) -> Result<String> {
+    let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
+    let inputs = fields.iter().chain([&args.input, &args.grid, &args.labels].into_iter().flatten());
+    let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
+    io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let (links, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();

@@ -59,6 +59,23 @@ impl RegionOptions {
             (None, Some([x0, y0, z0, x1, y1, z1])) => [Point3::new(x0, y0, z0), Point3::new(x1, y1, z1)],
             (None, None) => return Ok(grid.size().map(|n| 0..n)),
         };
+        self.of_box(grid, corners)
+    }
+
+    /// Whether a box, if one is asked for, lies in the planning scan.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when it lies outside the grid.
+    pub fn check_box(&self, planning: &Grid) -> Result<()> {
+        match self.box_mm {
+            Some([x0, y0, z0, x1, y1, z1]) => {
+                self.of_box(planning, [Point3::new(x0, y0, z0), Point3::new(x1, y1, z1)]).map(drop)
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn of_box(&self, grid: &Grid, corners: [Point3<f64>; 2]) -> Result<[Range<usize>; 3]> {
         voxels_of_box(grid, corners, self.margin_mm).ok_or_else(|| {
             Error::usage(
                 format!("the region {:.0?} to {:.0?} mm lies outside the planning CT", corners[0], corners[1]),

@@ -59,7 +59,7 @@ pub struct MethodArgs {
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub parts: usize,
     /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
     pub threads: usize,
     /// Print JSON
     #[arg(long)]

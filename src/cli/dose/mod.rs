@@ -5,7 +5,8 @@ mod args;
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
 
 use super::evaluate::{DirectionName, Ledger, pair};
-use super::register::{open_folder, progress};
+use super::register::progress;
+use super::{command_line, planned, run_folder};
 use crate::dose::{DensityTable, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, dvh};
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
@@ -46,7 +47,9 @@ struct Sidecar<'a> {
 
 fn map(args: &MapArgs) -> Result<String> {
     let method = method(&args.how)?;
-    check_out(&args.out)?;
+    let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
+    let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]);
+    check_out(&args.out, &files.map(PathBuf::as_path).collect::<Vec<_>>())?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
     let (dose, to, ct) = runtime.stage("read", || {
@@ -80,7 +83,8 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     if let Some(w) = weights.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
         return Err(Error::usage(format!("--weights {w} is negative or not finite"), "give numbers of fractions"));
     }
-    check_out(&args.out)?;
+    let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
+    check_out(&args.out, &files.map(PathBuf::as_path).collect::<Vec<_>>())?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
     let to = ledger.take("grid", io::read_image(&args.grid)?).grid().clone();
@@ -140,8 +144,8 @@ fn finish(
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     io::write_image(out, dose, Stored::Float32, &options)?;
     let text = table(&parts);
-    let command = std::env::args().collect::<Vec<_>>().join(" ");
-    let (inputs, warnings) = (ledger.inputs, ledger.warnings);
+    let command = command_line();
+    let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings };
     write_json(beside(out), &sidecar)?;
     if json {
@@ -185,9 +189,15 @@ fn beside(out: &Path) -> PathBuf {
 }
 
 /// Refuses a path that cannot be written before anything long begins.
-fn check_out(out: &Path) -> Result<()> {
+fn check_out(out: &Path, inputs: &[&Path]) -> Result<()> {
     crate::field::FieldFormat::of(out)?;
-    open_folder(out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))
+    io::check_files(inputs, &[out.to_owned(), beside(out)])?;
+    io::open_folder(parent(out))
+}
+
+/// The folder of a file.
+fn parent(file: &Path) -> &Path {
+    file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// The method with its density table.
@@ -254,7 +264,9 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     if !(args.bin.is_finite() && args.bin >= 1e-3) {
         return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
     }
-    open_folder(&args.out)?;
+    let files = args.dose.iter().chain([&args.structures]).chain(&args.labels).map(PathBuf::as_path);
+    let names = planned(&["dvh.json"], &["dvh.csv", "dvh_figures.csv", "dvh.png"]);
+    let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let structures = Structures::read(&mut ledger, args)?;
     let mut doses = Vec::new();
@@ -264,7 +276,9 @@ fn histograms(args: &DvhArgs) -> Result<String> {
         let name = name.split('.').next().unwrap_or_default().to_owned();
         doses.push(DoseDvh { name, structures: structures.histograms(&dose, args) });
     }
+    folder.begin()?;
     write_dvh(&args.out, &doses)?;
+    folder.finish();
     if args.json {
         return io::json(&doses);
     }
@@ -272,6 +286,8 @@ fn histograms(args: &DvhArgs) -> Result<String> {
 }
 
 fn compare(args: &CompareArgs) -> Result<String> {
+    let names = planned(&["compare.json"], &["dose_difference.nii.gz", "distance_to_dose_difference.nii.gz"]);
+    let mut folder = run_folder(&args.out, &names, &[&args.dose, &args.reference])?;
     let mut ledger = Ledger::default();
     let (dose, reference) = (read_dose(&mut ledger, &args.dose)?, read_dose(&mut ledger, &args.reference)?);
     let most = f64::from(reference.extremes()[1].max(0.0));
@@ -282,7 +298,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
             "give a tolerance above 0 Gy and a limit above 0 and up to 100 mm",
         ));
     }
-    open_folder(&args.out)?;
+    folder.begin()?;
     let (map, figures) = difference(&dose, &reference)?;
     let distance = distance_to_difference(&reference, tolerance, args.limit);
     let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
@@ -291,9 +307,10 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let path = args.out.join("distance_to_dose_difference.nii.gz");
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
     let json = serde_json::json!({
-        "inputs": ledger.inputs, "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
+        "inputs": ledger.seen_from(&args.out), "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
     });
     write_json(args.out.join("compare.json"), &json)?;
+    folder.finish();
     if args.json {
         return io::json(&json);
     }

@@ -7,9 +7,7 @@ use super::voxels::Layout;
 use super::{Loaded, atomic, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
-use crate::geometry::Grid;
 use crate::volume::{Mask, Spans, Volume};
-use crate::warning::Warning;
 use std::path::Path;
 
 /// How an image's values are stored.
@@ -49,15 +47,6 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
         let (image, odd) = raster.scalar(path)?;
         require_finite(path, image, odd, f32::is_finite)
     })
-}
-
-/// Reads the grid of any image, label map or field, without its values, and what is odd about it.
-///
-/// # Errors
-/// As [`read_image`], but for the values.
-pub fn read_grid(path: impl AsRef<Path>) -> Result<(Grid, Vec<Warning>)> {
-    let loaded = load(path.as_ref(), |raster| Ok(raster.grid.clone()))?;
-    Ok((loaded.value, loaded.warnings))
 }
 
 /// Writes a scalar image; the extension of `path` chooses the format.

@@ -10,8 +10,11 @@ pub mod checksum;
 mod contours;
 mod density;
 mod field;
+mod folder;
 mod gaps;
 mod gzip;
+mod head;
+mod identity;
 mod image;
 pub mod inspect;
 mod json;
@@ -32,11 +35,14 @@ mod voxels;
 #[cfg(test)]
 mod tests;
 
-pub use atomic::write_file;
+pub use atomic::{open_folder, write_file};
 pub use contours::{read_contours, write_contours};
 pub use density::read_density;
 pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
-pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_map, write_mask};
+pub use folder::{Planned, RunFolder};
+pub use head::read_grid;
+pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};
+pub use image::{Stored, WriteOptions, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
 pub use labels::{read_label_map, read_labels, write_labels};
 pub use landmarks::{read_bone_landmarks, read_landmarks};

@@ -114,7 +114,7 @@ pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> R
 }
 
 /// Tells the format by the first bytes.
-fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
+pub(super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
     if nrrd::is_nrrd(raw) {
         nrrd::parse(path, raw)
     } else if metaimage::is_metaimage(raw) {

@@ -173,6 +173,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let outputs = vec![OutputFile {
         name: "planning_to_fraction.nii.gz".into(),
         what: "push field on the planning grid, LPS mm".into(),
+        sha256: "0".repeat(64),
     }];
     let run = Run {
         command: "aventail register --planning case/planning.nii.gz".into(),

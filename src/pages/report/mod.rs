@@ -34,11 +34,12 @@ pub use table::terminal_table;
 pub use transforms::write_bone_transforms;
 
 use crate::error::{Error, Result};
-use crate::io::{write_file, write_json};
+use crate::io::{relative_to, write_file, write_json};
 use crate::pipeline::{Case, Outcome};
 use std::path::Path;
 
-/// Writes the report of a run, with the pictures that [`draw`] made of it, into `folder` and returns its numbers.
+/// Writes the report of a run, with the pictures that [`draw`] made of it, into `folder` and returns its numbers; the
+/// `report.json` comes last and has the checksums of all that is there.
 ///
 /// # Errors
 /// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
@@ -48,14 +49,24 @@ pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run, mut pictu
         .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
     pictures.extend(pictures::material(&run.settings)?);
     pictures::write(&pictures_folder, &pictures)?;
-    let report = Report::new(case, outcome, run);
-    write_json(folder.join("report.json"), &report)?;
+    let mut report = Report::new(case, outcome, run);
+    report.folder = std::fs::canonicalize(folder).unwrap_or_default().to_string_lossy().into_owned();
+    report.inputs.iter_mut().for_each(|input| input.path = relative_to(folder, &input.path));
+    let mut more: Vec<(String, &str)> =
+        pictures.iter().map(|p| (format!("report/{}", p.file), "picture of the report")).collect();
     if let Some(landmarks) = &report.landmarks {
         write_landmarks(&folder.join("landmarks.csv"), landmarks)?;
+        more.push(("landmarks.csv".into(), "residual of each landmark, LPS mm"));
     }
     let transforms = report.bones.iter().map(|b| (b.name.as_str(), &b.transform));
     write_bone_transforms(&folder.join("bone_transforms.json"), transforms)?;
+    more.push(("bone_transforms.json".into(), "4x4 of each bone, planning to fraction, LPS mm"));
     let page = page(&report, &pictures);
     write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
+    more.push(("report.html".into(), "the report as a page"));
+    for (name, what) in more {
+        report.outputs.push(OutputFile::written(folder, &name, what)?);
+    }
+    write_json(folder.join("report.json"), &report)?;
     Ok(report)
 }

@@ -39,6 +39,20 @@ pub struct OutputFile {
     pub name: String,
     /// What it holds, in words: grid, direction, unit.
     pub what: String,
+    /// SHA-256 of its bytes, hexadecimal; empty in reports from before there were any.
+    #[serde(default)]
+    pub sha256: String,
+}
+
+impl OutputFile {
+    /// A file that has just been written into `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Read`] when it cannot be read back.
+    pub fn written(folder: &Path, name: &str, what: &str) -> Result<Self> {
+        let sha256 = crate::io::checksum::sha256_file(folder.join(name))?;
+        Ok(Self { name: name.into(), what: what.into(), sha256 })
+    }
 }
 
 /// The numbers of a run. Lengths in mm, positions in LPS mm.
@@ -50,7 +64,10 @@ pub struct Report {
     pub created: u64,
     /// The command line.
     pub command: String,
-    /// Input files with checksums.
+    /// The folder that it was written into, without links; the run may have been moved since.
+    #[serde(default)]
+    pub folder: String,
+    /// Input files with checksums, their paths as seen from the folder of the report.
     pub inputs: Vec<InputFile>,
     /// The settings it ran with, defaults resolved.
     pub settings: serde_json::Value,
@@ -123,6 +140,7 @@ impl Report {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
             command: run.command.clone(),
+            folder: String::new(),
             inputs: case.inputs.clone(),
             settings: run.settings.clone(),
             planning_grid: case.planning.grid().clone(),

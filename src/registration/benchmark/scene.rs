@@ -93,7 +93,7 @@ impl Scene {
         let centroids: Vec<Point3<f64>> = phantom.skeleton.bones.iter().map(|b| b.centroid).collect();
         let folder = std::env::temp_dir().join(format!("aventail-bench-{}", std::process::id()));
         let refuse = |e: std::io::Error| Error::write(&folder, e.to_string(), "set TMPDIR to a folder with room");
-        std::fs::create_dir_all(&folder).map_err(refuse)?;
+        std::fs::create_dir(&folder).map_err(refuse)?;
         let planning_file = folder.join("planning_ct.nii.gz");
         io::write_image(&planning_file, &phantom.planning, Stored::Int16, &WriteOptions::default())?;
         let options = ChainmailOptions::default();

@@ -135,7 +135,7 @@ impl Preset {
 pub struct RecordedInput {
     /// Role, for example `planning`.
     pub role: String,
-    /// Path as it was given.
+    /// Where it lies, seen from the folder of the report, or as it was given.
     pub path: PathBuf,
     /// SHA-256 of the file then.
     pub sha256: String,
@@ -148,6 +148,8 @@ pub struct ConfigFile {
     settings: Map<String, Value>,
     /// Inputs of the run that a report describes.
     pub inputs: Vec<RecordedInput>,
+    /// The folder of that report when it was written.
+    pub folder: Option<PathBuf>,
 }
 
 impl ConfigFile {
@@ -168,9 +170,11 @@ impl ConfigFile {
                 .and_then(Value::as_object)
                 .ok_or_else(|| bad("it has no `settings`".into()))?
                 .clone();
-            let inputs = serde_json::from_value(report.get("inputs").cloned().unwrap_or(Value::Array(Vec::new())))
-                .map_err(|e| bad(format!("its `inputs` are damaged ({e})")))?;
-            return Ok(Self { settings, inputs });
+            let recorded = report.get("inputs").cloned().unwrap_or(Value::Array(Vec::new()));
+            let inputs =
+                serde_json::from_value(recorded).map_err(|e| bad(format!("its `inputs` are damaged ({e})")))?;
+            let folder = report.get("folder").and_then(Value::as_str).map(PathBuf::from);
+            return Ok(Self { settings, inputs, folder });
         }
         let value: Value = toml::from_str(&text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
         if let Some(key) = not_finite(&value) {
@@ -179,7 +183,7 @@ impl ConfigFile {
                 "give a finite number, or leave the line out",
             ));
         }
-        Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), inputs: Vec::new() })
+        Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), ..Self::default() })
     }
 
     /// The complete settings: the preset (the argument's, else the file's, else the default), overlaid with the file.
@@ -312,7 +316,7 @@ mod tests {
 
     fn resolve(toml: &str) -> Result<Config> {
         let value: Value = toml::from_str(toml).unwrap();
-        ConfigFile { settings: value.as_object().cloned().unwrap(), inputs: Vec::new() }.resolve(None)
+        ConfigFile { settings: value.as_object().cloned().unwrap(), ..ConfigFile::default() }.resolve(None)
     }
 
     #[test]
@@ -329,7 +333,7 @@ mod tests {
     fn every_complete_configuration_survives_a_round_trip() {
         for preset in [Preset::Default, Preset::Fast, Preset::Accurate, Preset::Thesis] {
             let settings = serde_json::to_value(preset.config()).unwrap().as_object().cloned().unwrap();
-            let again = ConfigFile { settings, inputs: Vec::new() }.resolve(None).unwrap();
+            let again = ConfigFile { settings, ..ConfigFile::default() }.resolve(None).unwrap();
             assert_eq!(again, preset.config());
         }
     }

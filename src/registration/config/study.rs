@@ -125,7 +125,7 @@ impl StudyPlan {
         let mut seen = HashSet::new();
         let once = self.tables.iter().flat_map(|t| &t.stages).filter(|s| seen.insert(s.id.as_str()));
         once.map(|stage| {
-            let file = ConfigFile { settings: stage.settings.clone(), inputs: Vec::new() };
+            let file = ConfigFile { settings: stage.settings.clone(), ..ConfigFile::default() };
             let config = file
                 .resolve(None)
                 .map_err(|e| Error::usage(format!("stage {}: {e}", stage.id), "change the plan's settings"))?;

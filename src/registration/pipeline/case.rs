@@ -14,7 +14,8 @@ use std::path::PathBuf;
 pub struct InputFile {
     /// What it is, for example `planning`.
     pub role: String,
-    /// Path as given.
+    /// Path as given; in a report as seen from its folder.
+    #[serde(serialize_with = "crate::io::path_as_text")]
     pub path: PathBuf,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,

@@ -90,7 +90,14 @@ fn part_of_body(body: &Mask, grid: &Grid) -> Mask {
 
 /// The labels lie on the planning grid.
 pub(super) fn check_labels(case: &Case) -> Result<()> {
-    let (ct, bones) = (case.planning.grid(), case.bones.volume.grid());
+    check_grids(case.planning.grid(), case.bones.volume.grid())
+}
+
+/// Whether bone labels lie on the planning CT's grid; headers are enough to tell.
+///
+/// # Errors
+/// [`Error::Input`] when they do not.
+pub fn check_grids(ct: &Grid, bones: &Grid) -> Result<()> {
     let tolerance = 0.1 * ct.spacing().into_iter().fold(f64::MAX, f64::min);
     if !ct.matches(bones, tolerance) {
         return Err(Error::input(
@@ -118,15 +125,21 @@ pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<War
     check_image("fraction CT", fraction, config)
 }
 
+/// Whether an image of this grid can show a patient; headers are enough to tell.
+///
+/// # Errors
+/// [`Error::Input`] when it cannot.
+pub fn check_size(what: &str, grid: &Grid) -> Result<()> {
+    if grid.size().iter().all(|&n| n >= 4) {
+        return Ok(());
+    }
+    let problem = format!("its size is {:?} voxels", grid.size());
+    Err(Error::input(what, problem, "a volume of at least 4 voxels along every axis is needed"))
+}
+
 /// An image that can show a patient.
 pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
-    if image.grid().size().iter().any(|&n| n < 4) {
-        return Err(Error::input(
-            what,
-            format!("its size is {:?} voxels", image.grid().size()),
-            "a volume of at least 4 voxels along every axis is needed",
-        ));
-    }
+    check_size(what, image.grid())?;
     let first = image.data()[0];
     if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
         return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));

@@ -1,6 +1,9 @@
 //! What a file holds, for people and machines: geometry, how the header tells it, and values.
 
+mod folder;
 mod text;
+
+pub use folder::{FolderCheck, check_folder};
 
 use super::labels::{header_names, is_label};
 use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind, load};
@@ -22,6 +25,7 @@ pub const SAME_GRID_MM: f64 = 1e-3;
 #[derive(Debug, Clone, Serialize)]
 pub struct Inspection {
     /// The file.
+    #[serde(serialize_with = "super::path_as_text")]
     pub path: PathBuf,
     /// SHA-256 of its bytes.
     pub sha256: String,

@@ -9,9 +9,10 @@ pub use figures::{Figure, figures};
 pub use text::terminal_table;
 
 use super::csv::write_landmarks;
+use super::numbers::OutputFile;
 use crate::error::{Error, Result};
 use crate::evaluate::{Assessment, Subject};
-use crate::io::{write_file, write_json};
+use crate::io::{relative_to, write_file, write_json};
 use crate::pipeline::InputFile;
 use crate::runtime::StageTime;
 use crate::volume::{LabelMap, Spans};
@@ -47,6 +48,9 @@ pub struct EvaluationReport {
     pub stages: Vec<StageTime>,
     /// Number of threads.
     pub threads: usize,
+    /// Files that were written beside the report.
+    #[serde(default)]
+    pub outputs: Vec<OutputFile>,
 }
 
 /// What pictures of one field are drawn from.
@@ -90,25 +94,36 @@ impl EvaluationReport {
     }
 }
 
-/// Writes `evaluation.json`, `.csv`, `.md`, `.html`, the landmarks of each field and the pictures into `folder`.
+/// Writes the landmarks of each field, the pictures, `evaluation.csv`, `.md`, `.html` and last `evaluation.json`, which gets
+/// the checksums of the others, into `folder`.
 ///
 /// # Errors
 /// [`Error::Write`] when a file or folder cannot be written.
-pub fn write(folder: &Path, report: &EvaluationReport, pictures: &[EvaluationPicture]) -> Result<()> {
+pub fn write(folder: &Path, report: &mut EvaluationReport, pictures: &[EvaluationPicture]) -> Result<()> {
     let drawn = folder.join("pictures");
     std::fs::create_dir_all(&drawn)
         .map_err(|e| Error::write(&drawn, e.to_string(), "choose a folder that you may write to"))?;
+    report.inputs.iter_mut().for_each(|input| input.path = relative_to(folder, &input.path));
     pictures.iter().try_for_each(|p| write_file(drawn.join(&p.file), |out| out.write_all(&p.png)))?;
-    write_json(folder.join("evaluation.json"), report)?;
-    let table = text::csv(report).map_err(|e| Error::Internal(format!("evaluation as CSV: {e}")))?;
-    write_file(folder.join("evaluation.csv"), |out| out.write_all(&table))?;
-    write_file(folder.join("evaluation.md"), |out| out.write_all(text::markdown(report).as_bytes()))?;
+    let mut written: Vec<(String, &str)> =
+        pictures.iter().map(|p| (format!("pictures/{}", p.file), "picture of the report")).collect();
     for (n, field) in report.fields.iter().enumerate() {
         if let Some(landmarks) = &field.assessment.landmarks {
             let name =
                 if report.fields.len() == 1 { "landmarks.csv".into() } else { format!("landmarks_{}.csv", n + 1) };
-            write_landmarks(&folder.join(name), landmarks)?;
+            write_landmarks(&folder.join(&name), landmarks)?;
+            written.push((name, "residual of each landmark, LPS mm"));
         }
     }
-    write_file(folder.join("evaluation.html"), |out| out.write_all(page::page(report, pictures).as_bytes()))
+    let table = text::csv(report).map_err(|e| Error::Internal(format!("evaluation as CSV: {e}")))?;
+    write_file(folder.join("evaluation.csv"), |out| out.write_all(&table))?;
+    write_file(folder.join("evaluation.md"), |out| out.write_all(text::markdown(report).as_bytes()))?;
+    write_file(folder.join("evaluation.html"), |out| out.write_all(page::page(report, pictures).as_bytes()))?;
+    for (extension, what) in [("csv", "the numbers as a table"), ("md", "the tables"), ("html", "the report as a page")]
+    {
+        written.push((format!("evaluation.{extension}"), what));
+    }
+    let written = written.iter().map(|(name, what)| OutputFile::written(folder, name, what));
+    report.outputs = written.collect::<Result<_>>()?;
+    write_json(folder.join("evaluation.json"), report)
 }

@@ -1,0 +1,463 @@
+//! The folder of a run: held by one process at a time, rid of what an earlier run left before anything is written, and
+//! known file by file.
+//!
+//! While a run holds a folder, a hidden file there is locked for it. It tells which process works, and which files it has
+//! written so far, so that the next run removes them if this one is killed. The lock is the operating system's: it ends
+//! with the process, however that ends. Where the file system has no locks, runs are not kept apart.
+
+use super::atomic::sweep;
+use super::identity::{check_files, has_other_names, is_still, spare};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read, Seek, Write};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The file that is locked.
+pub(super) const LOCK: &str = ".aventail-run";
+/// Folders in a run's folder that hold files of the run.
+pub(super) const PARTS: [&str; 3] = ["report", "pictures", "stages"];
+/// Files that tell in `outputs` what a run has written.
+pub(super) const REPORTS: [&str; 2] = ["report.json", "evaluation.json"];
+
+/// The folders that this process holds.
+static HELD: Mutex<Vec<Arc<Held>>> = Mutex::new(Vec::new());
+
+/// What a run is going to write into its folder.
+#[derive(Debug, Clone, Default)]
+pub struct Planned {
+    /// The files that tell what was written, the one for machines first: they go first and come last.
+    pub reports: Vec<String>,
+    /// Names of all other files, as far as they are known before.
+    pub names: Vec<String>,
+}
+
+/// A folder that this process holds until this is dropped. What was written since [`RunFolder::begin`] is removed with it
+/// unless [`RunFolder::finish`] is called.
+#[derive(Debug)]
+pub struct RunFolder {
+    held: Arc<Held>,
+    /// What the runs before have written, and is still to be removed.
+    leftovers: BTreeSet<PathBuf>,
+    reports: Vec<String>,
+    begun: bool,
+    finished: bool,
+}
+
+/// A folder that is held.
+#[derive(Debug)]
+pub(super) struct Held {
+    /// Without links.
+    folder: PathBuf,
+    inputs: Vec<PathBuf>,
+    journal: Mutex<Journal>,
+}
+
+/// The locked file and what it lists.
+#[derive(Debug)]
+struct Journal {
+    file: File,
+    written: BTreeSet<PathBuf>,
+}
+
+/// The first line of the locked file.
+#[derive(Serialize, Deserialize)]
+struct Owner {
+    process: u32,
+    command: String,
+}
+
+impl RunFolder {
+    /// Makes the folder where it is missing and takes hold of it. `command` is what this process is asked for, for the
+    /// message that others get meanwhile.
+    ///
+    /// # Errors
+    /// [`Error::Write`] when the folder cannot be written to or another process holds it; [`Error::Read`] when an input is
+    /// missing; [`Error::Input`] when an input would be overwritten or removed, or a file of another verb's run.
+    pub fn open(folder: &Path, planned: &Planned, inputs: &[&Path], command: &str) -> Result<Self> {
+        let at = |name: &String| folder.join(name);
+        let all: Vec<PathBuf> = planned.reports.iter().chain(&planned.names).map(at).collect();
+        check_files(inputs, &all)?;
+        let refuse = |e: io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
+        std::fs::create_dir_all(folder).map_err(refuse)?;
+        let real = std::fs::canonicalize(folder).map_err(refuse)?;
+        let (file, unfinished) = lock(folder, command)?;
+        let journal = Mutex::new(Journal { file, written: BTreeSet::new() });
+        let inputs: Vec<PathBuf> = inputs.iter().map(|p| p.to_path_buf()).collect();
+        let held = Arc::new(Held { folder: real, inputs, journal });
+        all_held().push(Arc::clone(&held));
+        let mut own =
+            Self { held, leftovers: unfinished, reports: planned.reports.clone(), begun: false, finished: false };
+        sweep(folder);
+        PARTS.iter().for_each(|part| sweep(&folder.join(part)));
+        own.earlier(folder, planned)?;
+        Ok(own)
+    }
+
+    /// Adds what an earlier run of this verb wrote to what is to be removed, and refuses what must stay.
+    fn earlier(&mut self, folder: &Path, planned: &Planned) -> Result<()> {
+        for report in REPORTS {
+            let outputs = outputs_of(&folder.join(report));
+            if planned.reports.iter().any(|own| own == report) {
+                self.leftovers.extend(outputs);
+            } else if let Some(name) = planned.names.iter().find(|n| outputs.contains(Path::new(n))) {
+                let problem = format!("{name} there belongs to the run that {report} tells of");
+                let remedy = "give another --out: a folder holds one run";
+                return Err(Error::refused("folder-of-another-run", folder.display().to_string(), problem, remedy));
+            }
+        }
+        self.leftovers.iter().try_for_each(|name| spare(&self.held.inputs, &folder.join(name)))
+    }
+
+    /// Removes the reports of an earlier run, then its other files: from here on the folder holds this run alone.
+    ///
+    /// # Errors
+    /// [`Error::Write`] when a file cannot be removed.
+    pub fn begin(&mut self) -> Result<()> {
+        let folder = &self.held.folder;
+        let mut journal = self.held.journal();
+        // If this process is killed meanwhile, the next one goes on.
+        let rest: Vec<PathBuf> = self.reports.iter().map(PathBuf::from).chain(self.leftovers.iter().cloned()).collect();
+        let lines: String = rest.iter().filter_map(|name| line(name)).collect();
+        journal.file.write_all(lines.as_bytes()).map_err(|e| Error::write(folder, e.to_string(), "check the disk"))?;
+        for name in &rest {
+            remove(folder, name)?;
+        }
+        drop(journal);
+        self.leftovers.clear();
+        self.begun = true;
+        Ok(())
+    }
+
+    /// What an unfinished run has written stays, since this one goes on with it.
+    pub fn go_on(&mut self) {
+        self.leftovers.clear();
+    }
+
+    /// What has been written so far, by its path in the folder.
+    pub fn written(&self) -> Vec<PathBuf> {
+        self.held.journal().written.iter().cloned().collect()
+    }
+
+    /// The run is complete: its files stay.
+    pub fn finish(mut self) {
+        self.finished = true;
+    }
+}
+
+impl Drop for RunFolder {
+    fn drop(&mut self) {
+        all_held().retain(|held| !Arc::ptr_eq(held, &self.held));
+        let folder = &self.held.folder;
+        let journal = self.held.journal();
+        if self.begun && !self.finished {
+            // What led here is the error to report, not that something could not be removed.
+            journal.written.iter().for_each(|name| drop(remove(folder, name)));
+            PARTS.iter().for_each(|part| drop(std::fs::remove_dir(folder.join(part))));
+        }
+        // What is left of a killed run stays listed for the next.
+        if self.begun || self.leftovers_listed_elsewhere() {
+            let _ = std::fs::remove_file(folder.join(LOCK));
+        }
+    }
+}
+
+impl RunFolder {
+    /// Whether a report still tells of everything that is to be removed.
+    fn leftovers_listed_elsewhere(&self) -> bool {
+        let told: BTreeSet<PathBuf> =
+            self.reports.iter().flat_map(|report| outputs_of(&self.held.folder.join(report))).collect();
+        self.leftovers.is_subset(&told)
+    }
+}
+
+impl Held {
+    fn journal(&self) -> MutexGuard<'_, Journal> {
+        self.journal.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes that `path` is about to be put in its place, if it lies in a folder that is held.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when it is an input of that run.
+    pub(super) fn note(path: &Path) -> Result<()> {
+        let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let (Ok(parent), Some(name)) = (std::fs::canonicalize(parent), path.file_name()) else { return Ok(()) };
+        let real = parent.join(name);
+        // The innermost, where one folder that is held lies in another.
+        let deep = |held: &&Arc<Self>| held.folder.components().count();
+        let held = all_held().iter().filter(|h| real.starts_with(&h.folder)).max_by_key(deep).cloned();
+        let Some(held) = held else { return Ok(()) };
+        spare(&held.inputs, path)?;
+        if let Ok(own) = real.strip_prefix(&held.folder) {
+            let mut journal = held.journal();
+            if journal.written.insert(own.to_owned())
+                && let Some(line) = line(own)
+            {
+                let noted = journal.file.write_all(line.as_bytes());
+                noted.map_err(|e| Error::write(path, e.to_string(), "free some space, or check the disk"))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn all_held() -> MutexGuard<'static, Vec<Arc<Held>>> {
+    HELD.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A name as a line of the locked file; names of outputs are plain text.
+fn line(name: &Path) -> Option<String> {
+    name.to_str().filter(|n| !n.contains('\n')).map(|n| format!("{n}\n"))
+}
+
+/// Takes the lock; returns the file and what a killed run has listed there.
+fn lock(folder: &Path, command: &str) -> Result<(File, BTreeSet<PathBuf>)> {
+    let path = folder.join(LOCK);
+    let refuse = |e: io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
+    // Again, where the file was another's that has just gone.
+    for _ in 0..100 {
+        let new = OpenOptions::new().read(true).write(true).create_new(true).open(&path);
+        let mut file = match new {
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => match existing(&path) {
+                Err(e) if e.kind() == ErrorKind::NotFound => continue,
+                opened => opened.map_err(refuse)?,
+            },
+            opened => opened.map_err(refuse)?,
+        };
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => return Err(busy(folder, &mut file)),
+            Ok(()) | Err(TryLockError::Error(_)) => {}
+        }
+        let open = file.metadata().map_err(refuse)?;
+        if !is_still(&path, &open) {
+            continue;
+        }
+        if has_other_names(&open) {
+            std::fs::remove_file(&path).map_err(refuse)?;
+            continue;
+        }
+        let (_, unfinished) = content(&mut file);
+        let owner = Owner { process: std::process::id(), command: command.to_owned() };
+        let first = serde_json::to_string(&owner).map_err(|e| Error::Internal(e.to_string()))?;
+        let rest: String = unfinished.iter().filter_map(|name| line(name)).collect();
+        let text = format!("{first}\n{rest}");
+        let write = |file: &mut File| {
+            file.set_len(0)?;
+            file.rewind()?;
+            file.write_all(text.as_bytes())
+        };
+        write(&mut file).map_err(refuse)?;
+        return Ok((file, unfinished));
+    }
+    Err(Error::write(folder, format!("{LOCK} there cannot be locked"), "remove that file, if no run is at work"))
+}
+
+/// The file of another run, alive or not; a link in its place is removed, not followed.
+fn existing(path: &Path) -> io::Result<File> {
+    let kind = std::fs::symlink_metadata(path)?.file_type();
+    if kind.is_symlink() {
+        std::fs::remove_file(path)?;
+        return Err(ErrorKind::NotFound.into());
+    }
+    if !kind.is_file() {
+        return Err(io::Error::other(format!("{LOCK} there is no file")));
+    }
+    OpenOptions::new().read(true).write(true).open(path)
+}
+
+/// Who has locked the file, and the names that it lists.
+fn content(file: &mut File) -> (Option<Owner>, BTreeSet<PathBuf>) {
+    let mut bytes = Vec::new();
+    if file.rewind().and_then(|()| file.read_to_end(&mut bytes)).is_err() {
+        return (None, BTreeSet::new());
+    }
+    let text = String::from_utf8_lossy(&bytes);
+    let mut lines = text.lines();
+    let owner = lines.next().and_then(|first| serde_json::from_str(first).ok());
+    (owner, lines.map(PathBuf::from).filter(|name| is_inside(name)).collect())
+}
+
+/// The refusal of a folder that another process holds.
+fn busy(folder: &Path, file: &mut File) -> Error {
+    let mut owner = content(file).0;
+    if owner.is_none() {
+        // It may just have begun.
+        std::thread::sleep(Duration::from_millis(50));
+        owner = content(file).0;
+    }
+    let who = owner.map_or_else(|| "another process".into(), |o| format!("process {} ({})", o.process, o.command));
+    Error::write(folder, format!("{who} is writing its run there"), "wait until it is done, or give another --out")
+}
+
+/// Who is at work in a folder, without taking it.
+pub(super) fn at_work(folder: &Path) -> Option<String> {
+    let mut file = File::open(folder.join(LOCK)).ok()?;
+    let owner = content(&mut file).0;
+    let who = owner.map_or_else(|| "a process".into(), |o| format!("process {} ({})", o.process, o.command));
+    Some(match file.try_lock_shared() {
+        Err(TryLockError::WouldBlock) => format!("{who} is at work there"),
+        _ => format!("{who} was stopped before its run there was complete"),
+    })
+}
+
+/// Names in `outputs` of a report, which may be another tool's or damaged: those that lie in its folder.
+fn outputs_of(report: &Path) -> BTreeSet<PathBuf> {
+    let text = std::fs::read(report).unwrap_or_default();
+    let value: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
+    let names = value["outputs"].as_array().into_iter().flatten().filter_map(|o| o["name"].as_str());
+    names.map(PathBuf::from).filter(|name| is_inside(name)).collect()
+}
+
+/// Whether a path leads nowhere but downwards.
+pub(super) fn is_inside(name: &Path) -> bool {
+    name.components().next().is_some() && name.components().all(|c| matches!(c, Component::Normal(_)))
+}
+
+/// Removes a file of a folder; links on the way there are not followed, and a folder in its place stays.
+fn remove(folder: &Path, name: &Path) -> Result<()> {
+    let path = folder.join(name);
+    let inside = path.parent().and_then(|p| std::fs::canonicalize(p).ok()).is_some_and(|p| p.starts_with(folder));
+    if !inside || path.is_dir() {
+        return Ok(());
+    }
+    match std::fs::remove_file(&path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            Err(Error::write(&path, e.to_string(), "an earlier run has left it: remove it, or give another --out"))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::write_file;
+    use super::*;
+
+    fn planned() -> Planned {
+        Planned {
+            reports: vec!["report.json".into(), "report.html".into()],
+            names: vec!["a.nii".into(), "b.nii".into()],
+        }
+    }
+
+    fn open(folder: &Path) -> Result<RunFolder> {
+        RunFolder::open(folder, &planned(), &[], "aventail register")
+    }
+
+    fn write(path: PathBuf) {
+        write_file(path, |out| out.write_all(b"{}")).unwrap();
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn one_run_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = open(dir.path()).unwrap();
+        let refused = open(dir.path()).unwrap_err();
+        let text = refused.to_string();
+        assert!(refused.exit_code() == 5 && text.contains(&std::process::id().to_string()), "{text}");
+        assert!(text.contains("aventail register"), "{text}");
+        drop(first);
+        assert_eq!(names(dir.path()), [""; 0]);
+        open(dir.path()).unwrap();
+    }
+
+    #[test]
+    fn an_earlier_run_goes_and_what_is_not_its_own_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        let at = |name: &str| out.join(name);
+        std::fs::create_dir_all(at("report")).unwrap();
+        for name in ["a.nii", "skin.nii", "report.html", "report/x.png", "notes.txt", "report/mine.png"] {
+            std::fs::write(at(name), b"old").unwrap();
+        }
+        std::fs::write(dir.path().join("outside"), b"x").unwrap();
+        let outputs = ["a.nii", "skin.nii", "report/x.png", "../outside", "/etc/hostname", "report"];
+        let outputs: Vec<_> = outputs.iter().map(|name| serde_json::json!({ "name": name })).collect();
+        std::fs::write(at("report.json"), serde_json::json!({ "outputs": outputs }).to_string()).unwrap();
+        // Refused or given up before it writes: everything stays.
+        drop(open(&out).unwrap());
+        assert!(at("skin.nii").exists() && at("report.json").exists());
+        let mut run = open(&out).unwrap();
+        run.begin().unwrap();
+        write(at("a.nii"));
+        assert_eq!(run.written(), [PathBuf::from("a.nii")]);
+        run.finish();
+        assert_eq!(names(&out), ["a.nii", "notes.txt", "report"]);
+        assert_eq!(names(&at("report")), ["mine.png"]);
+        assert!(dir.path().join("outside").exists());
+    }
+
+    #[test]
+    fn a_failed_run_leaves_nothing_and_a_killed_one_is_cleared_by_the_next() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let mut failed = open(dir.path()).unwrap();
+        failed.begin().unwrap();
+        write(at("a.nii"));
+        drop(failed);
+        assert_eq!(names(dir.path()), [""; 0]);
+        let mut killed = open(dir.path()).unwrap();
+        killed.begin().unwrap();
+        write(at("b.nii"));
+        // What a kill leaves: the files, and the list without its lock.
+        let list = std::fs::read(at(LOCK)).unwrap();
+        drop(killed);
+        write(at("b.nii"));
+        std::fs::write(at(LOCK), list).unwrap();
+        // Neither a run that is given up takes the list away.
+        drop(open(dir.path()).unwrap());
+        assert_eq!(names(dir.path()), [LOCK, "b.nii"]);
+        let mut next = open(dir.path()).unwrap();
+        next.begin().unwrap();
+        write(at("a.nii"));
+        next.finish();
+        assert_eq!(names(dir.path()), ["a.nii"]);
+    }
+
+    #[test]
+    fn inputs_are_spared_before_the_work_and_after() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for name in ["a.nii", "old.nii", "c.nii"] {
+            std::fs::write(at(name), b"x").unwrap();
+        }
+        std::fs::write(at("report.json"), r#"{"outputs": [{"name": "old.nii"}]}"#).unwrap();
+        for name in ["a.nii", "old.nii", "report.json"] {
+            let error = RunFolder::open(dir.path(), &planned(), &[&at(name)], "").unwrap_err();
+            assert!(error.code() == "input-overwritten" && error.to_string().contains(name), "{error}");
+        }
+        let run = RunFolder::open(dir.path(), &planned(), &[&at("c.nii")], "").unwrap();
+        let error = write_file(at("c.nii"), |out| out.write_all(b"y")).unwrap_err();
+        assert_eq!(error.code(), "input-overwritten");
+        drop(run);
+        assert_eq!(std::fs::read(at("c.nii")).unwrap(), b"x");
+        let other = Planned { reports: vec!["evaluation.json".into()], names: vec!["old.nii".into()] };
+        let error = RunFolder::open(dir.path(), &other, &[], "").unwrap_err();
+        assert_eq!(error.code(), "folder-of-another-run");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_in_the_place_of_the_lock_is_not_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        std::fs::write(at("victim"), b"precious").unwrap();
+        std::fs::create_dir(at("out")).unwrap();
+        std::os::unix::fs::symlink("../victim", at("out").join(LOCK)).unwrap();
+        drop(open(&at("out")).unwrap());
+        std::fs::hard_link(at("victim"), at("out").join(LOCK)).unwrap();
+        drop(open(&at("out")).unwrap());
+        assert_eq!(std::fs::read(at("victim")).unwrap(), b"precious");
+    }
+}
