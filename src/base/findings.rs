@@ -32,6 +32,14 @@ const fn warned(code: &'static str, reason: &'static str, remedy: &'static str) 
     Finding { code, told: Told::Warned, reason, remedy }
 }
 
+const fn refused(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::Refused, reason, remedy }
+}
+
+const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'static str) -> Finding {
+    Finding { code, told: Told::RefusedOrWarned, reason, remedy }
+}
+
 /// All findings, by code.
 pub const FINDINGS: &[Finding] = &[
     warned(
@@ -86,6 +94,11 @@ pub const FINDINGS: &[Finding] = &[
         "See the Jacobian map; do not map dose there.",
     ),
     warned("folds-in-steep-dose", "The field folds where the dose is steep.", "Do not trust the mapped dose there."),
+    refused(
+        "header-field",
+        "A field of an image's header changes values or geometry in a way that is not supported, or contradicts another field.",
+        "Correct the field that the message names, or write the file again with another tool.",
+    ),
     warned(
         "input-changed",
         "A file is not the one that the recorded run has read.",
@@ -103,6 +116,11 @@ pub const FINDINGS: &[Finding] = &[
         "Rename them if they are bones.",
     ),
     warned(
+        "labels-joined",
+        "Several labels have one name; they are taken as one structure with the least of their numbers.",
+        "Give each label its own name if they are different structures.",
+    ),
+    warned(
         "no-inverse",
         "Points or voxels have no exact pre-image in a field that had to be inverted.",
         "Give the field of the other direction.",
@@ -111,6 +129,11 @@ pub const FINDINGS: &[Finding] = &[
         "no-orientation",
         "A header does not tell where the patient's left, back and head are.",
         "Check orientation in a viewer, and write the file with a full header.",
+    ),
+    warned(
+        "no-spacing",
+        "A header does not tell how far voxels lie apart; 1 mm is taken.",
+        "Write the file with its spacing.",
     ),
     warned(
         "no-tissue",
@@ -123,14 +146,29 @@ pub const FINDINGS: &[Finding] = &[
         "Add --scale-by-jacobian if it is an amount per voxel.",
     ),
     warned(
+        "orientation-contradicts",
+        "A MetaImage's AnatomicalOrientation is not what its matrix says; the matrix is used.",
+        "Check left, right, front and back in a viewer, and write the file anew.",
+    ),
+    warned(
         "outside-field",
         "A part of the input lies outside a field and was not moved by it.",
         "Give a field that covers the input, or crop the input.",
+    ),
+    refused_or_warned(
+        "pixdim-sform-disagree",
+        "The voxel spacing (pixdim) and the sform of a NIfTI file differ: readers of the one and the other see another size.",
+        "Find out which one is right, and write the file anew.",
     ),
     warned(
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",
         "Write the file anew.",
+    ),
+    refused(
+        "row-length",
+        "A row of a CSV table has another number of cells than its first row.",
+        "Give every row as many cells; put texts with commas into quotation marks, write decimals with a point.",
     ),
     warned(
         "sform-qform-disagree",
@@ -144,6 +182,11 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned("sliding", "Cells of declared sliding interfaces are folded.", "Motion may be discontinuous there."),
     warned("small-bone", "A bone has very few voxels.", "Its pose mostly follows its joint."),
+    refused(
+        "space-unknown",
+        "A bare 4x4 matrix, a mesh or an .fcsv does not tell whether its coordinates are LPS or RAS.",
+        "Say it with --space, or of one matrix as FILE#ras or FILE#lps; convert FSL's matrices first.",
+    ),
     warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
     warned(
         "uncertain-field-in-steep-dose",
