@@ -14,6 +14,8 @@ use targets::TARGETS;
 const LONGEST: Duration = Duration::from_secs(5);
 /// No small file needs so much memory.
 const MOST_MEMORY: u64 = 2 << 30;
+/// How long each target runs at a time.
+const TURN: Duration = Duration::from_millis(10);
 /// What breaks parsers.
 const TOKENS: [&str; 40] = [
     "-1",
@@ -149,13 +151,17 @@ fn mutated_files_give_answers() {
         for ((name, target, _), corpus) in chosen.iter().zip(&corpora) {
             corpus.iter().for_each(|data| run(name, *target, data));
         }
-        let (start, mut random, mut runs) =
-            (Instant::now(), Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1), 0u64);
+        // Each target has its own mutations and the same time, whatever the others do.
+        let mut random: Vec<Random> = (1..=chosen.len() as u64)
+            .map(|n| Random((seed * 1000 + n).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1))
+            .collect();
+        let (start, mut runs) = (Instant::now(), 0u64);
         while start.elapsed() < time {
-            for ((name, target, _), corpus) in chosen.iter().zip(&corpora) {
-                for _ in 0..20 {
+            for (((name, target, _), corpus), random) in chosen.iter().zip(&corpora).zip(&mut random) {
+                let turn = Instant::now();
+                while turn.elapsed() < TURN {
                     let mut data = corpus[random.below(corpus.len())].clone();
-                    mutate(&mut data, corpus, &mut random);
+                    mutate(&mut data, corpus, random);
                     run(name, *target, &data);
                     runs += 1;
                 }

@@ -201,13 +201,12 @@ fn place(path: &Path, header: &NiftiHeader, sizes: &[usize]) -> Result<Placed> {
         let remedy = "convert its sform and pixdim to mm and set xyzt_units to 2";
         return Err(Error::input(path.display().to_string(), format!("its unit of length is {unit}, not mm"), remedy));
     }
-    let mut pixdim = [header.pixdim[0], header.pixdim[1], header.pixdim[2], header.pixdim[3]];
     // Axes that a file does not have need no spacing.
-    for a in 1..=3 {
-        if a > usize::from(header.dim[0]) && pixdim[a] == 0.0 {
-            pixdim[a] = 1.0;
-        }
-    }
+    let rank = usize::from(header.dim[0]);
+    let pixdim = std::array::from_fn(|a| match header.pixdim[a] {
+        0.0 if a > rank => 1.0,
+        spacing => spacing,
+    });
     let fields = Fields {
         size: [sizes[0], sizes[1], sizes[2]],
         pixdim,

@@ -1,5 +1,7 @@
 //! The format's definition line by line: each field is honoured as Teem and ITK 5.4 read it, or refused.
 
+#![expect(clippy::float_cmp, reason = "values that are exact by construction")]
+
 use crate::error::Error;
 use crate::io::{Loaded, read_field, read_image, read_labels};
 use crate::volume::Volume;
