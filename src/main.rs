@@ -1,5 +1,6 @@
 //! The `aventail` program: parse, run, print, exit. Everything it does is in the library.
 
+use aventail::cli::terminal::harmless;
 use aventail::{Error, cli};
 use clap::Parser;
 use std::io::{ErrorKind, IsTerminal, Write};
@@ -7,7 +8,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let done = match cli::args::Cli::try_parse() {
-        Ok(cli) => cli::run(&cli).and_then(|text| print(&format!("{}\n", text.trim_end()))),
+        Ok(cli) => cli::run(&cli).and_then(|text| print(&format!("{}\n", harmless(text.trim_end())))),
         // Help and version.
         Err(shown) if !shown.use_stderr() => {
             let text = shown.render();
@@ -18,7 +19,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "aventail: {error}");
+            let _ = writeln!(std::io::stderr(), "aventail: {}", harmless(&error.to_string()));
             ExitCode::from(error.exit_code())
         }
     }

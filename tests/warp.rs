@@ -205,7 +205,7 @@ fn a_chain_of_fields_and_a_rigid_transform_is_the_formulas_one_after_the_other()
     let input = files::bytes(&at("chain.txt"), b"point\n2\n3 4 5\n-20 10 -15\n");
     let one = format!("planning:day1={}", text(&shift.join("planning_to_fraction.nii.gz")));
     let two = format!("day2:day1={}", text(&turn.join("planning_to_fraction.nii.gz")));
-    let three = format!("day2:couch={}", text(&rigid));
+    let three = format!("day2:couch={}#lps", text(&rigid));
     let fields = ["--field", &one, "--field", &two, "--field", &three];
     let (direct, all) = (at("direct.txt"), at("all.mha"));
     let run = json(warp(
@@ -252,6 +252,35 @@ fn a_chain_of_fields_and_a_rigid_transform_is_the_formulas_one_after_the_other()
     )
     .success();
     assert!(farthest(&read(&back), &read(&input)) < 0.01);
+}
+
+#[test]
+fn a_bare_matrix_is_asked_for_its_space() {
+    // greedy's matrix in RAS mm: points of the fixed image at (-8, 12, -4) LPS come from (-16, 24, -8).
+    let matrix = files::bytes(&at("greedy.mat"), b"1 0 0 8\n0 1 0 -12\n0 0 1 4\n0 0 0 1\n");
+    let (input, out) = (files::bytes(&at("bare.csv"), b"name,x,y,z\na,1,2,3\n"), at("bare_out.csv"));
+    let field = format!("fixed:moving={}", text(&matrix));
+    let line = |field: &str, more: &[&str]| {
+        let words =
+            ["--field", field, "--from", "fixed", "--to", "moving", "--input", text(&input), "--out", text(&out)];
+        words.iter().chain(more).map(|w| (*w).to_owned()).collect::<Vec<String>>()
+    };
+    let run = |words: &[String]| warp(&words.iter().map(String::as_str).collect::<Vec<_>>());
+    let asked = line(&field, &[]);
+    refused(
+        &asked.iter().map(String::as_str).collect::<Vec<_>>(),
+        4,
+        &["greedy.mat", "--space ras", "FSL", "space-unknown"],
+    );
+    // The table is LPS whatever the matrix is.
+    for (field, more, expected) in [
+        (field.clone(), vec!["--space", "ras"], [1.0 - 8.0, 2.0 + 12.0, 3.0 + 4.0]),
+        (field.clone(), vec!["--space", "lps"], [1.0 + 8.0, 2.0 - 12.0, 3.0 + 4.0]),
+        (format!("{field}#ras"), vec![], [1.0 - 8.0, 2.0 + 12.0, 3.0 + 4.0]),
+    ] {
+        run(&line(&field, &more)).success();
+        assert!(farthest(&points(&out, ""), &[expected]) < 1e-6, "{field} {more:?}: {:?}", points(&out, ""));
+    }
 }
 
 #[test]

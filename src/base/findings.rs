@@ -124,6 +124,11 @@ pub const FINDINGS: &[Finding] = &[
         "No bones are found; turned or mirrored otherwise they would be.",
         "Correct the direction in the wrong header, or give scans of one position of the patient.",
     ),
+    refused(
+        "header-field",
+        "A field of an image's header changes values or geometry in a way that is not supported, or contradicts another field.",
+        "Correct the field that the message names, or write the file again with another tool.",
+    ),
     warned(
         "hu-doubtful",
         "Air does not lie near -1000 HU: the HU look scaled.",
@@ -156,6 +161,11 @@ pub const FINDINGS: &[Finding] = &[
         "Labels that are no bones of the skeleton were ignored.",
         "Rename them if they are bones.",
     ),
+    warned(
+        "labels-joined",
+        "Several labels have one name; they are taken as one structure with the least of their numbers.",
+        "Give each label its own name if they are different structures.",
+    ),
     refused(
         "labels-mirrored",
         "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
@@ -182,6 +192,11 @@ pub const FINDINGS: &[Finding] = &[
         "Give the --out folder of a finished run, or files.",
     ),
     warned(
+        "no-spacing",
+        "A header does not tell how far voxels lie apart; 1 mm is taken.",
+        "Write the file with its spacing.",
+    ),
+    warned(
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",
         "Check that it is a CT in HU.",
@@ -197,14 +212,29 @@ pub const FINDINGS: &[Finding] = &[
         "Add --scale-by-jacobian if it is an amount per voxel.",
     ),
     warned(
+        "orientation-contradicts",
+        "A MetaImage's AnatomicalOrientation is not what its matrix says; the matrix is used.",
+        "Check left, right, front and back in a viewer, and write the file anew.",
+    ),
+    warned(
         "outside-field",
         "A part of the input lies outside a field and was not moved by it.",
         "Give a field that covers the input, or crop the input.",
+    ),
+    refused_or_warned(
+        "pixdim-sform-disagree",
+        "The voxel spacing (pixdim) and the sform of a NIfTI file differ: readers of the one and the other see another size.",
+        "Find out which one is right, and write the file anew.",
     ),
     warned(
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",
         "Write the file anew.",
+    ),
+    refused(
+        "row-length",
+        "A row of a CSV table has another number of cells than its first row.",
+        "Give every row as many cells; put texts with commas into quotation marks, write decimals with a point.",
     ),
     refused(
         "run-changed",
@@ -228,6 +258,11 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned("sliding", "Cells of declared sliding interfaces are folded.", "Motion may be discontinuous there."),
     warned("small-bone", "A bone has very few voxels.", "Its pose mostly follows its joint."),
+    refused(
+        "space-unknown",
+        "A bare 4x4 matrix, a mesh or an .fcsv does not tell whether its coordinates are LPS or RAS.",
+        "Say it with --space, or of one matrix as FILE#ras or FILE#lps; convert FSL's matrices first.",
+    ),
     warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
     warned(
         "uncertain-field-in-steep-dose",

@@ -213,7 +213,7 @@ Examples:
 /// Options of `warp`.
 #[derive(Debug, Args)]
 pub struct WarpArgs {
-    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt, .json#NAME); repeat it for a chain
+    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME); repeat it for a chain
     #[arg(long, value_name = "[FROM:TO=]FILE", required = true, value_parser = OsStringValueParser::new().try_map(LinkArg::of))]
     pub field: Vec<LinkArg>,
     /// Frame that the input lies in
@@ -248,7 +248,8 @@ pub struct WarpArgs {
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Coordinates of a mesh or .fcsv that does not say it
+    /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
+    /// One matrix of several can say it as FILE#ras or FILE#lps
     #[arg(long, value_enum)]
     pub space: Option<SpaceName>,
     /// Write the chain as one field that takes points of --from to --to, instead of carrying an input

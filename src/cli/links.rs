@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
-use crate::io::{self, transform};
+use crate::io::{self, points::Space, transform};
 use crate::warning::Warning;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -100,15 +100,15 @@ pub(super) fn frame(text: &str) -> Result<String, String> {
 }
 
 impl LinkArg {
-    /// Reads the field or transform.
+    /// Reads the field or transform; `space` is what the user says of matrices that do not tell their coordinates.
     ///
     /// # Errors
     /// [`Error::Usage`] when its direction is unknown or said twice and differently; else as [`io::read_field`] and
     /// [`transform::read_rigid`].
-    pub(super) fn read(&self) -> Result<(Link, Vec<Warning>)> {
+    pub(super) fn read(&self, space: Option<Space>) -> Result<(Link, Vec<Warning>)> {
         let (path, entry) = self.place();
         let (motion, own, warnings) = if transform::is_transform(&path) {
-            (Motion::Rigid(transform::read_rigid(&path, entry)?), None, Vec::new())
+            (Motion::Rigid(transform::read_rigid(&path, entry, space)?), None, Vec::new())
         } else {
             let field = io::read_field(path)?;
             let own = io::frames_of(&field.header.description);
@@ -116,6 +116,12 @@ impl LinkArg {
         };
         let (from, to) = self.agreed(own)?;
         Ok((Link { name: self.file.clone(), from, to, motion }, warnings))
+    }
+
+    /// Whether it is a matrix that `--space` speaks of.
+    pub(super) fn needs_space(&self) -> bool {
+        let (path, entry) = self.place();
+        entry.is_none() && transform::is_transform(&path) && transform::is_bare(&path).unwrap_or(false)
     }
 
     /// The frames by command line and header.

@@ -158,11 +158,11 @@ fn object_text(object: &TestObject, out: &Path) -> String {
 }
 
 fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
-    let mut table = csv::Writer::from_writer(out);
+    let mut table = io::Sheet::default();
     table.write_record(["name", "planning_x", "planning_y", "planning_z", "fraction_x", "fraction_y", "fraction_z"])?;
     for l in landmarks {
         let numbers = l.planning.iter().chain(l.fraction.iter()).map(|c| format!("{c:.4}"));
         table.write_record(std::iter::once(l.name.clone()).chain(numbers))?;
     }
-    table.flush()
+    out.write_all(&table.into_bytes()?)
 }

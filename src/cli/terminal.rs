@@ -60,7 +60,7 @@ impl Lines {
     /// Writes a line; a closed terminal is no reason to stop a run.
     fn write(&mut self, line: &str) {
         if let Self::Plain(out) = self {
-            let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+            let _ = writeln!(out, "{}", harmless(line)).and_then(|()| out.flush());
         }
     }
 }
@@ -84,7 +84,7 @@ impl Progress for Terminal {
                 bar.set_style(style("{spinner} {prefix:<24} {bar:30} {pos}/{len} {msg}"));
             }
             bar.set_position(done as u64);
-            bar.set_message(label.to_owned());
+            bar.set_message(harmless(label));
         });
     }
 
@@ -117,13 +117,26 @@ impl Progress for Terminal {
 fn live_line(name: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     bar.set_style(style("{spinner} {prefix:<24} {elapsed} {msg}"));
-    bar.set_prefix(name.to_owned());
+    bar.set_prefix(harmless(name));
     bar.enable_steady_tick(Duration::from_millis(120));
     bar
 }
 
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("templates are constants of this file").progress_chars("=> ")
+}
+
+/// Text as it may reach a terminal: characters that steer it, or that turn the direction of writing, are spelt out. Texts of
+/// files' headers and names end up in messages.
+pub fn harmless(text: &str) -> String {
+    let steers = |c: char| {
+        c.is_control() && !matches!(c, '\n' | '\t') || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        if steers(c) { out.extend(c.escape_unicode()) } else { out.push(c) }
+    }
+    out
 }
 
 fn time(seconds: f64) -> String {
@@ -161,6 +174,14 @@ mod tests {
         progress.finish(0.5);
         let text = String::from_utf8(out.0.lock().unwrap().clone()).unwrap();
         assert_eq!(text, "fit skeleton ...\nfit skeleton 12.3 s\ninvert ...\ninvert 0.50 s\n");
+    }
+
+    #[test]
+    fn control_characters_are_spelt_out() {
+        assert_eq!(
+            harmless("a\u{1b}[2Jb\r\u{7f}\u{9b}\u{202e}\tö\n"),
+            "a\\u{1b}[2Jb\\u{d}\\u{7f}\\u{9b}\\u{202e}\tö\n"
+        );
     }
 
     #[test]

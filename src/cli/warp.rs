@@ -51,7 +51,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
         let mut warnings = Vec::new();
         let mut links = Vec::new();
         for arg in &args.field {
-            let (link, odd) = arg.read()?;
+            let (link, odd) = arg.read(args.space.map(Into::into))?;
             links.push(link);
             warnings.extend(odd);
         }
@@ -154,7 +154,16 @@ fn target(args: &WarpArgs, chain: &Chain<'_>, frame: &str, warnings: &mut Vec<Wa
 }
 
 fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, report: &mut Report) -> Result<()> {
-    let file = points::read_points(input, &args.from, args.space.map(Into::into))?;
+    let space = args.space.map(Into::into);
+    let file = if args.field.iter().any(LinkArg::needs_space) {
+        // --space speaks of the matrices; the points' own word on themselves contradicts nothing.
+        match points::read_points(input, &args.from, None) {
+            Err(e) if e.code() == "space-unknown" => points::read_points(input, &args.from, space),
+            read => read,
+        }?
+    } else {
+        points::read_points(input, &args.from, space)?
+    };
     let mapped: Vec<_> = file.points.iter().map(|p| chain.map(p)).collect();
     let moved: Vec<Point3<f64>> = mapped.iter().map(|m| m.point).collect();
     file.write(out, &moved)?;

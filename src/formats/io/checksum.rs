@@ -4,8 +4,15 @@ use crate::error::{Error, Result};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Read as _};
 use std::path::Path;
+
+/// Bytes that are read before a file's length is judged; every header ends within them.
+const FIRST: u64 = 1 << 24;
+/// Bytes that a file may have beyond what its header promises.
+const SLACK: u64 = 1 << 26;
+/// Longest text or mesh.
+const MOST_TEXT: u64 = 1 << 31;
 
 /// SHA-256 of a file's bytes, as 64 hexadecimal digits. The file is streamed, not loaded.
 ///
@@ -38,11 +45,26 @@ fn hex(digest: &[u8]) -> String {
     })
 }
 
-/// All bytes of a file that should hold something.
+/// All bytes of a text or mesh file that should hold something.
 pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    read_bytes_of(path, &|_| Ok(MOST_TEXT))
+}
+
+/// All bytes of a file that should hold something. Where there are many, `most` tells from the first of them how many there
+/// can be: a longer file is refused before it fills the memory.
+pub(super) fn read_bytes_of(path: &Path, most: &dyn Fn(&[u8]) -> Result<u64>) -> Result<Vec<u8>> {
     let mut file = open(path)?;
     let mut bytes = Vec::new();
-    io::Read::read_to_end(&mut file, &mut bytes).map_err(|e| unreadable(path, &e))?;
+    let mut read =
+        |bytes: &mut Vec<u8>, upto: u64| file.by_ref().take(upto).read_to_end(bytes).map_err(|e| unreadable(path, &e));
+    if read(&mut bytes, FIRST)? as u64 == FIRST {
+        let most = most(&bytes)?.saturating_add(SLACK).max(FIRST);
+        read(&mut bytes, most - FIRST + 1)?;
+        if bytes.len() as u64 > most {
+            let problem = format!("it is far longer than its header promises: more than {most} bytes");
+            return Err(Error::read(path, problem, "the header is damaged, or not this file's: export it again"));
+        }
+    }
     if bytes.is_empty() {
         return Err(Error::read(path, "the file is empty (0 bytes)", "copy or export it again"));
     }

@@ -1,6 +1,6 @@
 //! Contours as JSON (docs/formats.md): closed planar polygons per structure, LPS mm.
 
-use super::checksum::read_bytes;
+use super::text::read_text;
 use crate::error::{Error, Result};
 use crate::volume::contour::{Contours, Polygon, Structure};
 use nalgebra::{Matrix3, Vector3};
@@ -44,7 +44,7 @@ fn axial() -> [f64; 6] {
 /// numbers that are not finite, points off their plane, names that repeat, and when there is no contour at all.
 pub fn read_contours(path: impl AsRef<Path>) -> Result<(Contours, Option<String>)> {
     let path = path.as_ref();
-    let file: File = serde_json::from_slice(&read_bytes(path)?).map_err(|e| {
+    let file: File = serde_json::from_str(&read_text(path)?).map_err(|e| {
         let remedy = "give aventail's contour JSON, as docs/formats.md describes it";
         Error::read(path, format!("it is no contour file ({e})"), remedy)
     })?;

@@ -12,6 +12,18 @@ use std::io::{self, Read, Write};
 use std::ops::Range;
 use zlib_rs::{DeflateConfig, DeflateFlush};
 
+/// Bytes that may follow what a header promises, such as padding; more of them mean that the header is wrong, and so that a
+/// small file cannot keep the reader at work for hours.
+const MOST_BEHIND: u64 = 1 << 20;
+
+/// What is wrong with gzip data, for people.
+pub(super) fn problem(error: &io::Error) -> String {
+    if error.kind() == io::ErrorKind::FileTooLarge {
+        return "the gzip data go on behind the values that the header promises: it is not this file's header".into();
+    }
+    format!("the gzip data are damaged or cut off ({error})")
+}
+
 /// First bytes of a gzip member.
 const MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Uncompressed bytes of one block.
@@ -56,12 +68,14 @@ impl<'a> Content<'a> {
     /// Reads to the end of the gzip data, whose checksum stands there, and gives the bytes asked for so far.
     ///
     /// # Errors
-    /// When the gzip data are damaged or cut off.
+    /// When the gzip data are damaged or cut off, or go on for long.
     pub(super) fn checked(self) -> io::Result<Cow<'a, [u8]>> {
         match self {
             Self::Plain(bytes) => Ok(Cow::Borrowed(bytes)),
-            Self::Packed(bytes, mut members) => {
-                io::copy(&mut *members, &mut io::sink())?;
+            Self::Packed(bytes, members) => {
+                if io::copy(&mut members.take(MOST_BEHIND + 1), &mut io::sink())? > MOST_BEHIND {
+                    return Err(io::ErrorKind::FileTooLarge.into());
+                }
                 Ok(Cow::Owned(bytes))
             }
         }

@@ -13,7 +13,7 @@ pub(super) struct Keyed<'a> {
 
 /// Reads and parses a TOML file.
 pub(super) fn parse(path: &Path) -> Result<Table> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the file's name"))?;
+    let text = super::text::read_text(path)?;
     let wrong = |e: toml::de::Error| Error::read(path, e.to_string().trim_end(), "correct the TOML at that place");
     text.parse::<Table>().map_err(wrong)
 }

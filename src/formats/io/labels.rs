@@ -1,33 +1,29 @@
 //! Label maps and the names of their labels: TotalSegmentator's NIfTI header extension, or a JSON file.
 
 use super::Loaded;
-use super::checksum::read_bytes;
 use super::image::{WriteOptions, write};
+use super::names::{header_names, read_names};
 use super::raster::{Odd, Raster, load};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::volume::{LabelMap, Volume};
-use quick_xml::Reader;
-use quick_xml::escape::{escape, resolve_predefined_entity};
-use quick_xml::events::{BytesRef, BytesStart, Event};
-use serde::Deserialize;
+use crate::warning::Warning;
+use quick_xml::escape::escape;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Names of labels.
-pub(super) type Names = BTreeMap<u16, String>;
-
-/// Extension codes that hold a label table: TotalSegmentator writes 0, Connectome Workbench 30.
-const TABLE_CODES: [i32; 2] = [0, 30];
+/// How far a scaled value may lie from an integer: scaling is stored as float32.
+const SCALED_TOLERANCE: f64 = 1e-3;
 
 /// Reads a label map with the names of its labels, from the JSON file `names` where given, else from the header.
 ///
-/// The JSON file holds `{"labels": {"1": "skull", "2": "mandible"}}`. Names whose label never occurs are kept.
+/// The JSON file holds `{"labels": {"1": "skull", "2": "mandible"}}`. Names whose label never occurs are kept. Labels with one
+/// name are one structure: their voxels get the least of its labels, with a warning.
 ///
 /// # Errors
 /// [`Error::Input`] when a value is no integer from 0 to 65535, when no voxel is labelled, when a label that occurs has no
-/// name or shares one, and when there are no names at all; [`Error::Read`] when a file cannot be read.
+/// name, and when there are no names at all; [`Error::Read`] when a file cannot be read.
 pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
     let given = names.map(read_names).transpose()?;
@@ -38,8 +34,9 @@ pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loade
             Some(given) => given,
             None => header_names(path, raster)?.ok_or_else(|| no_names(path))?,
         };
-        let map = LabelMap { volume, names };
+        let mut map = LabelMap { volume, names };
         check(path, &map)?;
+        raster.warnings.extend(join(path, &mut map));
         Ok(map)
     })
 }
@@ -72,14 +69,17 @@ fn no_names(path: &Path) -> Error {
 fn label_values(path: &Path, raster: &Raster<'_>) -> Result<Volume<u16>> {
     let voxels = raster.voxels(path)?;
     let odd = Odd::default();
+    let near = if raster.notes.scaling.is_some() { SCALED_TOLERANCE } else { 0.0 };
+    let whole = |v: f64| if (v - v.round()).abs() <= near { v.round() } else { v };
     let labels = voxels.decode(|v| {
+        let v = whole(v);
         odd.note(!is_label(v));
         v as u16
     });
     if odd.count() == 0 {
         return Volume::new(raster.grid.clone(), labels);
     }
-    let all = voxels.decode(|v| v);
+    let all = voxels.decode(whole);
     let first = all.iter().position(|v| !is_label(*v)).unwrap_or_default();
     let problem = format!(
         "{} voxels hold no label: value {} at voxel {:?} is no integer from 0 to 65535",
@@ -99,7 +99,7 @@ pub(super) fn is_label(value: f64) -> bool {
     (0.0..=f64::from(u16::MAX)).contains(&value) && value.fract() == 0.0
 }
 
-/// Refuses maps without labels and labels without a name of their own.
+/// Refuses maps without labels and labels without a name.
 fn check(path: &Path, map: &LabelMap) -> Result<()> {
     let what = path.display().to_string();
     let counts = map.counts();
@@ -119,100 +119,38 @@ fn check(path: &Path, map: &LabelMap) -> Result<()> {
             "name every label that occurs, in the header's table or the JSON file",
         ));
     }
+    Ok(())
+}
+
+/// Gives the voxels of labels that share a name the least of them: one name is one structure.
+fn join(path: &Path, map: &mut LabelMap) -> Vec<Warning> {
     let mut owners: BTreeMap<&str, u16> = BTreeMap::new();
+    let mut joined: BTreeMap<u16, u16> = BTreeMap::new();
+    let counts = map.counts();
     for &label in counts.keys() {
-        if let Some(other) = owners.insert(&map.names[&label], label) {
-            let problem = format!("labels {other} and {label} have the same name, {}", map.names[&label]);
-            return Err(Error::input(what, problem, "give each label its own name, or merge them"));
+        let Some(name) = map.names.get(&label) else { continue };
+        let owner = *owners.entry(name).or_insert(label);
+        if owner != label {
+            joined.insert(label, owner);
         }
     }
-    Ok(())
+    let warnings = joined.iter().map(|(label, owner)| {
+        let name = map.names.get(owner).map_or("", String::as_str);
+        let message =
+            format!("{}: labels {owner} and {label} are both named {name}: taken as one, {owner}", path.display());
+        Warning::new("labels-joined", message)
+    });
+    let warnings: Vec<Warning> = warnings.collect();
+    if !joined.is_empty() {
+        map.volume.data_mut().iter_mut().for_each(|l| *l = joined.get(l).copied().unwrap_or(*l));
+    }
+    warnings
 }
 
 /// The first of many numbers as text.
 fn list(labels: &[u16]) -> String {
     let shown = labels.iter().take(20).map(u16::to_string).collect::<Vec<_>>().join(", ");
     if labels.len() > 20 { format!("{shown} and {} more", labels.len() - 20) } else { shown }
-}
-
-/// The JSON file's content. Other keys are left for other tools.
-#[derive(Deserialize)]
-struct NamesFile {
-    labels: BTreeMap<u16, String>,
-}
-
-fn read_names(path: &Path) -> Result<Names> {
-    let bytes = read_bytes(path)?;
-    let parsed: NamesFile = serde_json::from_slice(&bytes).map_err(|e| {
-        Error::read(
-            path,
-            format!("it is no table of label names ({e})"),
-            "write {\"labels\": {\"1\": \"skull\", \"2\": \"mandible\"}}",
-        )
-    })?;
-    Ok(parsed
-        .labels
-        .into_iter()
-        .map(|(l, name)| (l, name.trim().to_owned()))
-        .filter(|(l, n)| *l > 0 && !n.is_empty())
-        .collect())
-}
-
-/// The names in a header's extensions, if one holds a label table.
-pub(super) fn header_names(path: &Path, raster: &Raster<'_>) -> Result<Option<Names>> {
-    for (code, data) in &raster.extensions {
-        let text = String::from_utf8_lossy(data);
-        if TABLE_CODES.contains(code) && text.contains("<LabelTable") {
-            return parse_table(text.trim_matches(|c: char| c == '\0' || c.is_whitespace())).map(Some).map_err(
-                |problem| {
-                    let problem = format!("the label table in its header is damaged: {problem}");
-                    Error::read(path, problem, "give the names as a JSON file with --labels")
-                },
-            );
-        }
-    }
-    Ok(None)
-}
-
-/// Names in a CaretExtension's label table. Label 0 is background, whatever its name.
-fn parse_table(xml: &str) -> Result<Names, String> {
-    let mut reader = Reader::from_str(xml);
-    let mut names = Names::new();
-    let mut open: Option<(u16, String)> = None;
-    loop {
-        let event = reader.read_event().map_err(|e| e.to_string())?;
-        match (&event, &mut open) {
-            (Event::Start(tag), _) if tag.name().as_ref() == b"Label" => open = Some((key(tag)?, String::new())),
-            (Event::End(tag), Some((label, name))) if tag.name().as_ref() == b"Label" => {
-                if *label > 0 && !name.trim().is_empty() {
-                    names.insert(*label, name.trim().to_owned());
-                }
-                open = None;
-            }
-            (Event::Text(text), Some((_, name))) => name.push_str(&text.decode().map_err(|e| e.to_string())?),
-            (Event::CData(text), Some((_, name))) => name.push_str(&text.decode().map_err(|e| e.to_string())?),
-            (Event::GeneralRef(entity), Some((_, name))) => name.push_str(&character(entity)?),
-            (Event::Eof, None) => return Ok(names),
-            (Event::Eof, Some(_)) => return Err("it ends within a label".into()),
-            _ => {}
-        }
-    }
-}
-
-/// The label of a table entry.
-fn key(tag: &BytesStart<'_>) -> Result<u16, String> {
-    let attribute = tag.try_get_attribute("Key").map_err(|e| e.to_string())?.ok_or("a label has no Key")?;
-    let text = attribute.unescape_value().map_err(|e| e.to_string())?;
-    text.trim().parse().map_err(|_| format!("label Key {text:?} is no integer from 0 to 65535"))
-}
-
-/// The text that an entity such as `&amp;` or `&#228;` stands for.
-fn character(entity: &BytesRef<'_>) -> Result<String, String> {
-    if let Some(c) = entity.resolve_char_ref().map_err(|e| e.to_string())? {
-        return Ok(c.into());
-    }
-    let name = entity.decode().map_err(|e| e.to_string())?;
-    resolve_predefined_entity(&name).map(str::to_owned).ok_or_else(|| format!("unknown entity &{name};"))
 }
 
 /// Writes a label map as uint8, or uint16 where a label needs it; NIfTI files carry the names in TotalSegmentator's

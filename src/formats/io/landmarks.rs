@@ -1,6 +1,7 @@
 //! Landmarks known in both images, from CSV; those on bones name their bone too.
 
-use super::checksum::read_bytes;
+use super::sheet::{plain_cell, require_length};
+use super::text::read_text;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
@@ -34,12 +35,13 @@ pub fn read_bone_landmarks(path: impl AsRef<Path>) -> Result<Vec<BoneLandmark>> 
 
 /// Each landmark with what its column `bone` says (empty unless `on_bones`).
 fn read(path: &Path, on_bones: bool) -> Result<Vec<(String, Landmark)>> {
-    let bytes = read_bytes(path)?;
-    let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(&bytes[..]);
+    let text = read_text(path)?;
+    let bytes = text.as_bytes();
+    let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(bytes);
     let unreadable = |e: csv::Error| {
         Error::read(path, format!("it is no CSV text ({e})"), "export it as comma-separated UTF-8 text")
     };
-    let header = reader.headers().map_err(unreadable)?;
+    let header = &reader.headers().map_err(unreadable)?.clone();
     let columns = COLUMNS.map(|name| column(path, header, name));
     let bone = on_bones.then(|| column(path, header, "bone")).transpose()?;
     let columns: Vec<usize> = columns.into_iter().collect::<Result<_>>()?;
@@ -49,7 +51,8 @@ fn read(path: &Path, on_bones: bool) -> Result<Vec<(String, Landmark)>> {
         if record.iter().all(str::is_empty) {
             continue;
         }
-        let line = line(&bytes, &record);
+        let line = line(bytes, &record);
+        require_length(path, line, record.len(), header.len())?;
         let bone = bone.map_or("", |b| record.get(b).unwrap_or_default());
         if on_bones && bone.is_empty() {
             return Err(Error::input(
@@ -72,7 +75,7 @@ fn read(path: &Path, on_bones: bool) -> Result<Vec<(String, Landmark)>> {
 
 /// Position of a column.
 fn column(path: &Path, header: &StringRecord, name: &str) -> Result<usize> {
-    header.iter().position(|h| h.trim_start_matches('\u{feff}').eq_ignore_ascii_case(name)).ok_or_else(|| {
+    header.iter().position(|h| h.eq_ignore_ascii_case(name)).ok_or_else(|| {
         let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
         Error::input(
             path.display().to_string(),
@@ -98,7 +101,7 @@ fn landmark(path: &Path, columns: &[usize], record: &StringRecord, line: u64) ->
             "give LPS coordinates in mm with a decimal point",
         )
     };
-    let name = record.get(columns[0]).unwrap_or_default();
+    let name = plain_cell(record.get(columns[0]).unwrap_or_default());
     if name.is_empty() {
         return Err(refuse("the landmark has no name".into()));
     }
@@ -158,7 +161,9 @@ mod tests {
         let head = "name,planning_x,planning_y,planning_z,fraction_x,fraction_y,fraction_z\n";
         let bad = [
             ("a,1,2,3,4,5,6\n\nb,1,2,x,4,5,6\n", "line 4: planning_z = \"x\""),
-            ("a,1,2,3,4,5\n", "line 2: fraction_z = \"\""),
+            ("a,1,2,3,4,5\n", "line 2 has 6 cells, the first line 7"),
+            ("a,1,2,3,4,5,6,7\n", "line 2 has 8 cells"),
+            ("a,1,2,3,4,5,\n", "line 2: fraction_z = \"\""),
             ("a,1,2,3,4,5,inf\n", "line 2: fraction_z = \"inf\""),
             (",1,2,3,4,5,6\n", "line 2: the landmark has no name"),
             ("", "no landmark"),

@@ -1,7 +1,7 @@
 //! A parsed image file of any format, before its values are given a meaning: image, label map or field.
 
 use super::Loaded;
-use super::checksum::{read_bytes, sha256};
+use super::checksum::{read_bytes_of, sha256};
 use super::voxels::{Element, Layout, Voxels};
 use super::{metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
@@ -10,6 +10,7 @@ use crate::volume::Volume;
 use crate::warning::Warning;
 use serde::Serialize;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -95,12 +96,14 @@ pub(super) struct Raster<'a> {
     pub(super) notes: HeaderNotes,
     /// NIfTI header extensions: code and content.
     pub(super) extensions: Vec<(i32, Vec<u8>)>,
+    /// Names of labels that the header itself tells.
+    pub(super) names: BTreeMap<u16, String>,
     pub(super) warnings: Vec<Warning>,
 }
 
 /// Reads and parses a file, then gives its raster to `take`; the checksum is computed meanwhile.
 pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> Result<T> + Send) -> Result<Loaded<T>> {
-    let raw = read_bytes(path)?;
+    let raw = read_bytes_of(path, &|head| promised(path, head))?;
     let (sha256, taken) = rayon::join(
         || sha256(&raw),
         || {
@@ -111,6 +114,17 @@ pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> R
     );
     let (value, header, warnings) = taken?;
     Ok(Loaded { value, path: path.into(), sha256, header, warnings })
+}
+
+/// The most bytes that a file can have by what its header, in these first bytes, promises.
+fn promised(path: &Path, head: &[u8]) -> Result<u64> {
+    if nrrd::is_nrrd(head) {
+        nrrd::promised(path, head)
+    } else if metaimage::is_metaimage(head) {
+        metaimage::promised(path, head)
+    } else {
+        nifti::promised(path, head)
+    }
 }
 
 /// Tells the format by the first bytes.

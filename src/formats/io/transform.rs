@@ -1,9 +1,10 @@
 //! Rigid transforms: ITK's text files (`.tfm`, `.txt`), a plain 4x4, or JSON as `bone_transforms.json`. LPS mm.
 
-use super::checksum::read_bytes;
+use super::points::Space;
+use super::text::read_text;
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, rigid_from_matrix};
-use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,32 +21,94 @@ pub fn is_transform(path: &Path) -> bool {
 ///
 /// - `.tfm`, `.txt` of ITK (`#Insight Transform File V1.0`) with one rigid transform: it takes points of its *fixed* image
 ///   to its *moving* image;
-/// - `.txt`, `.mat`: sixteen numbers, rows of a 4x4;
-/// - `.json`: `{"name": [[4], [4], [4], [4]], ...}`; `entry` chooses one where there are several.
+/// - `.txt`, `.mat`: sixteen numbers, rows of a 4x4, of points in the coordinates `space`, which the file does not tell;
+/// - `.json`: a 4x4 in the coordinates `space`, or `{"name": [[4], [4], [4], [4]], ...}`, LPS as `bone_transforms.json`;
+///   `entry` chooses one where there are several.
 ///
 /// # Errors
-/// [`Error::Read`] when the file cannot be parsed; [`Error::Input`] when it holds several transforms, an unknown kind or a
-/// matrix that is not rigid.
-pub fn read_rigid(path: impl AsRef<Path>, entry: Option<&str>) -> Result<Rigid> {
+/// [`Error::Read`] when the file cannot be parsed; [`Error::Input`] when it holds several transforms, an unknown kind, a
+/// matrix that is not rigid, or one whose space nobody tells.
+pub fn read_rigid(path: impl AsRef<Path>, entry: Option<&str>, space: Option<Space>) -> Result<Rigid> {
     let path = path.as_ref();
-    let bytes = read_bytes(path)?;
-    let text = std::str::from_utf8(&bytes).map_err(|_| {
-        let remedy = "save the transform as text: ITK's .tfm or .txt, not its binary .mat";
-        Error::read(path, "it is no text", remedy)
+    match parsed(path, entry)? {
+        Parsed::Lps(rigid) => Ok(rigid),
+        Parsed::Bare(matrix) => {
+            let own = match entry {
+                None => None,
+                Some(e) if e.eq_ignore_ascii_case("ras") => Some(Space::Ras),
+                Some(e) if e.eq_ignore_ascii_case("lps") => Some(Space::Lps),
+                Some(other) => {
+                    let problem = format!("it holds one matrix, none of the name {other:?}");
+                    let remedy = "leave #NAME out, or tell the space of its coordinates: FILE#ras or FILE#lps";
+                    return Err(Error::input(path.display().to_string(), problem, remedy));
+                }
+            };
+            let space = own.or(space).ok_or_else(|| unknown_space(path))?;
+            // Negates x and y, before and after.
+            let flip = match space {
+                Space::Lps => Matrix4::identity(),
+                Space::Ras => Matrix4::from_diagonal(&Vector4::new(-1.0, -1.0, 1.0, 1.0)),
+            };
+            rigid(path, flip * matrix * flip)
+        }
+    }
+}
+
+/// Whether a file holds a bare matrix, which does not tell the space of its coordinates.
+///
+/// # Errors
+/// As [`read_rigid`].
+pub fn is_bare(path: impl AsRef<Path>) -> Result<bool> {
+    let path = path.as_ref();
+    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let text = read_text(path)?;
+    Ok(if json { matches!(parse_json(path, &text)?, Json::One(_)) } else { !is_itk(&text) })
+}
+
+fn unknown_space(path: &Path) -> Error {
+    Error::refused(
+        "space-unknown",
+        path.display().to_string(),
+        "it is a bare 4x4 matrix, which does not say whether it takes LPS or RAS coordinates",
+        "say it with --space ras (greedy, c3d, ITK-SNAP, NiftyReg, Slicer's text matrices) or --space lps (ITK, aventail), or of one \
+         file as FILE#ras or FILE#lps. FSL's FLIRT writes scaled voxels, neither of them: convert its matrix with \
+         `c3d_affine_tool -ref FIXED -src MOVING IN.mat -fsl2ras -o OUT.mat`, which is RAS",
+    )
+}
+
+/// What a file holds.
+enum Parsed {
+    /// A transform, LPS.
+    Lps(Rigid),
+    /// A matrix of unknown space.
+    Bare(Matrix4<f64>),
+}
+
+fn is_itk(text: &str) -> bool {
+    text.starts_with("#Insight Transform File")
+}
+
+fn parsed(path: &Path, entry: Option<&str>) -> Result<Parsed> {
+    let text = &read_text(path).map_err(|e| match e {
+        // A zero byte is no text, but may be one of UTF-8.
+        Error::Read { problem, .. } if problem.contains("UTF-8") => {
+            Error::read(path, "it is no text", "save the transform as text: ITK's .tfm or .txt, not its binary .mat")
+        }
+        other => other,
     })?;
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         return json(path, text, entry);
     }
-    if text.starts_with("#Insight Transform File") {
-        return itk(path, text);
+    if is_itk(text) {
+        return itk(path, text).map(Parsed::Lps);
     }
     let numbers = text.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(str::parse::<f64>);
     let numbers: Option<[f64; 16]> = numbers.collect::<Result<Vec<_>, _>>().ok().and_then(|n| n.try_into().ok());
     let numbers = numbers.ok_or_else(|| {
         let problem = "it is neither an ITK transform file nor sixteen numbers";
-        Error::read(path, problem, "give the rows of a 4x4 matrix, LPS mm, or an ITK .tfm text file")
+        Error::read(path, problem, "give the rows of a 4x4 matrix, mm, or an ITK .tfm text file")
     })?;
-    rigid(path, Matrix4::from_row_slice(&numbers))
+    Ok(Parsed::Bare(Matrix4::from_row_slice(&numbers)))
 }
 
 /// Reads `{name: 4x4}`, rows of each matrix from planning to fraction, LPS mm: the `bone_transforms.json` of a run.
@@ -54,7 +117,7 @@ pub fn read_rigid(path: impl AsRef<Path>, entry: Option<&str>) -> Result<Rigid> 
 /// [`Error::Read`] when the file is missing or not of this form; [`Error::Input`], naming the bone, when a matrix is not rigid.
 pub fn read_bone_transforms(path: impl AsRef<Path>) -> Result<BTreeMap<String, Rigid>> {
     let path = path.as_ref();
-    let rows: BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_slice(&read_bytes(path)?).map_err(|e| {
+    let rows: BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_str(&read_text(path)?).map_err(|e| {
         Error::read(
             path,
             format!("it is no list of bone transforms ({e})"),
@@ -95,16 +158,20 @@ enum Json {
     Named(BTreeMap<String, [[f64; 4]; 4]>),
 }
 
-fn json(path: &Path, text: &str, entry: Option<&str>) -> Result<Rigid> {
-    let parsed: Json = serde_json::from_str(text).map_err(|e| {
+fn parse_json(path: &Path, text: &str) -> Result<Json> {
+    serde_json::from_str(text).map_err(|e| {
         Error::read(path, format!("it is no 4x4 and no table of 4x4 ({e})"), "write {\"couch\": [[1, 0, 0, 5], ...]}")
-    })?;
+    })
+}
+
+fn json(path: &Path, text: &str, entry: Option<&str>) -> Result<Parsed> {
+    let parsed = parse_json(path, text)?;
     let refuse = |problem: String, names: Vec<&str>| {
         let remedy = format!("name one after the file: FILE#NAME, with NAME one of {}", names.join(", "));
         Err(Error::input(path.display().to_string(), problem, remedy))
     };
     let rows = match (&parsed, entry) {
-        (Json::One(rows), _) => rows,
+        (Json::One(rows), _) => return Ok(Parsed::Bare(Matrix4::from_fn(|r, c| rows[r][c]))),
         (Json::Named(all), Some(name)) => match all.get(name) {
             Some(rows) => rows,
             None => return refuse(format!("it holds no transform {name:?}"), all.keys().map(String::as_str).collect()),
@@ -114,7 +181,7 @@ fn json(path: &Path, text: &str, entry: Option<&str>) -> Result<Rigid> {
             _ => return refuse(format!("it holds {} transforms", all.len()), all.keys().map(String::as_str).collect()),
         },
     };
-    rigid(path, Matrix4::from_fn(|r, c| rows[r][c]))
+    rigid(path, Matrix4::from_fn(|r, c| rows[r][c])).map(Parsed::Lps)
 }
 
 fn itk(path: &Path, text: &str) -> Result<Rigid> {
@@ -178,7 +245,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(name);
         std::fs::write(&path, text).unwrap();
-        read_rigid(&path, entry)
+        read_rigid(&path, entry, Some(Space::Lps))
     }
 
     fn itk_text(kind: &str, parameters: &str, fixed: &str) -> String {
@@ -236,6 +303,35 @@ mod tests {
         let error = read("b.json", table, None).unwrap_err().to_string();
         assert!(error.contains("2 transforms") && error.contains("hyoid, skull"), "{error}");
         assert!(read("b.json", table, Some("C1")).unwrap_err().to_string().contains("\"C1\""));
+    }
+
+    #[test]
+    fn a_bare_matrix_needs_its_space() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mat, json) = (dir.path().join("greedy.mat"), dir.path().join("m.json"));
+        std::fs::write(&mat, "\u{feff}0 -1 0 8\n1 0 0 -12\n0 0 1 4\n0 0 0 1\n").unwrap();
+        std::fs::write(&json, "[[0,-1,0,8],[1,0,0,-12],[0,0,1,4],[0,0,0,1]]").unwrap();
+        let p = Point3::new(1.0, 2.0, 3.0);
+        for path in [&mat, &json] {
+            assert!(is_bare(path).unwrap());
+            let error = read_rigid(path, None, None).unwrap_err();
+            assert!(error.code() == "space-unknown" && error.to_string().contains("--space"), "{error}");
+            let ras = Point3::new(-(2.0 + 8.0), -(-1.0 - 12.0), 7.0);
+            for (entry, space, expected) in [
+                (None, Some(Space::Lps), Point3::new(6.0, -11.0, 7.0)),
+                (None, Some(Space::Ras), ras),
+                (Some("ras"), Some(Space::Lps), ras),
+            ] {
+                assert!((read_rigid(path, entry, space).unwrap() * p - expected).norm() < 1e-12);
+            }
+        }
+        // aventail's own table and ITK's text are LPS.
+        std::fs::write(&json, r#"{"couch": [[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#).unwrap();
+        assert!(!is_bare(&json).unwrap() && read_rigid(&json, None, None).is_ok());
+        std::fs::write(&mat, itk_text("TranslationTransform", "1 2 3", "")).unwrap();
+        assert!(!is_bare(&mat).unwrap() && read_rigid(&mat, None, None).is_ok());
+        std::fs::write(&mat, b"\x89HDF\r\n\x1a\n").unwrap();
+        assert!(read_rigid(&mat, None, None).unwrap_err().to_string().contains("HDF5"));
     }
 
     #[test]

@@ -4,9 +4,8 @@ use super::canvas::Canvas;
 use super::plot;
 use crate::concepts::{Curves, Series};
 use crate::error::{Error, Result};
-use crate::io::write_file;
+use crate::io::{Sheet, write_file};
 use crate::pipeline::CurvePoint;
-use csv::Writer;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -42,7 +41,7 @@ pub fn write_curve(folder: &Path, title: &str, entries: &[CurveEntry], peers: &[
     let mut png = Vec::new();
     picture(entries, peers).write_small_png(&mut png).map_err(|e| Error::Internal(format!("curve.png: {e}")))?;
     write_file(folder.join("curve.png"), |out| out.write_all(&png))?;
-    write_file(folder.join("curve.csv"), |out| numbers(&mut Writer::from_writer(out), entries, peers))?;
+    write_file(folder.join("curve.csv"), |out| out.write_all(&numbers(entries, peers)?))?;
     let text = table(title, entries, peers);
     write_file(folder.join("curve.md"), |out| out.write_all(text.as_bytes()))?;
     Ok(text)
@@ -83,7 +82,8 @@ fn series(entries: &[CurveEntry], peers: &[Peer]) -> Vec<Series> {
     series
 }
 
-fn numbers(out: &mut Writer<&mut dyn std::io::Write>, entries: &[CurveEntry], peers: &[Peer]) -> std::io::Result<()> {
+fn numbers(entries: &[CurveEntry], peers: &[Peer]) -> std::io::Result<Vec<u8>> {
+    let mut out = Sheet::default();
     out.write_record(["series", "setting", "default", "seconds", "processor_seconds", "mean_mm", "p95_mm", "folded"])?;
     for e in entries {
         let p = &e.point;
@@ -102,7 +102,7 @@ fn numbers(out: &mut Writer<&mut dyn std::io::Write>, entries: &[CurveEntry], pe
         let (seconds, error) = (p.seconds.to_string(), p.error_mm.to_string());
         out.write_record(["peer", &p.name, "false", &seconds, "", &error, "", ""])?;
     }
-    out.flush()
+    out.into_bytes()
 }
 
 fn table(title: &str, entries: &[CurveEntry], peers: &[Peer]) -> String {

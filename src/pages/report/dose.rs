@@ -32,7 +32,7 @@ pub fn write_dvh(folder: &Path, doses: &[DoseDvh]) -> Result<()> {
 
 /// One line per dose, structure and bin.
 fn curves(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
-    let mut table = csv::Writer::from_writer(Vec::new());
+    let mut table = crate::io::Sheet::default();
     table.write_record(["dose", "structure", "gy", "volume_percent"])?;
     for dose in doses {
         for s in &dose.structures {
@@ -42,12 +42,12 @@ fn curves(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
             }
         }
     }
-    table.into_inner().map_err(|e| e.into_error().into())
+    Ok(table.into_bytes()?)
 }
 
 /// One line per dose and structure.
 fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
-    let mut table = csv::Writer::from_writer(Vec::new());
+    let mut table = crate::io::Sheet::default();
     let at = doses.iter().flat_map(|d| &d.structures).next().map_or(&[][..], |s| &s.v);
     let names = ["dose", "structure", "volume_ml", "outside_ml", "mean_gy", "min_gy", "max_gy"];
     let more = ["d98_gy", "d95_gy", "d50_gy", "d2_gy", "d0.03cc_gy"];
@@ -60,7 +60,7 @@ fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
             table.write_record([dose.name.clone(), s.name.clone()].into_iter().chain(numbers))?;
         }
     }
-    table.into_inner().map_err(|e| e.into_error().into())
+    Ok(table.into_bytes()?)
 }
 
 /// A curve for each structure; the first dose is thick.

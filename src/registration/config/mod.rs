@@ -160,11 +160,12 @@ impl ConfigFile {
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
+        let text = text.trim_start_matches('\u{feff}');
         let bad = |problem: String| {
             Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run")
         };
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-            let report: Value = serde_json::from_str(&text).map_err(|e| bad(format!("it is no JSON ({e})")))?;
+            let report: Value = serde_json::from_str(text).map_err(|e| bad(format!("it is no JSON ({e})")))?;
             let settings = report
                 .get("settings")
                 .and_then(Value::as_object)
@@ -176,7 +177,7 @@ impl ConfigFile {
             let folder = report.get("folder").and_then(Value::as_str).map(PathBuf::from);
             return Ok(Self { settings, inputs, folder });
         }
-        let value: Value = toml::from_str(&text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
+        let value: Value = toml::from_str(text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
         if let Some(key) = not_finite(&value) {
             return Err(Error::usage(
                 format!("{}: {key} is not a finite number", path.display()),

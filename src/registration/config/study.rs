@@ -102,7 +102,7 @@ impl StudyPlan {
     }
 
     fn parse(text: &str) -> Result<Self, String> {
-        let plan: Self = toml::from_str(text).map_err(|e| e.to_string())?;
+        let plan: Self = toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| e.to_string())?;
         let mut known: Vec<&StudyStage> = Vec::new();
         for stage in plan.tables.iter().flat_map(|t| &t.stages) {
             let legal = !stage.id.is_empty() && stage.id.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');

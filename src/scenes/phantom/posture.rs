@@ -48,7 +48,7 @@ impl Posture {
     /// # Errors
     /// What is wrong, and where.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
-        toml::from_str(text).map_err(|e| e.to_string())
+        toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| e.to_string())
     }
 
     /// No motion at all.

@@ -5,7 +5,8 @@ mod text;
 
 pub use folder::{FolderCheck, check_folder};
 
-use super::labels::{header_names, is_label};
+use super::labels::is_label;
+use super::names::header_names;
 use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind, load};
 use super::voxels::Layout;
 use crate::error::Result;

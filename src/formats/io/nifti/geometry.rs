@@ -9,6 +9,9 @@ use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3}
 /// Disagreement of sform and qform, at the grid's corners, that is worth a warning: mm, beyond the qform's own rounding.
 const DISAGREEMENT_MM: f64 = 0.1;
 
+/// Difference of sform and pixdim, as a share of the spacing, that no rounding explains.
+const SPACING_SHARE: f64 = 0.01;
+
 /// The geometry fields of a header, RAS.
 #[derive(Debug, Clone)]
 pub(super) struct Fields {
@@ -71,6 +74,12 @@ impl Fields {
                 other => other,
             }
         };
+        if let Some(a) = (1..4).find(|&a| self.pixdim[a] < 0.0) {
+            // nifti1.h forbids it, and readers differ: its own library takes 1, ITK the value without its sign.
+            let problem = format!("pixdim[{a}] is {}: spacings are positive", self.pixdim[a]);
+            let remedy = "write the file again; a mirrored axis belongs into sform and qform";
+            return Err(Error::refused("header-field", what, problem, remedy));
+        }
         let (qform, scalar) = self.qform();
         let by_qform = Grid::from_affine(self.size, &flip_ras_lps(qform));
         let mut warnings = Vec::new();
@@ -81,6 +90,7 @@ impl Fields {
                 "resample the image to orthogonal axes"
             };
             let grid = Grid::from_affine(self.size, &flip_ras_lps(self.sform())).map_err(refuse("sform", remedy))?;
+            self.compare_spacing(what, &grid, &mut warnings)?;
             let disagreement_mm = self.compare(&grid, by_qform.as_ref().ok(), scalar, &mut warnings);
             return Ok(Placed { grid, source: GeometrySource::Sform, disagreement_mm, warnings });
         }
@@ -96,6 +106,26 @@ impl Fields {
             posterior, superior from (0, 0, 0), as ITK does. Export the image again with its geometry";
         warnings.push(Warning::new("no-orientation", message));
         Ok(Placed { grid, source: GeometrySource::Pixdim, disagreement_mm: None, warnings })
+    }
+
+    /// Holds pixdim against the sform's columns: ITK takes the spacing from the one, other readers from the other.
+    fn compare_spacing(&self, what: &str, grid: &Grid, warnings: &mut Vec<Warning>) -> Result<()> {
+        for a in 0..3 {
+            let (by_sform, by_pixdim, size) = (grid.spacing()[a], f64::from(self.pixdim[a + 1]), grid.size()[a]);
+            let apart = (by_sform - by_pixdim).abs();
+            // One slice has no spacing.
+            if size == 1 || apart * size as f64 <= DISAGREEMENT_MM {
+                continue;
+            }
+            let problem = format!("pixdim says {by_pixdim:.4} mm along axis {}, the sform {by_sform:.4} mm", a + 1);
+            if apart.is_nan() || apart > SPACING_SHARE * by_sform {
+                let remedy = "find out which is right (the slice distance of the series) and write the file again";
+                return Err(Error::refused("pixdim-sform-disagree", what, problem, remedy));
+            }
+            let message = format!("{problem}: {:.2} mm over the image; the sform is used", apart * size as f64);
+            warnings.push(Warning::new("pixdim-sform-disagree", message));
+        }
+        Ok(())
     }
 
     /// Largest corner distance between sform and qform where both are set, with a warning where it matters.

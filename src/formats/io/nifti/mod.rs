@@ -7,5 +7,5 @@ mod geometry;
 mod read;
 mod write;
 
-pub(super) use read::parse;
+pub(super) use read::{parse, promised};
 pub(super) use write::header;

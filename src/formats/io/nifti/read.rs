@@ -3,18 +3,23 @@
 //! The crate's own way from file to array is not used: it stops after the first gzip member, trusts lengths in the
 //! header, and converts in three passes on one thread. Values are decoded by `voxels`, as for the other formats.
 
-use super::super::gzip::Content;
+use super::super::gzip::{Content, problem};
+use super::super::kinds;
 use super::super::raster::{ExtensionNote, HeaderNotes, Raster, VectorKind};
+use super::super::text::plain_text;
 use super::super::voxels::{Element, Layout};
 use super::geometry::{Fields, Placed};
 use crate::error::{Error, Result};
 use crate::warning::Warning;
 use ::nifti::{Endianness, NiftiHeader, NiftiType};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
 /// Bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
+/// Farthest position of the first value: extensions are kilobytes, and what lies before the values is inflated, too.
+const FARTHEST: f32 = (1 << 26) as f32;
 /// Intent codes of nifti1.h.
 const DISPVECT: i16 = 1006;
 const VECTOR: i16 = 1007;
@@ -25,9 +30,7 @@ const VECTOR: i16 = 1007;
 /// [`Error::Read`] when it is no NIfTI-1 single file, damaged, or of a type that holds no plain numbers;
 /// [`Error::Input`] when its geometry cannot be used.
 pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
-    let damaged = |e: io::Error| {
-        Error::read(path, format!("the gzip data are damaged or cut off ({e})"), "copy or export the file again")
-    };
+    let damaged = |e: io::Error| Error::read(path, problem(&e), "copy or export the file again");
     let compressed = raw.starts_with(&[0x1f, 0x8b]);
     let mut content = Content::new(raw);
     let header = header(path, content.first(HEADER).map_err(damaged)?)?;
@@ -78,8 +81,18 @@ pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'
         offset,
         notes,
         extensions,
+        names: BTreeMap::new(),
         warnings,
     })
+}
+
+/// The most bytes of a file that its header accounts for, compression that fails included.
+pub(in super::super) fn promised(path: &Path, raw: &[u8]) -> Result<u64> {
+    let mut content = Content::new(raw);
+    let head = content.first(HEADER).map_err(|e| Error::read(path, problem(&e), "copy or export the file again"))?;
+    let header = header(path, head)?;
+    let need = sizes(path, &header)?.iter().fold(8u64, |n, &s| n.saturating_mul(s as u64));
+    Ok(need.saturating_add(voxel_offset(path, &header)? as u64))
 }
 
 fn header(path: &Path, bytes: &[u8]) -> Result<NiftiHeader> {
@@ -88,12 +101,19 @@ fn header(path: &Path, bytes: &[u8]) -> Result<NiftiHeader> {
             a DICOM series must first be converted, for example with dcm2niix";
         Error::read(path, problem, remedy)
     };
+    if let Some(other) = kinds::told(bytes) {
+        return Err(Error::read(path, format!("it is {}, no NIfTI-1 file", other.what), other.remedy));
+    }
     let first = bytes.first_chunk::<4>().copied().unwrap_or_default();
     if [i32::from_le_bytes(first), i32::from_be_bytes(first)].contains(&540) {
         return Err(Error::read(path, "it is a NIfTI-2 file", "convert it to NIfTI-1"));
     }
     if bytes.len() < HEADER {
         return Err(not_nifti(&format!("it holds {} bytes, fewer than a NIfTI-1 header", bytes.len())));
+    }
+    if [i32::from_le_bytes(first), i32::from_be_bytes(first)].contains(&(HEADER as i32)) && bytes[344..348] == [0; 4] {
+        let remedy = "convert header and image to one .nii file, and check left and right: ANALYZE does not tell them";
+        return Err(Error::read(path, "it is an ANALYZE 7.5 header, without a NIfTI-1 magic number", remedy));
     }
     let header = NiftiHeader::from_reader(bytes).map_err(|_| not_nifti("it has no NIfTI-1 magic number"))?;
     if header.sizeof_hdr != HEADER as i32 {
@@ -163,7 +183,7 @@ fn voxel_offset(path: &Path, header: &NiftiHeader) -> Result<usize> {
     if offset == 0.0 {
         return Ok(HEADER + 4);
     }
-    if !((HEADER as f32 + 4.0)..=i32::MAX as f32).contains(&offset) || offset.fract() != 0.0 {
+    if !((HEADER as f32 + 4.0)..=FARTHEST).contains(&offset) || offset.fract() != 0.0 {
         let problem = format!("vox_offset {offset} is no position behind the header");
         return Err(Error::read(path, problem, "the header is damaged: copy or export the file again"));
     }
@@ -171,14 +191,25 @@ fn voxel_offset(path: &Path, header: &NiftiHeader) -> Result<usize> {
 }
 
 fn place(path: &Path, header: &NiftiHeader, sizes: &[usize]) -> Result<Placed> {
-    if matches!(header.xyzt_units & 7, 1 | 3) {
-        let unit = if header.xyzt_units & 7 == 1 { "metres" } else { "micrometres" };
+    // Readers take an unknown unit for mm.
+    if !matches!(header.xyzt_units & 7, 0 | 2) {
+        let unit = match header.xyzt_units & 7 {
+            1 => "metres",
+            3 => "micrometres",
+            _ => "none of NIfTI's",
+        };
         let remedy = "convert its sform and pixdim to mm and set xyzt_units to 2";
         return Err(Error::input(path.display().to_string(), format!("its unit of length is {unit}, not mm"), remedy));
     }
+    // Axes that a file does not have need no spacing.
+    let rank = usize::from(header.dim[0]);
+    let pixdim = std::array::from_fn(|a| match header.pixdim[a] {
+        0.0 if a > rank => 1.0,
+        spacing => spacing,
+    });
     let fields = Fields {
         size: [sizes[0], sizes[1], sizes[2]],
-        pixdim: [header.pixdim[0], header.pixdim[1], header.pixdim[2], header.pixdim[3]],
+        pixdim,
         sform_code: header.sform_code,
         qform_code: header.qform_code,
         quaternion: [header.quatern_b, header.quatern_c, header.quatern_d],
@@ -243,5 +274,5 @@ fn vector_kind(header: &NiftiHeader, sizes: &[usize]) -> Result<VectorKind, Stri
 /// A header's text up to the first NUL.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
+    plain_text(&String::from_utf8_lossy(&bytes[..end]))
 }

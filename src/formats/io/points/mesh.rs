@@ -9,6 +9,8 @@ use stl_io::{IndexedMesh, Normal, Triangle, Vertex};
 
 /// Bytes of a binary STL's header.
 const STL_HEADER: usize = 80;
+/// Bytes of a triangle of a binary STL.
+const STL_TRIANGLE: u64 = 50;
 
 /// Slicer's note on the space of a mesh.
 fn noted_space(text: &str) -> Option<Space> {
@@ -34,7 +36,15 @@ pub(super) fn read_obj(file: &File<'_>) -> Result<PointFile> {
             Some("v") => {
                 let [x, y, z] = [(); 3].map(|()| file.number(words.next(), n + 1));
                 points.push(Point3::new(x?, y?, z?));
-                lines.push(Line::Vertex(words.map(|w| format!(" {w}")).collect()));
+                let rest: Vec<&str> = words.collect();
+                // A lone fourth number is a weight that the position is divided by; more are colours.
+                if let [weight] = rest[..]
+                    && weight.parse::<f64>().is_ok_and(|w| (w - 1.0).abs() > 1e-9)
+                {
+                    let problem = format!("line {}: its vertex has the weight {weight}", n + 1);
+                    return Err(file.refuse(problem, "export the mesh with plain vertices"));
+                }
+                lines.push(Line::Vertex(rest.iter().map(|w| format!(" {w}")).collect()));
             }
             Some("vn") => {}
             Some("f") => lines.push(Line::Other(format!("f{}", words.map(without_normal).collect::<String>()))),
@@ -86,6 +96,7 @@ pub(super) struct Stl {
 }
 
 pub(super) fn read_stl(file: &File<'_>) -> Result<PointFile> {
+    whole_stl(file)?;
     let mesh = stl_io::read_stl(&mut Cursor::new(&file.bytes))
         .map_err(|e| Error::read(file.path, format!("it is no STL mesh ({e})"), "export the mesh again"))?;
     let mut header = file.bytes[..file.bytes.len().min(STL_HEADER)].to_vec();
@@ -98,6 +109,22 @@ pub(super) fn read_stl(file: &File<'_>) -> Result<PointFile> {
     let points =
         mesh.vertices.iter().map(|v| space.convert(Point3::new(v[0].into(), v[1].into(), v[2].into()))).collect();
     Ok(PointFile { names: Vec::new(), points, space, content: Content::Stl(Stl { mesh, header }) })
+}
+
+/// Refuses a binary STL whose number of triangles is not what the file holds.
+fn whole_stl(file: &File<'_>) -> Result<()> {
+    let Some(count) = file.bytes.get(STL_HEADER..STL_HEADER + 4).and_then(|b| b.first_chunk::<4>()) else {
+        return Ok(());
+    };
+    if file.bytes.starts_with(b"solid") {
+        return Ok(());
+    }
+    let (count, held) = (u32::from_le_bytes(*count), file.bytes.len() - STL_HEADER - 4);
+    if u64::from(count) * STL_TRIANGLE == held as u64 {
+        return Ok(());
+    }
+    let problem = format!("its header promises {count} triangles, but {held} bytes of {STL_TRIANGLE} each follow");
+    Err(Error::read(file.path, problem, "copy or export the mesh again"))
 }
 
 impl Stl {

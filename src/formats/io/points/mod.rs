@@ -7,6 +7,8 @@ mod slicer;
 mod table;
 
 use super::checksum::read_bytes;
+use super::kinds;
+use super::text::BYTE_ORDER_MARK;
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 use std::path::Path;
@@ -88,7 +90,14 @@ pub fn read_points(path: impl AsRef<Path>, frame: &str, space: Option<Space>) ->
         let problem = format!("{}: the extension names no format of points or meshes", path.display());
         Error::usage(problem, format!("use one of {}", ENDS.join(", ")))
     })?;
-    let file = File { path, bytes: read_bytes(path)?, said: space };
+    let mut bytes = read_bytes(path)?;
+    if bytes.starts_with(BYTE_ORDER_MARK) {
+        bytes.drain(..BYTE_ORDER_MARK.len());
+    }
+    if let Some(other) = kinds::told(&bytes) {
+        return Err(Error::read(path, format!("it is {}", other.what), other.remedy));
+    }
+    let file = File { path, bytes, said: space };
     let read = match end {
         ".csv" => table::read(&file, frame),
         ".mrk.json" => slicer::read_markups(&file),
@@ -160,7 +169,6 @@ struct File<'a> {
 impl File<'_> {
     fn text(&self) -> Result<&str> {
         std::str::from_utf8(&self.bytes)
-            .map(|t| t.trim_start_matches('\u{feff}'))
             .map_err(|e| Error::read(self.path, format!("it is no UTF-8 text ({e})"), "export it again as text"))
     }
 
@@ -176,7 +184,9 @@ impl File<'_> {
                 "leave --space out, or correct the file",
             )),
             (Some(space), _) | (None, Some(space)) => Ok(space),
-            (None, None) => Err(self.refuse(
+            (None, None) => Err(Error::refused(
+                "space-unknown",
+                self.path.display().to_string(),
                 "it does not say whether its coordinates are LPS or RAS",
                 "say it with --space lps or --space ras; a wrong choice mirrors left and right",
             )),

@@ -2,6 +2,7 @@
 //!
 //! Source: Slicer's markups schema 1.0.3 and `vtkMRMLMarkupsFiducialStorageNode`.
 
+use super::super::sheet::require_length;
 use super::{Content, File, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
@@ -9,6 +10,9 @@ use serde_json::{Value, json};
 
 /// Kinds of markups that are their control points and nothing else.
 const POINTWISE: [&str; 5] = ["Fiducial", "Line", "Angle", "Curve", "ClosedCurve"];
+
+/// What an empty list holds.
+static EMPTY: Value = Value::Null;
 
 /// A markups document.
 pub(super) struct Markups {
@@ -30,14 +34,16 @@ pub(super) fn read_markups(file: &File<'_>) -> Result<PointFile> {
             let problem = format!("a markup of type {kind} is more than its control points");
             return Err(file.refuse(problem, format!("give point lists or curves: {}", POINTWISE.join(", "))));
         }
+        // A unit by name, or by code, coding scheme and name.
         let unit = &list["coordinateUnits"];
-        if unit.as_str().is_some_and(|u| u != "mm") || unit.as_array().is_some_and(|u| u[0] != "mm") {
+        let name = unit.as_array().map_or(unit, |code| code.first().unwrap_or(&EMPTY));
+        if !unit.is_null() && name.as_str() != Some("mm") {
             return Err(file.refuse(format!("its coordinateUnits are {unit}, not mm"), "save the markups in mm"));
         }
         let word = match &list["coordinateSystem"] {
             Value::String(word) => Some(word.clone()),
-            Value::Number(number) => Some(number.to_string()),
-            _ => None,
+            Value::Null => None,
+            other => Some(other.to_string()),
         };
         // The schema's default is LPS.
         let own = word.map_or(Ok(Space::Lps), |w| {
@@ -49,8 +55,9 @@ pub(super) fn read_markups(file: &File<'_>) -> Result<PointFile> {
             if control["positionStatus"].as_str().is_some_and(|s| s == "undefined" || s == "missing") {
                 continue;
             }
-            let at = |a: usize| control["position"][a].as_f64();
-            let (Some(x), Some(y), Some(z)) = (at(0), at(1), at(2)) else {
+            let position = control["position"].as_array().map(Vec::as_slice).unwrap_or_default();
+            let numbers: Option<Vec<f64>> = position.iter().map(Value::as_f64).collect();
+            let Some(&[x, y, z]) = numbers.as_deref() else {
                 let problem =
                     format!("control point {} has position {}, not three numbers", c + 1, control["position"]);
                 return Err(file.refuse(problem, "save the markups again in Slicer"));
@@ -88,7 +95,7 @@ enum Line {
 }
 
 pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
-    let (mut own, mut columns, mut label) = (None, [1usize, 2, 3], Some(11));
+    let (mut own, mut columns, mut label, mut width) = (None, [1usize, 2, 3], Some(11), None);
     let (mut names, mut points, mut lines) = (Vec::new(), Vec::new(), Vec::new());
     for (n, text) in file.text()?.lines().enumerate() {
         if let Some(comment) = text.strip_prefix('#') {
@@ -108,7 +115,7 @@ pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
                             find(name)
                                 .ok_or_else(|| file.refuse(format!("line {}: no column {name}", n + 1), "list x, y, z"))
                         });
-                        (columns, label) = ([x?, y?, z?], find("label"));
+                        (columns, label, width) = ([x?, y?, z?], find("label"), Some(listed.len()));
                     }
                     _ => {}
                 }
@@ -117,6 +124,11 @@ pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
         } else if text.trim().is_empty() {
             lines.push(Line::Comment(String::new()));
         } else {
+            if let Some(width) = width {
+                let cells =
+                    cells_of(text).ok_or_else(|| file.refuse(format!("line {}: no CSV", n + 1), "correct it"))?;
+                require_length(file.path, n as u64 + 1, cells, width)?;
+            }
             let cells: Vec<String> = text.split(',').map(str::to_owned).collect();
             let [x, y, z] = columns.map(|c| file.number(cells.get(c).map(String::as_str), n + 1));
             points.push(Point3::new(x?, y?, z?));
@@ -128,6 +140,12 @@ pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
     let space = file.space(own)?;
     let points = points.into_iter().map(|p| space.convert(p)).collect();
     Ok(PointFile { names, points, space, content: Content::Fiducials(Fiducials { lines, columns }) })
+}
+
+/// How many cells a line has; commas within quotation marks part none.
+fn cells_of(line: &str) -> Option<usize> {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
+    reader.records().next()?.ok().map(|r| r.len())
 }
 
 impl Fiducials {

@@ -1,5 +1,6 @@
 //! Points as CSV, LPS mm: columns `x`, `y`, `z` and whatever else; or landmarks with `FRAME_x`, `FRAME_y`, `FRAME_z`.
 
+use super::super::sheet::{Sheet, plain_cell, require_length};
 use super::{Content, File, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use csv::{ReaderBuilder, StringRecord, Trim};
@@ -38,10 +39,11 @@ pub(super) fn read(file: &File<'_>, frame: &str) -> Result<PointFile> {
             continue;
         }
         let line = record.position().map_or(0, |p| p.line() as usize);
+        require_length(file.path, line as u64, record.len(), header.len())?;
         let [x, y, z] = columns.map(|c| file.number(record.get(c), line));
         points.push(Point3::new(x?, y?, z?));
         let given = name.and_then(|c| record.get(c)).filter(|n| !n.is_empty());
-        names.push(given.map_or_else(|| points.len().to_string(), str::to_owned));
+        names.push(given.map_or_else(|| points.len().to_string(), |n| plain_cell(n).to_owned()));
         records.push(record);
     }
     let space = file.space(Some(Space::Lps))?;
@@ -50,15 +52,15 @@ pub(super) fn read(file: &File<'_>, frame: &str) -> Result<PointFile> {
 
 impl Table {
     pub(super) fn write(&self, names: &[String], points: &[Point3<f64>]) -> Result<Vec<u8>, String> {
-        let mut out = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
-        let failed = |e: csv::Error| e.to_string();
+        let mut out = Sheet::default();
+        let failed = |e: std::io::Error| e.to_string();
         match self.columns {
             Some(columns) => {
                 out.write_record(&self.header).map_err(failed)?;
                 for (record, point) in self.records.iter().zip(points) {
                     let cells = record.iter().enumerate().map(|(n, cell)| match columns.iter().position(|c| *c == n) {
                         Some(axis) => digits(point[axis]),
-                        None => cell.to_owned(),
+                        None => plain_cell(cell).to_owned(),
                     });
                     out.write_record(cells).map_err(failed)?;
                 }
@@ -70,6 +72,6 @@ impl Table {
                 }
             }
         }
-        out.into_inner().map_err(|e| e.to_string())
+        out.into_bytes().map_err(|e| e.to_string())
     }
 }

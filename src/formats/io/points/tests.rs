@@ -132,3 +132,46 @@ fn refusals_name_the_file_and_the_value() {
     let file = read("p.csv", "x,y,z\n1,2,3\n", None).unwrap();
     assert_eq!(file.write("/nowhere/p.fcsv", &file.points).unwrap_err().exit_code(), 2);
 }
+
+#[test]
+fn units_rows_and_weights_that_would_move_points() {
+    let units = |unit: &str| {
+        format!(r#"{{"markups":[{{"coordinateUnits":{unit},"controlPoints":[{{"position":[1,2,3]}}]}}]}}"#)
+    };
+    for unit in [r#""mm""#, r#"["mm"]"#, r#"["mm", "UCUM", "millimeter"]"#, "null"] {
+        assert!(read("a.mrk.json", &units(unit), None).is_ok(), "{unit}");
+    }
+    let refused = |name: &str, text: &str, word: &str| {
+        let Err(error) = read(name, text, Some(Space::Lps)) else { panic!("{name} was not refused: {text}") };
+        assert!(error.to_string().contains(word) && error.to_string().contains(name), "{word}: {error}");
+    };
+    for unit in ["[]", "[[]]", "{}", "1", r#""cm""#, r#"["cm", "UCUM", "centimeter"]"#] {
+        refused("a.mrk.json", &units(unit), "coordinateUnits");
+    }
+    for position in ["[1,2]", "[1,2,3,4]", r#"["1",2,3]"#, "{}", "null"] {
+        let text = format!(r#"{{"markups":[{{"controlPoints":[{{"position":{position}}}]}}]}}"#);
+        refused("a.mrk.json", &text, "not three numbers");
+    }
+    refused("a.mrk.json", r#"{"markups":[{"coordinateSystem":true,"controlPoints":[]}]}"#, "coordinateSystem");
+    for text in ["[]", "1", "null", r#"{"markups":{}}"#, r#"{"markups":[1]}"#] {
+        assert!(read("a.mrk.json", text, None).is_err(), "{text}");
+    }
+    refused("b.csv", "name,x,y,z\na,1,2\n", "line 2 has 3 cells, the first line 4");
+    refused("b.csv", "name,x,y,z\na,1,2,3\nb,1,2,3,4\n", "line 3 has 5 cells");
+    let fcsv = "# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n";
+    refused("c.fcsv", &format!("{fcsv}n,1,2,3\n"), "line 3 has 4 cells, the first line 5");
+    assert!(read("c.fcsv", &format!("{fcsv}n,1,2,3,\"a, b\"\n"), None).is_ok());
+    refused("d.obj", "v 1 2 3 2\n", "weight 2");
+    assert!(read("d.obj", "v 1 2 3 1.0\nv 1 2 3 0 0 1\n", Some(Space::Lps)).is_ok());
+    let mut stl = vec![b' '; 80];
+    stl.extend(u32::MAX.to_le_bytes());
+    stl.extend([0; 50]);
+    refused("e.stl", &String::from_utf8_lossy(&stl.iter().map(|b| b & 0x7f).collect::<Vec<u8>>()), "promises");
+}
+
+#[test]
+fn names_that_spreadsheets_would_run_are_defused_once() {
+    let (file, out) = shifted("p.csv", "name,x,y,z\n=1+1,1,1,1\n'-a,2,2,2\n-3,3,3,3\n", None);
+    assert_eq!(file.names, ["=1+1", "-a", "-3"]);
+    assert_eq!(text(out), "name,x,y,z\n'=1+1,2,3,4\n'-a,3,4,5\n-3,4,5,6\n");
+}

@@ -50,8 +50,13 @@ fn unsuitable_labels_are_refused() {
     let bare = LabelMap { names: Default::default(), ..map.clone() };
     check(&bare, None, "--labels");
     check(&bare, Some(r#"{"labels": {"7": "skull"}}"#), "labels without a name: 300");
-    check(&bare, Some(r#"{"labels": {"7": "skull", "300": "skull"}}"#), "labels 7 and 300 have the same name");
-    check(&bare, Some(r#"{"labels": {"background": 0, "skull": 7}}"#), "names.json");
+    check(&bare, Some(r#"{"labels": {"background": 0, "skull": 7}}"#), "labels without a name: 300");
+    check(&bare, Some(r#"{"labels": {"head": [7, 300], "skull": 7}}"#), "head is a region of several labels");
+    check(&bare, Some(r#"{"labels": {"7": "skull", "7": "hyoid"}}"#), "label 7 has two names");
+    check(&bare, Some(r#"{"labels": {"skull": 7, "hyoid": 7}}"#), "label 7 has two names");
+    check(&bare, Some(r#"{"labels": {"skull": 70000}}"#), "names.json");
+    check(&bare, Some(r#"{"labels": {"skull": "7"}}"#), "names.json");
+    check(&bare, Some(r#"{"labels": ["skull"]}"#), "names.json");
     check(&bare, Some("[1]"), "names.json");
     let empty = LabelMap { volume: map.volume.map(|_| 0), names: map.names.clone() };
     check(&empty, None, "no voxel is labelled");
@@ -123,4 +128,34 @@ fn inspection_tells_orientation_labels_and_grids() {
     let text = files[0].to_string();
     assert!(text.contains("skull") && text.contains("axes run to left, posterior, superior"), "{text}");
     assert!(serde_json::to_string(&files[0]).unwrap().contains("\"kind\":\"labels\""));
+}
+
+#[test]
+fn names_as_nnunet_writes_them_and_one_name_of_two_labels() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, json) = (dir.path().join("labels.nii"), dir.path().join("dataset.json"));
+    let bare = LabelMap { names: Default::default(), ..two_labels() };
+    write_labels(&path, &bare, &WriteOptions::default()).unwrap();
+    let text = r#"{"channel_names": {"0": "CT"}, "labels": {"background": 0, "skull": 7, "hyoid": [300]}, "file_ending": ".nii.gz"}"#;
+    std::fs::write(&json, format!("\u{feff}{text}")).unwrap();
+    let read = read_labels(&path, Some(&json)).unwrap();
+    assert_eq!(read.value.names, [(7, "skull".to_owned()), (300, "hyoid".to_owned())].into());
+    assert!(read.warnings.is_empty());
+
+    // One name is one structure, whatever its labels; a map that is only carried keeps them.
+    std::fs::write(&json, r#"{"labels": {"7": "cord", "300": "cord"}}"#).unwrap();
+    let read = read_labels(&path, Some(&json)).unwrap();
+    assert_eq!((read.value.volume.data(), read.warnings[0].code.as_str()), (&[0, 7, 7, 7][..], "labels-joined"));
+    let carried = read_label_map(&path, Some(&json)).unwrap();
+    assert_eq!(carried.value.volume.data(), [0, 7, 300, 7]);
+}
+
+#[test]
+fn scaled_labels_are_integers_up_to_the_scale_s_rounding() {
+    let voxels: Vec<u8> = (0..24i16).flat_map(|v| (10 * (v % 3)).to_le_bytes()).collect();
+    let scaled = Crafted { scaling: [0.1, 0.0], voxels, ..Crafted::default() };
+    let read = |c: &Crafted| with_file("l.nii", &c.bytes(), |p| read_label_map(p, None));
+    assert_eq!(read(&scaled).unwrap().value.volume.data()[..4], [0, 1, 2, 0]);
+    assert!(read(&Crafted { scaling: [0.13, 0.0], ..scaled.clone() }).is_err());
+    assert_eq!(read(&Crafted { scaling: [1.0, 0.0], ..scaled }).unwrap().value.volume.data()[..2], [0, 10]);
 }

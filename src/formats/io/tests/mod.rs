@@ -2,6 +2,7 @@
 
 #![expect(clippy::float_cmp, reason = "values that are stored exactly must come back exactly")]
 
+mod headers;
 mod labels;
 
 use super::*;

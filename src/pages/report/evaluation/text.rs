@@ -2,11 +2,12 @@
 
 use super::EvaluationReport;
 use super::figures::{PARTS, figures, number, rows};
+use crate::io::Sheet;
 use std::fmt::Write;
 
 /// One line per figure: field, part, item, metric, value, unit; then the tolerances with their marks.
 pub(super) fn csv(report: &EvaluationReport) -> Result<Vec<u8>, csv::Error> {
-    let mut table = csv::Writer::from_writer(Vec::new());
+    let mut table = Sheet::default();
     table.write_record(["field", "part", "item", "metric", "value", "unit", "tolerance", "source", "mark"])?;
     for field in &report.fields {
         for f in figures(&field.assessment) {
@@ -28,7 +29,7 @@ pub(super) fn csv(report: &EvaluationReport) -> Result<Vec<u8>, csv::Error> {
             ])?;
         }
     }
-    table.into_inner().map_err(|e| e.into_error().into())
+    Ok(table.into_bytes()?)
 }
 
 /// The whole evaluation as Markdown tables, fields side by side.

@@ -4,14 +4,13 @@ use super::StageRecord;
 use super::rows::{COLUMNS, rows};
 use crate::config::StudyPlan;
 use crate::error::Result;
-use crate::io::write_file;
-use csv::Writer;
+use crate::io::{Sheet, write_file};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(super) fn write(path: &Path, plan: &StudyPlan, records: &BTreeMap<String, StageRecord>) -> Result<()> {
     write_file(path, |out| {
-        let mut table = Writer::from_writer(out);
+        let mut table = Sheet::default();
         table.write_record(["table", "stage", "origin"].into_iter().chain(COLUMNS))?;
         for t in &plan.tables {
             for row in rows(t, records) {
@@ -20,6 +19,6 @@ pub(super) fn write(path: &Path, plan: &StudyPlan, records: &BTreeMap<String, St
                 table.write_record(start.into_iter().chain(row.values.iter().map(String::as_str)))?;
             }
         }
-        table.flush()
+        out.write_all(&table.into_bytes()?)
     })
 }

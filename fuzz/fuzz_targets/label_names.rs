@@ -1,0 +1,4 @@
+//! `label_names` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::label_names(data));

@@ -1,0 +1,4 @@
+//! `landmarks` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::landmarks(data));

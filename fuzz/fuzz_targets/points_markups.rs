@@ -1,0 +1,4 @@
+//! `points_markups` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::points_markups(data));

@@ -1,0 +1,4 @@
+//! `report` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::report(data));

@@ -1,0 +1,4 @@
+//! `transform_json` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::transform_json(data));
