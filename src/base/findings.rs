@@ -103,11 +103,7 @@ pub const FINDINGS: &[Finding] = &[
         "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, questioned above what treatments give.",
         "Give the dose in Gy: not cGy, no percent, no CT, no difference of doses; check --weights.",
     ),
-    refused(
-        "doses-apart",
-        "Two doses that are compared have no place in common.",
-        "Give doses of one frame.",
-    ),
+    refused("doses-apart", "Two doses that are compared have no place in common.", "Give doses of one frame."),
     warned(
         "energy-outside",
         "More than 1 % of the dose's energy falls outside the target grid.",

@@ -53,8 +53,7 @@ impl Outside {
                 sums
             })
             .collect();
-        let [all, out, weights, lost] =
-            planes.iter().fold([0.0; 4], |sum, p| std::array::from_fn(|n| sum[n] + p[n]));
+        let [all, out, weights, lost] = planes.iter().fold([0.0; 4], |sum, p| std::array::from_fn(|n| sum[n] + p[n]));
         let percent = |part: f64, whole: f64| if whole > 0.0 { 100.0 * part / whole } else { 0.0 };
         Self {
             volume_ml: out * grid.voxel_volume() / 1000.0,

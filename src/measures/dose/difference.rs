@@ -42,9 +42,8 @@ pub fn difference(dose: &Volume<f32>, reference: &Volume<f32>) -> Result<(Volume
     let least = COUNTS * reference.extremes()[1].max(0.0);
     let known = |l: usize| covers(dose.grid(), &grid.centre(grid.voxel(l)));
     let all = reference_outside.volume_percent <= 0.0;
-    let map = Volume::from_fn(grid.clone(), |l| {
-        if all || known(l) { mapped.data()[l] - reference.data()[l] } else { 0.0 }
-    });
+    let map =
+        Volume::from_fn(grid.clone(), |l| if all || known(l) { mapped.data()[l] - reference.data()[l] } else { 0.0 });
     let counted: Vec<f64> = (map.data().iter().zip(mapped.data()).zip(reference.data()))
         .enumerate()
         .filter(|(l, ((_, a), b))| (**a > least || **b > least) && (all || known(*l)))

@@ -79,7 +79,8 @@ pub fn doubts(list: &[Dvh]) -> Vec<Warning> {
             let message = format!("structure {name:?} encloses no volume: its doses are not known");
             all.push(Warning::new("structure-empty", message));
         } else if d.mean.is_nan() {
-            let message = format!("structure {name:?} ({ml:.3} ml) lies wholly outside the dose grid: its doses are not known");
+            let message =
+                format!("structure {name:?} ({ml:.3} ml) lies wholly outside the dose grid: its doses are not known");
             all.push(Warning::new("structure-outside-dose", message));
         } else if outside > OUTSIDE * ml {
             let share = 100.0 * outside / ml;

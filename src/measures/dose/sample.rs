@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Samples in the box around a structure at least, if its contours are finer than the dose's voxels.
-const FINE: f64 = 200_000.0;
+const FINE: f64 = 100_000.0;
 /// Samples in the box around a structure at most.
 const MOST: f64 = 8e6;
 /// Width of the edge at which samples count in part, mm.

@@ -85,7 +85,8 @@ impl Structure {
         let before = self.polygons.len();
         let mut kept: Vec<Polygon> = Vec::with_capacity(before);
         for polygon in self.polygons.drain(..) {
-            let twin = |k: &Polygon| (k.height - polygon.height).abs() <= SAME_PLANE_MM && same(&k.points, &polygon.points);
+            let twin =
+                |k: &Polygon| (k.height - polygon.height).abs() <= SAME_PLANE_MM && same(&k.points, &polygon.points);
             if !kept.iter().any(twin) {
                 kept.push(polygon);
             }
@@ -100,9 +101,9 @@ fn same(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
     let n = a.len();
     let near = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).abs() < SAME_POINT_MM && (p[1] - q[1]).abs() < SAME_POINT_MM;
     n == b.len()
-        && (0..n).filter(|&s| near(&a[0], &b[s])).any(|s| {
-            (0..n).all(|k| near(&a[k], &b[(s + k) % n])) || (0..n).all(|k| near(&a[k], &b[(s + n - k) % n]))
-        })
+        && (0..n)
+            .filter(|&s| near(&a[0], &b[s]))
+            .any(|s| (0..n).all(|k| near(&a[k], &b[(s + k) % n])) || (0..n).all(|k| near(&a[k], &b[(s + n - k) % n])))
 }
 
 impl Contours {
@@ -113,7 +114,8 @@ impl Contours {
         let mut all = Vec::new();
         for (s, dropped) in self.structures.iter().zip(dropped) {
             if dropped > 0 {
-                let message = format!("structure {:?}: {dropped} contours are drawn twice; one of each is kept", s.name);
+                let message =
+                    format!("structure {:?}: {dropped} contours are drawn twice; one of each is kept", s.name);
                 all.push(Warning::new("contours-repeated", message));
             }
             let heights = s.heights();
@@ -121,7 +123,12 @@ impl Contours {
             let named = |which: &dyn Fn(&Drawn) -> bool| {
                 let at: Vec<f64> = heights.iter().zip(&drawn).filter(|(_, d)| which(d)).map(|(h, _)| *h).collect();
                 let first = at.first()?;
-                Some(format!("structure {:?}, {} of {} planes, the first at {first:.1} mm", s.name, at.len(), drawn.len()))
+                Some(format!(
+                    "structure {:?}, {} of {} planes, the first at {first:.1} mm",
+                    s.name,
+                    at.len(),
+                    drawn.len()
+                ))
             };
             if let Some(place) = named(&|d| d.crossing && !d.cancelling) {
                 let message = format!(
@@ -168,7 +175,18 @@ mod tests {
         for fine in [
             vec![boxed(0.0, 10.0), vec![[0.0, 2.0], [5.0, 2.0], [5.0, 6.0], [0.0, 6.0]]],
             vec![boxed(0.0, 10.0), vec![[10.0, 0.0], [20.0, 0.0], [20.0, 10.0], [10.0, 10.0]]],
-            vec![vec![[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [0.0, 3.0], [3.0, 3.0], [3.0, 6.0], [6.0, 6.0], [6.0, 3.0], [0.0, 3.0]]],
+            vec![vec![
+                [0.0, 0.0],
+                [9.0, 0.0],
+                [9.0, 9.0],
+                [0.0, 9.0],
+                [0.0, 3.0],
+                [3.0, 3.0],
+                [3.0, 6.0],
+                [6.0, 6.0],
+                [6.0, 3.0],
+                [0.0, 3.0],
+            ]],
         ] {
             let d = drawn(&fine);
             assert!(!d.crossing && !d.cancelling && d.area > 70.0, "{fine:?}: {}", d.area);
@@ -190,7 +208,10 @@ mod tests {
                 structure("twice", vec![plane(0.0, boxed(0.0, 8.0)), plane(0.0, turned), plane(0.01, reversed)]),
                 structure("crossing", vec![plane(0.0, boxed(0.0, 8.0)), plane(0.0, boxed(4.0, 12.0))]),
                 structure("nothing", vec![plane(0.0, boxed(0.0, 8.0)), plane(0.0, boxed(0.0, 8.02))]),
-                structure("fine", vec![plane(0.0, boxed(0.0, 8.0)), plane(2.0, boxed(0.0, 8.0)), plane(2.0, boxed(2.0, 4.0))]),
+                structure(
+                    "fine",
+                    vec![plane(0.0, boxed(0.0, 8.0)), plane(2.0, boxed(0.0, 8.0)), plane(2.0, boxed(2.0, 4.0))],
+                ),
             ],
         };
         let found = contours.tidy();
