@@ -84,6 +84,37 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned("bones-overlap", "Moved bones lie in each other.", "Check labels and fusion images of the two bones."),
     warned(
+        "contours-cancel",
+        "Contours of a structure cancel each other on a plane: what is enclosed twice counts as outside.",
+        "Draw each part once; keep an inner contour only where it is a hole.",
+    ),
+    warned(
+        "contours-cross",
+        "A contour crosses itself or another contour of its structure; what is enclosed twice counts as outside.",
+        "Look at the planes named; draw the parts apart or as one.",
+    ),
+    warned(
+        "contours-repeated",
+        "A contour of a structure is drawn twice on one plane; one of each is kept.",
+        "Export the structure again.",
+    ),
+    warned(
+        "dose-negative",
+        "Voxels of a dose are below 0 by rounding; they count as 0 Gy.",
+        "None, if the count is plausible: values below 0 come of scaled integers and of resampling.",
+    ),
+    warned(
+        "dose-outside",
+        "One of two doses that are compared does not cover the other; what is missing is left out of the figures.",
+        "Compute both doses on grids that hold what is to be compared.",
+    ),
+    refused_or_warned(
+        "dose-units",
+        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, questioned above what treatments give.",
+        "Give the dose in Gy: not cGy, no percent, no CT, no difference of doses; check --weights.",
+    ),
+    refused("doses-apart", "Two doses that are compared have no place in common.", "Give doses of one frame."),
+    warned(
         "energy-outside",
         "More than 1 % of the dose's energy falls outside the target grid.",
         "Give a larger --grid.",
@@ -92,6 +123,11 @@ pub const FINDINGS: &[Finding] = &[
         "extension-damaged",
         "A NIfTI header extension is cut off or has an impossible size.",
         "Write the file anew; label names may be missing.",
+    ),
+    refused_or_warned(
+        "field-direction",
+        "A field is used the other way round than its header tells, or lies on the grid of the wrong image for its role.",
+        "Give it as the field of the other direction, or the field that belongs there.",
     ),
     warned(
         "fit-iterations",
@@ -166,6 +202,11 @@ pub const FINDINGS: &[Finding] = &[
         "Several labels have one name; they are taken as one structure with the least of their numbers.",
         "Give each label its own name if they are different structures.",
     ),
+    warned(
+        "labels-merged",
+        "Labels of one name with several numbers count as one structure.",
+        "None, if they are one; else give each its own name.",
+    ),
     refused(
         "labels-mirrored",
         "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
@@ -218,7 +259,7 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned(
         "outside-field",
-        "A part of the input lies outside a field and was not moved by it.",
+        "A part of the input (share of volume; of dose the share of the dose) lies outside a field and was not moved by it.",
         "Give a field that covers the input, or crop the input.",
     ),
     refused_or_warned(
@@ -264,6 +305,21 @@ pub const FINDINGS: &[Finding] = &[
         "Say it with --space, or of one matrix as FILE#ras or FILE#lps; convert FSL's matrices first.",
     ),
     warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
+    warned(
+        "structure-empty",
+        "A structure of a dose-volume histogram has no volume.",
+        "Check its contours, or the number of its label.",
+    ),
+    warned(
+        "structure-outside-dose",
+        "A structure lies partly or wholly outside the dose's grid.",
+        "Compute the dose on a grid that holds it; what lies outside counts with 0 Gy, or is not known if it is all.",
+    ),
+    warned(
+        "structure-volume",
+        "The volume sampled for a dose-volume histogram is not that of the contours.",
+        "Contours far apart for their size leave the shape between them open: draw more planes.",
+    ),
     warned(
         "uncertain-field-in-steep-dose",
         "The field's own residual changes the dose by more than 1 % of its maximum.",

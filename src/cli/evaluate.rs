@@ -1,10 +1,13 @@
 //! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
 
+use super::fields::{self, Known, Role};
 use super::register::progress;
 use super::{command_line, planned, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
+use crate::field::Outside;
+use crate::geometry::Grid;
 use crate::io::{self, Loaded, Planned};
 use crate::pipeline::InputFile;
 use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
@@ -112,6 +115,9 @@ impl From<DirectionName> for Direction {
     }
 }
 
+/// Tissue above this counts as the patient, HU.
+const TISSUE_HU: f32 = -500.0;
+
 /// Files of one field: its name, planning to fraction, fraction to planning.
 type FieldFiles = (String, Option<PathBuf>, Option<PathBuf>);
 
@@ -149,13 +155,18 @@ impl Ledger {
         self.inputs.iter().map(own).collect()
     }
 
-    /// Reads a label map: names from its header, else from the JSON file.
-    pub(super) fn labels(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
+    /// Reads a label map of bones: names from its header, else from the JSON file.
+    pub(super) fn bones(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
         let loaded = match (io::read_labels(path, None), names) {
             (Err(Error::Input { .. }), Some(names)) => io::read_labels(path, Some(names)),
             (read, _) => read,
         };
         Ok(self.take(role, loaded?))
+    }
+
+    /// Reads a label map of structures: names as for bones, and one name is one structure whatever its numbers.
+    pub(super) fn structures(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
+        Ok(self.take(role, io::read_structures(path, names)?))
     }
 }
 
@@ -169,11 +180,12 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
-    let mut fields = Vec::new();
+    let option = (!args.compare.is_empty()).then_some("--compare");
+    let mut assessed = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
-        let (field, drawn) = one(n, file, &inputs, &mut ledger, &runtime)?;
-        fields.push(field);
+        let (field, drawn) = one(n, file, option, &inputs, &mut ledger, &runtime)?;
+        assessed.push(field);
         pictures.extend(drawn);
     }
     let mut report = EvaluationReport {
@@ -181,7 +193,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
         created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
         command: command_line(),
         inputs: ledger.inputs,
-        fields,
+        fields: assessed,
         warnings: ledger.warnings,
         stages: runtime.times(),
         threads: runtime.threads(),
@@ -272,10 +284,10 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
         return Err(Error::input(path.display().to_string(), "no voxel of the mask is set", remedy));
     }
     let names = args.labels.as_deref();
+    let bones = args.bones.as_ref().map(|p| ledger.bones("bones", p, names)).transpose()?;
     let mut labels = |role: &str, path: &Option<PathBuf>| -> Result<Option<LabelMap>> {
-        path.as_ref().map(|p| ledger.labels(role, p, names)).transpose()
+        path.as_ref().map(|p| ledger.structures(role, p, names)).transpose()
     };
-    let bones = labels("bones", &args.bones)?;
     let structures = labels("labels-planning", &args.labels_planning)?;
     let structures_fraction = labels("labels-fraction", &args.labels_fraction)?;
     let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
@@ -283,14 +295,54 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
         let sha256 = io::checksum::sha256_file(path)?;
         ledger.inputs.push(InputFile { role: "landmarks".into(), path: path.clone(), sha256 });
     }
-    let triangle = match (&args.then, &args.direct) {
-        (Some(then), Some(direct)) => {
-            Some([ledger.take("then", io::read_field(then)?), ledger.take("direct", io::read_field(direct)?)])
-        }
-        _ => None,
-    };
     let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
-    Ok(Inputs { planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle })
+    let triangle = None;
+    let mut inputs =
+        Inputs { planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle };
+    if let (Some(then), Some(direct)) = (&args.then, &args.direct) {
+        let remedy = "give the field of the other direction";
+        let known = inputs.known();
+        let onward = Role { option: "--then", from: "fraction", to: "third", remedy };
+        let straight = Role { option: "--direct", from: "planning", to: "third", remedy };
+        let triangle = [fields::take(then, &onward, &known, ledger)?, fields::take(direct, &straight, &known, ledger)?];
+        inputs.triangle = Some(triangle);
+    }
+    Ok(inputs)
+}
+
+impl Inputs {
+    /// The grids of both frames.
+    fn known(&self) -> Vec<Known<'_>> {
+        let all = [
+            ("planning", "the planning CT", self.planning.as_ref().map(Volume::grid)),
+            ("planning", "the bones", self.bones.as_ref().map(|b| b.volume.grid())),
+            ("planning", "the planning structures", self.structures.as_ref().map(|b| b.volume.grid())),
+            ("planning", "the mask", self.mask.as_ref().map(Volume::grid)),
+            ("fraction", "the fraction CT", self.fraction.as_ref().map(Volume::grid)),
+            ("fraction", "the fraction's structures", self.structures_fraction.as_ref().map(|b| b.volume.grid())),
+        ];
+        let known = |(frame, name, grid): (&'static str, &str, Option<_>)| {
+            grid.map(|grid| Known { frame, name: name.to_owned(), grid })
+        };
+        all.into_iter().filter_map(known).collect()
+    }
+
+    /// What of the patient, as far as inputs tell where he is, lies outside a field on the grid of `direction`'s start.
+    fn outside(&self, direction: Direction, field: &Grid) -> Option<(&'static str, Outside)> {
+        let labelled = |map: &LabelMap| {
+            Outside::weighted(map.volume.grid(), field, |l| f64::from(u8::from(map.volume.data()[l] > 0)))
+        };
+        let tissue =
+            |ct: &Volume<f32>| Outside::weighted(ct.grid(), field, |l| f64::from(u8::from(ct.data()[l] > TISSUE_HU)));
+        let (mask, structures, ct) = match direction {
+            Direction::PlanningToFraction => (self.mask.as_ref(), self.structures.as_ref(), self.planning.as_ref()),
+            Direction::FractionToPlanning => (None, self.structures_fraction.as_ref(), self.fraction.as_ref()),
+        };
+        let masked = |mask: &Mask| Outside::weighted(mask.grid(), field, |l| f64::from(u8::from(mask.data()[l])));
+        mask.map(|m| ("the mask", masked(m)))
+            .or_else(|| structures.map(|s| ("the structures' volume", labelled(s))))
+            .or_else(|| ct.map(|ct| ("the tissue in the CT", tissue(ct))))
+    }
 }
 
 /// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
@@ -309,12 +361,21 @@ fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
 fn one(
     which: usize,
     (name, push, pull): &FieldFiles,
+    option: Option<&'static str>,
     inputs: &Inputs,
     ledger: &mut Ledger,
     runtime: &Runtime,
 ) -> Result<(Assessed, Vec<EvaluationPicture>)> {
-    let pair =
-        runtime.stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), inputs, ledger))?;
+    let pair = runtime
+        .stage(&format!("read {name}"), || read_pair((push.as_deref(), pull.as_deref()), option, inputs, ledger))?;
+    for direction in &pair.given {
+        let grid = match direction {
+            Direction::PlanningToFraction => pair.push.displacement.grid(),
+            Direction::FractionToPlanning => pair.pull.displacement.grid(),
+        };
+        let share = inputs.outside(*direction, grid);
+        ledger.warnings.extend(share.and_then(|(what, share)| fields::outside(what, name, share.amount_percent)));
+    }
     let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
     let subject = Subject {
         pair: &pair,
@@ -337,28 +398,16 @@ fn one(
 }
 
 /// Reads the given direction or directions of a field and makes the missing one.
-fn read_pair(push: Option<&Path>, pull: Option<&Path>, inputs: &Inputs, ledger: &mut Ledger) -> Result<FieldPair> {
+fn read_pair(
+    files: (Option<&Path>, Option<&Path>),
+    option: Option<&'static str>,
+    inputs: &Inputs,
+    ledger: &mut Ledger,
+) -> Result<FieldPair> {
     let planning = inputs.planning.as_ref().map(Volume::grid);
     let planning = planning.or(inputs.bones.as_ref().map(|b| b.volume.grid()));
     let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
     let fraction = inputs.fraction.as_ref().map(Volume::grid);
     let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
-    pair(push, pull, planning, fraction, ledger)
-}
-
-/// As [`read_pair`], with the grids for the inversion.
-pub(super) fn pair(
-    push: Option<&Path>,
-    pull: Option<&Path>,
-    planning: Option<&crate::geometry::Grid>,
-    fraction: Option<&crate::geometry::Grid>,
-    ledger: &mut Ledger,
-) -> Result<FieldPair> {
-    let mut field = |role: &str, path: Option<&Path>| {
-        path.map(|p| Ok::<_, Error>(ledger.take(role, io::read_field(p)?))).transpose()
-    };
-    let (push, pull) = (field("planning-to-fraction", push)?, field("fraction-to-planning", pull)?);
-    FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
-        Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")
-    })
+    fields::pair(files, option, [planning, fraction], &inputs.known(), ledger)
 }

@@ -3,9 +3,10 @@
 //! aventail's own fields tell their direction in the header; for every other file the command line must. Where both
 //! speak they must not contradict each other, so that no field is used the wrong way round unnoticed.
 
+use super::fields;
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
-use crate::io::{self, points::Space, transform};
+use crate::io::{points::Space, transform};
 use crate::warning::Warning;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -100,22 +101,23 @@ pub(super) fn frame(text: &str) -> Result<String, String> {
 }
 
 impl LinkArg {
-    /// Reads the field or transform; `space` is what the user says of matrices that do not tell their coordinates.
+    /// Reads the field or transform; also whether it tells its direction itself, and what is worth knowing of it. `space` is what
+    /// the user says of matrices that do not tell their coordinates.
     ///
     /// # Errors
     /// [`Error::Usage`] when its direction is unknown or said twice and differently; else as [`io::read_field`] and
     /// [`transform::read_rigid`].
-    pub(super) fn read(&self, space: Option<Space>) -> Result<(Link, Vec<Warning>)> {
+    pub(super) fn read(&self, space: Option<Space>) -> Result<(Link, bool, Vec<Warning>)> {
         let (path, entry) = self.place();
         let (motion, own, warnings) = if transform::is_transform(&path) {
             (Motion::Rigid(transform::read_rigid(&path, entry, space)?), None, Vec::new())
         } else {
-            let field = io::read_field(path)?;
-            let own = io::frames_of(&field.header.description);
+            let (field, own) = fields::open(&path)?;
             (Motion::Field(Box::new(field.value)), own, field.warnings)
         };
+        let told = own.is_some();
         let (from, to) = self.agreed(own)?;
-        Ok((Link { name: self.file.clone(), from, to, motion }, warnings))
+        Ok((Link { name: self.file.clone(), from, to, motion }, told, warnings))
     }
 
     /// Whether it is a matrix that `--space` speaks of.
@@ -127,10 +129,10 @@ impl LinkArg {
     /// The frames by command line and header.
     fn agreed(&self, own: Option<(String, String)>) -> Result<(String, String)> {
         match (&self.frames, own) {
-            (Some((from, to)), Some((own_from, own_to))) if *from == own_to || *to == own_from => Err(Error::usage(
+            (Some((from, to)), Some(own)) if fields::contradicts((from, to), &own) => Err(Error::usage(
                 format!(
-                    "{}: its header says that it takes {own_from} points to {own_to}, the command line says {from}:{to}",
-                    self.file
+                    "{}: its header says that it takes {} points to {}, the command line says {from}:{to}",
+                    self.file, own.0, own.1
                 ),
                 "leave FROM:TO= out, or name the frames in the header's order",
             )),

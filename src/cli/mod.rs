@@ -6,6 +6,7 @@ pub mod curve;
 mod demo;
 pub mod dose;
 pub mod evaluate;
+mod fields;
 mod headers;
 mod inputs;
 mod inspect;

@@ -1,20 +1,23 @@
 //! `aventail warp`: anything that has a position, from one frame to another.
 
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
+use super::dose;
+use super::fields::{self, Known};
 use super::links::LinkArg;
 use super::register::progress;
 use crate::error::{Error, Result};
 use crate::field::{
-    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, resample, resample_contours, resample_labels,
-    scale_by_volume,
+    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, Motion, resample, resample_contours,
+    resample_labels, scale_by_volume,
 };
 use crate::geometry::Grid;
-use crate::io::{self, Loaded, Stored, WriteOptions, points};
+use crate::io::{self, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use nalgebra::Point3;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -47,15 +50,16 @@ pub fn run(args: &WarpArgs) -> Result<String> {
     let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
     io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
-    let (links, warnings) = runtime.stage("read the fields", || -> Result<_> {
+    let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
-        let mut links = Vec::new();
+        let (mut links, mut silent) = (Vec::new(), Vec::new());
         for arg in &args.field {
-            let (link, odd) = arg.read(args.space.map(Into::into))?;
+            let (link, told, odd) = arg.read(args.space.map(Into::into))?;
             links.push(link);
+            silent.push(!told);
             warnings.extend(odd);
         }
-        Ok((links, warnings))
+        Ok((links, silent, warnings))
     })?;
     let options = InvertOptions::default();
     let chain = |from: &str, to: &str| runtime.stage("compose", || Chain::between(&links, from, to, &options));
@@ -84,7 +88,8 @@ pub fn run(args: &WarpArgs) -> Result<String> {
                 runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
             } else {
                 let back = chain(&args.to, &args.from)?;
-                map_volume(args, &back, (input, out), &runtime, &mut report)?;
+                let unsure = links.iter().zip(silent).filter(|(_, silent)| *silent).map(|(link, _)| link).collect();
+                map_volume(args, &back, unsure, (input, out), &runtime, &mut report)?;
             }
         }
         _ => {
@@ -204,26 +209,28 @@ fn map_contours(
             "leave them out",
         );
     }
-    let (contours, frame) = io::read_contours(input)?;
+    let (mut contours, frame) = io::read_contours(input)?;
+    report.warnings.extend(contours.tidy());
     if let Some(frame) = frame.filter(|f| *f != args.from) {
         return refuse(format!("{} lies in frame {frame:?}, not in {}", input.display(), args.from), "correct --from");
     }
     let grid = target(args, back, &args.to, &mut report.warnings)?;
     let (moved, mapped) = resample_contours(&contours, forward, back, &grid);
-    let (gap, new_gap) = (contours.spacing(grid.spacing()[2]), grid.spacing()[2]);
+    let slice = grid.spacing()[2];
     for (old, new) in contours.structures.iter().zip(&moved.structures) {
-        let volume = |s: &Structure, gap: f64| s.heights().iter().map(|h| s.area(*h) * gap).sum::<f64>() / 1000.0;
+        let volume = |s: &Structure, gap: f64| s.volume(gap) / 1000.0;
         report.notes.push(format!(
             "{}: {} slices, {:.2} cm3 -> {} slices, {:.2} cm3",
             old.name,
             old.heights().len(),
-            volume(old, gap),
+            volume(old, contours.spacing_of(old, slice)),
             new.heights().len(),
-            volume(new, new_gap)
+            volume(new, slice)
         ));
     }
     io::write_contours(out, &moved, &args.to)?;
     report.kind = "contours";
+    report.outside("the contours", &mapped);
     report.finish(back, mapped, out);
     Ok(())
 }
@@ -231,6 +238,7 @@ fn map_contours(
 fn map_volume(
     args: &WarpArgs,
     back: &Chain<'_>,
+    unsure: Vec<&Link>,
     (input, out): (&Path, &Path),
     runtime: &Runtime,
     report: &mut Report,
@@ -248,25 +256,34 @@ fn map_volume(
     let mapped = if kind == VolumeKind::Labels {
         let labels = runtime.stage("read the input", || io::read_label_map(input, args.labels.as_deref()))?;
         report.warnings.extend(labels.warnings);
+        report.doubt(args, &unsure, labels.value.volume.grid(), &grid);
         let (warped, mapped) = runtime.stage("resample", || {
             let (v, mapped) = back.displacement_on(&grid)?;
             Ok::<_, Error>((resample_labels(&v, &labels.value)?, mapped))
         })?;
         report.notes.extend(label_notes(&labels.value, &warped));
         report.kind = "labels";
+        report.missed("the labels' volume", back, &mapped, &grid, |l| f64::from(u8::from(warped.volume.data()[l] > 0)));
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
-        let (image, greatest) = runtime.stage("read the input", || {
-            let image = io::read_image(input)?;
-            let greatest = if kind == VolumeKind::Dose { Some(greatest_dose(&image)?) } else { None };
-            Ok::<_, Error>((image, greatest))
-        })?;
-        report.warnings.extend(image.warnings.iter().cloned());
+        let mut image = runtime.stage("read the input", || io::read_image(input))?;
+        report.warnings.append(&mut image.warnings);
+        let mut greatest = None;
+        if kind == VolumeKind::Dose {
+            report.warnings.extend(dose::judge(&input.display().to_string(), &mut image.value)?);
+            greatest = Some(image.value.extremes()[1]);
+        }
+        report.doubt(args, &unsure, image.value.grid(), &grid);
         let (warped, mapped) = runtime.stage("resample", || {
             let (v, mapped) = back.displacement_on(&grid)?;
             Ok::<_, Error>((scalar(args, &v, (&image.value, greatest), report)?, mapped))
         })?;
+        if kind == VolumeKind::Dose {
+            report.missed("the dose", back, &mapped, &grid, |l| f64::from(warped.data()[l]));
+        } else {
+            report.outside("the volume", &mapped);
+        }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
         let stored = if whole { Stored::Int16 } else { Stored::Float32 };
@@ -296,19 +313,6 @@ fn refuse_for_kind(args: &WarpArgs, kind: VolumeKind) -> Result<()> {
         }
         _ => Ok(()),
     }
-}
-
-/// The greatest value of a dose; one that is negative somewhere is refused.
-fn greatest_dose(image: &Loaded<Volume<f32>>) -> Result<f32> {
-    let [least, most] = image.value.extremes();
-    if least < -1e-3 * most
-        && let Some(n) = image.value.data().iter().position(|d| *d < -1e-3 * most)
-    {
-        let problem = format!("its value at voxel {:?} is {}", image.value.grid().voxel(n), image.value.data()[n]);
-        let remedy = "a dose is nowhere negative: check the file, or warp it with --kind image";
-        return Err(Error::input(image.path.display().to_string(), problem, remedy));
-    }
-    Ok(most)
 }
 
 /// Resamples an image, or a dose with its greatest value.
@@ -363,6 +367,58 @@ fn label_notes(before: &LabelMap, after: &LabelMap) -> Vec<String> {
 }
 
 impl Report {
+    /// A word about fields of unknown direction that lie on the grid of the wrong frame.
+    fn doubt(&mut self, args: &WarpArgs, unsure: &[&Link], input: &Grid, target: &Grid) {
+        let Some(path) = &args.grid else { return };
+        let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
+        let input_path = args.input.as_deref().unwrap_or(Path::new(""));
+        let known = [known(args.from.as_str(), input_path, input), known(args.to.as_str(), path, target)];
+        for link in unsure {
+            if let Motion::Field(field) = &link.motion {
+                let frames = (link.from.as_str(), link.to.as_str());
+                self.warnings.extend(fields::doubt(&link.name, frames, field.grid(), &known));
+            }
+        }
+    }
+
+    /// A word about the share of places outside a field.
+    fn outside(&mut self, what: &str, mapped: &ChainReport) {
+        let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
+        self.warnings.extend(fields::outside(what, "a field", share));
+    }
+
+    /// As [`Report::outside`], with what the voxels of the result weigh.
+    fn missed(
+        &mut self,
+        what: &str,
+        chain: &Chain<'_>,
+        mapped: &ChainReport,
+        grid: &Grid,
+        weight: impl Fn(usize) -> f64 + Sync,
+    ) {
+        if mapped.outside == 0 {
+            return;
+        }
+        let slice = grid.strides()[2];
+        let planes: Vec<[f64; 2]> = (0..grid.size()[2])
+            .into_par_iter()
+            .map(|k| {
+                let mut sums = [0.0; 2];
+                for l in k * slice..(k + 1) * slice {
+                    let w = weight(l);
+                    if w > 0.0 {
+                        let covered = chain.map(&grid.centre(grid.voxel(l))).covered;
+                        sums = [sums[0] + w, sums[1] + if covered { 0.0 } else { w }];
+                    }
+                }
+                sums
+            })
+            .collect();
+        let [all, lost] = planes.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        let share = if all > 0.0 { 100.0 * lost / all } else { 0.0 };
+        self.warnings.extend(fields::outside(what, "a field", share));
+    }
+
     fn finish(&mut self, chain: &Chain<'_>, mapped: ChainReport, out: &Path) {
         self.steps.clone_from(&chain.description);
         self.out = out.display().to_string();

@@ -1,13 +1,19 @@
 //! `aventail dose`: map, accumulate, compare, and read dose-volume histograms.
 
 mod args;
+mod intake;
 
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
+pub(super) use intake::judge;
 
-use super::evaluate::{DirectionName, Ledger, pair};
+use super::evaluate::{DirectionName, Ledger};
+use super::fields::{self, Known};
 use super::register::progress;
 use super::{command_line, planned, run_folder};
-use crate::dose::{DensityTable, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, dvh};
+use crate::dose::{
+    DensityTable, DoseDifference, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, dvh,
+    dvh_of_contours,
+};
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::geometry::Grid;
@@ -15,8 +21,9 @@ use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
-use crate::volume::contour::{Contours, Structure};
+use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -42,7 +49,7 @@ struct Sidecar<'a> {
     inputs: Vec<InputFile>,
     weights: Vec<f64>,
     parts: Vec<DoseReport>,
-    warnings: Vec<crate::warning::Warning>,
+    warnings: Vec<Warning>,
 }
 
 fn map(args: &MapArgs) -> Result<String> {
@@ -63,7 +70,9 @@ fn map(args: &MapArgs) -> Result<String> {
         Frame::Planning => Direction::FractionToPlanning,
     };
     let fields = (args.planning_to_fraction.as_deref(), args.fraction_to_planning.as_deref());
-    let (mapped, report) = carry(&dose, fields, direction, &to, &method, ct.as_ref(), &mut ledger, &runtime)?;
+    let names = [&args.dose, &args.grid];
+    let (mapped, report) =
+        carry((&dose, &to, names), fields, None, direction, &method, ct.as_ref(), &mut ledger, &runtime)?;
     finish(&args.out, &mapped, vec![1.0], vec![report], ledger, args.how.json)
 }
 
@@ -92,6 +101,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
         let dose = read_dose(&mut ledger, path)?;
+        if weights[k] >= 2.0 {
+            ledger.warnings.extend(intake::question(&path.display().to_string(), dose.extremes()[1], weights[k]));
+        }
         let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
         let field = Some(args.fields[k].as_path());
         let fields = match args.direction {
@@ -99,7 +111,10 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             DirectionName::FractionToPlanning => (None, field),
         };
         let back = Direction::FractionToPlanning;
-        let (mapped, report) = carry(&dose, fields, back, &to, &method, ct.as_ref(), &mut ledger, &runtime)?;
+        let option = Some("--fields");
+        let names = [path, &args.grid];
+        let (mapped, report) =
+            carry((&dose, &to, names), fields, option, back, &method, ct.as_ref(), &mut ledger, &runtime)?;
         total = Some(match &total {
             None => accumulate(&[(weights[k], &mapped)])?,
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
@@ -113,22 +128,28 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
 /// Reads the field and carries one dose.
 #[expect(clippy::too_many_arguments, reason = "the inputs of one mapping, used by map and accumulate alike")]
 fn carry(
-    dose: &Volume<f32>,
-    (push, pull): (Option<&Path>, Option<&Path>),
+    (dose, to, [dose_name, to_name]): (&Volume<f32>, &Grid, [&PathBuf; 2]),
+    files: (Option<&Path>, Option<&Path>),
+    option: Option<&'static str>,
     direction: Direction,
-    to: &Grid,
     method: &DoseMethod,
     ct: Option<&Volume<f32>>,
     ledger: &mut Ledger,
     runtime: &Runtime,
 ) -> Result<(Volume<f32>, DoseReport)> {
     // The missing direction is made where it is needed: on the target's grid, or on the dose's own for energy and mass.
-    let (planning, fraction) = match direction {
-        Direction::PlanningToFraction => (dose.grid(), to),
-        Direction::FractionToPlanning => (to, dose.grid()),
+    let frames = match direction {
+        Direction::PlanningToFraction => ["planning", "fraction"],
+        Direction::FractionToPlanning => ["fraction", "planning"],
     };
-    let pair =
-        runtime.stage("read and invert the field", || pair(push, pull, Some(planning), Some(fraction), ledger))?;
+    let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
+    let mut all = vec![known(frames[0], dose_name, dose.grid()), known(frames[1], to_name, to)];
+    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), grid: ct.grid() }));
+    let grids = match direction {
+        Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
+        Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
+    };
+    let pair = runtime.stage("read and invert the field", || fields::pair(files, option, grids, &all, ledger))?;
     runtime.stage("map dose", || map_dose(dose, &pair, direction, to, method, ct))
 }
 
@@ -138,12 +159,13 @@ fn finish(
     dose: &Volume<f32>,
     weights: Vec<f64>,
     parts: Vec<DoseReport>,
-    ledger: Ledger,
+    mut ledger: Ledger,
     json: bool,
 ) -> Result<String> {
+    ledger.warnings.extend(intake::judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     io::write_image(out, dose, Stored::Float32, &options)?;
-    let text = table(&parts);
+    let text = table(&parts) + &listed(&ledger.warnings);
     let command = command_line();
     let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings };
@@ -174,11 +196,21 @@ fn table(parts: &[DoseReport]) -> String {
                 r.mean, r.max, i.unconverged
             ));
         }
-        for w in &part.warnings {
-            line(format!("warning ({}): {}", w.code, w.message));
+        let outside = &part.outside;
+        if outside.volume_percent > 0.0 {
+            line(format!(
+                "{:.1} % of the volume and {:.2} % of the dose lie outside the field",
+                outside.volume_percent, outside.amount_percent
+            ));
         }
+        text.push_str(&listed(&part.warnings));
     }
     text
+}
+
+/// Warnings for the terminal.
+fn listed(warnings: &[Warning]) -> String {
+    warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect()
 }
 
 /// The sidecar's path: the dose's with its extensions replaced.
@@ -212,20 +244,11 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
     Ok(DoseMethod::EnergyMass(EnergyMassOptions { parts: args.parts, density }))
 }
 
-/// A dose beyond this is not in Gy.
-const MOST_GY: f32 = 500.0;
-
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
-    let dose = ledger.take("dose", io::read_image(path)?);
-    match dose.data().iter().position(|d| !(0.0..=MOST_GY).contains(d)) {
-        None => Ok(dose),
-        Some(first) => Err(Error::input(
-            path.display().to_string(),
-            format!("the dose is {} Gy at voxel {:?}", dose.data()[first], dose.grid().voxel(first)),
-            format!("give a dose from 0 to {MOST_GY} Gy: not cGy, not a difference of doses, no CT"),
-        )),
-    }
+    let mut dose = ledger.take("dose", io::read_image(path)?);
+    ledger.warnings.extend(intake::judge(&path.display().to_string(), &mut dose)?);
+    Ok(dose)
 }
 
 /// Structures as labels, or as contours, which may overlap.
@@ -237,28 +260,37 @@ enum Structures {
 impl Structures {
     fn read(ledger: &mut Ledger, args: &DvhArgs) -> Result<Self> {
         if args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-            return Ok(Self::Contours(io::read_contours(&args.structures)?.0));
+            let mut contours = io::read_contours(&args.structures)?.0;
+            ledger.warnings.extend(contours.tidy());
+            return Ok(Self::Contours(contours));
         }
-        Ok(Self::Labels(Box::new(ledger.labels("structures", &args.structures, args.labels.as_deref())?)))
+        Ok(Self::Labels(Box::new(ledger.structures("structures", &args.structures, args.labels.as_deref())?)))
     }
 
-    /// Each structure's histogram; contours are sampled on the dose's own grid.
+    /// Each structure's histogram.
     fn histograms(&self, dose: &Volume<f32>, args: &DvhArgs) -> Vec<Dvh> {
         match self {
             Self::Labels(map) => dvh(dose, map, &args.at, args.bin),
-            Self::Contours(all) => {
-                let [.., height] = dose.grid().spacing();
-                let spacing = all.spacing(height);
-                let one = |s: &Structure| {
-                    let inside = all.solid(s, spacing).mask(dose.grid());
-                    let map = LabelMap { volume: inside.map(|&i| u16::from(i)), names: [(1, s.name.clone())].into() };
-                    dvh(dose, &map, &args.at, args.bin)
-                };
-                all.structures.iter().flat_map(one).collect()
-            }
+            Self::Contours(all) => dvh_of_contours(dose, all, &args.at, args.bin),
         }
     }
+
+    /// A word about names in the file of names whose label no voxel has: a small structure may have been lost in a mask.
+    fn missing(&self, args: &DvhArgs) -> Option<Warning> {
+        let Self::Labels(map) = self else { return None };
+        args.labels.as_ref()?;
+        let counts = map.counts();
+        let gone: Vec<&str> =
+            map.names.iter().filter(|(l, _)| !counts.contains_key(l)).map(|(_, name)| name.as_str()).collect();
+        let shown = gone.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+        let more = gone.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
+        (!gone.is_empty())
+            .then(|| Warning::new("structure-empty", format!("named, but no voxel has their label: {shown}{more}")))
+    }
 }
+
+/// Structures that a warning names.
+const NAMED: usize = 12;
 
 fn histograms(args: &DvhArgs) -> Result<String> {
     if !(args.bin.is_finite() && args.bin >= 1e-3) {
@@ -269,12 +301,18 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let structures = Structures::read(&mut ledger, args)?;
+    ledger.warnings.extend(structures.missing(args));
+    let common = std::mem::take(&mut ledger.warnings);
     let mut doses = Vec::new();
     for path in &args.dose {
         let dose = read_dose(&mut ledger, path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let name = name.split('.').next().unwrap_or_default().to_owned();
-        doses.push(DoseDvh { name, structures: structures.histograms(&dose, args) });
+        let structures = structures.histograms(&dose, args);
+        let mut warnings = if doses.is_empty() { common.clone() } else { Vec::new() };
+        warnings.append(&mut ledger.warnings);
+        warnings.extend(doubts(&structures));
+        doses.push(DoseDvh { name, structures, warnings });
     }
     folder.begin()?;
     write_dvh(&args.out, &doses)?;
@@ -300,6 +338,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     }
     folder.begin()?;
     let (map, figures) = difference(&dose, &reference)?;
+    ledger.warnings.extend(not_covered(&figures));
     let distance = distance_to_difference(&reference, tolerance, args.limit);
     let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
     let path = args.out.join("dose_difference.nii.gz");
@@ -308,6 +347,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
     let json = serde_json::json!({
         "inputs": ledger.seen_from(&args.out), "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
+        "warnings": ledger.warnings,
     });
     write_json(args.out.join("compare.json"), &json)?;
     folder.finish();
@@ -315,7 +355,8 @@ fn compare(args: &CompareArgs) -> Result<String> {
         return io::json(&json);
     }
     Ok(format!(
-        "  dose minus reference, where either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe maps: {}",
+        "{}  dose minus reference, where both are known and either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe maps: {}",
+        listed(&ledger.warnings),
         figures.signed.mean,
         figures.magnitude.mean,
         figures.magnitude.p95,
@@ -323,3 +364,26 @@ fn compare(args: &CompareArgs) -> Result<String> {
         args.out.display()
     ))
 }
+
+/// A word about what one of two doses does not cover.
+fn not_covered(figures: &DoseDifference) -> Vec<Warning> {
+    let mut all = Vec::new();
+    let sides = [
+        (figures.reference_outside, "reference", "the dose's", "; the map of differences is 0 there"),
+        (figures.dose_outside, "dose", "the reference's", ""),
+    ];
+    for (outside, whose, grid, more) in sides {
+        if outside.amount_percent > WORTH {
+            let message = format!(
+                "{:.1} % of the {whose}'s volume and {:.1} % of its dose lie outside {grid} grid and are left out of the \
+                 figures{more}",
+                outside.volume_percent, outside.amount_percent
+            );
+            all.push(Warning::new("dose-outside", message));
+        }
+    }
+    all
+}
+
+/// Less of a dose outside another is not worth a word, percent.
+const WORTH: f64 = 0.05;

@@ -36,7 +36,6 @@ pub fn resample_contours(
     let [si, sj, sk] = target.spacing();
     let axes = Matrix3::from_columns(&[i, j, i.cross(&j)]);
     let planes = Planes { grid: target, axes, pixel: PIXEL_MM.min(si).min(sj) };
-    let spacing = contours.spacing(sk);
     let mut near = Vec::new();
     let structures = contours
         .structures
@@ -51,6 +50,7 @@ pub fn resample_contours(
             let polygons = if moved.is_empty() {
                 Vec::new()
             } else {
+                let spacing = contours.spacing_of(s, sk);
                 let (polygons, samples) = planes.cut(&contours.solid(s, spacing), back, &moved, spacing);
                 near.extend(samples);
                 polygons

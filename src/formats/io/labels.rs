@@ -2,7 +2,7 @@
 
 use super::Loaded;
 use super::image::{WriteOptions, write};
-use super::names::{header_names, read_names};
+use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster, load};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
@@ -56,6 +56,35 @@ pub fn read_label_map(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Lo
             None => header_names(path, raster)?.unwrap_or_default(),
         };
         Ok(LabelMap { volume, names })
+    })
+}
+
+/// Reads structures: a label map in which a name may have several numbers and still is one structure. Names come from the
+/// header where it names every label that occurs, else from the JSON file `names`.
+///
+/// # Errors
+/// As [`read_labels`], except for labels that share a name.
+pub fn read_structures(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    let given = names.map(read_names).transpose()?;
+    load(path, |raster| {
+        raster.require_scalar(path, "label map")?;
+        let mut map = LabelMap { volume: label_values(path, raster)?, names: Names::new() };
+        let counts = map.counts();
+        let complete = |names: &Names| counts.keys().all(|l| names.contains_key(l));
+        map.names = match (header_names(path, raster)?, given) {
+            (Some(own), given) if given.is_none() || complete(&own) => own,
+            (_, Some(given)) => given,
+            _ => return Err(no_names(path)),
+        };
+        let merged = map.one_number_a_name();
+        check(path, &map)?;
+        if !merged.is_empty() {
+            let message =
+                format!("{}: several labels are one structure by their name: {}", path.display(), merged.join(", "));
+            raster.warnings.push(Warning::new("labels-merged", message));
+        }
+        Ok(map)
     })
 }
 

@@ -1,40 +1,62 @@
 //! Two doses compared, and how exactly a field must be known for a dose.
 
 use super::interpolate::interpolate;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::field::{Outside, covers};
 use crate::stats::Summary;
 use crate::volume::Volume;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Difference of two doses over the voxels where either is above a tenth of the reference's maximum, Gy.
+/// Difference of two doses over the voxels that both grids cover and where either is above a tenth of the reference's
+/// maximum, Gy.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct DoseDifference {
     /// Dose minus reference.
     pub signed: Summary,
     /// Its magnitude.
     pub magnitude: Summary,
+    /// What of the reference lies outside the dose's grid: nothing is known of it, and it is left out.
+    pub reference_outside: Outside,
+    /// What of the dose lies outside the reference's grid; it is left out.
+    pub dose_outside: Outside,
 }
 
 /// Share of the maximum above which voxels count.
 const COUNTS: f32 = 0.1;
 
-/// `dose` minus `reference` on the reference's grid, and its figures.
+/// `dose` minus `reference` on the reference's grid, and its figures. Where the dose's grid does not reach, the map is 0 and
+/// the figures leave it out: a dose that is not known is not 0 Gy.
 ///
 /// # Errors
-/// Only for internal inconsistency of grids.
+/// [`Error::Input`] when the grids have nothing in common.
 pub fn difference(dose: &Volume<f32>, reference: &Volume<f32>) -> Result<(Volume<f32>, DoseDifference)> {
-    let still = Volume::filled(reference.grid().clone(), [0f32; 3]);
-    let dose = interpolate(dose, &still, reference.grid())?;
+    let grid = reference.grid();
+    let (reference_outside, dose_outside) = (Outside::of(reference, dose.grid()), Outside::of(dose, grid));
+    if reference_outside.volume_percent >= 100.0 {
+        let problem = "no voxel of the reference lies inside the dose's grid: there is nothing to compare";
+        return Err(Error::refused("doses-apart", "the two doses", problem, "give doses of one frame"));
+    }
+    let still = Volume::filled(grid.clone(), [0f32; 3]);
+    let mapped = interpolate(dose, &still, grid)?;
     let least = COUNTS * reference.extremes()[1].max(0.0);
-    let map: Vec<f32> = dose.data().iter().zip(reference.data()).map(|(a, b)| a - b).collect();
-    let counted: Vec<f64> = (map.iter().zip(dose.data()).zip(reference.data()))
-        .filter(|((_, a), b)| **a > least || **b > least)
-        .map(|((d, _), _)| f64::from(*d))
+    let known = |l: usize| covers(dose.grid(), &grid.centre(grid.voxel(l)));
+    let all = reference_outside.volume_percent <= 0.0;
+    let map =
+        Volume::from_fn(grid.clone(), |l| if all || known(l) { mapped.data()[l] - reference.data()[l] } else { 0.0 });
+    let counted: Vec<f64> = (map.data().iter().zip(mapped.data()).zip(reference.data()))
+        .enumerate()
+        .filter(|(l, ((_, a), b))| (**a > least || **b > least) && (all || known(*l)))
+        .map(|(_, ((d, _), _))| f64::from(*d))
         .collect();
     let magnitude: Vec<f64> = counted.iter().map(|d| d.abs()).collect();
-    let figures = DoseDifference { signed: Summary::of(&counted), magnitude: Summary::of(&magnitude) };
-    Ok((Volume::new(reference.grid().clone(), map)?, figures))
+    let figures = DoseDifference {
+        signed: Summary::of(&counted),
+        magnitude: Summary::of(&magnitude),
+        reference_outside,
+        dose_outside,
+    };
+    Ok((map, figures))
 }
 
 /// Distance to dose difference: how far from each voxel's centre the nearest voxel lies whose dose differs by at least
@@ -133,5 +155,19 @@ mod tests {
         assert!((map.at([7, 1, 1]) - 2.0).abs() < 1e-6 && (map.at([1, 1, 1]) - 0.5).abs() < 1e-6);
         assert_eq!(figures.signed.n, 80); // what is near zero in both does not count
         assert!((figures.signed.mean - 2.0).abs() < 1e-6 && (figures.magnitude.max - 2.0).abs() < 1e-6);
+    }
+    #[test]
+    fn what_one_dose_does_not_cover_is_left_out() {
+        let grid = Grid::axis_aligned([10, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
+        let reference = Volume::filled(grid, 50.0f32);
+        let part = Volume::filled(Grid::axis_aligned([5, 8, 4], [1.0; 3], [0.0; 3]).unwrap(), 51.0f32);
+        let (map, figures) = difference(&part, &reference).unwrap();
+        assert!((map.at([4, 1, 1]) - 1.0).abs() < 1e-6 && map.at([7, 1, 1]).abs() < 1e-6);
+        assert!(figures.signed.n == 80 && (figures.signed.mean - 1.0).abs() < 1e-6, "{figures:?}");
+        assert!((figures.reference_outside.amount_percent - 50.0).abs() < 1e-9, "{figures:?}");
+        assert!((figures.dose_outside.volume_percent - 50.0).abs() < 1e-9, "{figures:?}");
+        let apart = Volume::filled(Grid::axis_aligned([5, 5, 5], [1.0; 3], [90.0; 3]).unwrap(), 1.0f32);
+        let error = difference(&apart, &reference).unwrap_err();
+        assert_eq!((error.code(), error.exit_code()), ("doses-apart", 4));
     }
 }

@@ -1,18 +1,21 @@
 //! Dose-volume histograms and the figures read from them.
 
-use crate::volume::{LabelMap, Volume, trilinear};
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use super::sample::{self, Sampled};
+use crate::volume::contour::Contours;
+use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
+use serde::Serialize;
 
-/// Dose to one structure, Gy.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+/// Dose to one structure, Gy. Figures are NaN (`null` in JSON) where no part of the structure has a known dose.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Dvh {
     /// Name of the structure.
     pub name: String,
-    /// Volume, ml.
+    /// Volume as it was sampled, ml.
     pub volume_ml: f64,
-    /// Volume outside the dose grid, ml; it counts with 0 Gy.
+    /// The structure's own volume, ml: of its contours, or of its voxels.
+    pub own_ml: f64,
+    /// Volume outside the dose grid, ml; it counts with 0 Gy unless it is all.
     pub outside_ml: f64,
     /// Mean.
     pub mean: f64,
@@ -39,7 +42,7 @@ pub struct Dvh {
 }
 
 /// Volume share at one dose.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Share {
     /// Dose, Gy.
     pub gy: f64,
@@ -49,83 +52,106 @@ pub struct Share {
 
 /// Volume of the near maximum dose, ml.
 const HOT_ML: f64 = 0.03;
+/// Share of a structure outside the dose that is worth a word.
+const OUTSIDE: f64 = 1e-3;
+/// Relative difference of sampled and own volume that is worth a word.
+const UNLIKE: f64 = 0.1;
 
-/// Dose-volume histogram of each structure, sorted by label. Each voxel of the label map counts once, with the dose
-/// interpolated linearly at its centre, so that grids may differ. `at` lists the doses of V_x, Gy; `bin` is in Gy.
+/// Dose-volume histogram of each label that occurs, sorted by label. A voxel of the label map counts with the dose
+/// interpolated linearly at its centre, or at the middles of its parts where it is larger than the dose's voxels, so that
+/// grids may differ. `at` lists the doses of V_x, Gy; `bin` is in Gy.
 pub fn dvh(dose: &Volume<f32>, structures: &LabelMap, at: &[f64], bin: f64) -> Vec<Dvh> {
-    let grid = structures.volume.grid();
-    let mut voxels: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
-    for (l, label) in structures.volume.data().iter().enumerate().filter(|(_, l)| **l > 0) {
-        voxels.entry(*label).or_default().push(l);
-    }
-    let voxel_ml = grid.voxel_volume() / 1000.0;
-    let list: Vec<(u16, Vec<usize>)> = voxels.into_iter().collect();
-    list.par_iter()
-        .map(|(label, voxels)| {
-            let name = structures.names.get(label).cloned().unwrap_or_else(|| label.to_string());
-            let sampled: Vec<Option<f64>> =
-                voxels.iter().map(|l| trilinear(dose, &dose.grid().index(&grid.centre(grid.voxel(*l))))).collect();
-            let outside = sampled.iter().filter(|d| d.is_none()).count();
-            let doses = sampled.into_iter().map(Option::unwrap_or_default).collect();
-            Dvh { outside_ml: outside as f64 * voxel_ml, ..of(name, doses, voxel_ml, at, bin) }
-        })
-        .collect()
+    sample::labels(dose, structures).into_iter().map(|s| of(s, at, bin)).collect()
 }
 
-/// The figures of at least one voxel's doses.
-fn of(name: String, mut doses: Vec<f64>, voxel_ml: f64, at: &[f64], bin: f64) -> Dvh {
-    doses.sort_unstable_by(|a, b| b.total_cmp(a));
-    let n = doses.len();
-    // Voxels are counted from the hottest until the volume is reached.
-    let hottest = |voxels: f64| doses[((voxels - 1e-9).ceil().max(1.0) as usize).min(n) - 1];
-    let share = |gy: f64| doses.partition_point(|d| *d >= gy) as f64 / n as f64;
-    let bins = (doses[0].max(0.0) / bin) as usize + 2;
+/// Dose-volume histogram of each structure, in their order, none left out. Each is sampled inside the dose's voxels, the finer
+/// the smaller it is; structures may overlap.
+pub fn dvh_of_contours(dose: &Volume<f32>, contours: &Contours, at: &[f64], bin: f64) -> Vec<Dvh> {
+    contours.structures.iter().map(|s| of(sample::contours(dose, contours, s), at, bin)).collect()
+}
+
+/// What of the histograms deserves a word: structures outside the dose, without volume, or unlike their contours.
+pub fn doubts(list: &[Dvh]) -> Vec<Warning> {
+    let mut all = Vec::new();
+    for d in list {
+        let (name, ml, outside) = (&d.name, d.volume_ml, d.outside_ml);
+        if ml <= 0.0 {
+            let message = format!("structure {name:?} encloses no volume: its doses are not known");
+            all.push(Warning::new("structure-empty", message));
+        } else if d.mean.is_nan() {
+            let message =
+                format!("structure {name:?} ({ml:.3} ml) lies wholly outside the dose grid: its doses are not known");
+            all.push(Warning::new("structure-outside-dose", message));
+        } else if outside > OUTSIDE * ml {
+            let share = 100.0 * outside / ml;
+            let message = format!(
+                "{outside:.3} of {ml:.3} ml ({share:.1} %) of structure {name:?} lie outside the dose grid and count with 0 Gy"
+            );
+            all.push(Warning::new("structure-outside-dose", message));
+        }
+        if ml > 0.0 && (ml - d.own_ml).abs() > UNLIKE * d.own_ml {
+            let message = format!("structure {name:?}: sampled {ml:.3} ml, its contours enclose {:.3} ml", d.own_ml);
+            all.push(Warning::new("structure-volume", message));
+        }
+    }
+    all
+}
+
+/// The figures of a structure's samples.
+fn of(sampled: Sampled, at: &[f64], bin: f64) -> Dvh {
+    let Sampled { name, mut samples, unit_ml, own_ml, outside } = sampled;
+    let weight: f64 = samples.iter().map(|s| f64::from(s.weight)).sum();
+    let none = Dvh {
+        volume_ml: weight * unit_ml,
+        own_ml,
+        outside_ml: outside * unit_ml,
+        bin,
+        mean: f64::NAN,
+        min: f64::NAN,
+        max: f64::NAN,
+        d98: f64::NAN,
+        d95: f64::NAN,
+        d50: f64::NAN,
+        d2: f64::NAN,
+        d003cc: f64::NAN,
+        v: at.iter().map(|gy| Share { gy: *gy, percent: f64::NAN }).collect(),
+        cumulative: Vec::new(),
+        name,
+    };
+    if weight <= 0.0 || outside >= weight * (1.0 - 1e-9) {
+        return none;
+    }
+    samples.sort_unstable_by(|a, b| b.gy.total_cmp(&a.gy));
+    let mut so_far = 0.0;
+    let reached: Vec<f64> = samples
+        .iter()
+        .map(|s| {
+            so_far += f64::from(s.weight);
+            so_far
+        })
+        .collect();
+    let gy = |n: usize| f64::from(samples[n.min(samples.len() - 1)].gy);
+    // Samples are counted from the hottest until the volume is reached.
+    let hottest = |part: f64| gy(reached.partition_point(|r| *r < part - 1e-9 * weight));
+    let share = |least: f64| {
+        let n = samples.partition_point(|s| f64::from(s.gy) >= least);
+        n.checked_sub(1).map_or(0.0, |last| reached[last] / weight)
+    };
+    let bins = (gy(0).max(0.0) / bin) as usize + 2;
     Dvh {
-        volume_ml: n as f64 * voxel_ml,
-        outside_ml: 0.0,
-        mean: doses.iter().sum::<f64>() / n as f64,
-        min: doses[n - 1],
-        max: doses[0],
-        d98: hottest(0.98 * n as f64),
-        d95: hottest(0.95 * n as f64),
-        d50: hottest(0.5 * n as f64),
-        d2: hottest(0.02 * n as f64),
-        d003cc: hottest(HOT_ML / voxel_ml),
+        mean: samples.iter().map(|s| f64::from(s.gy) * f64::from(s.weight)).sum::<f64>() / weight,
+        min: gy(samples.len() - 1),
+        max: gy(0),
+        d98: hottest(0.98 * weight),
+        d95: hottest(0.95 * weight),
+        d50: hottest(0.5 * weight),
+        d2: hottest(0.02 * weight),
+        d003cc: hottest(HOT_ML / unit_ml),
         v: at.iter().map(|gy| Share { gy: *gy, percent: 100.0 * share(*gy) }).collect(),
         cumulative: (0..bins).map(|b| share(b as f64 * bin)).collect(),
-        bin,
-        name,
+        ..none
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::Grid;
-
-    #[test]
-    fn a_wedge_of_dose_by_hand() {
-        // 100 planes of 10 x 10 voxels with 0, 1, ... 99 Gy; a voxel has 0.006 ml.
-        let grid = Grid::axis_aligned([100, 10, 10], [1.0, 2.0, 3.0], [0.0; 3]).unwrap();
-        let dose = Volume::from_fn(grid.clone(), |l| grid.voxel(l)[0] as f32);
-        let all = LabelMap { volume: Volume::filled(grid.clone(), 4), names: [(4, "target".to_owned())].into() };
-        let d = dvh(&dose, &all, &[50.0, 99.5], 1.0).remove(0);
-        let close = |a: f64, b: f64, what: &str| assert!((a - b).abs() < 1e-6, "{what}: {a} {b}");
-        close(d.volume_ml, 60.0, "volume");
-        close(d.mean, 49.5, "mean");
-        close(d.d95, 5.0, "D95");
-        close(d.d50, 50.0, "D50");
-        close(d.d2, 98.0, "D2");
-        close(d.d003cc, 99.0, "D0.03cc");
-        close(d.v[0].percent, 50.0, "V50");
-        close(d.v[1].percent, 0.0, "V99.5");
-        close(d.cumulative[0], 1.0, "start");
-        close(d.cumulative[30], 0.7, "V30");
-        assert_eq!((d.name.as_str(), d.cumulative.len()), ("target", 101));
-        // A dose grid that ends half way: the rest counts with nothing, and it says so.
-        let short = Grid::axis_aligned([50, 10, 10], [1.0, 2.0, 3.0], [0.0; 3]).unwrap();
-        let half = dvh(&Volume::filled(short, 10.0), &all, &[], 1.0).remove(0);
-        close(half.outside_ml, 30.0, "outside");
-        close(half.mean, 5.0, "mean of half");
-    }
-}
+mod tests;

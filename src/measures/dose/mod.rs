@@ -6,10 +6,11 @@ mod difference;
 mod dvh;
 mod energy;
 mod interpolate;
+mod sample;
 
 pub use caution::{Caution, STEEP, caution};
 pub use density::DensityTable;
 pub use difference::{DoseDifference, difference, distance_to_difference};
-pub use dvh::{Dvh, Share, dvh};
+pub use dvh::{Dvh, Share, doubts, dvh, dvh_of_contours};
 pub use energy::{EnergyBalance, EnergyMassOptions, energy_mass};
 pub use interpolate::{accumulate, interpolate};

@@ -100,6 +100,9 @@ pub fn compare(mapped: &LabelMap, reference: &LabelMap) -> Result<Vec<ContourMet
         }
     }
     let voxel_ml = reference.volume.grid().voxel_volume() / 1000.0;
+    // A table may name far more structures than the maps hold: what is in neither is no structure to compare.
+    let held = |(a, b, _): &&(u16, u16, &String)| of_a.contains_key(a) || of_b.contains_key(b);
+    let pairs: Vec<(u16, u16, &String)> = pairs.iter().filter(held).copied().collect();
     let measure = |(a, b, name): &(u16, u16, &String)| {
         let (of_a, of_b) = (of_a.get(a), of_b.get(b));
         let count = |m: Option<&Moments>| m.map_or(0, |m| m.voxels);
@@ -246,6 +249,9 @@ mod tests {
         assert!((m.dice - 1.0).abs() < 1e-12 && d.hausdorff_mm < 1e-9 && d.centre_of_mass_mm < 1e-9);
         let empty = compare(&a, &map(&grid, |_| false)).unwrap().remove(0);
         assert!(empty.distances.is_none() && empty.dice.abs() < 1e-12);
+        let mut more = a.clone();
+        more.names.insert(9, "nowhere".to_owned());
+        assert_eq!(compare(&more, &more).unwrap().len(), 1, "what is in neither is no row");
         let other = LabelMap { names: [(1, "else".to_owned())].into(), ..a.clone() };
         assert!(compare(&a, &other).unwrap_err().to_string().contains("no structure is in both"));
     }

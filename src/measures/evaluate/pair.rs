@@ -19,6 +19,15 @@ pub enum Direction {
 }
 
 impl Direction {
+    /// The other way.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        match self {
+            Self::PlanningToFraction => Self::FractionToPlanning,
+            Self::FractionToPlanning => Self::PlanningToFraction,
+        }
+    }
+
     /// In words.
     pub fn name(self) -> &'static str {
         match self {

@@ -4,6 +4,7 @@ use super::chart::{COLOURS, Curve, chart};
 use crate::dose::Dvh;
 use crate::error::{Error, Result};
 use crate::io::{write_file, write_json};
+use crate::warning::Warning;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -14,6 +15,8 @@ pub struct DoseDvh {
     pub name: String,
     /// Each structure.
     pub structures: Vec<Dvh>,
+    /// What is worth knowing of the dose and of where the structures lie in it.
+    pub warnings: Vec<Warning>,
 }
 
 /// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists.
@@ -49,14 +52,17 @@ fn curves(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
 fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
     let mut table = crate::io::Sheet::default();
     let at = doses.iter().flat_map(|d| &d.structures).next().map_or(&[][..], |s| &s.v);
-    let names = ["dose", "structure", "volume_ml", "outside_ml", "mean_gy", "min_gy", "max_gy"];
+    let names = ["dose", "structure", "volume_ml", "own_ml", "outside_ml", "mean_gy", "min_gy", "max_gy"];
     let more = ["d98_gy", "d95_gy", "d50_gy", "d2_gy", "d0.03cc_gy"];
     let heads = names.iter().chain(&more).map(|n| (*n).to_owned());
     table.write_record(heads.chain(at.iter().map(|v| format!("v{}gy_percent", v.gy))))?;
     for dose in doses {
         for s in &dose.structures {
-            let numbers = [s.volume_ml, s.outside_ml, s.mean, s.min, s.max, s.d98, s.d95, s.d50, s.d2, s.d003cc];
-            let numbers = numbers.iter().copied().chain(s.v.iter().map(|v| v.percent)).map(|v| format!("{v:.4}"));
+            let doses = [s.mean, s.min, s.max, s.d98, s.d95, s.d50, s.d2, s.d003cc];
+            let numbers = [s.volume_ml, s.own_ml, s.outside_ml].into_iter().chain(doses);
+            // What is not known stays empty.
+            let text = |v: f64| if v.is_nan() { String::new() } else { format!("{v:.4}") };
+            let numbers = numbers.chain(s.v.iter().map(|v| v.percent)).map(text);
             table.write_record([dose.name.clone(), s.name.clone()].into_iter().chain(numbers))?;
         }
     }
@@ -71,7 +77,8 @@ fn plot(doses: &[DoseDvh]) -> super::canvas::Canvas {
         .iter()
         .enumerate()
         .flat_map(|(d, dose)| {
-            dose.structures.iter().enumerate().map(move |(n, s)| Curve {
+            let known = |(_, s): &(usize, &Dvh)| !s.cumulative.is_empty();
+            dose.structures.iter().enumerate().filter(known).map(move |(n, s)| Curve {
                 name: if doses.len() == 1 { s.name.clone() } else { format!("{}, {}", s.name, dose.name) },
                 colour: COLOURS[n % COLOURS.len()],
                 width: if d == 0 { 5.0 } else { 2.5 },
@@ -92,17 +99,22 @@ pub fn dvh_table(doses: &[DoseDvh]) -> String {
         for s in &dose.structures {
             write!(out, "\n  {:<24}", s.name).expect("writing to a string does not fail");
             for v in [s.volume_ml, s.mean, s.max, s.d95, s.d50, s.d2, s.d003cc] {
-                write!(out, "{v:>9.2}").expect("writing to a string does not fail");
+                // Small structures have small volumes, and what is not known has no figure.
+                let text = if v.is_nan() { "-".into() } else { format!("{v:.2}") };
+                write!(out, "{text:>9}").expect("writing to a string does not fail");
             }
-            for v in &s.v {
+            for v in s.v.iter().filter(|v| !v.percent.is_nan()) {
                 write!(out, "  V{} {:.1} %", v.gy, v.percent).expect("writing to a string does not fail");
             }
             if s.outside_ml > 0.0 {
-                write!(out, "  ({:.1} ml outside the dose grid)", s.outside_ml)
+                write!(out, "  ({:.2} ml outside the dose grid)", s.outside_ml)
                     .expect("writing to a string does not fail");
             }
         }
         out.push('\n');
+        for w in &dose.warnings {
+            writeln!(out, "  warning ({}): {}", w.code, w.message).expect("writing to a string does not fail");
+        }
     }
     out
 }
@@ -123,7 +135,21 @@ mod tests {
             v: vec![Share { gy: 20.0, percent: 12.5 }],
             ..Dvh::default()
         };
-        DoseDvh { name: "plan".into(), structures: vec![s] }
+        DoseDvh { name: "plan".into(), structures: vec![s], warnings: Vec::new() }
+    }
+
+    #[test]
+    fn what_is_not_known_has_no_figure() {
+        let mut dose = one();
+        let unknown =
+            Dvh { name: "beyond".into(), volume_ml: 0.012, mean: f64::NAN, cumulative: vec![], ..Dvh::default() };
+        dose.structures = vec![unknown];
+        dose.warnings = vec![Warning::new("structure-outside-dose", "beyond")];
+        let dose = [dose];
+        let text = String::from_utf8(figures(&dose).unwrap()).unwrap();
+        assert!(text.contains("plan,beyond,0.0120,0.0000,0.0000,,0.0000"), "{text}");
+        assert!(dvh_table(&dose).contains("warning (structure-outside-dose)") && plot(&dose).height() > 600);
+        assert!(serde_json::to_string(&dose).unwrap().contains("\"mean\":null"));
     }
 
     #[test]

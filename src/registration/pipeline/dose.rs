@@ -3,7 +3,7 @@
 use crate::dose::{Caution, EnergyBalance, EnergyMassOptions, caution, energy_mass, interpolate};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair, consistency};
-use crate::field::{InverseReport, digital_folds};
+use crate::field::{InverseReport, Outside, digital_folds};
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -30,6 +30,9 @@ pub struct DoseReport {
     pub balance: Option<EnergyBalance>,
     /// The inversion, when the field was given the other way only.
     pub inversion: Option<InverseReport>,
+    /// What lies outside the given field, where that is the identity: of the dose, if the field lies in its frame, else of the
+    /// result.
+    pub outside: Outside,
     /// Where the result deserves doubt.
     pub caution: Caution,
     /// Findings that the user should know of.
@@ -77,10 +80,43 @@ pub fn map_dose(
         inside && *folds.at([0, 1, 2].map(|a| at[a] as usize))
     })?;
     let caution = caution(&mapped, &uncertainty);
-    let warnings = warnings(&caution, balance.as_ref());
-    let report =
-        DoseReport { direction, method: method.clone(), balance, inversion: pair.inversion, caution, warnings };
-    Ok((mapped, report))
+    let (outside, whose) = outside(dose, &mapped, pair, direction, method);
+    let mut warnings = warnings(&caution, balance.as_ref());
+    if outside.amount_percent > WORTH {
+        let message = format!(
+            "{:.1} % of the volume and {:.1} % of {whose} lie outside the field, which is the identity there: that dose is \
+             not moved, and the map has a seam",
+            outside.volume_percent, outside.amount_percent
+        );
+        warnings.push(Warning::new("outside-field", message));
+    }
+    let inversion = pair.inversion;
+    Ok((mapped, DoseReport { direction, method: method.clone(), balance, inversion, outside, caution, warnings }))
+}
+
+/// Less of the dose outside a field is not worth a word, percent.
+const WORTH: f64 = 0.05;
+
+/// What lies outside the field that was given, and whose dose that is. A direction that was made by inversion reaches
+/// wherever it is asked for and tells nothing.
+fn outside(
+    dose: &Volume<f32>,
+    mapped: &Volume<f32>,
+    pair: &FieldPair,
+    direction: Direction,
+    method: &DoseMethod,
+) -> (Outside, &'static str) {
+    let used = if *method == DoseMethod::Interpolate { direction.reversed() } else { direction };
+    let field = if pair.given.contains(&used) { used } else { used.reversed() };
+    let grid = match field {
+        Direction::PlanningToFraction => pair.push.displacement.grid(),
+        Direction::FractionToPlanning => pair.pull.displacement.grid(),
+    };
+    if field == direction {
+        (Outside::of(dose, grid), "the dose")
+    } else {
+        (Outside::of(mapped, grid), "the mapped dose")
+    }
 }
 
 fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> {

@@ -5,6 +5,7 @@
 //! Udupa, IEEE Trans Med Imaging 9, 1990); beyond the first and the last plane the structure goes on for half their
 //! spacing, as a voxel does.
 
+mod area;
 mod planar;
 mod trace;
 
@@ -12,6 +13,7 @@ pub use trace::trace;
 
 use super::{Mask, Volume};
 use crate::geometry::Grid;
+use area::Drawn;
 use nalgebra::{Matrix3, Point3, Vector3};
 use planar::PlanarDistance;
 use rayon::prelude::*;
@@ -67,7 +69,18 @@ impl Contours {
         gaps.get(gaps.len() / 2).copied().unwrap_or(fallback)
     }
 
-    /// A structure as a solid. `spacing` is [`Contours::spacing`].
+    /// Distance between a structure's planes: the median of its own gaps where it has two or more, else
+    /// [`Contours::spacing`]. Structures of one file may be drawn on planes of their own.
+    pub fn spacing_of(&self, structure: &Structure, fallback: f64) -> f64 {
+        let mut gaps: Vec<f64> = structure.heights().windows(2).map(|w| w[1] - w[0]).collect();
+        gaps.sort_by(f64::total_cmp);
+        match gaps.len() {
+            0 | 1 => self.spacing(fallback),
+            n => gaps[n / 2],
+        }
+    }
+
+    /// A structure as a solid. `spacing` is [`Contours::spacing_of`].
     pub fn solid(&self, structure: &Structure, spacing: f64) -> Solid {
         let heights = structure.heights();
         let planes = heights
@@ -90,16 +103,29 @@ impl Structure {
         all
     }
 
-    /// Area on the plane at `height`, mm^2: by the even-odd rule, of polygons that do not cross each other.
+    /// What the polygons of the plane at `height` enclose.
+    fn drawn(&self, height: f64) -> Drawn {
+        let own = self.polygons.iter().filter(|p| (p.height - height).abs() <= SAME_PLANE_MM);
+        Drawn::of(&own.map(|p| p.points.as_slice()).collect::<Vec<_>>())
+    }
+
+    /// Area on the plane at `height`, mm^2, by the even-odd rule.
     pub fn area(&self, height: f64) -> f64 {
-        let own: Vec<&Polygon> = self.polygons.iter().filter(|p| (p.height - height).abs() <= SAME_PLANE_MM).collect();
-        let signed = |p: &Polygon| {
-            // A polygon inside an odd number of others is a hole.
-            let around = own.iter().filter(|o| !std::ptr::eq(**o, p) && encloses(&o.points, p.points[0])).count();
-            let area = shoelace(&p.points).abs();
-            if around % 2 == 1 { -area } else { area }
+        self.drawn(height).area
+    }
+
+    /// Volume of the contours themselves, mm^3: areas between planes by the trapezoid rule, half a spacing beyond the first
+    /// and the last plane and into gaps that part the structure. `spacing` is [`Contours::spacing_of`].
+    pub fn volume(&self, spacing: f64) -> f64 {
+        let heights = self.heights();
+        let areas: Vec<f64> = heights.par_iter().map(|h| self.area(*h)).collect();
+        let half = |n: usize, next: Option<&f64>| {
+            let gap = next.map_or(spacing, |h| (h - heights[n]).abs());
+            0.5 * areas[n] * if gap > WIDEST_GAP * spacing { spacing } else { gap }
         };
-        own.iter().map(|p| signed(p)).sum()
+        (0..heights.len())
+            .map(|n| half(n, n.checked_sub(1).and_then(|b| heights.get(b))) + half(n, heights.get(n + 1)))
+            .sum()
     }
 }
 
@@ -148,6 +174,35 @@ impl Solid {
                 }
                 let t = (p.z - self.heights[b]) / gap;
                 self.planes[b].at(at) * (1.0 - t) + self.planes[above].at(at) * t
+            }
+        }
+    }
+
+    /// Share of a small box around a point that lies inside, 0 to 1: in the plane by the distance to the surface, at an edge
+    /// `soft` mm wide; along the normal, where the structure ends beyond a plane, by overlap of `high` mm. A point on the
+    /// surface counts half, so that no layer of a drawing through sampled points is lost or won.
+    pub fn share(&self, point: &Point3<f64>, soft: f64, high: f64) -> f64 {
+        let p = self.to_plane * point.coords;
+        let at = [p.x, p.y];
+        let above = self.heights.partition_point(|h| *h < p.z);
+        let edge = |depth: f64| (0.5 + depth / soft).clamp(0.0, 1.0);
+        let half = 0.5 * self.spacing;
+        let cap = |n: usize| {
+            let z = p.z - self.heights[n];
+            let overlap = (((z + 0.5 * high).min(half) - (z - 0.5 * high).max(-half)) / high).clamp(0.0, 1.0);
+            if overlap > 0.0 { overlap * edge(self.planes[n].at(at)) } else { 0.0 }
+        };
+        match (above.checked_sub(1), above < self.planes.len()) {
+            (None, false) => 0.0,
+            (Some(b), false) => cap(b),
+            (None, true) => cap(above),
+            (Some(b), true) => {
+                let gap = self.heights[above] - self.heights[b];
+                if gap > WIDEST_GAP * self.spacing {
+                    return cap(b).max(cap(above));
+                }
+                let t = (p.z - self.heights[b]) / gap;
+                edge(self.planes[b].at(at) * (1.0 - t) + self.planes[above].at(at) * t)
             }
         }
     }

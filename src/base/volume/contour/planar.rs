@@ -7,6 +7,10 @@
 const PIXEL_MM: f64 = 1.0;
 /// Drawings smaller than this get smaller pixels, mm.
 const SMALL_MM: f64 = 60.0;
+/// Pixels across a drawing at least, so that the smallest structures have a shape.
+const PIXELS: f64 = 48.0;
+/// Smallest pixel, mm.
+const FINEST_MM: f64 = 0.04;
 /// Margin of the pixel grid around the polygons, mm.
 const MARGIN_MM: f64 = 6.0;
 /// No segment yet.
@@ -36,7 +40,8 @@ impl PlanarDistance {
         let low: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MAX, f64::min) - MARGIN_MM);
         let high: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MIN, f64::max) + MARGIN_MM);
         let extent = (high[0] - low[0]).max(high[1] - low[1]);
-        let pixel = if extent < SMALL_MM { 0.5 * PIXEL_MM } else { PIXEL_MM };
+        let coarse = if extent < SMALL_MM { 0.5 * PIXEL_MM } else { PIXEL_MM };
+        let pixel = ((extent - 2.0 * MARGIN_MM) / PIXELS).clamp(FINEST_MM, coarse);
         let size: [usize; 2] = std::array::from_fn(|a| ((high[a] - low[a]) / pixel).ceil() as usize + 1);
         let segments: Vec<Segment> = polygons
             .iter()

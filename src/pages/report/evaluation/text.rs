@@ -96,6 +96,9 @@ pub(super) fn marks(report: &EvaluationReport) -> Vec<MarkRow> {
 /// The figures that matter, a block per field.
 pub fn terminal_table(report: &EvaluationReport) -> String {
     let mut out = String::new();
+    for w in &report.warnings {
+        writeln!(out, "warning ({}): {}", w.code, w.message).expect("writing to a string does not fail");
+    }
     for field in &report.fields {
         writeln!(out, "{}", field.name).expect("writing to a string does not fail");
         let shown = |mark: &str| field.assessment.tolerances.iter().filter(|c| c.mark.name() == mark).count();

@@ -1,0 +1,205 @@
+//! The one gate through which every verb takes a field: its direction must not contradict its role.
+//!
+//! aventail's own fields tell their direction in the header. Another tool's field does not; of it is known on which image's
+//! grid it lies, and a field belongs on a grid of the frame that it starts from.
+
+use super::evaluate::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::{Direction, FieldPair};
+use crate::geometry::Grid;
+use crate::io::{self, Loaded};
+use crate::volume::Volume;
+use crate::warning::Warning;
+use nalgebra::Vector3;
+use std::path::Path;
+
+/// Corners of equal grids agree within this, mm.
+const SAME_MM: f64 = 0.05;
+/// Boxes of a coarser field agree within this share of its largest voxel.
+const SAME_BOX: f64 = 0.75;
+/// Less of the input outside a field is not worth a word, percent.
+const WORTH: f64 = 0.1;
+
+/// What a field is given for.
+pub(super) struct Role<'a> {
+    /// The option that names it.
+    pub option: &'a str,
+    /// Frame whose points it takes.
+    pub from: &'a str,
+    /// Frame where they arrive.
+    pub to: &'a str,
+    /// What to do when it points the other way.
+    pub remedy: &'a str,
+}
+
+/// The role of a field of one case: by the option of its direction, or by another option and `--direction`.
+pub(super) fn role(direction: Direction, option: Option<&'static str>) -> Role<'static> {
+    let (from, to, own, remedy) = match (direction, option) {
+        (Direction::PlanningToFraction, None) => {
+            ("planning", "fraction", "--planning-to-fraction", "give it as --fraction-to-planning")
+        }
+        (Direction::FractionToPlanning, None) => {
+            ("fraction", "planning", "--fraction-to-planning", "give it as --planning-to-fraction")
+        }
+        (Direction::PlanningToFraction, Some(o)) => {
+            ("planning", "fraction", o, "give --direction fraction-to-planning, or the field of the other direction")
+        }
+        (Direction::FractionToPlanning, Some(o)) => {
+            ("fraction", "planning", o, "give --direction planning-to-fraction, or the field of the other direction")
+        }
+    };
+    Role { option: own, from, to, remedy }
+}
+
+/// A grid that is known in a frame.
+pub(super) struct Known<'a> {
+    /// The frame.
+    pub frame: &'a str,
+    /// File or thing, for messages.
+    pub name: String,
+    /// Its grid.
+    pub grid: &'a Grid,
+}
+
+/// A field from its file, with the frames that its header tells.
+pub(super) fn open(path: &Path) -> Result<(Loaded<Volume<[f32; 3]>>, Option<(String, String)>)> {
+    let field = io::read_field(path)?;
+    let own = io::frames_of(&field.header.description);
+    Ok((field, own))
+}
+
+/// Whether a header contradicts what is said of a field: names may differ, but none may stand at the other end.
+pub(super) fn contradicts(said: (&str, &str), own: &(String, String)) -> bool {
+    said.0 == own.1 || said.1 == own.0
+}
+
+/// Reads the field of a role and judges it by its header, or by the grids that are known.
+///
+/// # Errors
+/// [`Error::Input`] when its header tells the other direction; else as [`io::read_field`].
+pub(super) fn take(path: &Path, role: &Role<'_>, known: &[Known<'_>], ledger: &mut Ledger) -> Result<Volume<[f32; 3]>> {
+    let (field, own) = open(path)?;
+    let file = path.display().to_string();
+    let Role { option, from, to, .. } = role;
+    // A field onward from the fraction comes of a run of its own, in which the fraction was one of the two images.
+    let onward = *option == "--then" && own.as_ref().is_some_and(|(a, b)| of_a_run(a) && of_a_run(b));
+    match &own {
+        Some((own_from, own_to)) if !onward && contradicts((from, to), &(own_from.clone(), own_to.clone())) => {
+            let problem = format!(
+                "its header says that it takes {own_from} points to {own_to}, but {option} takes {from} points to {to}"
+            );
+            return Err(Error::refused("field-direction", file, problem, role.remedy));
+        }
+        Some((own_from, own_to)) if !onward && own_from != from && own_to != to => {
+            let message = format!(
+                "{file}: its header says that it takes {own_from} points to {own_to}; it is used as a field from {from} to {to}"
+            );
+            ledger.warnings.push(Warning::new("field-direction", message));
+        }
+        Some(_) if !onward => {}
+        _ => ledger.warnings.extend(doubt(&file, (from, to), field.value.grid(), known)),
+    }
+    Ok(ledger.take(option.trim_start_matches("--"), field))
+}
+
+/// Whether a name is that of an image in one of aventail's runs.
+fn of_a_run(name: &str) -> bool {
+    name == "planning" || name == "fraction"
+}
+
+/// How a field's grid fits an image's.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Fit {
+    /// Voxel by voxel.
+    Same,
+    /// The same box, other voxels.
+    Box,
+    /// Neither.
+    Apart,
+}
+
+fn fit(field: &Grid, image: &Grid) -> Fit {
+    if field.matches(image, SAME_MM) {
+        return Fit::Same;
+    }
+    let hull = |g: &Grid| {
+        let half = |c: usize| {
+            let size = g.size();
+            Vector3::from_fn(|a, _| if c >> a & 1 == 1 { size[a] as f64 - 0.5 } else { -0.5 })
+        };
+        let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+        (0..8).map(|c| g.world(&half(c)).coords).fold(start, |[low, high], p| [low.inf(&p), high.sup(&p)])
+    };
+    let ([a, b], [c, d]) = (hull(field), hull(image));
+    let off = (a - c).amax().max((b - d).amax());
+    if off <= SAME_BOX * field.spacing().into_iter().fold(0.0, f64::max) { Fit::Box } else { Fit::Apart }
+}
+
+/// A word about a field without a direction that lies on the grid of another frame than the one that it should start from.
+pub(super) fn doubt(file: &str, (from, to): (&str, &str), field: &Grid, known: &[Known<'_>]) -> Option<Warning> {
+    let best = |own: bool| {
+        let all = known.iter().filter(|k| (k.frame == from) == own);
+        all.map(|k| (fit(field, k.grid), k)).min_by_key(|(fit, _)| *fit)
+    };
+    let ((own, own_image), (other, image)) = (best(true)?, best(false)?);
+    (other < own).then(|| {
+        let message = format!(
+            "{file}: it does not tell its direction; a field from {from} to {to} lies on a grid of {from}, but it lies on that of \
+             {} ({}) and not on that of {} ({from}): check that it does not point the other way",
+            image.name, image.frame, own_image.name
+        );
+        Warning::new("field-direction", message)
+    })
+}
+
+/// Reads the given direction or directions of a case's field and makes the missing one on the grid of its frame.
+pub(super) fn pair(
+    (push, pull): (Option<&Path>, Option<&Path>),
+    option: Option<&'static str>,
+    [planning, fraction]: [Option<&Grid>; 2],
+    known: &[Known<'_>],
+    ledger: &mut Ledger,
+) -> Result<FieldPair> {
+    let mut field =
+        |direction, path: Option<&Path>| path.map(|p| take(p, &role(direction, option), known, ledger)).transpose();
+    let (push, pull) = (field(Direction::PlanningToFraction, push)?, field(Direction::FractionToPlanning, pull)?);
+    FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
+        Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")
+    })
+}
+
+/// A word about what of `what` lies outside a field.
+pub(super) fn outside(what: &str, field: &str, percent: f64) -> Option<Warning> {
+    (percent > WORTH).then(|| {
+        let message =
+            format!("{percent:.1} % of {what} lies outside {field}, which is the identity there: it is not moved");
+        Warning::new("outside-field", message)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_on_the_other_images_grid_is_doubted() {
+        let grid = |n: usize, spacing: f64, x: f64| Grid::axis_aligned([n; 3], [spacing; 3], [x, 0.0, 0.0]).unwrap();
+        let (planning, fraction, near) = (grid(40, 2.0, 0.0), grid(40, 2.0, 30.0), grid(40, 2.0, 1.0));
+        let known = |planning, fraction| {
+            [("planning", planning), ("fraction", fraction)].map(|(frame, grid)| Known {
+                frame,
+                name: format!("{frame}.nii"),
+                grid,
+            })
+        };
+        let asked = |field: &Grid, planning: &Grid, fraction: &Grid| {
+            doubt("f.mha", ("planning", "fraction"), field, &known(planning, fraction)).is_some()
+        };
+        assert!(asked(&fraction, &planning, &fraction) && !asked(&planning, &planning, &fraction));
+        // A coarser field over the fraction; one image grid for both; a grid next to it; a field on neither.
+        assert!(asked(&grid(20, 4.0, 31.0), &planning, &fraction) && !asked(&grid(20, 4.0, 1.0), &planning, &fraction));
+        assert!(!asked(&planning, &planning, &planning) && asked(&near, &planning, &near));
+        assert!(!asked(&grid(7, 5.0, 9.0), &planning, &fraction));
+        assert!(doubt("f.mha", ("planning", "fraction"), &fraction, &known(&planning, &fraction)[1..]).is_none());
+    }
+}

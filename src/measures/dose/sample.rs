@@ -1,0 +1,146 @@
+//! Where a structure has its dose: samples of label maps and of contours, with the weight of each.
+
+use super::interpolate::snapped;
+use crate::geometry::Grid;
+use crate::volume::contour::{Contours, Structure};
+use crate::volume::{LabelMap, Volume, trilinear};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Samples in the box around a structure at least, if its contours are finer than the dose's voxels.
+const FINE: f64 = 100_000.0;
+/// Samples in the box around a structure at most.
+const MOST: f64 = 8e6;
+/// Width of the edge at which samples count in part, mm.
+const SOFT_MM: f64 = 0.2;
+
+/// Dose at one place, and the volume that it stands for in units of the structure's samples.
+pub(super) struct Sample {
+    pub gy: f32,
+    pub weight: f32,
+}
+
+/// A structure's samples.
+pub(super) struct Sampled {
+    pub name: String,
+    pub samples: Vec<Sample>,
+    /// Volume of a sample of weight 1, ml.
+    pub unit_ml: f64,
+    /// Volume of the structure itself, ml.
+    pub own_ml: f64,
+    /// Weight of samples outside the dose's grid; their dose is 0.
+    pub outside: f64,
+}
+
+/// The dose at a point; a dose's voxels reach half a step beyond their centres.
+fn at(dose: &Volume<f32>, point: &Point3<f64>) -> Option<f32> {
+    trilinear(dose, &snapped(dose.grid(), point)).map(|d| d as f32)
+}
+
+/// Samples of every label that occurs, sorted by label.
+pub(super) fn labels(dose: &Volume<f32>, structures: &LabelMap) -> Vec<Sampled> {
+    let grid = structures.volume.grid();
+    let mut voxels: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
+    for (l, label) in structures.volume.data().iter().enumerate().filter(|(_, l)| **l > 0) {
+        voxels.entry(*label).or_default().push(l);
+    }
+    // Parts of a voxel along each axis, no larger than the dose's voxels; a thousandth is rounding of a header.
+    let dose_spacing = dose.grid().spacing();
+    let parts: [usize; 3] =
+        std::array::from_fn(|a| ((grid.spacing()[a] / dose_spacing[a] - 1e-3).ceil() as usize).clamp(1, 8));
+    let unit_ml = grid.voxel_volume() / 1000.0 / parts.iter().product::<usize>() as f64;
+    let middles: Vec<Vector3<f64>> = (0..parts.iter().product::<usize>())
+        .map(|n| {
+            let part = [n % parts[0], n / parts[0] % parts[1], n / (parts[0] * parts[1])];
+            Vector3::from_fn(|a, _| (part[a] as f64 + 0.5) / parts[a] as f64 - 0.5)
+        })
+        .collect();
+    let list: Vec<(u16, Vec<usize>)> = voxels.into_iter().collect();
+    list.par_iter()
+        .map(|(label, voxels)| {
+            let name = structures.names.get(label).cloned().unwrap_or_else(|| label.to_string());
+            let own_ml = voxels.len() as f64 * grid.voxel_volume() / 1000.0;
+            let mut out = Sampled { name, samples: Vec::new(), unit_ml, own_ml, outside: 0.0 };
+            out.samples.reserve(voxels.len() * middles.len());
+            for l in voxels {
+                let voxel = Vector3::from(grid.voxel(*l).map(|c| c as f64));
+                out.samples.extend(middles.iter().map(|m| {
+                    let gy = at(dose, &grid.world(&(voxel + m)));
+                    out.outside += f64::from(u8::from(gy.is_none()));
+                    Sample { gy: gy.unwrap_or_default(), weight: 1.0 }
+                }));
+            }
+            out
+        })
+        .collect()
+}
+
+/// Samples of a structure on a lattice along the dose's axes around it.
+pub(super) fn contours(dose: &Volume<f32>, all: &Contours, structure: &Structure) -> Sampled {
+    let grid = dose.grid();
+    let spacing = all.spacing_of(structure, grid.spacing()[2]);
+    let own_ml = structure.volume(spacing) / 1000.0;
+    let empty = Sampled { name: structure.name.clone(), samples: Vec::new(), unit_ml: 0.0, own_ml, outside: 0.0 };
+    let Some([low, high]) = around(grid, all, structure, spacing) else { return empty };
+    let step = steps(grid, &(high - low));
+    // Lattice points lie in the middles of equal parts of voxels, where the lattice is finer than these.
+    let first = low.zip_map(&step, |l, s| ((l + 0.5) / s).floor());
+    let count: [usize; 3] = std::array::from_fn(|a| (((high[a] + 0.5) / step[a]).ceil() - first[a]) as usize);
+    let mm = step.component_mul(&Vector3::from(grid.spacing()));
+    let normal = all.axes.column(2).into_owned();
+    let along = (0..3).map(|a| grid.direction().column(a).dot(&normal).abs() * mm[a]).sum::<f64>();
+    let soft = SOFT_MM.min(mm.min());
+    let solid = all.solid(structure, spacing);
+    let place = |i: usize, j: usize, k: usize| {
+        let part = Vector3::new(i as f64, j as f64, k as f64);
+        (first + part).zip_map(&step, |m, s| (m + 0.5) * s - 0.5)
+    };
+    let planes: Vec<(Vec<Sample>, f64)> = (0..count[2])
+        .into_par_iter()
+        .map(|k| {
+            let (mut samples, mut outside) = (Vec::new(), 0.0);
+            for j in 0..count[1] {
+                for i in 0..count[0] {
+                    let point = grid.world(&place(i, j, k));
+                    let weight = solid.share(&point, soft, along);
+                    if weight > 0.0 {
+                        let gy = at(dose, &point);
+                        outside += if gy.is_none() { f64::from(weight as f32) } else { 0.0 };
+                        samples.push(Sample { gy: gy.unwrap_or_default(), weight: weight as f32 });
+                    }
+                }
+            }
+            (samples, outside)
+        })
+        .collect();
+    let outside = planes.iter().map(|p| p.1).sum();
+    let samples = planes.into_iter().flat_map(|p| p.0).collect();
+    Sampled { samples, unit_ml: mm.product() / 1000.0, outside, ..empty }
+}
+
+/// The box around a structure in the dose's continuous index; `None` without a polygon.
+fn around(grid: &Grid, all: &Contours, structure: &Structure, spacing: f64) -> Option<[Vector3<f64>; 2]> {
+    let points = || structure.polygons.iter().flat_map(|p| p.points.iter().map(|q| Vector3::new(q[0], q[1], p.height)));
+    points().next()?;
+    let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
+    let [mut low, mut high] = points().fold(start, |[low, high], p| [low.inf(&p), high.sup(&p)]);
+    low.z -= 0.5 * spacing;
+    high.z += 0.5 * spacing;
+    let corner = |c: usize| {
+        let p = Vector3::from_fn(|a, _| if c >> a & 1 == 1 { high[a] } else { low[a] });
+        grid.index(&all.world([p.x, p.y], p.z))
+    };
+    Some((0..8).map(corner).fold(start, |[low, high], p| [low.inf(&p), high.sup(&p)]))
+}
+
+/// Steps of the lattice along the dose's axes, in voxels, for a box of `size` voxels: whole parts of voxels, so many that
+/// the smallest structure has a shape; more than a voxel only for what is very large.
+fn steps(grid: &Grid, size: &Vector3<f64>) -> Vector3<f64> {
+    let spacing = Vector3::from(grid.spacing());
+    let mm = size.component_mul(&spacing).map(|e| e.max(0.01));
+    let fine = (mm.product() / FINE).cbrt();
+    let step = spacing.map(|s| 1.0 / (s / fine).ceil().clamp(1.0, 4096.0));
+    let points = mm.component_div(&spacing.component_mul(&step)).product();
+    step * (points / MOST).cbrt().max(1.0)
+}
