@@ -61,15 +61,20 @@ pub(super) struct Known<'a> {
     pub grid: &'a Grid,
 }
 
+/// A field's file.
+type FieldFile = Loaded<Volume<[f32; 3]>>;
+/// Frame whose points a field takes, and frame where they arrive.
+type Frames = (String, String);
+
 /// A field from its file, with the frames that its header tells.
-pub(super) fn open(path: &Path) -> Result<(Loaded<Volume<[f32; 3]>>, Option<(String, String)>)> {
+pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<Frames>)> {
     let field = io::read_field(path)?;
     let own = io::frames_of(&field.header.description);
     Ok((field, own))
 }
 
 /// Whether a header contradicts what is said of a field: names may differ, but none may stand at the other end.
-pub(super) fn contradicts(said: (&str, &str), own: &(String, String)) -> bool {
+pub(super) fn contradicts(said: (&str, &str), own: &Frames) -> bool {
     said.0 == own.1 || said.1 == own.0
 }
 
@@ -181,17 +186,18 @@ pub(super) fn outside(what: &str, field: &str, percent: f64) -> Option<Warning> 
 mod tests {
     use super::*;
 
+    fn known<'a>(planning: &'a Grid, fraction: &'a Grid) -> [Known<'a>; 2] {
+        [("planning", planning), ("fraction", fraction)].map(|(frame, grid)| Known {
+            frame,
+            name: format!("{frame}.nii"),
+            grid,
+        })
+    }
+
     #[test]
     fn a_field_on_the_other_images_grid_is_doubted() {
         let grid = |n: usize, spacing: f64, x: f64| Grid::axis_aligned([n; 3], [spacing; 3], [x, 0.0, 0.0]).unwrap();
         let (planning, fraction, near) = (grid(40, 2.0, 0.0), grid(40, 2.0, 30.0), grid(40, 2.0, 1.0));
-        let known = |planning, fraction| {
-            [("planning", planning), ("fraction", fraction)].map(|(frame, grid)| Known {
-                frame,
-                name: format!("{frame}.nii"),
-                grid,
-            })
-        };
         let asked = |field: &Grid, planning: &Grid, fraction: &Grid| {
             doubt("f.mha", ("planning", "fraction"), field, &known(planning, fraction)).is_some()
         };

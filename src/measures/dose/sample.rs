@@ -3,7 +3,7 @@
 use super::interpolate::snapped;
 use crate::geometry::Grid;
 use crate::volume::contour::{Contours, Structure};
-use crate::volume::{LabelMap, Volume, trilinear};
+use crate::volume::{LabelMap, Surrounding, Volume, cubic};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ const FINE: f64 = 100_000.0;
 /// Samples in the box around a structure at most.
 const MOST: f64 = 8e6;
 /// Width of the edge at which samples count in part, mm.
-const SOFT_MM: f64 = 0.2;
+const SOFT_MM: f64 = 0.5;
 
 /// Dose at one place, and the volume that it stands for in units of the structure's samples.
 pub(super) struct Sample {
@@ -33,9 +33,14 @@ pub(super) struct Sampled {
     pub outside: f64,
 }
 
-/// The dose at a point; a dose's voxels reach half a step beyond their centres.
+/// The dose at a point by cubic convolution, within what the voxels around it hold; a dose's voxels reach half a step beyond
+/// their centres. Linear interpolation cuts peaks off, by 11 % in one of 6 mm on voxels of 4 mm.
 fn at(dose: &Volume<f32>, point: &Point3<f64>) -> Option<f32> {
-    trilinear(dose, &snapped(dose.grid(), point)).map(|d| d as f32)
+    let index = snapped(dose.grid(), point);
+    let (value, _) = cubic(dose, &index)?;
+    let around = Surrounding::of(dose.grid(), &index)?.voxels.map(|l| dose.data()[l]);
+    let [low, high] = around.iter().fold([f32::MAX, f32::MIN], |[low, high], d| [low.min(*d), high.max(*d)]);
+    Some((value as f32).clamp(low, high))
 }
 
 /// Samples of every label that occurs, sorted by label.

@@ -98,8 +98,9 @@ pub fn dvh_table(doses: &[DoseDvh]) -> String {
         head[1..].iter().for_each(|h| write!(out, "{h:>9}").expect("writing to a string does not fail"));
         for s in &dose.structures {
             write!(out, "\n  {:<24}", s.name).expect("writing to a string does not fail");
-            for v in [s.volume_ml, s.mean, s.max, s.d95, s.d50, s.d2, s.d003cc] {
-                // Small structures have small volumes, and what is not known has no figure.
+            write!(out, "{:>9.3}", s.volume_ml).expect("writing to a string does not fail");
+            for v in [s.mean, s.max, s.d95, s.d50, s.d2, s.d003cc] {
+                // What is not known has no figure.
                 let text = if v.is_nan() { "-".into() } else { format!("{v:.2}") };
                 write!(out, "{text:>9}").expect("writing to a string does not fail");
             }

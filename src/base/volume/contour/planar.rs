@@ -13,6 +13,8 @@ const PIXELS: f64 = 48.0;
 const FINEST_MM: f64 = 0.04;
 /// Margin of the pixel grid around the polygons, mm.
 const MARGIN_MM: f64 = 6.0;
+/// Margin around the smallest drawings, mm.
+const LEAST_MARGIN_MM: f64 = 1.0;
 /// No segment yet.
 const NONE: u32 = u32::MAX;
 
@@ -37,11 +39,13 @@ impl PlanarDistance {
     /// The distance to closed polygons, mm.
     pub(super) fn new(polygons: &[&[[f64; 2]]]) -> Self {
         let all = || polygons.iter().flat_map(|p| p.iter());
-        let low: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MAX, f64::min) - MARGIN_MM);
-        let high: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MIN, f64::max) + MARGIN_MM);
-        let extent = (high[0] - low[0]).max(high[1] - low[1]);
-        let coarse = if extent < SMALL_MM { 0.5 * PIXEL_MM } else { PIXEL_MM };
-        let pixel = ((extent - 2.0 * MARGIN_MM) / PIXELS).clamp(FINEST_MM, coarse);
+        let drawn_low: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MAX, f64::min));
+        let drawn_high: [f64; 2] = std::array::from_fn(|a| all().map(|p| p[a]).fold(f64::MIN, f64::max));
+        let drawn = (drawn_high[0] - drawn_low[0]).max(drawn_high[1] - drawn_low[1]);
+        let margin = (0.5 * drawn).clamp(LEAST_MARGIN_MM, MARGIN_MM);
+        let (low, high) = (drawn_low.map(|c| c - margin), drawn_high.map(|c| c + margin));
+        let coarse = if drawn + 2.0 * MARGIN_MM < SMALL_MM { 0.5 * PIXEL_MM } else { PIXEL_MM };
+        let pixel = (drawn / PIXELS).clamp(FINEST_MM, coarse);
         let size: [usize; 2] = std::array::from_fn(|a| ((high[a] - low[a]) / pixel).ceil() as usize + 1);
         let segments: Vec<Segment> = polygons
             .iter()
