@@ -142,6 +142,12 @@ fn finish(
     json: bool,
 ) -> Result<String> {
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
+    // What tells of an earlier dose goes before that dose does.
+    if let Err(e) = std::fs::remove_file(beside(out))
+        && e.kind() != std::io::ErrorKind::NotFound
+    {
+        return Err(Error::write(beside(out), e.to_string(), "remove it, or give another --out"));
+    }
     io::write_image(out, dose, Stored::Float32, &options)?;
     let text = table(&parts);
     let command = command_line();
