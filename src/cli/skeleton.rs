@@ -3,7 +3,7 @@
 use super::args::SkeletonArgs;
 use crate::error::{Error, Result};
 use crate::io::skeleton::{load_override, write_skeleton};
-use crate::io::{check_files, read_labels};
+use crate::io::{check_files, check_place, read_labels};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
@@ -34,6 +34,7 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
     let files = [Some(&args.bones), args.labels.as_ref(), args.skeleton.as_ref()];
     let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
     check_files(&files, args.out.as_slice())?;
+    args.out.as_deref().map_or(Ok(()), check_place)?;
     let labels = read_labels(&args.bones, args.labels.as_deref())?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
     shown.warnings.splice(0..0, labels.warnings);

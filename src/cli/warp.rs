@@ -45,10 +45,7 @@ struct Report {
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &WarpArgs) -> Result<String> {
-    let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
-    let inputs = fields.iter().chain([&args.input, &args.grid, &args.labels].into_iter().flatten());
-    let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
-    io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
+    check_paths(args)?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
@@ -103,6 +100,19 @@ pub fn run(args: &WarpArgs) -> Result<String> {
         return io::json(&report);
     }
     Ok(report.text())
+}
+
+/// Refuses results that would take the place of inputs or cannot be written, before anything is read.
+fn check_paths(args: &WarpArgs) -> Result<()> {
+    let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
+    let inputs = fields.iter().chain([&args.input, &args.grid, &args.labels].into_iter().flatten());
+    let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
+    io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
+    let volume = args.input.as_deref().is_some_and(|i| points::point_extension(i).is_none() && !is_json(i));
+    if let Some(out) = args.out.as_deref().filter(|_| volume) {
+        FieldFormat::of(out)?;
+    }
+    outputs.iter().try_for_each(|out| io::check_place(out))
 }
 
 fn is_json(path: &Path) -> bool {

@@ -164,6 +164,12 @@ fn finish(
 ) -> Result<String> {
     ledger.warnings.extend(intake::judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
+    // What tells of an earlier dose goes before that dose does.
+    if let Err(e) = std::fs::remove_file(beside(out))
+        && e.kind() != std::io::ErrorKind::NotFound
+    {
+        return Err(Error::write(beside(out), e.to_string(), "remove it, or give another --out"));
+    }
     io::write_image(out, dose, Stored::Float32, &options)?;
     let text = table(&parts) + &listed(&ledger.warnings);
     let command = command_line();

@@ -68,6 +68,19 @@ pub fn open_folder(folder: &Path) -> Result<()> {
     Partial::create(&folder.join("probe")).map_err(refuse).map(drop)
 }
 
+/// Proves that a single result can be written before anything long begins, and clears what killed processes have left
+/// in its folder.
+///
+/// # Errors
+/// [`Error::Write`] when the folder is missing or cannot be written to, or `path` is a folder.
+pub fn check_place(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::write(path, "it is a folder", "name a file"));
+    }
+    sweep(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+    Partial::new(path).map(drop)
+}
+
 /// Removes temporary files whose writers are gone; what cannot be removed stays.
 pub(super) fn sweep(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

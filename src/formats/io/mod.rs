@@ -39,7 +39,7 @@ mod voxels;
 #[cfg(test)]
 mod tests;
 
-pub use atomic::{open_folder, write_file};
+pub use atomic::{check_place, open_folder, write_file};
 pub use contours::{read_contours, write_contours};
 pub use density::read_density;
 pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
