@@ -144,8 +144,8 @@ impl Ledger {
 
     /// Reads a label map: names from its header, else from the JSON file.
     pub(super) fn labels(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
-        let loaded = match (io::read_labels(path, None), names) {
-            (Err(Error::Input { .. }), Some(names)) => io::read_labels(path, Some(names)),
+        let loaded = match (io::read_structures(path, None), names) {
+            (Err(Error::Input { .. }), Some(names)) => io::read_structures(path, Some(names)),
             (read, _) => read,
         };
         Ok(self.take(role, loaded?))

@@ -42,7 +42,7 @@ pub use density::read_density;
 pub use field::{direction, frames_of, read_field, write_field, write_pull, write_push};
 pub use image::{Stored, WriteOptions, read_grid, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
-pub use labels::{read_label_map, read_labels, write_labels};
+pub use labels::{read_label_map, read_labels, read_structures, write_labels};
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 pub use sheet::{Sheet, plain_cell};
