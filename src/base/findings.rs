@@ -202,11 +202,6 @@ pub const FINDINGS: &[Finding] = &[
         "Several labels have one name; they are taken as one structure with the least of their numbers.",
         "Give each label its own name if they are different structures.",
     ),
-    warned(
-        "labels-merged",
-        "Labels of one name with several numbers count as one structure.",
-        "None, if they are one; else give each its own name.",
-    ),
     refused(
         "labels-mirrored",
         "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",

@@ -54,13 +54,18 @@ pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 /// can be: a longer file is refused before it fills the memory.
 pub(super) fn read_bytes_of(path: &Path, most: &dyn Fn(&[u8]) -> Result<u64>) -> Result<Vec<u8>> {
     let mut file = open(path)?;
-    let mut bytes = Vec::new();
+    // Room at once: growing copies what was read. A length that the system makes up is not believed.
+    let length = file.metadata().map_or(0, |m| m.len());
+    let mut bytes = Vec::with_capacity(length.min(FIRST) as usize);
     let mut read =
         |bytes: &mut Vec<u8>, upto: u64| file.by_ref().take(upto).read_to_end(bytes).map_err(|e| unreadable(path, &e));
     if read(&mut bytes, FIRST)? as u64 == FIRST {
         let most = most(&bytes)?.saturating_add(SLACK).max(FIRST);
-        read(&mut bytes, most - FIRST + 1)?;
-        if bytes.len() as u64 > most {
+        if length <= most {
+            bytes.reserve_exact(length.saturating_sub(FIRST) as usize);
+            read(&mut bytes, most - FIRST + 1)?;
+        }
+        if length > most || bytes.len() as u64 > most {
             let problem = format!("it is far longer than its header promises: more than {most} bytes");
             return Err(Error::read(path, problem, "the header is damaged, or not this file's: export it again"));
         }

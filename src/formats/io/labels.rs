@@ -18,14 +18,40 @@ const SCALED_TOLERANCE: f64 = 1e-3;
 
 /// Reads a label map with the names of its labels, from the JSON file `names` where given, else from the header.
 ///
-/// The JSON file holds `{"labels": {"1": "skull", "2": "mandible"}}`. Names whose label never occurs are kept. Labels with one
-/// name are one structure: their voxels get the least of its labels, with a warning.
+/// The JSON file holds `{"labels": {"1": "skull", "2": "mandible"}}`. Names whose label never occurs are kept.
 ///
 /// # Errors
 /// [`Error::Input`] when a value is no integer from 0 to 65535, when no voxel is labelled, when a label that occurs has no
-/// name, and when there are no names at all; [`Error::Read`] when a file cannot be read.
+/// name or shares one (two bones would move as one), and when there are no names at all; [`Error::Read`] when a file cannot
+/// be read.
 pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
+    let read = named(path, names)?;
+    if let Some((label, owner)) = twins(&read.value).first_key_value() {
+        let name = read.value.names.get(label).map_or("", String::as_str);
+        let problem = format!("labels {owner} and {label} have the same name, {name}");
+        let remedy = "give each label its own name, or merge them";
+        return Err(Error::input(path.display().to_string(), problem, remedy));
+    }
+    Ok(read)
+}
+
+/// Labels that occur and have the name of a lesser one, with that one.
+fn twins(map: &LabelMap) -> BTreeMap<u16, u16> {
+    let mut owners: BTreeMap<&str, u16> = BTreeMap::new();
+    let mut twins = BTreeMap::new();
+    for label in map.counts().into_keys() {
+        let Some(name) = map.names.get(&label) else { continue };
+        let owner = *owners.entry(name).or_insert(label);
+        if owner != label {
+            twins.insert(label, owner);
+        }
+    }
+    twins
+}
+
+/// Reads a label map of which every label that occurs has a name.
+fn named(path: &Path, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
     let given = names.map(read_names).transpose()?;
     load(path, |raster| {
         raster.require_scalar(path, "label map")?;
@@ -34,9 +60,8 @@ pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loade
             Some(given) => given,
             None => header_names(path, raster)?.ok_or_else(|| no_names(path))?,
         };
-        let mut map = LabelMap { volume, names };
+        let map = LabelMap { volume, names };
         check(path, &map)?;
-        raster.warnings.extend(join(path, &mut map));
         Ok(map)
     })
 }
@@ -82,7 +107,7 @@ pub fn read_structures(path: impl AsRef<Path>, names: Option<&Path>) -> Result<L
         if !merged.is_empty() {
             let message =
                 format!("{}: several labels are one structure by their name: {}", path.display(), merged.join(", "));
-            raster.warnings.push(Warning::new("labels-merged", message));
+            raster.warnings.push(Warning::new("labels-joined", message));
         }
         Ok(map)
     })
@@ -149,31 +174,6 @@ fn check(path: &Path, map: &LabelMap) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// Gives the voxels of labels that share a name the least of them: one name is one structure.
-fn join(path: &Path, map: &mut LabelMap) -> Vec<Warning> {
-    let mut owners: BTreeMap<&str, u16> = BTreeMap::new();
-    let mut joined: BTreeMap<u16, u16> = BTreeMap::new();
-    let counts = map.counts();
-    for &label in counts.keys() {
-        let Some(name) = map.names.get(&label) else { continue };
-        let owner = *owners.entry(name).or_insert(label);
-        if owner != label {
-            joined.insert(label, owner);
-        }
-    }
-    let warnings = joined.iter().map(|(label, owner)| {
-        let name = map.names.get(owner).map_or("", String::as_str);
-        let message =
-            format!("{}: labels {owner} and {label} are both named {name}: taken as one, {owner}", path.display());
-        Warning::new("labels-joined", message)
-    });
-    let warnings: Vec<Warning> = warnings.collect();
-    if !joined.is_empty() {
-        map.volume.data_mut().iter_mut().for_each(|l| *l = joined.get(l).copied().unwrap_or(*l));
-    }
-    warnings
 }
 
 /// The first of many numbers as text.

@@ -50,6 +50,7 @@ fn unsuitable_labels_are_refused() {
     let bare = LabelMap { names: Default::default(), ..map.clone() };
     check(&bare, None, "--labels");
     check(&bare, Some(r#"{"labels": {"7": "skull"}}"#), "labels without a name: 300");
+    check(&bare, Some(r#"{"labels": {"7": "skull", "300": "skull"}}"#), "labels 7 and 300 have the same name");
     check(&bare, Some(r#"{"labels": {"background": 0, "skull": 7}}"#), "labels without a name: 300");
     check(&bare, Some(r#"{"labels": {"head": [7, 300], "skull": 7}}"#), "head is a region of several labels");
     check(&bare, Some(r#"{"labels": {"7": "skull", "7": "hyoid"}}"#), "label 7 has two names");
@@ -142,9 +143,9 @@ fn names_as_nnunet_writes_them_and_one_name_of_two_labels() {
     assert_eq!(read.value.names, [(7, "skull".to_owned()), (300, "hyoid".to_owned())].into());
     assert!(read.warnings.is_empty());
 
-    // One name is one structure, whatever its labels; a map that is only carried keeps them.
+    // One name is one structure, whatever its labels, but never one bone; a map that is only carried keeps them.
     std::fs::write(&json, r#"{"labels": {"7": "cord", "300": "cord"}}"#).unwrap();
-    let read = read_labels(&path, Some(&json)).unwrap();
+    let read = read_structures(&path, Some(&json)).unwrap();
     assert_eq!((read.value.volume.data(), read.warnings[0].code.as_str()), (&[0, 7, 7, 7][..], "labels-joined"));
     let carried = read_label_map(&path, Some(&json)).unwrap();
     assert_eq!(carried.value.volume.data(), [0, 7, 300, 7]);
