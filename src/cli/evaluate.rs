@@ -374,7 +374,9 @@ fn one(
             Direction::FractionToPlanning => pair.pull.displacement.grid(),
         };
         let share = inputs.outside(*direction, grid);
-        ledger.warnings.extend(share.and_then(|(what, share)| fields::outside(what, name, share.amount_percent)));
+        ledger
+            .warnings
+            .extend(share.and_then(|(what, share)| fields::outside(what, name, share.amount_percent, fields::WORTH)));
     }
     let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
     let subject = Subject {

@@ -6,19 +6,25 @@
 use super::evaluate::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
+use crate::field::Chain;
 use crate::geometry::Grid;
 use crate::io::{self, Loaded};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Corners of equal grids agree within this, mm.
 const SAME_MM: f64 = 0.05;
 /// Boxes of a coarser field agree within this share of its largest voxel.
 const SAME_BOX: f64 = 0.75;
-/// Less of the input outside a field is not worth a word, percent.
-const WORTH: f64 = 0.1;
+/// Less of a dose or of the patient outside a field is not worth a word, percent.
+pub(super) const WORTH: f64 = 0.1;
+/// Less of labels or contours: bones are cut where a scan ends.
+pub(super) const WORTH_OF_LABELS: f64 = 1.0;
+/// Less of an image: what lies beyond the other scan comes in at its edges.
+pub(super) const WORTH_OF_IMAGE: f64 = 5.0;
 
 /// What a field is given for.
 pub(super) struct Role<'a> {
@@ -174,12 +180,30 @@ pub(super) fn pair(
 }
 
 /// A word about what of `what` lies outside a field.
-pub(super) fn outside(what: &str, field: &str, percent: f64) -> Option<Warning> {
-    (percent > WORTH).then(|| {
+pub(super) fn outside(what: &str, field: &str, percent: f64, worth: f64) -> Option<Warning> {
+    (percent > worth).then(|| {
         let message =
             format!("{percent:.1} % of {what} lies outside {field}, which is the identity there: it is not moved");
         Warning::new("outside-field", message)
     })
+}
+
+/// Share of what the voxels of a grid weigh that a chain from there does not cover with all its fields, percent.
+pub(super) fn missed(chain: &Chain<'_>, grid: &Grid, weight: impl Fn(usize) -> f64 + Sync) -> f64 {
+    let slice = grid.strides()[2];
+    let planes: Vec<[f64; 2]> = (0..grid.size()[2])
+        .into_par_iter()
+        .map(|k| {
+            let mut sums = [0.0; 2];
+            for (l, w) in (k * slice..(k + 1) * slice).map(|l| (l, weight(l))).filter(|(_, w)| *w > 0.0) {
+                let covered = chain.map(&grid.centre(grid.voxel(l))).covered;
+                sums = [sums[0] + w, sums[1] + if covered { 0.0 } else { w }];
+            }
+            sums
+        })
+        .collect();
+    let [all, lost] = planes.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    if all > 0.0 { 100.0 * lost / all } else { 0.0 }
 }
 
 #[cfg(test)]

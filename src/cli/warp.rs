@@ -17,7 +17,6 @@ use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use nalgebra::Point3;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -240,7 +239,8 @@ fn map_contours(
     }
     io::write_contours(out, &moved, &args.to)?;
     report.kind = "contours";
-    report.outside("the contours", &mapped);
+    let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
+    report.warnings.extend(fields::outside("the contours", "a field", share, fields::WORTH_OF_LABELS));
     report.finish(back, mapped, out);
     Ok(())
 }
@@ -273,7 +273,8 @@ fn map_volume(
         })?;
         report.notes.extend(label_notes(&labels.value, &warped));
         report.kind = "labels";
-        report.missed("the labels' volume", back, &mapped, &grid, |l| f64::from(u8::from(warped.volume.data()[l] > 0)));
+        let weight = |l: usize| f64::from(u8::from(warped.volume.data()[l] > 0));
+        report.missed("the labels' volume", fields::WORTH_OF_LABELS, (back, &mapped, &grid), weight);
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
@@ -290,9 +291,12 @@ fn map_volume(
             Ok::<_, Error>((scalar(args, &v, (&image.value, greatest), report)?, mapped))
         })?;
         if kind == VolumeKind::Dose {
-            report.missed("the dose", back, &mapped, &grid, |l| f64::from(warped.data()[l]));
+            report.missed("the dose", fields::WORTH, (back, &mapped, &grid), |l| f64::from(warped.data()[l]));
         } else {
-            report.outside("the volume", &mapped);
+            // Air around the patient is no loss: what differs from it counts.
+            let air = args.outside.unwrap_or(-1000.0);
+            let weight = |l: usize| f64::from((warped.data()[l] - air).abs());
+            report.missed("the image (by contrast to air)", fields::WORTH_OF_IMAGE, (back, &mapped, &grid), weight);
         }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
@@ -391,42 +395,18 @@ impl Report {
         }
     }
 
-    /// A word about the share of places outside a field.
-    fn outside(&mut self, what: &str, mapped: &ChainReport) {
-        let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
-        self.warnings.extend(fields::outside(what, "a field", share));
-    }
-
-    /// As [`Report::outside`], with what the voxels of the result weigh.
+    /// A word about what of the result, by what its voxels weigh, a field did not reach.
     fn missed(
         &mut self,
         what: &str,
-        chain: &Chain<'_>,
-        mapped: &ChainReport,
-        grid: &Grid,
+        worth: f64,
+        (chain, mapped, grid): (&Chain<'_>, &ChainReport, &Grid),
         weight: impl Fn(usize) -> f64 + Sync,
     ) {
-        if mapped.outside == 0 {
-            return;
+        if mapped.outside > 0 {
+            let share = fields::missed(chain, grid, weight);
+            self.warnings.extend(fields::outside(what, "a field", share, worth));
         }
-        let slice = grid.strides()[2];
-        let planes: Vec<[f64; 2]> = (0..grid.size()[2])
-            .into_par_iter()
-            .map(|k| {
-                let mut sums = [0.0; 2];
-                for l in k * slice..(k + 1) * slice {
-                    let w = weight(l);
-                    if w > 0.0 {
-                        let covered = chain.map(&grid.centre(grid.voxel(l))).covered;
-                        sums = [sums[0] + w, sums[1] + if covered { 0.0 } else { w }];
-                    }
-                }
-                sums
-            })
-            .collect();
-        let [all, lost] = planes.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        let share = if all > 0.0 { 100.0 * lost / all } else { 0.0 };
-        self.warnings.extend(fields::outside(what, "a field", share));
     }
 
     fn finish(&mut self, chain: &Chain<'_>, mapped: ChainReport, out: &Path) {
