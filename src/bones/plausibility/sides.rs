@@ -207,10 +207,11 @@ mod tests {
     #[test]
     fn a_patient_passes_and_his_mirror_images_are_refused() {
         assert!(sides_and_levels(&labels(&BONES)).unwrap().is_empty());
-        let mirrors: [(&dyn Fn([usize; 3]) -> [usize; 3], &str); 3] = [
-            (&|[i, j, k]| [19 - i, j, k], "left and right"),
-            (&|[i, j, k]| [i, 19 - j, k], "front and back"),
-            (&|[i, j, k]| [i, j, 39 - k], "head and foot"),
+        type Map = fn([usize; 3]) -> [usize; 3];
+        let mirrors: [(Map, &str); 3] = [
+            (|[i, j, k]| [19 - i, j, k], "left and right"),
+            (|[i, j, k]| [i, 19 - j, k], "front and back"),
+            (|[i, j, k]| [i, j, 39 - k], "head and foot"),
         ];
         for (map, word) in mirrors {
             let error = sides_and_levels(&labels(&mapped(map))).unwrap_err();

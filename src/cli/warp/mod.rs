@@ -1,14 +1,16 @@
 //! `aventail warp`: anything that has a position, from one frame to another.
 
+mod report;
+
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
 use super::dose;
-use super::fields::{self, Known};
+use super::fields;
 use super::links::LinkArg;
 use super::register::progress;
 use crate::error::{Error, Result};
 use crate::field::{
-    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, Motion, resample, resample_contours,
-    resample_labels, scale_by_volume,
+    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, resample, resample_contours, resample_labels,
+    scale_by_volume,
 };
 use crate::geometry::Grid;
 use crate::io::{self, Stored, WriteOptions, points};
@@ -17,27 +19,8 @@ use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use nalgebra::Point3;
-use serde::Serialize;
-use std::fmt::Write as _;
+use report::Report;
 use std::path::{Path, PathBuf};
-
-/// What was done: the JSON that `--json` prints.
-#[derive(Debug, Serialize)]
-struct Report {
-    from: String,
-    to: String,
-    /// Kind of the input.
-    kind: &'static str,
-    /// What each step of the map did. Images are pulled, so their steps lead from `to` to `from`.
-    steps: Vec<String>,
-    /// What happened to the voxels, points or vertices.
-    mapped: ChainReport,
-    /// What else is worth knowing.
-    notes: Vec<String>,
-    warnings: Vec<Warning>,
-    /// The file written.
-    out: String,
-}
 
 /// Carries the input to its new frame, or writes the chain as one field; returns what was done.
 ///
@@ -378,76 +361,4 @@ fn label_notes(before: &LabelMap, after: &LabelMap) -> Vec<String> {
         notes.push(format!("outside it: {}", gone.join(", ")));
     }
     notes
-}
-
-impl Report {
-    /// A word about fields of unknown direction that lie on the grid of the wrong frame.
-    fn doubt(&mut self, args: &WarpArgs, unsure: &[&Link], input: &Grid, target: &Grid) {
-        let Some(path) = &args.grid else { return };
-        let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
-        let input_path = args.input.as_deref().unwrap_or(Path::new(""));
-        let known = [known(args.from.as_str(), input_path, input), known(args.to.as_str(), path, target)];
-        for link in unsure {
-            if let Motion::Field(field) = &link.motion {
-                let frames = (link.from.as_str(), link.to.as_str());
-                self.warnings.extend(fields::doubt(&link.name, frames, field.grid(), &known));
-            }
-        }
-    }
-
-    /// A word about what of the result, by what its voxels weigh, a field did not reach.
-    fn missed(
-        &mut self,
-        what: &str,
-        worth: f64,
-        (chain, mapped, grid): (&Chain<'_>, &ChainReport, &Grid),
-        weight: impl Fn(usize) -> f64 + Sync,
-    ) {
-        if mapped.outside > 0 {
-            let share = fields::missed(chain, grid, weight);
-            self.warnings.extend(fields::outside(what, "a field", share, worth));
-        }
-    }
-
-    fn finish(&mut self, chain: &Chain<'_>, mapped: ChainReport, out: &Path) {
-        self.steps.clone_from(&chain.description);
-        self.out = out.display().to_string();
-        if mapped.unsolved > 0 && self.kind != "points" {
-            let message = format!(
-                "{} of {} places have no exact pre-image (folds or gaps of the field), residual up to {:.3} mm",
-                mapped.unsolved, mapped.points, mapped.unsolved_max_mm
-            );
-            self.warnings.push(Warning::new("no-inverse", message));
-        }
-        self.mapped = mapped;
-    }
-
-    fn text(&self) -> String {
-        let mut out = format!("{} from {} to {}\n", self.kind, self.from, self.to);
-        let mut line = |text: String| writeln!(out, "  {text}").expect("writing to a String cannot fail");
-        self.steps.iter().for_each(|s| line(s.clone()));
-        let m = &self.mapped;
-        line(match &m.residual_mm {
-            None => "no inversion was needed".into(),
-            Some(r) => format!(
-                "inversion residual mean {:.2e} mm, 95th percentile {:.2e} mm, greatest {:.2e} mm ({} of {} inverted)",
-                r.mean,
-                r.p95,
-                r.max,
-                r.n,
-                r.n + m.unsolved
-            ),
-        });
-        if m.outside > 0 {
-            let share = 100.0 * m.outside as f64 / m.points.max(1) as f64;
-            line(format!(
-                "{} of {} ({share:.1} %) lie outside a field, which is the identity there",
-                m.outside, m.points
-            ));
-        }
-        self.notes.iter().for_each(|n| line(n.clone()));
-        self.warnings.iter().for_each(|w| line(format!("warning ({}): {}", w.code, w.message)));
-        line(format!("written: {}", self.out));
-        out
-    }
 }
