@@ -146,7 +146,8 @@ impl Scale {
         let (stretch, apart) = (self.factor[a], self.apart[a]);
         let certain = if self.left[a] < BETTER { stretch } else { 1.0 };
         let farther = |one: f64, other: f64| if (one - 1.0).abs() > (other - 1.0).abs() { one } else { other };
-        if a == 2 {
+        // Where single vertebrae are badly found, on voxels of 5 mm, distances alone were 11 % off.
+        if a == 2 && (certain - 1.0) * (apart - 1.0) > 0.0 {
             let both = farther(certain, apart);
             return [both, both];
         }
