@@ -55,9 +55,8 @@ impl<'a> Bones<'a> {
     }
 }
 
-/// The samples under a linear map about their centre.
-fn under(samples: &Samples, map: &Matrix3<f64>) -> Samples {
-    let centre = Bones::new(samples).centre;
+/// The samples under a linear map about a point.
+fn under(samples: &Samples, centre: &Point3<f64>, map: &Matrix3<f64>) -> Samples {
     Samples { points: samples.points.iter().map(|p| centre + map * (p - centre)).collect(), ..samples.clone() }
 }
 
@@ -66,7 +65,8 @@ fn under(samples: &Samples, map: &Matrix3<f64>) -> Samples {
 /// # Errors
 /// As the solver.
 pub(super) fn twins(samples: &Samples, fraction: &Tissue, start: &Rigid, measure: Measure) -> Result<Twins> {
-    let reflected = under(samples, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)));
+    let centre = Bones::new(samples).centre;
+    let reflected = under(samples, &centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)));
     let share = |samples: &Samples| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
     Ok(Twins { own: share(samples)?, mirrored: share(&reflected)? })
 }
@@ -139,9 +139,10 @@ pub(super) fn likely_way(
     explained: f64,
     measure: Measure,
 ) -> Option<(&'static str, f64)> {
+    let centre = Bones::new(samples).centre;
     let of_way = |(name, map): (&'static str, Matrix3<f64>)| {
-        let starts = upright_motions(&under(samples, &map), coarse, measure).ok()?;
-        let placed = under_same(fine_samples, samples, &map);
+        let starts = upright_motions(&under(samples, &centre, &map), coarse, measure).ok()?;
+        let placed = under(fine_samples, &centre, &map);
         let bones = Bones::new(&placed);
         let shares = starts.iter().filter_map(|(t, _)| bones.explained(fine, t, measure).ok());
         let best = shares.map(|(share, visible)| share * visible).fold(0.0, f64::max);
@@ -149,12 +150,6 @@ pub(super) fn likely_way(
     };
     let best = ways().into_iter().filter_map(of_way).max_by(|a, b| a.1.total_cmp(&b.1))?;
     (best.1 > explained.max(0.0) + LIKELY).then_some(best)
-}
-
-/// As [`under`], about the centre of other samples of the same bones.
-fn under_same(samples: &Samples, of: &Samples, map: &Matrix3<f64>) -> Samples {
-    let centre = Bones::new(of).centre;
-    Samples { points: samples.points.iter().map(|p| centre + map * (p - centre)).collect(), ..samples.clone() }
 }
 
 /// What the bones explain as they are, at the best rigid motion near `start`, times what of them is in view.

@@ -56,12 +56,13 @@ impl Contrast {
 /// # Errors
 /// [`Error::Input`] where they miss the bones; warnings name bones that are doubtful.
 pub fn labels_on_bone(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap) -> Result<Vec<Warning>> {
-    let contrasts = contrasts(skeleton, planning, labels);
+    let voxels_of = voxels_of(skeleton, labels);
+    let contrasts = contrasts(&voxels_of, planning, labels);
     let told: Vec<usize> = (0..contrasts.len()).filter(|&b| contrasts[b].voxels >= LEAST).collect();
     let doubtful: Vec<usize> = told.iter().copied().filter(|&b| contrasts[b].doubtful()).collect();
     let voxels = |list: &[usize]| list.iter().map(|&b| contrasts[b].voxels).sum::<usize>() as f64;
     let share = (doubtful.len() as f64 / told.len().max(1) as f64).max(voxels(&doubtful) / voxels(&told).max(1.0));
-    let elsewhere = Elsewhere::new(skeleton, planning, labels);
+    let elsewhere = Elsewhere::new(&voxels_of, planning);
     let near = elsewhere.as_ref().is_some_and(Elsewhere::near_is_better);
     if share <= MOST_DOUBTFUL && !near {
         return Ok(doubtful.iter().map(|&b| one(&skeleton.bones[b].name, &contrasts[b])).collect());
@@ -102,7 +103,7 @@ fn one(name: &str, c: &Contrast) -> Warning {
     )
 }
 
-/// Every bone's voxels, thinned where there are many: (storage position), bones in the order of the skeleton.
+/// Storage positions of every bone's voxels, bones in the order of the skeleton.
 fn voxels_of(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     let mut of_label = vec![usize::MAX; usize::from(u16::MAX) + 1];
     for (b, bone) in skeleton.bones.iter().enumerate() {
@@ -117,7 +118,7 @@ fn voxels_of(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     found
 }
 
-fn contrasts(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap) -> Vec<Contrast> {
+fn contrasts(voxels: &[Vec<u32>], planning: &Volume<f32>, labels: &LabelMap) -> Vec<Contrast> {
     let (grid, hu, label) = (planning.grid(), planning.data(), labels.volume.data());
     let (size, strides) = (grid.size(), grid.strides());
     let far = grid.spacing().map(|s| (BESIDE_MM / s).round().max(1.0) as usize);
@@ -143,7 +144,7 @@ fn contrasts(skeleton: &Skeleton, planning: &Volume<f32>, labels: &LabelMap) -> 
             air,
         }
     };
-    voxels_of(skeleton, labels).par_iter().map(of_bone).collect()
+    voxels.par_iter().map(of_bone).collect()
 }
 
 fn median(values: &mut [f32]) -> Option<f32> {
@@ -159,8 +160,8 @@ struct Elsewhere<'a> {
 }
 
 impl<'a> Elsewhere<'a> {
-    fn new(skeleton: &Skeleton, planning: &'a Volume<f32>, labels: &LabelMap) -> Option<Self> {
-        let all: Vec<u32> = voxels_of(skeleton, labels).concat();
+    fn new(voxels: &[Vec<u32>], planning: &'a Volume<f32>) -> Option<Self> {
+        let all: Vec<u32> = voxels.concat();
         let every = all.len().div_ceil(SCOUTS).max(1);
         let grid = planning.grid();
         let voxels: Vec<[usize; 3]> = all.iter().step_by(every).map(|&n| grid.voxel(n as usize)).collect();
