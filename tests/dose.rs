@@ -329,7 +329,7 @@ fn one_name_with_two_numbers_is_one_structure() {
         "--out",
         text(&out),
     ]);
-    assert!(code == 0 && said.contains("labels-merged"), "{said}");
+    assert!(code == 0 && said.contains("labels-joined"), "{said}");
     let rows = read_json(&out.join("dvh.json"))[0]["structures"].as_array().unwrap().clone();
     assert!(rows.len() == 1 && (rows[0]["volume_ml"].as_f64().unwrap() - 8.0).abs() < 1e-9, "{rows:?}");
 }
