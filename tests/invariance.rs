@@ -101,14 +101,14 @@ fn threads_and_repetition_change_no_bit() {
     assert!(names.len() > 15, "{names:?}");
     for other in &runs[1..] {
         assert_eq!(files_below(&other.out), names);
-        // These two hold times, memory and the command line.
+        // These two hold times, memory, the command line and the folder that it names.
         for name in names.iter().filter(|n| !["report.json", "report.html"].contains(&n.as_str())) {
             assert_eq!(fs::read(runs[0].out.join(name)).unwrap(), fs::read(other.out.join(name)).unwrap(), "{name}");
         }
         let [first, second] = [&runs[0], other].map(|r| {
             let mut report: serde_json::Value =
                 serde_json::from_slice(&fs::read(r.out.join("report.json")).unwrap()).unwrap();
-            for key in ["created", "command", "stages", "threads", "peak_memory"] {
+            for key in ["created", "command", "folder", "stages", "threads", "peak_memory"] {
                 assert!(report.as_object_mut().unwrap().remove(key).is_some(), "{key}");
             }
             report
