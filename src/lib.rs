@@ -26,7 +26,7 @@
 
 pub use aventail_base::{Error, Result, error, findings, geometry, progress, runtime, stats, volume, warning};
 pub use aventail_bones::{fit, plausibility, skeleton};
-pub use aventail_fields::{body, field};
+pub use aventail_fields::{body, field, view};
 pub use aventail_formats::io;
 pub use aventail_measures::{dose, evaluate};
 pub use aventail_pages::report;

@@ -99,6 +99,11 @@ pub const FINDINGS: &[Finding] = &[
         "Export the structure again.",
     ),
     warned(
+        "cut-fraction",
+        "A part of the fraction's grid was not measured: it lies beyond a reconstruction's circle, or is blank.",
+        "Out of view bones follow their joints; see the map of uncertainty before contours there are used.",
+    ),
+    warned(
         "dose-negative",
         "Voxels of a dose are below 0 by rounding; they count as 0 Gy.",
         "None, if the count is plausible: values below 0 come of scaled integers and of resampling.",
@@ -213,6 +218,16 @@ pub const FINDINGS: &[Finding] = &[
         "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
     ),
     warned(
+        "landmarks-outside",
+        "Landmarks lie where no displacement was computed: in air, or outside the patient.",
+        "Check their positions and their space (LPS or RAS); their residuals tell nothing of the tissue.",
+    ),
+    warned(
+        "landmarks-worse",
+        "Landmarks are farther off after the registration than under the couch shift alone.",
+        "Look at the fusion images there; check that both positions show the same point.",
+    ),
+    warned(
         "no-inverse",
         "Points or voxels have no exact pre-image in a field that had to be inverted.",
         "Give the field of the other direction.",
@@ -281,6 +296,11 @@ pub const FINDINGS: &[Finding] = &[
         "sform-qform-disagree",
         "The sform and the qform of a NIfTI file place the image differently.",
         "Find out which one is right, and write the file anew.",
+    ),
+    warned(
+        "shaded-fraction",
+        "The fraction's grey values are a cone-beam CT's: shaded, or of another scale.",
+        "Shading was taken out by planning's grey values; look at the fusion images in soft tissue.",
     ),
     warned(
         "side-unsure",

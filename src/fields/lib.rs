@@ -6,3 +6,4 @@ use aventail_base::{error, geometry, stats, volume};
 
 pub mod body;
 pub mod field;
+pub mod view;

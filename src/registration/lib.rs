@@ -4,7 +4,7 @@
 
 use aventail_base::{Error, error, geometry, progress, runtime, stats, volume, warning};
 use aventail_bones::{fit, plausibility, skeleton};
-use aventail_fields::{body, field};
+use aventail_fields::{body, field, view};
 use aventail_formats::io;
 use aventail_measures::{dose, evaluate};
 use aventail_scenes::phantom;

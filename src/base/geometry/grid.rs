@@ -195,6 +195,10 @@ impl Grid {
             self.centre(std::array::from_fn(|a| if c >> a & 1 == 1 { self.size[a] - 1 } else { 0 }))
         })
     }
+    /// The grid moved by a vector, LPS mm.
+    pub fn shifted(&self, by: &Vector3<f64>) -> Self {
+        Self { origin: self.origin + by, ..self.clone() }
+    }
     /// World position of the grid's middle.
     pub fn middle(&self) -> Point3<f64> {
         self.world(&Vector3::from(self.size.map(|n| (n - 1) as f64 / 2.0)))

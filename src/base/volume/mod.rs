@@ -72,6 +72,10 @@ impl<T> Volume<T> {
     pub fn into_data(self) -> Vec<T> {
         self.data
     }
+    /// The same values, moved by a vector, LPS mm.
+    pub fn shifted(self, by: &nalgebra::Vector3<f64>) -> Self {
+        Self { grid: self.grid.shifted(by), data: self.data }
+    }
     /// The value of a voxel.
     pub fn at(&self, voxel: [usize; 3]) -> &T {
         &self.data[self.grid.linear(voxel)]

@@ -3,6 +3,9 @@
 //! The variants that were measured are in `docs/decisions/0001-body.md`.
 
 mod fill;
+mod lung;
+
+pub use lung::lung;
 
 use crate::error::{Error, Result};
 use crate::volume::components::{Components, Connectivity};
@@ -73,7 +76,7 @@ pub fn find(ct: &Volume<f32>, labels: Option<&LabelMap>, options: &BodyOptions) 
     let core = claim(erode(&solid, opening), &patient, &device);
     let near = dilate(&core, opening);
     let body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l] || hint.labelled(l));
-    Ok(fill::cavities(&body, options.closing_mm))
+    Ok(fill::cavities(&lung::with_lungs(ct, body), options.closing_mm))
 }
 
 /// Labelled voxels on the CT's grid.

@@ -102,6 +102,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         skeleton: Skeleton { bones: skeleton() },
         pose: Default::default(),
         couch_shift: offset,
+        kind: None,
         bone_fits: fits(offset),
         body,
         pull,

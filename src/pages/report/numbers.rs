@@ -10,7 +10,7 @@ use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport};
 use crate::fit::BoneFit;
 use crate::geometry::Grid;
-use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
+use crate::pipeline::{Case, FractionKind, InputFile, Outcome, VolumeReached};
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
 use crate::warning::Warning;
@@ -77,6 +77,9 @@ pub struct Report {
     pub fraction_grid: Grid,
     /// Couch shift and difference of scanner origins, planning to fraction.
     pub couch_shift: Vector3<f64>,
+    /// What kind of image the fraction is; nothing where images took no part in soft tissue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fraction_kind: Option<FractionKind>,
     /// Each bone's fit.
     pub bones: Vec<BoneFit>,
     /// Motion of each joint, in the order of the bones.
@@ -146,6 +149,7 @@ impl Report {
             planning_grid: case.planning.grid().clone(),
             fraction_grid: case.fraction.grid().clone(),
             couch_shift: outcome.couch_shift,
+            fraction_kind: outcome.kind.clone(),
             bones: outcome.bone_fits.clone(),
             pose: outcome.pose.clone(),
             rigidity: outcome.rigidity.clone(),

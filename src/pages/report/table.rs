@@ -38,6 +38,9 @@ pub fn terminal_table(report: &Report) -> String {
             ),
         ));
     }
+    if let Some(kind) = &report.fraction_kind {
+        rows.insert(0, ("fraction", kind.to_string()));
+    }
     let links = &report.links;
     rows.push((
         "chain mail",

@@ -9,7 +9,7 @@ use crate::field::{InvertOptions, PullField, PushField, invert};
 use crate::io::{self, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions};
 use crate::progress::Silent;
-use crate::refine::{Images, RefineOptions};
+use crate::refine::{Images, Kind, RefineOptions, Scan};
 use crate::volume::Mask;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -136,8 +136,9 @@ impl Scene {
 
     /// Both images, as the pipeline prepares them; nothing is kept from one run to the next.
     pub(super) fn images(&self) -> Option<Images<'_>> {
-        let planning = (&self.phantom.planning, &self.phantom.body);
-        let of = |body| Images::new(planning, (&self.phantom.fraction, body), &RefineOptions::default(), None);
+        let planning = Scan { ct: &self.phantom.planning, body: &self.phantom.body };
+        let fraction = |body| Scan { ct: &self.phantom.fraction, body };
+        let of = |body| Images::new(planning, fraction(body), Kind::default(), &RefineOptions::default(), None);
         self.fraction_body.as_ref().map(of)
     }
 }
@@ -158,6 +159,7 @@ fn parts<'a>(
         body: &phantom.body,
         labels: &phantom.bones,
         bone_of_label,
+        lung: None,
         least_hu: options.least_hu,
     };
     (tissue, Initiators { transforms: &phantom.transforms, centroids })

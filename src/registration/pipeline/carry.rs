@@ -1,9 +1,12 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
 use super::contact;
+use super::couch::Couch;
+use super::fraction::Fraction;
 use super::planning::Resting;
 use super::study::CARRYING;
-use super::{Case, Outcome, VolumeReached};
+use super::{Case, FractionKind, Outcome, VolumeReached};
+use crate::body;
 use crate::chainmail::{
     self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
 };
@@ -14,15 +17,68 @@ use crate::evaluate;
 use crate::field::{self, MovedBones, PushField, Resampling};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
-use crate::refine::Images;
+use crate::progress::Silent;
+use crate::refine::{Images, Kind, Scan, Shading};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Mask, Spans, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Spans, Volume, trilinear_vector};
 use crate::warning::Warning;
 use nalgebra::Point3;
 
 /// HU of what lies outside the planning scan when it is shown on the fraction grid.
 pub(super) const OUTSIDE_HU: f32 = -1000.0;
+
+/// What carrying the motion gives.
+pub(super) struct Carried {
+    pub(super) outcome: Outcome,
+    /// Displacements that the bones alone would give, on coarse elements, mm; where images pulled.
+    pub(super) alone: Option<Volume<[f32; 3]>>,
+}
+
+/// A patient whose bones have moved, in the frame that the couch has brought along.
+pub(super) struct Moved<'a> {
+    case: &'a Case,
+    skeleton: &'a Skeleton,
+    body: &'a Mask,
+    transforms: &'a [Rigid],
+    resting: &'a Resting,
+    config: &'a Config,
+}
+
+impl<'a> Moved<'a> {
+    fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
+        tissue(self.case, (self.body, self.resting.lung.as_ref()), bone_of_label, options)
+    }
+
+    fn centroids(&self) -> Vec<Point3<f64>> {
+        self.skeleton.bones.iter().map(|b| b.centroid).collect()
+    }
+}
+
+/// What the bones alone would have made of soft tissue, coarsely.
+fn bones_alone(mail: &Mail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
+    let options = &moved.config.chainmail;
+    let spacing = alone_mm(options);
+    let coarse = ChainmailOptions {
+        spacing_mm: spacing,
+        waves_mm: options.spacing_of_waves(),
+        relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
+        ..options.clone()
+    };
+    let bone_of_label = bone_of_label(moved.skeleton);
+    let tissue = moved.tissue(&bone_of_label, options);
+    let centroids = moved.centroids();
+    let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
+    Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
+}
+
+/// Spacing of the field of the bones alone, mm: it is compared with, not used.
+const ALONE_MM: f64 = 8.0;
+
+/// Spacing of the field of the bones alone under these options, mm.
+pub(super) fn alone_mm(options: &ChainmailOptions) -> f64 {
+    options.spacing_mm.max(ALONE_MM)
+}
 
 /// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
 /// is given, both images refine soft tissue.
@@ -30,33 +86,50 @@ pub(super) fn carry_out(
     case: &Case,
     target: &Grid,
     (skeleton, body, fit): (Skeleton, Mask, FitResult),
-    (resting, fraction_body): (&Resting, Option<&Mask>),
+    (resting, fraction): (&Resting, Option<&Fraction<'_>>),
     mut warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
-) -> Result<Outcome> {
-    let (propagation, regions) = runtime.stage(CARRYING, || {
-        let of = |fraction_body| {
-            let fraction = (&case.fraction, fraction_body);
-            Images::new((&case.planning, &body), fraction, &config.refine, Some(&resting.samples))
+) -> Result<Carried> {
+    // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
+    let couch = Couch::of(&fit, case.planning.grid());
+    let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
+    let moved = Moved { case, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
+    let (propagation, regions, alone, kind) = runtime.stage(CARRYING, || {
+        let Some(fraction) = fraction else {
+            let (propagation, regions) = soft_tissue(&moved, None, runtime)?;
+            return Ok((propagation, regions, None, None));
         };
-        let images = fraction_body.map(of);
-        let mail = resting.mail.as_ref().map(|mail| (mail, images.as_ref()));
-        soft_tissue(case, &skeleton, &body, &fit.transforms, mail, config, runtime)
+        let fraction = fraction.shifted(&couch);
+        let alone = resting.mail.as_ref().map(|mail| bones_alone(mail, &moved)).transpose()?;
+        let shading = alone.as_ref().map(|a| Shading::of((&case.planning, &body, &case.bones), &fraction.ct, a));
+        let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
+        // On other grey values the patient may have another outline.
+        let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
+        let planning = Scan { ct: &case.planning, body: &body };
+        let there =
+            Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
+        let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
+        let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples));
+        let (propagation, regions) = soft_tissue(&moved, Some(&images), runtime)?;
+        let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
+        Ok::<_, Error>((propagation, regions, alone, Some(FractionKind { view: fraction.view, grey, corrected })))
     })?;
-    let turns = rotation_matrices(&fit.transforms);
+    let turns = rotation_matrices(&transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let (mut push, let_go) = (propagation.push, propagation.let_go);
     let (mut pull, mut inverse) = runtime.stage("invert", || {
-        let motions = skeleton.bones.iter().map(|b| b.label).zip(fit.transforms.iter().copied());
-        let bones = MovedBones::new(&case.bones, motions, target);
-        field::invert(&push, target, Some(&bones), &config.invert)
+        let motions = skeleton.bones.iter().map(|b| b.label).zip(transforms.iter().copied());
+        let bones = MovedBones::new(&case.bones, motions, &there);
+        field::invert(&push, &there, Some(&bones), &config.invert)
     })?;
     let consistency = runtime.stage("make consistent", || {
         let bone_of_label = bone_of_label(&skeleton);
         let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
         field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &config.consistency)
     });
+    let (push, pull) = (couch.push(push), couch.pull(pull));
+    let alone = alone.map(|alone| couch.added(alone));
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         let image = match config.resampling {
             Resampling::PullBack => field::warp_image(&pull, &case.planning, OUTSIDE_HU)?,
@@ -78,15 +151,20 @@ pub(super) fn carry_out(
     let (figures, (contact, skin_contact)) = runtime.stage("evaluate", || rayon::join(figures, meeting));
     let (jacobian, jacobian_report, rigidity, landmarks, multiple) = figures;
     inverse.multiple = multiple.count();
+    warnings.extend(kind.iter().flat_map(FractionKind::warnings));
     warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
     let voxel = case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
     warnings.extend(contact::warnings(&contact, voxel));
     let volume_changes = reached(&case.bones, &jacobian, config);
     warnings.extend(volume_changes.iter().filter_map(missed));
-    Ok(Outcome {
+    let couch_shift = fit.common * middle - middle;
+    if let Some(report) = &landmarks {
+        warnings.extend(super::landmarks::warnings(case, &push, report, &couch_shift));
+    }
+    let outcome = Outcome {
         skeleton,
         pose: fit.pose,
-        couch_shift: fit.common * middle - middle,
+        couch_shift,
         bone_fits: fit.bones,
         body,
         push,
@@ -99,6 +177,7 @@ pub(super) fn carry_out(
         contact,
         skin_contact,
         volume_changes,
+        kind,
         uncertainty: None,
         let_go,
         links,
@@ -109,7 +188,8 @@ pub(super) fn carry_out(
         warnings,
         stages: runtime.times(),
         part: None,
-    })
+    };
+    Ok(Carried { outcome, alone })
 }
 
 /// What came of the volumes that were asked to change.
@@ -153,31 +233,29 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
 /// What the chain mail of a case is made from.
 pub(super) fn tissue<'a>(
     case: &'a Case,
-    body: &'a Mask,
+    (body, lung): (&'a Mask, Option<&'a Mask>),
     bone_of_label: &'a [Option<u16>],
     options: &ChainmailOptions,
 ) -> Tissue<'a> {
-    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, least_hu: options.least_hu }
+    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, least_hu: options.least_hu }
 }
 
 /// Carries the bones' motion to every voxel by the model that the settings name: the chain mail with the images that pull it,
 /// where that is the model. With it the regions of influence, if they are asked for and the model has any.
 fn soft_tissue(
-    case: &Case,
-    skeleton: &Skeleton,
-    body: &Mask,
-    transforms: &[Rigid],
-    mail: Option<(&Mail, Option<&Images<'_>>)>,
-    config: &Config,
+    moved: &Moved<'_>,
+    images: Option<&Images<'_>>,
     runtime: &Runtime,
 ) -> Result<(Propagation, Option<LabelMap>)> {
+    let Moved { skeleton, config, .. } = moved;
     let bone_of_label = bone_of_label(skeleton);
-    let tissue = tissue(case, body, &bone_of_label, &config.chainmail);
-    let centroids: Vec<Point3<f64>> = skeleton.bones.iter().map(|b| b.centroid).collect();
-    let bones = Initiators { transforms, centroids: &centroids };
+    let tissue = moved.tissue(&bone_of_label, &config.chainmail);
+    let centroids = moved.centroids();
+    let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
     let push = match config.soft_tissue {
         SoftTissue::ChainMail => {
-            let (mail, images) = mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
+            let mail = moved.resting.mail.as_ref();
+            let mail = mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
             let images = images.map(|i| i as &dyn ImagePull);
             let propagation = mail.propagate(&tissue, &bones, &config.chainmail, images, runtime.progress())?;
             let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);

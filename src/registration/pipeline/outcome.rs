@@ -1,6 +1,6 @@
 //! What a registration found.
 
-use super::Case;
+use super::{Case, FractionKind};
 use crate::chainmail::{LetGo, LinkReport};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
@@ -61,7 +61,9 @@ pub struct Outcome {
     pub skin_contact: Option<Mask>,
     /// Volumes that were asked to change.
     pub volume_changes: Vec<VolumeReached>,
-    /// Uncertainty on the planning grid, mm, 0 outside the patient; when the settings ask for it and a fraction was registered.
+    /// What kind of image the fraction is; `None` where images took no part in soft tissue.
+    pub kind: Option<FractionKind>,
+    /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
     /// Waves that were let go, and the most that this can change; where a bound is known.
     pub let_go: Option<LetGo>,

@@ -1,11 +1,11 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
-use super::carry::{bone_of_label, images_pull, tissue};
+use super::carry::{alone_mm, bone_of_label, images_pull, tissue};
 use super::contact;
 use super::register::{check_image, check_labels};
 use super::study::LINKING;
-use super::uncertainty::{self, alone_mm};
+use super::uncertainty;
 use crate::body;
 use crate::chainmail::{Mail, Organs, organ_label};
 use crate::config::{Config, SoftTissue};
@@ -68,6 +68,8 @@ pub(super) struct Resting {
     pub(super) mail: Option<Mail>,
     /// What its elements show in the planning CT.
     pub(super) samples: PlanningSamples,
+    /// Lung, where it takes part.
+    pub(super) lung: Option<Mask>,
     /// The voxels of tissue, which count.
     pub(super) tissue: Mask,
     /// The voxels near bones that touch.
@@ -93,13 +95,15 @@ impl Resting {
         runtime.stage(LINKING, || {
             let options = &config.chainmail;
             let mapped = mapped && config.output.uncertainty;
+            let lung = options.lung.then(|| body::lung(&case.planning, body)).flatten();
             let bone_of_label = bone_of_label(skeleton);
             let mail = || {
-                let alone = (mapped && images_pull(config)).then(|| alone_mm(options));
-                Mail::new(&tissue(case, body, &bone_of_label, options), options, alone.as_slice())
+                let alone = images_pull(config).then(|| alone_mm(options));
+                Mail::new(&tissue(case, (body, lung.as_ref()), &bone_of_label, options), options, alone.as_slice())
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
-            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body))).transpose();
+            let thin = if lung.is_some() { config.refine.lung as f32 } else { 0.0 };
+            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body), thin)).transpose();
             let bones = || contact::resting(&case.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &case.planning);
@@ -120,6 +124,7 @@ impl Resting {
                 mail: mail?,
                 samples: PlanningSamples::default(),
                 tissue,
+                lung: lung.clone(),
                 beside_contact: beside_contact?,
                 cells,
                 side: side?,

@@ -1,6 +1,6 @@
 //! Moving the skeleton by hand: an artificial CT in another posture (thesis 6.2.2).
 
-use super::carry::{OUTSIDE_HU, carry_out};
+use super::carry::{Carried, OUTSIDE_HU, carry_out};
 use super::planning::{Patient, Resting};
 use super::register::fit_warnings;
 use super::{Case, Outcome};
@@ -44,7 +44,8 @@ pub fn pose(
     let target = grown(case.planning.grid(), margin_mm)?;
     case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
     let resting = Resting::new(&case, (&skeleton, &body), false, config, runtime)?;
-    let outcome = carry_out(&case, &target, (skeleton, body, fit), (&resting, None), warnings, config, runtime)?;
+    let Carried { outcome, .. } =
+        carry_out(&case, &target, (skeleton, body, fit), (&resting, None), warnings, config, runtime)?;
     case.fraction = outcome.planning_on_fraction.clone();
     Ok((case, outcome))
 }

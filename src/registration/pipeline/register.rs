@@ -1,10 +1,10 @@
 //! The registration: one call per stage.
 
-use super::carry::{carry_out, images_pull};
+use super::carry::{Carried, carry_out, images_pull};
+use super::fraction::Fraction;
 use super::planning::{Patient, Planning, Resting};
 use super::region::cut;
 use super::{Case, Outcome, uncertainty};
-use crate::body;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{FitResult, fit_pose, from_landmarks, given};
@@ -12,8 +12,10 @@ use crate::geometry::Grid;
 use crate::plausibility::in_hounsfield;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
+use crate::view::View;
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
+use std::borrow::Cow;
 
 /// Registers a case.
 ///
@@ -35,29 +37,31 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
         [] => None,
         landmarks => Some(from_landmarks(skeleton, landmarks)?),
     };
+    let view = View::of(&case.fraction);
+    let known = view.known(&case.fraction);
     let fit = || match (&planning.samples, &placed) {
         (Some(samples), start) => {
-            fit_pose(skeleton, samples, &case.fraction, start.as_deref(), &config.fit, runtime.progress())
+            fit_pose(skeleton, samples, &known, start.as_deref(), &config.fit, runtime.progress())
         }
         (None, Some(known)) => given(skeleton, known),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     };
-    let patient = || images_pull(config).then(|| body::find(&case.fraction, None, &config.body));
+    let seen = || images_pull(config).then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), config));
     // Finding the patient is for the most part one thread's work.
-    let (fit, fraction_body) = runtime.stage("fit skeleton", || rayon::join(fit, patient));
-    let (fit, fraction_body) = (fit?, fraction_body.transpose()?);
+    let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
+    let (fit, fraction) = (fit?, fraction.transpose()?);
     let warnings = [&case.warnings, warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
-        let fraction_body = fraction_body.map(|whole| part_of_body(&whole, part.fraction.grid()));
+        let fraction = fraction.map(|whole| whole.part(part.fraction.grid()));
         let resting = Resting::new(&part, (skeleton, &body), true, config, runtime)?;
         let moved = (skeleton.clone(), body, fit);
-        let outcome = carried(&part, moved, &resting, fraction_body.as_ref(), warnings, config, runtime)?;
+        let outcome = carried(&part, moved, &resting, fraction.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
     }
     let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
-    carried(case, (skeleton.clone(), body.clone(), fit), resting, fraction_body.as_ref(), warnings, config, runtime)
+    carried(case, (skeleton.clone(), body.clone(), fit), resting, fraction.as_ref(), warnings, config, runtime)
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
@@ -65,27 +69,22 @@ fn carried(
     case: &Case,
     moved: (Skeleton, Mask, FitResult),
     resting: &Resting,
-    fraction_body: Option<&Mask>,
+    fraction: Option<&Fraction<'_>>,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let mut outcome =
-        carry_out(case, case.fraction.grid(), moved, (resting, fraction_body), warnings, config, runtime)?;
+    let Carried { mut outcome, alone } =
+        carry_out(case, case.fraction.grid(), moved, (resting, fraction), warnings, config, runtime)?;
     if let Some(side) = &resting.side {
-        let mail = resting.mail.as_ref().filter(|_| fraction_body.is_some());
-        let map =
-            runtime.stage("uncertainty", || uncertainty::of(case, &outcome, (side, &resting.tissue, mail), config))?;
+        let seen = fraction.map_or(&case.fraction, |f| &f.ct);
+        let map = runtime.stage("uncertainty", || {
+            uncertainty::of(case, &outcome, (side, &resting.tissue), (seen, alone.as_ref()))
+        })?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
     }
     Ok(outcome)
-}
-
-/// A mask on a part of its grid.
-fn part_of_body(body: &Mask, grid: &Grid) -> Mask {
-    let whole = body.grid();
-    Volume::from_fn(grid.clone(), |n| whole.voxel_at(&grid.centre(grid.voxel(n))).is_some_and(|voxel| *body.at(voxel)))
 }
 
 /// The labels lie on the planning grid.

@@ -1,13 +1,14 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
 use super::carry::{carry_out, images_pull};
+use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
 use super::{Case, Outcome};
-use crate::body;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
+use crate::view::View;
 
 /// Name of the stage of [`Outcome::stages`] that makes the chain mail, and the bones' surfaces beside it.
 pub const LINKING: &str = "link elements";
@@ -31,10 +32,12 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
         ));
     }
     let seen = case.inputs.iter().any(|i| i.role == "fraction");
-    let find = || body::find(&case.fraction, None, &config.body);
+    let view = View::of(&case.fraction);
+    let find = || Fraction::new(view.known(&case.fraction), view.report.clone(), config);
     let wanted = seen && images_pull(config);
-    let fraction_body = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
+    let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
     let resting = Resting::new(case, (&skeleton, &body), false, config, runtime)?;
     let moved = (skeleton, body, fit.clone());
-    carry_out(case, case.fraction.grid(), moved, (&resting, fraction_body.as_ref()), warnings, config, runtime)
+    let target = case.fraction.grid();
+    Ok(carry_out(case, target, moved, (&resting, fraction.as_ref()), warnings, config, runtime)?.outcome)
 }

@@ -191,7 +191,14 @@ mod tests {
         let mut bone_of_label = vec![None; 1 << 16];
         (bone_of_label[1], bone_of_label[2]) = (Some(0), Some(1));
         let (ct, body) = (Volume::filled(grid.clone(), 20.0f32), Mask::filled(grid.clone(), true));
-        let tissue = Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, least_hu: -500.0 };
+        let tissue = Tissue {
+            ct: &ct,
+            body: &body,
+            labels: &labels,
+            bone_of_label: &bone_of_label,
+            lung: None,
+            least_hu: -500.0,
+        };
         let motion = about(&middle, Vector3::new(0.0, 0.0, turn), Vector3::zeros());
         let transforms = [Rigid::identity(), motion];
         let bones = Initiators { transforms: &transforms, centroids: &[Point3::origin(); 2] };

@@ -62,7 +62,9 @@ pub struct Tissue<'a> {
     pub labels: &'a LabelMap,
     /// Position in the skeleton of each bone label.
     pub bone_of_label: &'a [Option<u16>],
-    /// Voxels below this take no part, HU.
+    /// Lung: takes part whatever its HU.
+    pub lung: Option<&'a Mask>,
+    /// Voxels below this take no part otherwise, HU.
     pub least_hu: f32,
 }
 
@@ -79,7 +81,9 @@ impl Tissue<'_> {
 
     /// Whether a voxel takes part: bone, or body above the least HU.
     pub fn active(&self, voxel: usize) -> bool {
-        self.bone(voxel).is_some() || (self.body.data()[voxel] && self.ct.data()[voxel] >= self.least_hu)
+        self.bone(voxel).is_some()
+            || (self.body.data()[voxel] && self.ct.data()[voxel] >= self.least_hu)
+            || self.lung.is_some_and(|lung| lung.data()[voxel])
     }
 
     /// The voxels that take part.

@@ -65,6 +65,8 @@ pub struct ChainmailOptions {
     pub mend: usize,
     /// Voxels below this grey value take no part, HU for CT.
     pub least_hu: f32,
+    /// Whether lung takes part, whatever its HU.
+    pub lung: bool,
 }
 
 impl Default for ChainmailOptions {
@@ -89,6 +91,7 @@ impl Default for ChainmailOptions {
             relaxation: vec![(18.0, 40), (9.0, 30), (4.5, 10)],
             mend: 3,
             least_hu: -500.0,
+            lung: true,
         }
     }
 }
@@ -105,6 +108,7 @@ impl ChainmailOptions {
             spacing_mm: 0.0,
             relaxation: Vec::new(),
             mend: 0,
+            lung: false,
             ..Self::default()
         }
     }

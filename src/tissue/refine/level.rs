@@ -6,11 +6,12 @@
 //! of both images' gradients (Benhimane and Malis 2004), `g` and `o` the gain and offset that fit all points best.
 
 use super::RefineOptions;
-use super::planning::{Planning, Shown, sample};
+use super::local;
+use super::planning::{Planning, Shown, blurred, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
-use crate::volume::{Volume, gaussian};
+use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -36,6 +37,8 @@ pub(super) struct Level<'a> {
     robust: f64,
     /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.
     reach: f64,
+    /// Width of the neighbourhoods that have a gain and offset of their own, mm; `None` where one serves all.
+    neighbourhood_mm: Option<f64>,
 }
 
 /// Edge of the cube with the volume of a cell.
@@ -48,7 +51,7 @@ impl<'a> Level<'a> {
         planning: &Planning<'_>,
         fraction: &Volume<f32>,
         lattice: &'a Lattice,
-        options: &RefineOptions,
+        (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
     ) -> Self {
         let spacing = lattice.grid.spacing();
         let mean = mean_edge(&spacing);
@@ -56,7 +59,7 @@ impl<'a> Level<'a> {
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let soft: Vec<u32> = lattice.soft().collect();
         let (planning, fraction) =
-            rayon::join(|| planning.shown(lattice, &soft, sigma, options), || gaussian(fraction, sigma));
+            rayon::join(|| planning.shown(lattice, &soft, sigma, options), || blurred(fraction, sigma));
         Self {
             lattice,
             fraction,
@@ -66,6 +69,7 @@ impl<'a> Level<'a> {
             weight: options.weight * mean * mean,
             robust: options.robust,
             reach: REACH * sigma,
+            neighbourhood_mm,
         }
     }
 
@@ -78,11 +82,19 @@ impl<'a> Level<'a> {
                 let point = t * THINNED;
                 let p = self.planning[point][0];
                 let f = sample(&self.fraction, &(self.place(point / m, u) + self.offsets[point % m]))?.0;
-                (!p.is_nan()).then_some((f64::from(p), f))
+                (!p.is_nan() && !f.is_nan()).then_some((f64::from(p), f))
             })
             .collect();
         let grey = grey_values(&grey);
+        let place = |s: usize, point: usize| self.place(s, u) + self.offsets[point];
+        let pair = |s: usize, point: usize| {
+            let p = self.planning[s * m + point][0];
+            let f = sample(&self.fraction, &place(s, point))?.0;
+            (!p.is_nan() && !f.is_nan()).then_some((f64::from(p), f))
+        };
+        let local = self.neighbourhood_mm.map(|mm| local::grey_values((self.lattice, &self.soft), mm, grey, pair));
         let each = which.par_iter().map(|&s| {
+            let grey = local.as_ref().map_or(grey, |local| local[s as usize]);
             vectorised(
                 #[inline(always)]
                 || self.element(s as usize, u, grey),
@@ -112,6 +124,9 @@ impl<'a> Level<'a> {
                 continue;
             }
             let Some((f, slope)) = sample(&self.fraction, &(here + o)) else { continue };
+            if f.is_nan() {
+                continue;
+            }
             let r = f64::from(p[0]) - (gain * f + offset);
             let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
             let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;

@@ -2,12 +2,15 @@
 //! the normal; its elasticity does the rest.
 
 mod level;
+mod local;
 mod options;
 mod planning;
+mod shading;
 mod skin;
 
-pub use options::{RefineOptions, SkinOptions};
+pub use options::{RefineOptions, ShadingOptions, SkinOptions};
 pub use planning::PlanningSamples;
+pub use shading::{GreyValues, Shading};
 
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};
@@ -18,34 +21,63 @@ use skin::Skin;
 /// The planning and the fraction CT, ready to pull at any resolution.
 pub struct Images<'a> {
     planning: Planning<'a>,
-    /// The fraction CT inside the patient; outside and beyond the window the window's edges. `None` where grey values do not
-    /// pull.
+    /// The fraction CT inside the patient; outside and beyond the window the window's edges, and no number where nothing was
+    /// measured. `None` where grey values do not pull.
     fraction: Option<Volume<f32>>,
     skin: Option<Skin>,
     options: RefineOptions,
+    neighbourhood_mm: Option<f64>,
+}
+
+/// A CT (HU; no number where nothing was measured) with the patient in it.
+#[derive(Debug, Clone, Copy)]
+pub struct Scan<'a> {
+    /// HU.
+    pub ct: &'a Volume<f32>,
+    /// Inside of the skin, on its grid.
+    pub body: &'a Mask,
+}
+
+/// What is known of two scans that pull.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Kind {
+    /// Planning shows lung.
+    pub lung: bool,
+    /// The fraction's grey values were corrected ([`Shading::corrected`]).
+    pub corrected: bool,
 }
 
 impl<'a> Images<'a> {
-    /// From both CTs (HU) and the patient in each; the two grids may differ. What the planning CT shows is taken from `kept`
-    /// where it is known, and else kept there.
+    /// From both scans; their grids may differ. What the planning CT shows is taken from `kept` where it is known, and else
+    /// kept there; a corrected fraction is compared otherwise, and keeps nothing.
     pub fn new(
-        (planning, planning_body): (&'a Volume<f32>, &'a Mask),
-        (fraction, fraction_body): (&Volume<f32>, &Mask),
+        planning: Scan<'a>,
+        fraction: Scan<'_>,
+        kind: Kind,
         options: &RefineOptions,
         kept: Option<&'a PlanningSamples>,
     ) -> Self {
+        let (kept, options, neighbourhood_mm) = if kind.corrected {
+            let mm = options.shading.neighbourhood_mm;
+            (None, options.shading.applied(options), (mm > 0.0).then_some(mm))
+        } else {
+            (kept, options.clone(), None)
+        };
+        let thin = if kind.lung { options.lung as f32 } else { 0.0 };
+        let pulls = options.weight > 0.0;
         Self {
-            planning: Planning::new(planning, planning_body, kept),
-            fraction: (options.weight > 0.0).then(|| windowed(fraction, fraction_body, options.window_hu)),
-            skin: Skin::new(planning_body, fraction_body, &options.skin),
-            options: options.clone(),
+            planning: Planning::new(planning.ct, planning.body, thin, kept),
+            fraction: pulls.then(|| windowed(fraction.ct, fraction.body, options.window_hu, thin)),
+            skin: Skin::new(planning.body, fraction.body, &options.skin),
+            options,
+            neighbourhood_mm,
         }
     }
 }
 
 impl ImagePull for Images<'_> {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
-        let of = |fraction| Level::new(&self.planning, fraction, lattice, &self.options);
+        let of = |fraction| Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm));
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
         Box::new(move |u, which, pull| {

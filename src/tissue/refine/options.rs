@@ -28,8 +28,62 @@ pub struct RefineOptions {
     /// The farthest that images draw an element away from where its links alone would hold it, as a share of the elements'
     /// spacing: a single element does not follow what its neighbours know nothing of.
     pub departure: f64,
+    /// HU below the window count at this scale inside the patient, where planning shows lung: its vessels are contrast. 0 for
+    /// not at all.
+    pub lung: f64,
+    /// What is done about a fraction whose grey values differ from planning's, as a cone-beam CT's do.
+    pub shading: ShadingOptions,
     /// The skin's own pull.
     pub skin: SkinOptions,
+}
+
+/// When a fraction's grey values are corrected before images pull, and how they pull then.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ShadingOptions {
+    /// Shading from here on is taken out, HU; below it a CT is as good as its gain and offset.
+    pub least_hu: f64,
+    /// A gain that departs from 1 by more is taken out too.
+    pub least_gain: f64,
+    /// [`RefineOptions::weight`] then counts by this factor: such an image is noisier than its voxels tell, whose noise hangs
+    /// together.
+    pub weight: f64,
+    /// [`RefineOptions::blur`] then.
+    pub blur: f64,
+    /// [`RefineOptions::least_blur`] then.
+    pub least_blur: f64,
+    /// [`RefineOptions::window_hu`] then: the borders of air and bone are what noise hides least.
+    pub window_hu: [f32; 2],
+    /// Gain and offset are then found anew over neighbourhoods of this width (sigma), mm, or of an element where that is wider;
+    /// 0 for one of both everywhere.
+    pub neighbourhood_mm: f64,
+}
+
+impl Default for ShadingOptions {
+    fn default() -> Self {
+        Self {
+            least_hu: 20.0,
+            least_gain: 0.15,
+            weight: 0.5,
+            blur: 0.15,
+            least_blur: 0.3,
+            window_hu: [-500.0, 500.0],
+            neighbourhood_mm: 6.0,
+        }
+    }
+}
+
+impl ShadingOptions {
+    /// The refinement's options for a fraction that was corrected.
+    pub(super) fn applied(&self, options: &RefineOptions) -> RefineOptions {
+        RefineOptions {
+            weight: options.weight * self.weight,
+            blur: self.blur,
+            least_blur: self.least_blur,
+            window_hu: self.window_hu,
+            ..options.clone()
+        }
+    }
 }
 
 impl RefineOptions {
@@ -75,6 +129,8 @@ impl Default for RefineOptions {
             window_hu: [-250.0, 300.0],
             robust: 2.0,
             departure: 0.04,
+            lung: 0.3,
+            shading: ShadingOptions::default(),
             skin: SkinOptions::default(),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::RefineOptions;
 use crate::chainmail::Lattice;
-use crate::volume::{Mask, Volume, cubic, gaussian};
+use crate::volume::{Mask, Volume, cubic, gaussian, gaussian_ratio};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -26,25 +26,50 @@ pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vect
     Some((value, image.grid().inverse_step().transpose() * slope))
 }
 
-/// A CT inside the patient; outside and beyond the window the window's edges.
-pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, [low, high]: [f32; 2]) -> Volume<f32> {
-    let at = |(v, inside): (&f32, &bool)| if *inside { v.clamp(low, high) } else { low };
+/// A CT inside the patient; outside and beyond the window the window's edges. `thin` is the scale at which HU below the
+/// window count inside the patient: vessels are the contrast of lung. What is no number stays none.
+pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, [low, high]: [f32; 2], thin: f32) -> Volume<f32> {
+    let at = |(v, inside): (&f32, &bool)| match *v {
+        v if v.is_nan() => v,
+        _ if !inside => low,
+        v if v < low => low + thin * (v.max(AIR_HU) - low),
+        v => v.min(high),
+    };
     let data = ct.data().par_iter().zip(body.data()).map(at).collect();
     Volume::new(ct.grid().clone(), data).expect("one value per voxel")
+}
+
+/// Air, HU: nothing is less dense.
+const AIR_HU: f32 = -1000.0;
+
+/// Least share of a blur that must be known.
+const LEAST_KNOWN: f32 = 0.7;
+
+/// An image blurred by `sigma` mm over its known values; no number where too few of them are near.
+pub(super) fn blurred(image: &Volume<f32>, sigma: f64) -> Volume<f32> {
+    if !image.data().par_iter().any(|v| v.is_nan()) {
+        return gaussian(image, sigma);
+    }
+    let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
+    let value = |v: f32| if v.is_nan() { 0.0 } else { v };
+    let mean = |sum: f32, share: f32| if share > LEAST_KNOWN { sum / share } else { f32::NAN };
+    gaussian_ratio((image, value), (image, known), sigma, mean)
 }
 
 /// The planning CT of a registration.
 pub(super) struct Planning<'a> {
     pub(super) ct: &'a Volume<f32>,
     body: &'a Mask,
+    /// Scale of HU below the window.
+    thin: f32,
     /// Windowed, once it is needed.
     windowed: OnceLock<Volume<f32>>,
     kept: Option<&'a PlanningSamples>,
 }
 
 impl<'a> Planning<'a> {
-    pub(super) fn new(ct: &'a Volume<f32>, body: &'a Mask, kept: Option<&'a PlanningSamples>) -> Self {
-        Self { ct, body, windowed: OnceLock::new(), kept }
+    pub(super) fn new(ct: &'a Volume<f32>, body: &'a Mask, thin: f32, kept: Option<&'a PlanningSamples>) -> Self {
+        Self { ct, body, thin, windowed: OnceLock::new(), kept }
     }
 
     /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
@@ -56,8 +81,8 @@ impl<'a> Planning<'a> {
         if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(|(k, _)| *k == key).cloned()) {
             return found;
         }
-        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, options.window_hu));
-        let blurred = gaussian(windowed, sigma);
+        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, options.window_hu, self.thin));
+        let blurred = blurred(windowed, sigma);
         let offsets = lattice.grid.eighths();
         let points = soft.par_iter().flat_map_iter(|&n| {
             let rest = lattice.rest(n as usize);

@@ -6,6 +6,9 @@
 //! difference of the images over their gradient, `q`, both averaged over 4 mm. Neither alone does, and the product does in
 //! all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
 //! part), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
+//!
+//! Outside the patient, and where it would exceed [`LIMIT_MM`], nothing is known: the map holds [`UNKNOWN`] there, which
+//! every reader can read, where not every one reads what is no number.
 
 mod seen;
 mod side;
@@ -27,7 +30,10 @@ pub struct UncertaintyReport {
     pub soft_tissue_mm: Summary,
     /// Share of soft tissue where no image speaks, percent.
     pub without_images_percent: f64,
-    /// Soft tissue with more than 2 mm, ml: beyond what AAPM TG-132 asks of a registration.
+    /// Share of soft tissue of which nothing is known, percent: further off than bones tell.
+    #[serde(default)]
+    pub unknown_percent: f64,
+    /// Soft tissue with more than 2 mm or unknown, ml: beyond what AAPM TG-132 asks of a registration.
     pub above_2mm_ml: f64,
 }
 
@@ -52,11 +58,21 @@ pub struct Evidence<'a> {
     pub bones_alone: Option<&'a Volume<[f32; 3]>>,
 }
 
+/// What the map holds where nothing is known.
+pub const UNKNOWN: f32 = -1.0;
+/// The greatest uncertainty that is told, mm: with more, nothing is known.
+pub const LIMIT_MM: f64 = 30.0;
+
+/// A value of the map from an estimate, mm.
+fn told(mm: f32) -> f32 {
+    if f64::from(mm) <= LIMIT_MM { mm } else { UNKNOWN }
+}
+
 /// Error of the bones alone per mm of distance to a bone, and the distance at which a bone's surface counts as.
 const PER_MM: f64 = 0.034;
 const AT_BONE_MM: f64 = 5.0;
 
-/// The map on the planning grid, mm (0 outside the patient), and its summary.
+/// The map on the planning grid, mm ([`UNKNOWN`] outside the patient), and its summary.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
@@ -82,7 +98,7 @@ struct Plane {
     silent: usize,
 }
 
-/// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient it is 0.
+/// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient nothing is known.
 ///
 /// Trilinear: between rows of the coarse grid first, so that a voxel costs one step along its row.
 fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, UncertaintyReport) {
@@ -94,7 +110,7 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
     let row = |j: usize, k: usize| &coarse[nodes.linear([0, j, k])..][..size[0]];
     let mix = |a: f32, b: f32, t: f64| a * (1.0 - t as f32) + b * t as f32;
     let nearest = |(low, high, way): (usize, usize, f64)| if way < 0.5 { low } else { high };
-    let mut out = vec![0f32; grid.len()];
+    let mut out = vec![UNKNOWN; grid.len()];
     let mut planes: Vec<Plane> = Vec::new();
     planes.resize_with(nk, Plane::default);
     out.par_chunks_mut(ni * nj).zip(&mut planes).enumerate().for_each_init(Vec::new, |line, (k, (out, plane))| {
@@ -111,11 +127,11 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
             let heard = &speaks[nodes.linear([0, nearest(axes[1][j]), nearest(axes[2][k])])..][..size[0]];
             for (i, value) in out.iter_mut().enumerate().filter(|(i, _)| body[*i]) {
                 if let Some(mm) = bone_mm[usize::from(e.bones.volume.data()[first + i])] {
-                    *value = mm;
+                    *value = told(mm);
                     continue;
                 }
                 let (low, high, way) = axes[0][i];
-                *value = mix(line[low], line[high], way);
+                *value = told(mix(line[low], line[high], way));
                 if e.tissue.data()[first + i] {
                     plane.values.push(*value);
                     plane.silent += usize::from(!heard[nearest(axes[0][i])]);
@@ -130,12 +146,16 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
 fn report(planes: &[Plane], voxel_mm3: f64) -> UncertaintyReport {
     let parts: Vec<&[f32]> = planes.iter().map(|p| p.values.as_slice()).collect();
     let soft: usize = parts.iter().map(|p| p.len()).sum();
-    let above = parts.iter().flat_map(|p| p.iter()).filter(|v| **v > 2.0).count();
+    let count = |which: fn(f32) -> bool| parts.iter().flat_map(|p| p.iter()).filter(|v| which(**v)).count();
+    let (above, unknown) = (count(|v| v > 2.0), count(|v| v < 0.0));
+    let known: Vec<Vec<f32>> = parts.iter().map(|p| p.iter().copied().filter(|v| *v >= 0.0).collect()).collect();
+    let known: Vec<&[f32]> = known.iter().map(Vec::as_slice).collect();
     let silent: usize = planes.iter().map(|p| p.silent).sum();
     UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
-        above_2mm_ml: above as f64 * voxel_mm3 / 1000.0,
-        soft_tissue_mm: Summary::of_singles(&parts),
+        unknown_percent: 100.0 * unknown as f64 / soft.max(1) as f64,
+        above_2mm_ml: (above + unknown) as f64 * voxel_mm3 / 1000.0,
+        soft_tissue_mm: Summary::of_singles(&known),
     }
 }
 
@@ -169,7 +189,7 @@ mod tests {
         // The field of the bones alone disagrees by 1 mm.
         let alone = Volume::filled(grid.clone(), [0.0, 1.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let side = PlanningSide::new(&planning, &body, &bones, |l| l == 5).unwrap();
+        let side = PlanningSide::new(&planning, &body, &bones, 0.0, |l| l == 5).unwrap();
         let e = Evidence {
             side: &side,
             fraction: &fraction,
@@ -192,7 +212,7 @@ mod tests {
         assert!((0.11..0.25).contains(&at(&good, stripes)), "{}", at(&good, stripes));
         assert!(at(&bad, stripes) > 2.0 * at(&good, stripes), "{} {}", at(&bad, stripes), at(&good, stripes));
         assert!((at(&good, [19, 15, 12]) - 0.25).abs() < 1e-6);
-        assert!(at(&good, [0, 0, 5]) == 0.0);
+        assert!(at(&good, [0, 0, 5]) == UNKNOWN, "nothing is known outside the patient");
         // Outside the fraction's view the distance to the bone speaks.
         let far = at(&good, [33, 15, 38]);
         let want = (0.034f64 * (39.0 + 5.0)).hypot(0.25);
@@ -216,7 +236,7 @@ mod tests {
         let bones = LabelMap { volume: Volume::from_fn(grid.clone(), label), names: BTreeMap::new() };
         let planning = Volume::filled(grid.clone(), 0.0);
         let all = Volume::filled(grid.clone(), true);
-        let side = PlanningSide::new(&planning, &all, &bones, |l| l == 1).unwrap();
+        let side = PlanningSide::new(&planning, &all, &bones, 0.0, |l| l == 1).unwrap();
         let push = PushField { displacement: Volume::filled(grid.clone(), [0.0; 3]), computed: all.clone() };
         let e = Evidence {
             side: &side,

@@ -1,7 +1,7 @@
 //! Uncertainty where both images speak.
 
 use super::Evidence;
-use super::side::{AVERAGE_MM, WINDOW_HU};
+use super::side::{AVERAGE_MM, windowed};
 use crate::error::Result;
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
@@ -54,7 +54,6 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
 /// Windowed fraction HU at the eight points of a node, where the field says; `None` where one lies outside the fraction CT.
 fn shown(e: &Evidence<'_>, n: usize) -> Option<[f32; 8]> {
     let (grid, u) = (&e.side.grid, &e.push.displacement);
-    let [low, high] = WINDOW_HU;
     let x = grid.centre(grid.voxel(n));
     let offsets = grid.eighths();
     vectorised(
@@ -68,7 +67,10 @@ fn shown(e: &Evidence<'_>, n: usize) -> Option<[f32; 8]> {
             let mut values = [0f32; 8];
             for (value, o) in values.iter_mut().zip(&offsets) {
                 let hu = trilinear(e.fraction, &e.fraction.grid().index(&(there + o)))?;
-                *value = (hu as f32).clamp(low, high);
+                if hu.is_nan() {
+                    return None;
+                }
+                *value = windowed(hu as f32, e.side.thin);
             }
             Some(values)
         },

@@ -25,10 +25,23 @@ pub struct PlanningSide {
     pub(super) slope: Volume<f32>,
     /// Nodes in soft tissue, ascending, each with the windowed HU of its eight points.
     pub(super) soft: Vec<(u32, [f32; 8])>,
+    /// Scale at which HU below the window count.
+    pub(super) thin: f32,
 }
 
+/// HU in the window; below it at the scale `thin`.
+#[inline(always)]
+pub(super) fn windowed(hu: f32, thin: f32) -> f32 {
+    let [low, high] = WINDOW_HU;
+    if hu < low { low + thin * (hu.max(AIR_HU) - low) } else { hu.min(high) }
+}
+
+/// Air, HU.
+const AIR_HU: f32 = -1000.0;
+
 impl PlanningSide {
-    /// From the planning CT (HU), the patient in it, and the labels, of which some are bones; all on one grid.
+    /// From the planning CT (HU), the patient in it, and the labels, of which some are bones; all on one grid. `thin` is the scale
+    /// at which HU below the window count, as in the refinement by image: lung has its contrast there.
     ///
     /// # Errors
     /// Only for internal inconsistency of grids.
@@ -36,13 +49,14 @@ impl PlanningSide {
         planning: &Volume<f32>,
         body: &Mask,
         bones: &LabelMap,
+        thin: f32,
         is_bone: impl Fn(u16) -> bool + Sync,
     ) -> Result<Self> {
         let grid = planning.grid().coarsened(SPACING_MM);
         let ((owner, far), (mean, soft)) =
-            rayon::join(|| nearest(bones, &grid, &is_bone), || shown(planning, body, bones, &grid, &is_bone));
+            rayon::join(|| nearest(bones, &grid, &is_bone), || shown((planning, body, bones), &grid, thin, &is_bone));
         let slope = gaussian(&squared_slope(&Volume::new(grid.clone(), mean)?), AVERAGE_MM);
-        Ok(Self { grid, owner, far, slope, soft })
+        Ok(Self { grid, owner, far, slope, soft, thin })
     }
 }
 
@@ -62,13 +76,12 @@ fn nearest(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> (Vol
 
 /// Mean windowed HU at each node (the window's lower end outside the patient), and what soft tissue shows at eight points.
 fn shown(
-    planning: &Volume<f32>,
-    body: &Mask,
-    bones: &LabelMap,
+    (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
     grid: &Grid,
+    thin: f32,
     is_bone: impl Fn(u16) -> bool + Sync,
 ) -> (Vec<f32>, Vec<(u32, [f32; 8])>) {
-    let [low, high] = WINDOW_HU;
+    let low = WINDOW_HU[0];
     let offsets = grid.eighths();
     let node = |n: usize| {
         let x = grid.centre(grid.voxel(n));
@@ -80,7 +93,7 @@ fn shown(
                 let mut values = [0f32; 8];
                 for (value, o) in values.iter_mut().zip(&offsets) {
                     let hu = trilinear(planning, &planning.grid().index(&(x + o)));
-                    *value = hu.map_or(instead, |hu| hu as f32).clamp(low, high);
+                    *value = windowed(hu.map_or(instead, |hu| hu as f32), thin);
                 }
                 values
             },

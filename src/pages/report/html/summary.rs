@@ -38,7 +38,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             h1 { (title) }
             dl.case {
                 div { dt.planning { "Planning" } dd { (path("planning")) br; span.note { (grid(&report.planning_grid)) } } }
-                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) } } }
+                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
                 div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }

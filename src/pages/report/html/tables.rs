@@ -138,8 +138,11 @@ pub(super) fn trust(report: &Report) -> Markup {
                 tbody {
                     tr { td { "Median, mean" } td.n { (format!("{:.2}, {:.2} mm", s.median, s.mean)) } }
                     tr { td { "95 %, greatest" } td.n { (format!("{:.2}, {:.2} mm", s.p95, s.max)) } }
-                    tr { td { "Above 2 mm" } td.n { (format!("{:.1} ml", u.above_2mm_ml)) } }
+                    tr { td { "Above 2 mm or not known" } td.n { (format!("{:.1} ml", u.above_2mm_ml)) } }
                     tr { td { "Images say nothing" } td.n { (format!("{:.1} %", u.without_images_percent)) } }
+                    @if u.unknown_percent > 0.0 {
+                        tr { td { "Not known (above 30 mm)" } td.n { (format!("{:.1} %", u.unknown_percent)) } }
+                    }
                 }
             }
         }

@@ -5,11 +5,13 @@ use super::super::colour::{heat, shaded, tone};
 use super::super::plane::nearest;
 use super::legend::sheet;
 use super::{Plate, Scene};
-use crate::volume::{Volume, trilinear};
+use crate::volume::Volume;
 use nalgebra::Point3;
 
 /// Air and everything outside the patient.
 const BACKDROP: Rgb = [198, 203, 210];
+/// Patient of whom nothing is known.
+const NOT_KNOWN: Rgb = [120, 120, 128];
 /// Brightness of the darkest tissue.
 const SHADE: f64 = 0.8;
 /// Upper end of the scale, mm: TG-132 asks for 2 to 3.
@@ -21,9 +23,11 @@ pub(super) fn draw(scene: &Scene<'_>, map: &Volume<f32>) -> Plate {
         if !nearest(&scene.outcome.body, &p).unwrap_or(false) {
             return BACKDROP;
         }
-        let mm = trilinear(map, &map.grid().index(&p)).unwrap_or(0.0);
         let shade = SHADE + (1.0 - SHADE) * tone(f64::from(hu));
-        shaded(heat(mm / TOP_MM), shade)
+        match nearest(map, &p) {
+            Some(mm) if mm >= 0.0 => shaded(heat(f64::from(mm) / TOP_MM), shade),
+            _ => shaded(NOT_KNOWN, shade),
+        }
     };
     let rows = scene.planning_rows(colour, BACKDROP);
     let ticks: Vec<_> = (0..=3).map(|mm| (f64::from(mm) / TOP_MM, mm.to_string())).collect();
@@ -33,7 +37,7 @@ pub(super) fn draw(scene: &Scene<'_>, map: &Volume<f32>) -> Plate {
         title: "Uncertainty",
         caption: "How far the result may be trusted: one standard deviation, mm, on the planning CT. From the disagreement between \
                   bones alone and bones with images, and from what of the images still differs; where images say nothing, from \
-                  the distance to the nearest bone."
+                  the distance to the nearest bone. Grey: not known."
             .to_owned(),
         canvas,
     }

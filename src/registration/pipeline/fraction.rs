@@ -1,0 +1,50 @@
+//! The fraction as the images' pull sees it.
+
+use super::couch::Couch;
+use crate::body;
+use crate::config::Config;
+use crate::error::Result;
+use crate::geometry::Grid;
+use crate::view::ViewReport;
+use crate::volume::{Mask, Volume};
+use std::borrow::Cow;
+
+/// The values on a part of a volume's grid.
+fn part<T: Copy + Send + Sync>(volume: &Volume<T>, grid: &Grid, beyond: T) -> Volume<T> {
+    let whole = volume.grid();
+    let value = |n: usize| whole.voxel_at(&grid.centre(grid.voxel(n))).map_or(beyond, |voxel| *volume.at(voxel));
+    Volume::from_fn(grid.clone(), value)
+}
+
+/// A fraction CT with the patient in it.
+pub(super) struct Fraction<'a> {
+    /// HU; no number where nothing was measured.
+    pub(super) ct: Cow<'a, Volume<f32>>,
+    /// Inside of the skin.
+    pub(super) body: Mask,
+    /// What of it was measured.
+    pub(super) view: ViewReport,
+}
+
+impl<'a> Fraction<'a> {
+    /// Finds the patient.
+    ///
+    /// # Errors
+    /// As [`body::find`].
+    pub(super) fn new(ct: Cow<'a, Volume<f32>>, view: ViewReport, config: &Config) -> Result<Self> {
+        let body = body::find(&ct, None, &config.body)?;
+        Ok(Self { ct, body, view })
+    }
+
+    /// In the frame that the couch has brought along.
+    pub(super) fn shifted(&self, couch: &Couch) -> Fraction<'static> {
+        let ct = couch.volume(Volume::clone(&self.ct));
+        Fraction { ct: Cow::Owned(ct), body: couch.volume(self.body.clone()), view: self.view.clone() }
+    }
+
+    /// The part of it on a part of its grid.
+    pub(super) fn part(&self, grid: &Grid) -> Fraction<'static> {
+        let ct = part(&self.ct, grid, f32::NAN);
+        Fraction { ct: Cow::Owned(ct), body: part(&self.body, grid, false), view: self.view.clone() }
+    }
+}

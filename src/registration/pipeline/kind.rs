@@ -1,0 +1,89 @@
+//! What kind of image a fraction is, in one line.
+
+use crate::refine::GreyValues;
+use crate::view::ViewReport;
+use crate::warning::Warning;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// A fraction of whose grid more than this was not measured is cut, percent.
+const UNMEASURED_PERCENT: f64 = 1.0;
+
+/// What kind of image the fraction is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FractionKind {
+    /// What of it was measured.
+    pub view: ViewReport,
+    /// How its grey values agree with planning's; `None` where too little soft tissue is seen in both.
+    pub grey: Option<GreyValues>,
+    /// Whether images pulled with its grey values corrected.
+    pub corrected: bool,
+}
+
+impl fmt::Display for FractionKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut told = Vec::new();
+        if let Some(grey) = &self.grey {
+            told.push(format!("slope {:.2}, shading {:.0} HU", grey.gain.recip(), grey.shading));
+        }
+        if let Some(circle) = &self.view.circle {
+            told.push(format!("circle of {:.0} mm", 2.0 * circle.radius_mm));
+            if circle.rim_mm > 0.0 {
+                told.push(format!("bright rim of {:.0} mm", circle.rim_mm));
+            }
+        } else if let Some(padding) = self.view.padding {
+            told.push(format!("padded with {padding}"));
+        }
+        let blank: usize = self.view.blank.as_flattened().iter().sum();
+        if blank > 0 {
+            told.push(format!("{blank} blank slices"));
+        }
+        f.write_str(if self.corrected { "CBCT-like" } else { "CT" })?;
+        if told.is_empty() { Ok(()) } else { write!(f, " ({})", told.join(", ")) }
+    }
+}
+
+impl FractionKind {
+    /// What the user should know of it.
+    pub(super) fn warnings(&self) -> Vec<Warning> {
+        let mut out = Vec::new();
+        if self.corrected {
+            let message = format!(
+                "the fraction is {self}: its soft tissue was compared after shading was taken out by planning's grey values; \
+                 expect errors two to three times those of a CT, and do not compute dose on its HU"
+            );
+            out.push(Warning::new("shaded-fraction", message));
+        }
+        let unmeasured = 100.0 - self.view.measured_percent;
+        if unmeasured > UNMEASURED_PERCENT {
+            let message = format!(
+                "{unmeasured:.0} % of the fraction's grid was not measured: there bones follow their joints and tissue follows \
+                 bones; see the map of uncertainty"
+            );
+            out.push(Warning::new("cut-fraction", message));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::Circle;
+
+    #[test]
+    fn says_in_one_line_what_a_fraction_is() {
+        let grey = GreyValues { gain: 1.25, offset: 20.0, shading: 118.0, left: 30.0 };
+        let circle = Circle { centre_mm: [0.0; 3], along: 2, radius_mm: 125.0, rim_mm: 0.0 };
+        let view =
+            ViewReport { circle: Some(circle), padding: Some(-1000.0), measured_percent: 40.0, ..Default::default() };
+        let kind = FractionKind { view, grey: Some(grey), corrected: true };
+        assert_eq!(kind.to_string(), "CBCT-like (slope 0.80, shading 118 HU, circle of 250 mm)");
+        let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
+        assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
+        let all = ViewReport { measured_percent: 100.0, ..Default::default() };
+        let ct = FractionKind { view: all, grey: None, corrected: false };
+        assert_eq!(ct.to_string(), "CT");
+        assert!(ct.warnings().is_empty());
+    }
+}

@@ -1,0 +1,90 @@
+//! Gain and offset of the fraction's grey values place by place: what is left of shading, finer than it was taken out.
+//!
+//! With them the squared difference of two neighbourhoods is what their correlation leaves unexplained (the squared differences
+//! of Cachier et al. 2003 for local correlation), and stays a quadratic in an element's step.
+
+use super::level::mean_edge;
+use crate::chainmail::Lattice;
+use crate::volume::{Volume, gaussian};
+use rayon::prelude::*;
+
+/// Points of an element's eight that are compared: four that no two share an edge of.
+const POINTS: [usize; 4] = [0, 3, 5, 6];
+/// Least share of a neighbourhood that both scans must show.
+const LEAST: f64 = 1e-4;
+/// A neighbourhood's gain departs from the common one by this factor at most.
+const FACTOR: f64 = 2.0;
+
+/// Gain, offset and noise at each soft element (in the order of `soft`, nodes of the lattice), given the common ones. `pair` is
+/// planning's and the fraction's HU at a point of an element, where both show it.
+pub(super) fn grey_values(
+    (lattice, soft): (&Lattice, &[u32]),
+    neighbourhood_mm: f64,
+    (gain, offset, noise): (f64, f64, f64),
+    pair: impl Fn(usize, usize) -> Option<(f64, f64)> + Sync,
+) -> Vec<(f64, f64, f64)> {
+    let sigma = neighbourhood_mm.max(mean_edge(&lattice.grid.spacing()));
+    let sums: Vec<[f32; 5]> = (0..soft.len())
+        .into_par_iter()
+        .map(|s| {
+            let mut sums = [0f64; 5];
+            for (p, f) in POINTS.iter().filter_map(|point| pair(s, *point)) {
+                let more = [1.0, p, f, p * f, f * f];
+                sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+            }
+            sums.map(|sum| sum as f32)
+        })
+        .collect();
+    let around = |n: usize| {
+        let mut values = vec![0f32; lattice.node.len()];
+        soft.iter().zip(&sums).for_each(|(&node, sums)| values[node as usize] = sums[n]);
+        gaussian(&Volume::new(lattice.grid.clone(), values).expect("one value per node"), sigma)
+    };
+    let sums: Vec<Volume<f32>> = (0..5).into_par_iter().map(around).collect();
+    // Where there is little contrast the common gain holds.
+    let ridge = noise * noise;
+    let of = |&node: &u32| {
+        let [n, p, f, pf, ff]: [f64; 5] = std::array::from_fn(|q| f64::from(sums[q].data()[node as usize]));
+        if n < LEAST {
+            return (gain, offset, noise);
+        }
+        let (p, f) = (p / n, f / n);
+        let (both, own) = (pf / n - p * f, (ff / n - f * f).max(0.0));
+        let here = ((both + ridge * gain) / (own + ridge)).clamp(gain / FACTOR, gain * FACTOR);
+        (here, p - here * f, noise)
+    };
+    soft.par_iter().map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chainmail::{Material, Node};
+    use crate::geometry::Grid;
+
+    #[test]
+    fn gain_and_offset_follow_the_shading_and_hold_where_nothing_is_seen() {
+        let grid = Grid::axis_aligned([24, 12, 12], [4.0; 3], [0.0; 3]).unwrap();
+        let node = |n: usize| match grid.voxel(n) {
+            at if at.iter().zip(grid.size()).any(|(&c, n)| c == 0 || c + 1 == n) => Node::Outside,
+            _ => Node::Soft,
+        };
+        let node: Vec<Node> = (0..grid.len()).map(node).collect();
+        let lattice = Lattice::from_nodes(grid.clone(), node, vec![Material::default().at(20.0); grid.len()]);
+        let soft: Vec<u32> = lattice.soft().collect();
+        let x = |s: usize| lattice.rest(soft[s] as usize).x;
+        // Contrast of 60 HU from point to point; the fraction is 1.25 times weaker and grows darker along x.
+        let truth = |s: usize, point: usize| if (s + point) % 3 == 0 { 50.0 } else { -10.0 };
+        let shade = |s: usize| -2.0 * x(s);
+        let pair = |s: usize, point: usize| (x(s) < 70.0).then(|| (truth(s, point), 0.8 * truth(s, point) + shade(s)));
+        let found = grey_values((&lattice, &soft), 6.0, (1.0, 0.0, 6.0), pair);
+        for (s, (gain, offset, _)) in found.iter().enumerate() {
+            if x(s) > 92.0 {
+                assert!((gain - 1.0).abs() < 1e-9 && offset.abs() < 1e-9, "nothing is seen near: {gain} {offset}");
+            } else if (20.0..50.0).contains(&x(s)) {
+                let back = gain * (0.8 * 50.0 + shade(s)) + offset;
+                assert!((back - 50.0).abs() < 8.0 && *gain > 1.0, "{} {gain} {offset}", x(s));
+            }
+        }
+    }
+}

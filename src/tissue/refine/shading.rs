@@ -1,0 +1,181 @@
+//! How the grey values of a fraction agree with planning's, and a fraction freed of its shading.
+//!
+//! A cone-beam CT has its own scale, and scatter and beam hardening shade it: the same muscle has other HU in the middle
+//! than at the skin. Where the bones' motion alone brings the two scans together, soft tissue is compared over
+//! neighbourhoods wider than it is off, and what differs there is shading (Marchant et al. 2008 do so with deformable
+//! registration; Zhu et al. 2013 call it a planning prior).
+
+use super::options::ShadingOptions;
+use crate::geometry::Grid;
+use crate::volume::{LabelMap, Mask, Volume, gaussian_ratio, trilinear, trilinear_vector};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Soft tissue in planning, HU.
+const SOFT_HU: std::ops::RangeInclusive<f64> = -150.0..=150.0;
+/// Least HU of tissue in a fraction of any scale.
+const LEAST_HU: f64 = -700.0;
+/// Width (sigma) of the neighbourhoods, mm: wider than soft tissue is off before images pull it.
+const WIDE_MM: f64 = 20.0;
+/// Spacing of the field of shading, mm.
+const SPACING_MM: f64 = 10.0;
+/// Times that gain and shading are found in turn.
+const ROUNDS: usize = 6;
+/// Differences beyond this many times their own spread are something else than shading.
+const OUTLIER: f64 = 2.5;
+/// Fewer nodes tell nothing.
+const FEWEST: usize = 500;
+/// Gains that are believed.
+const GAINS: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+
+/// How the grey values of two scans agree in soft tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct GreyValues {
+    /// What the fraction's HU are multiplied with to be planning's.
+    pub gain: f64,
+    /// What is added then, HU, on the mean.
+    pub offset: f64,
+    /// How far the offset differs from place to place, HU: one standard deviation over soft tissue.
+    pub shading: f64,
+    /// What is left after gain, offset and shading in places as small as a few mm, HU.
+    pub left: f64,
+}
+
+/// How a fraction's grey values differ from planning's, place by place.
+pub struct Shading {
+    /// In short; `None` where too little soft tissue is seen in both.
+    pub grey: Option<GreyValues>,
+    /// What is to be added to the fraction's HU times the gain, on a coarse grid over the fraction.
+    offset: Option<Volume<f32>>,
+}
+
+/// A node of soft tissue that both scans show: its place in the fraction, planning's and the fraction's HU.
+struct Pair {
+    place: Point3<f64>,
+    planning: f64,
+    fraction: f64,
+}
+
+impl Shading {
+    /// Compares two CTs (HU; no number where nothing was measured) by a displacement from planning to fraction (mm, on any
+    /// grid). `body` is the patient in planning, on whose grid the bone labels lie.
+    pub fn of(
+        (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
+        fraction: &Volume<f32>,
+        moved: &Volume<[f32; 3]>,
+    ) -> Self {
+        let pairs = pairs((planning, body, bones), fraction, moved);
+        if pairs.len() < FEWEST {
+            return Self { grey: None, offset: None };
+        }
+        let grid = fraction.grid().coarsened(SPACING_MM);
+        let (mut gain, mut weight) = (1.0, vec![1.0; pairs.len()]);
+        let mut field = Volume::filled(grid.clone(), 0f32);
+        let (mut mean, mut left) = (0.0, f64::MAX);
+        for _ in 0..ROUNDS {
+            let rest: Vec<f64> = pairs.iter().map(|p| p.planning - gain * p.fraction).collect();
+            mean = mean_of(rest.iter().zip(&weight).map(|(r, w)| (*r, *w)));
+            field = smooth(&grid, &pairs, rest.iter().map(|r| r - mean), &weight);
+            let local: Vec<f64> = pairs.iter().map(|p| mean + at(&field, &p.place)).collect();
+            let apart: Vec<f64> = rest.iter().zip(&local).map(|(r, l)| r - l).collect();
+            left = spread(&apart);
+            weight = apart.iter().map(|d| f64::from(d.abs() < OUTLIER * left)).collect();
+            let even = pairs.iter().zip(&local).zip(&weight).filter(|(_, w)| **w > 0.0);
+            gain = gain_of(even.map(|((p, l), _)| (p.planning - l, p.fraction))).unwrap_or(gain);
+        }
+        let shading = mean_of(pairs.iter().map(|p| (at(&field, &p.place).powi(2), 1.0))).sqrt();
+        let grey = GreyValues { gain, offset: mean, shading, left };
+        Self { grey: Some(grey), offset: Some(field.map(|f| f + mean as f32)) }
+    }
+
+    /// The fraction with planning's grey values, where the options ask for it.
+    pub fn corrected(&self, fraction: &Volume<f32>, options: &ShadingOptions) -> Option<Volume<f32>> {
+        let (grey, offset) = (self.grey.as_ref()?, self.offset.as_ref()?);
+        if grey.shading < options.least_hu && (grey.gain - 1.0).abs() < options.least_gain {
+            return None;
+        }
+        let grid = fraction.grid();
+        let value = |l: usize| {
+            let hu = f64::from(fraction.data()[l]);
+            (grey.gain * hu + at(offset, &grid.centre(grid.voxel(l)))) as f32
+        };
+        Some(Volume::from_fn(grid.clone(), value))
+    }
+}
+
+/// Contrast of the first value of each pair over that of the second. Either is noisy, so that a regression would find too
+/// little. `None` where one hardly varies.
+fn gain_of(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
+    let mut s = [0f64; 5];
+    for (p, f) in pairs {
+        s = [s[0] + 1.0, s[1] + p, s[2] + f, s[3] + p * p, s[4] + f * f];
+    }
+    let variance = |n: usize| s[n + 2] / s[0] - (s[n] / s[0]).powi(2);
+    let (p, f) = (variance(1), variance(2));
+    (s[0] > 1.0 && p > 1.0 && f > 1.0).then(|| (p / f).sqrt().clamp(*GAINS.start(), *GAINS.end()))
+}
+
+/// Nodes of homogeneous soft tissue that both scans show.
+fn pairs(
+    (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
+    fraction: &Volume<f32>,
+    moved: &Volume<[f32; 3]>,
+) -> Vec<Pair> {
+    let nodes = moved.grid();
+    let offsets = nodes.eighths();
+    let pair = |n: usize| {
+        let x = nodes.centre(nodes.voxel(n));
+        let own = planning.grid().linear(planning.grid().voxel_at(&x)?);
+        if !body.data()[own] || bones.volume.data()[own] != 0 {
+            return None;
+        }
+        let place = x + trilinear_vector(moved, &nodes.index(&x))?;
+        let (mut p, mut f) = (0.0, 0.0);
+        for o in &offsets {
+            let here = trilinear(planning, &planning.grid().index(&(x + o)))?;
+            let there = trilinear(fraction, &fraction.grid().index(&(place + o)))?;
+            if !SOFT_HU.contains(&here) || there.is_nan() || there < LEAST_HU {
+                return None;
+            }
+            (p, f) = (p + here / 8.0, f + there / 8.0);
+        }
+        Some(Pair { place, planning: p, fraction: f })
+    };
+    (0..nodes.len()).into_par_iter().filter_map(pair).collect()
+}
+
+/// The values at the pairs' places, averaged over neighbourhoods; where there are none near, 0.
+fn smooth(grid: &Grid, pairs: &[Pair], values: impl Iterator<Item = f64>, weight: &[f64]) -> Volume<f32> {
+    let (mut sum, mut count) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
+    for ((pair, value), w) in pairs.iter().zip(values).zip(weight) {
+        if let Some(voxel) = grid.voxel_at(&pair.place) {
+            let l = grid.linear(voxel);
+            sum[l] += (w * value) as f32;
+            count[l] += *w as f32;
+        }
+    }
+    // A little of nothing everywhere: far from all pairs the mean holds.
+    let (sum, count) = [sum, count].map(|v| Volume::new(grid.clone(), v).expect("one value per voxel")).into();
+    gaussian_ratio((&sum, |v| v), (&count, |v| v), WIDE_MM, |sum, count| sum / (count + 1e-4))
+}
+
+/// The value of the nearest place of a coarse volume's hull, trilinear.
+fn at(volume: &Volume<f32>, world: &Point3<f64>) -> f64 {
+    let grid = volume.grid();
+    let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
+    let index = grid.index(world).zip_map(&last, |i, l| i.clamp(0.0, l));
+    trilinear(volume, &index).unwrap_or(0.0)
+}
+
+fn mean_of(values: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (sum, weight) = values.fold((0.0, 0.0), |(s, n), (v, w)| (s + v * w, n + w));
+    sum / weight.max(1.0)
+}
+
+/// Median of the absolute values, as a standard deviation.
+fn spread(values: &[f64]) -> f64 {
+    let mut values: Vec<f64> = values.iter().map(|v| v.abs()).collect();
+    let middle = values.len() / 2;
+    1.4826 * *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
