@@ -213,6 +213,11 @@ pub const FINDINGS: &[Finding] = &[
         "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
     ),
     warned(
+        "levels-shifted",
+        "Names of vertebrae contradict a landmark: the skull on C1, C1's ring and C2's dens, the ribs, the sacrum.",
+        "Count the levels from the landmark that the message names.",
+    ),
+    warned(
         "no-inverse",
         "Points or voxels have no exact pre-image in a field that had to be inverted.",
         "Give the field of the other direction.",

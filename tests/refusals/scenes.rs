@@ -28,10 +28,11 @@ const fn scene(name: &'static str, change: fn(&mut Case), expected: Expected) ->
 }
 
 /// Warnings that speak of the inputs.
-pub const OF_INPUTS: [&str; 7] = [
+pub const OF_INPUTS: [&str; 8] = [
     "hu-doubtful",
     "label-doubtful",
     "label-on-wrong-side",
+    "levels-shifted",
     "vertebra-missing",
     "side-unsure",
     "fraction-scaled",
@@ -46,7 +47,7 @@ const TURNED: Expected = Refused(&["fraction-mirrored", "fraction-turned", "bone
 const SCALED: Expected = Refused(&["fraction-scaled", "bones-not-found"]);
 
 /// What planning CT, labels and fraction CT say by themselves.
-pub const INPUTS: [Scene; 26] = [
+pub const INPUTS: [Scene; 28] = [
     scene("as they are", |_| {}, Silent),
     scene("labels 12 mm to the left", |c| shift(c, [12.0, 0.0, 0.0]), OFF),
     scene("labels 15 mm to the back", |c| shift(c, [0.0, 15.0, 0.0]), OFF),
@@ -77,6 +78,8 @@ pub const INPUTS: [Scene; 26] = [
         Refused(&["labels-mirrored"]),
     ),
     scene("a level without a label", |c| c.bones.names.retain(|_, n| n != "vertebrae_C4"), Warned("vertebra-missing")),
+    scene("vertebrae named a level too low", |c| rename(c, 1), Warned("levels-shifted")),
+    scene("vertebrae named a level too high", |c| rename(c, -1), Warned("levels-shifted")),
     scene("planning CT + 1024", |c| c.planning = c.planning.map(|v| v + 1024.0), NO_HU),
     scene("fraction CT + 1024", |c| c.fraction = c.fraction.map(|v| v + 1024.0), NO_HU),
     scene(
@@ -132,6 +135,19 @@ fn reversed<T: Copy + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> 
 
 fn reverse_labels(case: &mut Case, axis: usize) {
     case.bones.volume = reversed(&case.bones.volume, axis);
+}
+
+/// Vertebrae under the name of the level so far below; who has no such name loses his.
+fn rename(case: &mut Case, by: isize) {
+    let levels: Vec<String> = [("C", 7), ("T", 12), ("L", 5)]
+        .into_iter()
+        .flat_map(|(part, count)| (1..=count).map(move |n| format!("vertebrae_{part}{n}")))
+        .collect();
+    let renamed = |name: &String| match levels.iter().position(|l| l == name) {
+        Some(n) => n.checked_add_signed(by).and_then(|n| levels.get(n)).cloned(),
+        None => Some(name.clone()),
+    };
+    case.bones.names = case.bones.names.iter().filter_map(|(label, name)| Some((*label, renamed(name)?))).collect();
 }
 
 /// Labels moved by whole voxels that come nearest to this, LPS mm.
