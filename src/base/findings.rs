@@ -131,7 +131,7 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned(
         "fit-iterations",
-        "The fit of a bone stopped at its iteration limit.",
+        "The fit stopped at its iteration limit while it still moved bones.",
         "Look at the bones named; raise fit.max_iterations if they are off.",
     ),
     warned(

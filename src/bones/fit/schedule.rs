@@ -129,7 +129,7 @@ pub fn fit_pose(
     let (fit, found, scale) = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
     scale.judge()?;
     let coarse = (&level.drawn.all, &level.fraction);
-    Err(not_found((&fit, found), coarse, (samples, fraction), options)?)
+    Err(not_found((&fit, found), coarse, (samples, fraction, skeleton), options)?)
 }
 
 /// Where a fit begins.
@@ -193,7 +193,7 @@ impl<'a> Fitter<'a> {
         stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
         let before = self.evaluate(&level, &vec![common; transforms.len()]);
         let after = self.evaluate(&level, &transforms);
-        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
+        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution);
         let found = found_share(skeleton, &bones);
         let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == "image").collect();
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
@@ -390,9 +390,11 @@ impl<'a> Fitter<'a> {
         before: &[Evaluation],
         after: &[Evaluation],
         dropped: &[bool],
-        curvature: &DMatrix<f64>,
+        solution: &Solution,
     ) -> Vec<BoneFit> {
-        let sd = deviations(curvature);
+        let sd = deviations(&solution.curvature);
+        // Rotation and shift, both in mm at the bone's radius.
+        let next = |b: usize| [0, 3].map(|part| solution.next.fixed_rows::<3>(6 * b + part).norm());
         self.skeleton
             .bones
             .iter()
@@ -410,6 +412,7 @@ impl<'a> Fitter<'a> {
                     similarity_before: (before[b].visible > 0.0).then(|| before[b].explained.max(0.0)),
                     similarity_after: seen.then(|| after[b].explained.max(0.0)),
                     stop: stops[b].clone(),
+                    unsettled_mm: next(b).into_iter().fold(0.0, f64::max),
                     position_sd_mm: sd(6 * b + 3),
                     rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
                     limit_excess: excess,
