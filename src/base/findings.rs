@@ -213,6 +213,11 @@ pub const FINDINGS: &[Finding] = &[
         "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
     ),
     warned(
+        "level-unsure",
+        "The fraction CT shows a short piece of the spine that would fit another level nearly as well.",
+        "Check the levels in the fusion images; place a vertebra with --bone-landmarks.",
+    ),
+    warned(
         "levels-shifted",
         "Names of vertebrae contradict a landmark: the skull on C1, C1's ring and C2's dens, the ribs, the sacrum.",
         "Count the levels from the landmark that the message names.",

@@ -90,7 +90,7 @@ pub(super) fn not_found(
              DICOM series, and look at both scans in one viewer",
         ),
         None => {
-            let cause = hidden_by(fraction, skeleton_volume_mm3(skeleton));
+            let cause = hidden_by(fraction, bone_in_height(skeleton, &drawn.all, fraction));
             Error::failed(
                 "bones-not-found",
                 cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
@@ -101,9 +101,15 @@ pub(super) fn not_found(
     })
 }
 
-/// Volume of all bones, mm^3.
-fn skeleton_volume_mm3(skeleton: &Skeleton) -> f64 {
-    skeleton.bones.iter().map(|b| b.volume_mm3).sum()
+/// Volume of bone, mm^3, that a scan as high as the fraction shows of the labelled bones on the mean.
+fn bone_in_height(skeleton: &Skeleton, samples: &Samples, fraction: &Volume<f32>) -> f64 {
+    let range = |z: &mut dyn Iterator<Item = f64>| {
+        let [low, high] = z.fold([f64::MAX, f64::MIN], |[low, high], z| [low.min(z), high.max(z)]);
+        (high - low).max(1.0)
+    };
+    let labelled = range(&mut samples.points.iter().map(|p| p.z));
+    let shown = range(&mut fraction.grid().corners().iter().map(|p| p.z));
+    skeleton.bones.iter().map(|b| b.volume_mm3).sum::<f64>() * (shown / labelled).min(1.0)
 }
 
 /// HU from which a voxel is dense, and from which it is metal: cortical bone ends below 2000 HU, teeth below 3000.
@@ -128,7 +134,8 @@ fn hidden_by(fraction: &Volume<f32>, bones_mm3: f64) -> Option<String> {
     }
     (dense * ml < LEAST_DENSE * bones_mm3 / 1000.0).then(|| {
         format!(
-            "the fraction CT holds {:.0} ml above {DENSE_HU} HU, the labels {:.0} ml of bone: it shows another region, or no bone",
+            "the fraction CT holds {:.0} ml above {DENSE_HU} HU, the labels {:.0} ml of bone on such a height: it shows another \
+             region, or no bone",
             dense * ml,
             bones_mm3 / 1000.0
         )

@@ -42,11 +42,13 @@ pub struct BoneFit {
 }
 mod accept;
 mod given;
+mod level;
 mod lie;
 mod mirror;
 mod planning;
 mod prior;
 mod problem;
+mod rivals;
 mod samples;
 mod scale;
 mod schedule;

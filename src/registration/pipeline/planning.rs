@@ -160,7 +160,7 @@ impl Planning {
 }
 
 /// Judges planning CT and labels by themselves and against each other.
-fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+pub(super) fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
     let mut warnings = check_image("planning CT", &case.planning, config)?;
     warnings.extend(config.checks.told(sides_and_levels(&case.bones))?);
     warnings.extend(levels_by_landmarks(&case.bones));
@@ -169,7 +169,7 @@ fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<V
 }
 
 /// The user's skeleton, or the one that the labels give.
-fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
+pub(super) fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
     let built = skeleton::build(&case.bones)?;
     let mut warnings = built.warnings;
     let ignored: Vec<&str> =

@@ -1,7 +1,7 @@
 //! The registration: one call per stage.
 
 use super::carry::{carry_out, images_pull};
-use super::planning::{Patient, Planning, Resting};
+use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::body;
@@ -14,6 +14,7 @@ use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
+use rayon::prelude::*;
 
 /// Registers a case.
 ///
@@ -82,6 +83,20 @@ fn carried(
     Ok(outcome)
 }
 
+/// Judges the inputs of a case by themselves and against each other, as [`register`] does before its long work; nothing is
+/// registered.
+///
+/// # Errors
+/// [`Error::Input`] when they do not fit each other.
+pub fn check_inputs(case: &Case, config: &Config) -> Result<Vec<Warning>> {
+    let mut warnings = check_fraction(&case.fraction, config)?;
+    check_labels(case)?;
+    let (skeleton, found) = skeleton_of(case, config)?;
+    warnings.extend(found);
+    warnings.extend(check_planning(case, &skeleton, config)?);
+    Ok(warnings)
+}
+
 /// A mask on a part of its grid.
 fn part_of_body(body: &Mask, grid: &Grid) -> Mask {
     let whole = body.grid();
@@ -143,6 +158,11 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> R
     let first = image.data()[0];
     if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
         return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
+    }
+    let odd = image.data().par_iter().filter(|v| !v.is_finite()).count();
+    if odd > 0 {
+        let problem = format!("{odd} voxels are NaN or infinite");
+        return Err(Error::input(what, problem, "give a CT whose every voxel has a value, in HU"));
     }
     config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
 }
