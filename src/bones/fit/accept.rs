@@ -116,7 +116,7 @@ fn bone_in_height(skeleton: &Skeleton, samples: &Samples, fraction: &Volume<f32>
 const DENSE_HU: f32 = 250.0;
 const METAL_HU: f32 = 2500.0;
 /// More of what is dense than this share is no filling of a tooth.
-const MOST_METAL: f64 = 0.03;
+const MOST_METAL: f64 = 0.05;
 /// Less that is dense than this share of the labelled bones is another region, or another patient.
 const LEAST_DENSE: f64 = 0.2;
 

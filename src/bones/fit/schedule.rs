@@ -91,16 +91,17 @@ pub fn fit_pose(
     let mut refused = None;
     for begin in starts {
         let mut tried = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
+        // Of starts that lead nowhere the best one is worth a look at the levels beside it.
+        if start.is_none() && (refused.is_none() || tried.found >= LEAST_FOUND) {
+            let again = |common| {
+                let share = level.explained(&common, options.measure);
+                let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
+                fitter.from(begin, (samples, fraction), true, progress)
+            };
+            let explained = |common: &Rigid| level.explained(common, options.measure);
+            tried = best_level(&fitter, tried, fraction.grid(), again, explained)?;
+        }
         if tried.found >= LEAST_FOUND {
-            if start.is_none() {
-                let again = |common| {
-                    let share = level.explained(&common, options.measure);
-                    let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
-                    fitter.from(begin, (samples, fraction), true, progress)
-                };
-                let explained = |common: &Rigid| level.explained(common, options.measure);
-                tried = best_level(&fitter, tried, fraction.grid(), again, explained)?;
-            }
             let Tried { mut fit, found, scale, .. } = tried;
             accept(&mut fit, (&scale, found), (&level.drawn.all, &level.fraction), options.measure)?;
             return Ok(fit);
