@@ -91,8 +91,7 @@ pub fn fit_pose(
     let mut refused = None;
     for begin in starts {
         let mut tried = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
-        // Of starts that lead nowhere the best one is worth a look at the levels beside it.
-        if start.is_none() && (refused.is_none() || tried.found >= LEAST_FOUND) {
+        if start.is_none() && tried.found >= LEAST_FOUND {
             let again = |common| {
                 let share = level.explained(&common, options.measure);
                 let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
