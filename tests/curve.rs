@@ -44,7 +44,7 @@ fn every_setting_of_the_plan_is_a_point_beside_the_peers() {
         .arg("2")
         .assert()
         .success();
-    assert_eq!(files_below(&out), ["curve.csv", "curve.md", "curve.png"]);
+    assert_eq!(files_below(&out), ["curve.csv", "curve.json", "curve.md", "curve.png"]);
     let table = fs::read_to_string(out.join("curve.csv")).expect("it was written");
     let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|l| l.split(',').collect()).collect();
     assert_eq!(rows.iter().map(|r| r[1]).collect::<Vec<_>>(), ["none", "both", "1", "2", "other tool"], "{table}");

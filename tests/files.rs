@@ -371,3 +371,80 @@ fn arguments_that_are_no_text_work_to_the_end() {
     evaluate.assert().success();
     aventail().arg("inspect").arg(at(b"judged")).assert().success();
 }
+
+/// Runs a verb of words whose files are named by their key.
+fn run(line: &str, names: &[(&str, PathBuf)]) -> Assert {
+    let word = |w| names.iter().find(|(key, _)| *key == w).map_or_else(|| PathBuf::from(w), |(_, path)| path.clone());
+    aventail().args(line.split(' ').map(word)).assert()
+}
+
+#[test]
+fn every_verb_leaves_checksums_that_inspect_verifies() {
+    let home = folder().join("sums");
+    fs::create_dir_all(&home).unwrap();
+    let plan = "[[table]]\ntitle = 'T'\nsource = ''\n[[table.stage]]\nid = 'near'\nname = 'n'\nsettings = { \
+                soft_tissue = 'nearest-bone', preset = 'fast' }\n";
+    fs::write(home.join("plan.toml"), plan).unwrap();
+    fs::write(home.join("other.toml"), plan.replace("near'\n", "other'\n")).unwrap();
+    let data = |name: &str| phantom().planning.with_file_name(name);
+    let mut names: Vec<(&str, PathBuf)> = vec![
+        ("{dose}", data("dose.nii.gz")),
+        ("{field}", data("true_planning_to_fraction.nii.gz")),
+        ("{contours}", data("contours.json")),
+        ("{ct}", data("fraction_ct.nii.gz")),
+        ("{bones}", data("bones.nii.gz")),
+        ("{planning}", data("planning_ct.nii.gz")),
+        ("{landmarks}", data("landmarks.csv")),
+        ("{run}", done().to_owned()),
+        ("{plan}", home.join("plan.toml")),
+        ("{other}", home.join("other.toml")),
+    ];
+    let folders = [
+        ("dvh", "dvh_figures.csv", "dose dvh --dose {dose} --structures {contours} --out {out}"),
+        ("compare", "dose_difference.nii.gz", "dose compare --dose {dose} --reference {dose} --out {out}"),
+        ("study", "stages/near.json", "study -q --case {run} --plan {plan} --out {out}"),
+        ("concepts", "concepts.json", "study -q --concepts --out {out}"),
+        (
+            "curve",
+            "curve.md",
+            "curve -q --threads 1 --planning {planning} --bones {bones} --fraction {ct} --landmarks {landmarks} --plan {plan} --out {out}",
+        ),
+        ("phantom", "fraction_2/landmarks.csv", "phantom --spacing 20x20x20 --out {out}"),
+    ];
+    for (name, file, line) in folders {
+        let out = home.join(name);
+        names.push(("{out}", out.clone()));
+        run(line, &names).success();
+        let text =
+            String::from_utf8(aventail().arg("inspect").arg(&out).assert().success().get_output().stdout.clone());
+        let told = text.unwrap();
+        assert!(told.contains("as its report says") && !told.contains(" 0 files"), "{line}: {told}");
+        // Every file is listed, but for the record itself.
+        let count = files_below(&out).len() - 1;
+        assert!(told.contains(&format!(" {count} files")), "{line}: {told} {:?}", files_below(&out));
+        if !file.ends_with("concepts.json") {
+            fs::write(out.join(file), "other").unwrap();
+            let message = stderr(&aventail().arg("inspect").arg(&out).assert().code(4));
+            assert!(message.contains(file) && message.contains("[run-changed]"), "{line}: {message}");
+        }
+        names.pop();
+    }
+    // A study of other stages takes away what the one before has left; a folder of one verb is none of another's.
+    names.push(("{out}", home.join("study")));
+    run("study -q --case {run} --plan {other} --out {out}", &names).success();
+    let left = files_below(&home.join("study"));
+    assert!(left.iter().all(|f| !f.contains("near")) && left.iter().any(|f| f == "stages/other.json"), "{left:?}");
+    aventail().arg("inspect").arg(home.join("study")).assert().success();
+    names.push(("{single}", home.join("single.nii.gz")));
+    names.push(("{json}", home.join("single.json")));
+    names.push(("{taken}", data("dose.nii.gz")));
+    let map = "dose map --dose {dose} --to fraction --planning-to-fraction {field} --grid {ct} --out";
+    run(&format!("{map} {{single}}"), &names).success();
+    run("inspect {json}", &names).success();
+    fs::write(home.join("single.nii.gz"), "other").unwrap();
+    assert!(stderr(&run("inspect {json}", &names).code(4)).contains("single.nii.gz"));
+    names[0].1 = home.join("copy.nii.gz");
+    fs::copy(data("dose.nii.gz"), home.join("copy.nii.gz")).unwrap();
+    let message = stderr(&run(&format!("{map} {{taken}}"), &names).code(4));
+    assert!(message.contains("[folder-of-another-run]") && message.contains("phantom.json"), "{message}");
+}

@@ -136,7 +136,7 @@ pub const FINDINGS: &[Finding] = &[
     ),
     warned(
         "fit-iterations",
-        "The fit of a bone stopped at its iteration limit.",
+        "The fit stopped at its iteration limit while it still moved bones.",
         "Look at the bones named; raise fit.max_iterations if they are off.",
     ),
     warned(
@@ -226,6 +226,16 @@ pub const FINDINGS: &[Finding] = &[
         "landmarks-worse",
         "Landmarks are farther off after the registration than under the couch shift alone.",
         "Look at the fusion images there; check that both positions show the same point.",
+    ),
+    warned(
+        "level-unsure",
+        "The fraction CT shows a short piece of the spine that would fit another level nearly as well.",
+        "Check the levels in the fusion images; place a vertebra with --bone-landmarks.",
+    ),
+    warned(
+        "levels-shifted",
+        "Names of vertebrae contradict a landmark: the skull on C1, C1's ring and C2's dens, the ribs, the sacrum.",
+        "Count the levels from the landmark that the message names.",
     ),
     warned(
         "no-inverse",

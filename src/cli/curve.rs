@@ -2,7 +2,7 @@
 
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
 use super::register::progress;
-use super::{planned, run_folder};
+use super::{planned, record, run_folder};
 use crate::config::{Config, StudyPlan};
 use crate::error::{Error, Result};
 use crate::phantom::{Phantom, PhantomOptions};
@@ -18,7 +18,7 @@ pub(super) const HELP: &str = "\
 Every setting of the plan is registered anew, one after the other, and the default with fewer threads; the time is that of the
 registration in memory. The error is
 the mean distance of the landmarks from where they should be. Without a case of your own it is measured on the phantom, at
-20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md.
+20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md; curve.json has their checksums for `aventail inspect`.
 
 --peers takes a table with the columns name, seconds, error_mm: other tools' results on the same case, drawn beside.
 
@@ -72,7 +72,7 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     let peers = args.peers.as_deref().map(read_peers).transpose()?.unwrap_or_default();
     let files = [&args.planning, &args.bones, &args.labels, &args.fraction, &args.landmarks, &args.plan, &args.peers];
     let files: Vec<&Path> = files.into_iter().filter_map(|p| p.as_deref()).collect();
-    let mut folder = run_folder(&args.out, &planned(&["curve.md"], &["curve.csv", "curve.png"]), &files)?;
+    let mut folder = run_folder(&args.out, &planned(&["curve.json"], &["curve.md", "curve.csv", "curve.png"]), &files)?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let (title, case) = load(args, &runtime)?;
     let mut points = BTreeMap::new();
@@ -98,6 +98,12 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     }
     folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
+    let mut inputs = case.inputs.clone();
+    for (role, path) in [("landmarks", &args.landmarks), ("plan", &args.plan), ("peers", &args.peers)] {
+        let known = inputs.iter().any(|i| i.role == role);
+        inputs.extend(path.as_deref().filter(|_| !known).map(|p| record::input(role, p)).transpose()?);
+    }
+    record::write(&folder, &args.out, "curve.json", inputs)?;
     folder.finish();
     Ok(format!("{text}\nThe picture: {}", args.out.join("curve.png").display()))
 }

@@ -15,6 +15,7 @@ mod organs;
 mod outputs;
 mod phantom;
 pub mod pose;
+mod record;
 mod register;
 mod skeleton;
 pub mod study;

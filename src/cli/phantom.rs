@@ -1,7 +1,7 @@
 //! `aventail phantom`: the phantom as files, with everything that is true about it.
 
 use super::args::PhantomArgs;
-use super::run_folder;
+use super::{record, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::field::FieldFormat;
@@ -11,13 +11,16 @@ use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
 use std::path::Path;
 
+/// Tells what was written, with checksums.
+const RECORD: &str = "phantom.json";
+
 /// Writes the phantom into the folder; returns what was written and how to register it.
 ///
 /// # Errors
 /// When an option makes no image, the pose file cannot be read, or the folder cannot be written.
 pub fn run(args: &PhantomArgs) -> Result<String> {
     let options = options(args)?;
-    let planned = Planned { reports: Vec::new(), names: names(args) };
+    let planned = Planned { reports: vec![RECORD.into()], names: names(args) };
     let inputs: Vec<&Path> = args.pose.as_deref().into_iter().collect();
     let mut folder = run_folder(&args.out, &planned, &inputs)?;
     let runtime = Runtime::new(args.threads, super::register::progress(false))?;
@@ -25,6 +28,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
         folder.begin()?;
         let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;
         runtime.stage("write", || write_object(&object, &args.out))?;
+        record::write(&folder, &args.out, RECORD, Vec::new())?;
         folder.finish();
         return Ok(object_text(&object, &args.out));
     }
@@ -42,6 +46,8 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
         let second = runtime.stage("make the second fraction", || Phantom::new(&second))?;
         runtime.stage("write", || write_fraction(&second, &second_folder))?;
     }
+    let inputs = args.pose.iter().map(|path| record::input("pose", path)).collect::<Result<_>>()?;
+    record::write(&folder, &args.out, RECORD, inputs)?;
     folder.finish();
     let out = args.out.display();
     Ok(format!(

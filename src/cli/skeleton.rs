@@ -4,6 +4,7 @@ use super::args::SkeletonArgs;
 use crate::error::{Error, Result};
 use crate::io::skeleton::{load_override, write_skeleton};
 use crate::io::{check_files, check_place, read_labels};
+use crate::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
@@ -38,6 +39,9 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
     let labels = read_labels(&args.bones, args.labels.as_deref())?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
     shown.warnings.splice(0..0, labels.warnings);
+    // Nothing is registered yet: what would be refused then is told here.
+    shown.warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&labels.value))?);
+    shown.warnings.extend(levels_by_landmarks(&labels.value));
     if args.json { shown.json() } else { Ok(shown.text()) }
 }
 

@@ -3,7 +3,7 @@
 use super::inputs::config_file;
 use super::organs;
 use super::register::progress;
-use super::{planned, run_folder};
+use super::{planned, record, run_folder};
 use crate::concepts;
 use crate::config::{Config, RecordedInput, StudyPlan};
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use crate::geometry::Rigid;
 use crate::io::{self, checksum::sha256};
 use crate::pipeline::{Case, carry_again};
 use crate::progress::Progress;
-use crate::report::{Report, StageRecord, finished_stage, write_concepts, write_stage, write_study};
+use crate::report::{Report, StageRecord, finished_stage, stage_files, write_concepts, write_stage, write_study};
 use crate::runtime::Runtime;
 use clap::Args;
 use nalgebra::{Translation3, UnitQuaternion};
@@ -28,7 +28,7 @@ functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initi
 
 Example:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
-  aventail study --case run --out study     # study/study.html, study.md, study.csv
+  aventail study --case run --out study     # study/study.html, study.md, study.csv; study.json has checksums
   aventail study --concepts --out concepts";
 
 /// Options of `study`.
@@ -66,12 +66,16 @@ pub fn run(args: &StudyArgs) -> Result<String> {
     }
 }
 
+/// Files of a study that hold all its stages.
+const TABLES: [&str; 3] = ["study.md", "study.csv", "study.html"];
+
 fn concept_figures(args: &StudyArgs) -> Result<String> {
-    let mut folder = run_folder(&args.out, &planned(&[], &[]), &[])?;
+    let mut folder = run_folder(&args.out, &planned(&["concepts.json"], &[]), &[])?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
     let figures = runtime.stage("concept figures", || concepts::figures(runtime.progress()))?;
     folder.begin()?;
     let names = runtime.stage("write", || write_concepts(&args.out, &figures))?;
+    record::write(&folder, &args.out, "concepts.json", Vec::new())?;
     folder.finish();
     let lines = figures.iter().zip(&names).map(|(f, name)| format!("{name}: {}. {}", f.title, f.caption));
     Ok(lines.collect::<Vec<_>>().join("\n"))
@@ -84,10 +88,13 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     let recorded: Vec<RecordedInput> = recorded.map(|file| file.inputs).unwrap_or_default();
     let mut files: Vec<&Path> = args.plan.as_deref().into_iter().collect();
     files.extend(recorded.iter().map(|i| i.path.as_path()).filter(|p| p.exists()));
-    // Stages that are finished stay, whatever became of the study.
-    let mut folder = run_folder(&args.out, &planned(&[], &["study.md", "study.csv", "study.html"]), &files)?;
-    folder.go_on();
+    let mut folder = run_folder(&args.out, &planned(&["study.json"], &TABLES), &files)?;
     let moved = Moved::load(case)?;
+    // Stages that are finished stay, whatever becomes of the study.
+    let ids: Vec<&str> = stages.iter().map(|(stage, _)| stage.id.as_str()).collect();
+    let own: Vec<PathBuf> =
+        TABLES.map(PathBuf::from).into_iter().chain(ids.iter().flat_map(|id| stage_files(id))).collect();
+    folder.go_on(|name| own.iter().any(|o| o == name))?;
     let mut records = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
         let settings = config.value()?;
@@ -104,6 +111,9 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         write_study(&args.out, &moved.title, &plan, &records)?;
     }
     let text = write_study(&args.out, &moved.title, &plan, &records)?;
+    let mut inputs = vec![record::input("case", &case.join("report.json"))?];
+    inputs.extend(args.plan.as_deref().map(|plan| record::input("plan", plan)).transpose()?);
+    record::write_of(&own, &args.out, "study.json", inputs)?;
     folder.finish();
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
 }

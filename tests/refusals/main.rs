@@ -3,14 +3,17 @@
 
 #![expect(clippy::print_stdout, reason = "the table is shown with --nocapture")]
 
+mod runs;
 mod scenes;
 
 use aventail::Error;
 use aventail::config::Config;
 use aventail::io::{read_image, read_labels};
 use aventail::phantom::{Phantom, PhantomOptions};
-use aventail::pipeline::{Case, Outcome, Planning, check_fraction, register};
+use aventail::pipeline::{Case, Outcome, check_inputs, register};
 use aventail::runtime::Runtime;
+use nalgebra::Vector3;
+use runs::RUNS;
 use scenes::{ALIKE, Expected, FRACTION, INPUTS, Scene};
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -18,6 +21,14 @@ use std::sync::OnceLock;
 fn phantom() -> &'static Case {
     static ONE: OnceLock<Case> = OnceLock::new();
     ONE.get_or_init(|| Phantom::new(&PhantomOptions::coarse()).expect("the options are sensible").into())
+}
+
+/// Head and neck at 3 mm, with what is true about them.
+fn neck() -> &'static Phantom {
+    static ONE: OnceLock<Phantom> = OnceLock::new();
+    let options =
+        PhantomOptions { size: [88, 84, 100], spacing_mm: [3.0; 3], edge_mm: 2.7, ..PhantomOptions::default() };
+    ONE.get_or_init(|| Phantom::new(&options).expect("the options are sensible"))
 }
 
 /// The real case, or `None` and a line that says why.
@@ -49,10 +60,7 @@ fn config() -> Config {
 
 /// What judging the inputs alone gives.
 fn judged(case: &Case) -> Result<Vec<String>, Error> {
-    let (config, runtime) = (config(), Runtime::silent()?);
-    let mut codes: Vec<String> = check_fraction(&case.fraction, &config)?.into_iter().map(|w| w.code).collect();
-    codes.extend(Planning::new(case, &config, &runtime)?.warnings().iter().map(|w| w.code.clone()));
-    Ok(codes)
+    Ok(check_inputs(case, &config())?.into_iter().map(|w| w.code).collect())
 }
 
 fn registered(case: &Case) -> Result<Vec<String>, Error> {
@@ -63,6 +71,7 @@ fn registered(case: &Case) -> Result<Vec<String>, Error> {
 /// What is wrong with how a scene ended.
 fn wrong(scene: &Scene, found: Result<Vec<String>, Error>) -> Option<String> {
     let (told, right) = match (&found, scene.expected) {
+        (Err(e), Expected::Exit(code)) => (format!("refused: {e}"), e.exit_code() == code),
         (Err(e), Expected::Refused(codes)) => (format!("refused: {}", e.code()), codes.contains(&e.code())),
         (Ok(codes), Expected::Warned(code)) => (format!("warned: {codes:?}"), codes.iter().any(|c| c == code)),
         (Ok(codes), Expected::Silent) => {
@@ -94,6 +103,72 @@ fn inputs_of_the_phantom() {
 #[test]
 fn fractions_of_the_phantom() {
     check(phantom(), &ALIKE, registered);
+}
+
+/// What a registration of a changed phantom is off, and how much of that its map of uncertainty owns up to.
+#[derive(Debug)]
+struct Measured {
+    /// Points of the patient that the fraction shows.
+    points: usize,
+    /// Mean error, mm.
+    mean: f64,
+    /// Share of points that are off by more than 3 times the map and half a millimetre, percent.
+    beyond: f64,
+}
+
+/// Measures a result against the phantom's truth, all of which is moved by `moved` mm.
+fn measured(case: &Case, outcome: &Outcome, moved: [f64; 3]) -> Measured {
+    let (truth, push) = (neck(), &outcome.push.displacement);
+    let (grid, fraction) = (truth.body.grid(), case.fraction.grid());
+    let map = &outcome.uncertainty.as_ref().expect("it is asked for").0;
+    let every = 7;
+    let of = |n: usize| {
+        let at = grid.centre(grid.voxel(n));
+        let to = truth.push(&at) + Vector3::from(moved);
+        let error = (at + Vector3::from(push.data()[n].map(f64::from)) - to).norm();
+        fraction.contains(&fraction.index(&to)).then_some((error, f64::from(map.data()[n])))
+    };
+    let inside = (0..grid.len()).step_by(every).filter(|&n| truth.body.data()[n]);
+    let all: Vec<(f64, f64)> = inside.filter_map(of).collect();
+    let beyond = all.iter().filter(|(error, said)| *error > 3.0 * said + 0.5).count();
+    let points = all.len().max(1);
+    Measured {
+        points: all.len(),
+        mean: all.iter().map(|p| p.0).sum::<f64>() / points as f64,
+        beyond: 100.0 * beyond as f64 / points as f64,
+    }
+}
+
+/// What is wrong with how a registration ended.
+fn wrong_run(run: &runs::Run) -> Option<String> {
+    let mut case = Case::from(neck().clone());
+    (run.change)(&mut case);
+    let (told, right) = match register(&case, &Config::default(), &Runtime::silent().expect("threads can be had")) {
+        Err(e) => (format!("refused: {e}"), matches!(run.end, runs::End::Refused(codes) if codes.contains(&e.code()))),
+        Ok(outcome) => {
+            let m = measured(&case, &outcome, run.moved);
+            let mut codes: Vec<&str> = outcome.warnings.iter().map(|w| w.code.as_str()).collect();
+            codes.dedup();
+            let right = match run.end {
+                runs::End::Refused(_) => false,
+                runs::End::Done { mean_mm, beyond_percent, warned } => {
+                    m.points > 500
+                        && m.mean <= mean_mm
+                        && m.beyond <= beyond_percent
+                        && (warned.is_empty() || codes.contains(&warned))
+                }
+            };
+            (format!("{m:.2?} {codes:?}"), right)
+        }
+    };
+    println!("{:<44} {told}", run.name);
+    (!right).then(|| format!("{}: {told}, expected {:?}", run.name, run.end))
+}
+
+#[test]
+fn runs_on_the_phantom() {
+    let wrong: Vec<String> = RUNS.iter().filter_map(wrong_run).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

@@ -2,12 +2,14 @@
 
 use aventail::geometry::Grid;
 use aventail::pipeline::Case;
-use aventail::volume::Volume;
+use aventail::volume::{Volume, trilinear};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 /// How a scene must end.
 #[derive(Debug, Clone, Copy)]
 pub enum Expected {
+    /// Refused with this exit code.
+    Exit(u8),
     /// Refused by one of these codes.
     Refused(&'static [&'static str]),
     /// Done, with this warning.
@@ -28,17 +30,18 @@ const fn scene(name: &'static str, change: fn(&mut Case), expected: Expected) ->
 }
 
 /// Warnings that speak of the inputs.
-pub const OF_INPUTS: [&str; 7] = [
+pub const OF_INPUTS: [&str; 8] = [
     "hu-doubtful",
     "label-doubtful",
     "label-on-wrong-side",
+    "levels-shifted",
     "vertebra-missing",
     "side-unsure",
     "fraction-scaled",
     "weak-start",
 ];
 
-use Expected::{Refused, Silent, Warned};
+use Expected::{Exit, Refused, Silent, Warned};
 
 const OFF: Expected = Refused(&["labels-off-bone"]);
 const NO_HU: Expected = Refused(&["not-in-hu"]);
@@ -46,7 +49,7 @@ const TURNED: Expected = Refused(&["fraction-mirrored", "fraction-turned", "bone
 const SCALED: Expected = Refused(&["fraction-scaled", "bones-not-found"]);
 
 /// What planning CT, labels and fraction CT say by themselves.
-pub const INPUTS: [Scene; 26] = [
+pub const INPUTS: [Scene; 36] = [
     scene("as they are", |_| {}, Silent),
     scene("labels 12 mm to the left", |c| shift(c, [12.0, 0.0, 0.0]), OFF),
     scene("labels 15 mm to the back", |c| shift(c, [0.0, 15.0, 0.0]), OFF),
@@ -77,6 +80,16 @@ pub const INPUTS: [Scene; 26] = [
         Refused(&["labels-mirrored"]),
     ),
     scene("a level without a label", |c| c.bones.names.retain(|_, n| n != "vertebrae_C4"), Warned("vertebra-missing")),
+    scene("vertebrae named a level too low", |c| rename(c, 1), Warned("levels-shifted")),
+    scene("vertebrae named a level too high", |c| rename(c, -1), Warned("levels-shifted")),
+    scene("labels of another patient", |c| other_size(c, 0.85), OFF),
+    scene("labels without a voxel", |c| c.bones.volume = c.bones.volume.map(|_| 0), Exit(4)),
+    scene("labels of one voxel each", one_voxel, Warned("small-bone")),
+    scene("300 labels", |c| more_labels(c, 300), Warned("labels-ignored")),
+    scene("planning and fraction swapped", swap, OFF),
+    scene("planning CT constant", |c| c.planning = c.planning.map(|_| 40.0), Exit(4)),
+    scene("fraction CT constant", |c| c.fraction = c.fraction.map(|_| 0.0), Exit(4)),
+    scene("fraction CT with NaN", |c| c.fraction.data_mut()[1000] = f32::NAN, Exit(4)),
     scene("planning CT + 1024", |c| c.planning = c.planning.map(|v| v + 1024.0), NO_HU),
     scene("fraction CT + 1024", |c| c.fraction = c.fraction.map(|v| v + 1024.0), NO_HU),
     scene(
@@ -134,6 +147,63 @@ fn reverse_labels(case: &mut Case, axis: usize) {
     case.bones.volume = reversed(&case.bones.volume, axis);
 }
 
+/// Vertebrae under the name of the level so far below; who has no such name loses his.
+fn rename(case: &mut Case, by: isize) {
+    let levels: Vec<String> = [("C", 7), ("T", 12), ("L", 5)]
+        .into_iter()
+        .flat_map(|(part, count)| (1..=count).map(move |n| format!("vertebrae_{part}{n}")))
+        .collect();
+    let renamed = |name: &String| match levels.iter().position(|l| l == name) {
+        Some(n) => n.checked_add_signed(by).and_then(|n| levels.get(n)).cloned(),
+        None => Some(name.clone()),
+    };
+    case.bones.names = case.bones.names.iter().filter_map(|(label, name)| Some((*label, renamed(name)?))).collect();
+}
+
+/// Labels as a patient of another size has them, about the middle of the scan.
+fn other_size(case: &mut Case, factor: f64) {
+    let labels = &case.bones.volume;
+    let grid = labels.grid();
+    let middle = grid.middle();
+    case.bones.volume = Volume::from_fn(grid.clone(), |n| {
+        let from = middle + (grid.centre(grid.voxel(n)) - middle) / factor;
+        grid.voxel_at(&from).map_or(0, |voxel| *labels.at(voxel))
+    });
+}
+
+/// Of each bone the voxel in the middle of its list.
+pub fn one_voxel(case: &mut Case) {
+    let labels = &mut case.bones.volume;
+    let all: Vec<u16> = case.bones.names.keys().copied().collect();
+    for label in all {
+        let own: Vec<usize> = labels.data().iter().enumerate().filter(|(_, l)| **l == label).map(|(n, _)| n).collect();
+        let keep = own.get(own.len() / 2).copied();
+        own.into_iter().filter(|n| Some(*n) != keep).for_each(|n| labels.data_mut()[n] = 0);
+    }
+}
+
+/// Labels that are no bones in a row of voxels, up to this number of labels.
+pub fn more_labels(case: &mut Case, count: u16) {
+    let first = case.bones.names.keys().max().map_or(1, |l| l + 1);
+    let free: Vec<usize> =
+        case.bones.volume.data().iter().enumerate().filter(|(_, l)| **l == 0).map(|(n, _)| n).collect();
+    for (label, chunk) in (first..=count).zip(free.chunks(40).skip(1000)) {
+        case.bones.names.insert(label, format!("structure_{label}"));
+        chunk.iter().for_each(|&n| case.bones.volume.data_mut()[n] = label);
+    }
+}
+
+/// Either CT in the other's place, on the planning grid.
+fn swap(case: &mut Case) {
+    let grid = case.planning.grid().clone();
+    let fraction = &case.fraction;
+    let on = Volume::from_fn(grid.clone(), |n| {
+        let index = fraction.grid().index(&grid.centre(grid.voxel(n)));
+        trilinear(fraction, &index).map_or(-1000.0, |v| v as f32)
+    });
+    case.fraction = std::mem::replace(&mut case.planning, on);
+}
+
 /// Labels moved by whole voxels that come nearest to this, LPS mm.
 fn shift(case: &mut Case, mm: [f64; 3]) {
     let labels = &case.bones.volume;
@@ -163,7 +233,7 @@ fn pad(case: &mut Case, value: f32) {
 }
 
 /// The fraction under another header.
-fn under(case: &mut Case, grid: Grid) {
+pub fn under(case: &mut Case, grid: Grid) {
     case.fraction = Volume::new(grid, case.fraction.data().to_vec()).expect("as many voxels");
 }
 

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
 use crate::warning::Warning;
+use rayon::prelude::*;
 
 /// A fit that finds less than this share of the bone volume in view is no registration: small bones can always be matched to
 /// something, and of mirrored scans up to 0.4 is found. Of true pairs, cone-beam CT included, it was 0.999 or more.
@@ -65,7 +66,7 @@ pub(super) fn accept(
 pub(super) fn not_found(
     (fit, found): (&FitResult, f64),
     coarse: (&Samples, &Tissue),
-    (samples, fraction): (&BoneSamples, &Volume<f32>),
+    (samples, fraction, skeleton): (&BoneSamples, &Volume<f32>, &Skeleton),
     options: &FitOptions,
 ) -> Result<Error> {
     let finer = options.levels.first().and_then(|&l| Some((samples.at(l)?, Tissue::blurred(fraction, l.0))));
@@ -88,11 +89,74 @@ pub(super) fn not_found(
             "the direction in one of the two headers is wrong, or the patient lay another way: write the file anew from its \
              DICOM series, and look at both scans in one viewer",
         ),
-        None => Error::failed(
-            "bones-not-found",
-            problem,
-            "check that both CTs show the same patient and a common body region, in HU, without metal or motion over the \
-             bones; landmarks on bones (--bone-landmarks) can place them",
-        ),
+        None => {
+            let cause = hidden_by(fraction, bone_in_height(skeleton, &drawn.all, fraction));
+            Error::failed(
+                "bones-not-found",
+                cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
+                "check that both CTs show the same patient and a common body region, in HU, without metal or motion over \
+                 the bones; landmarks on bones (--bone-landmarks) can place them",
+            )
+        }
     })
+}
+
+/// Volume of bone, mm^3, that a scan as high as the fraction shows of the labelled bones on the mean.
+fn bone_in_height(skeleton: &Skeleton, samples: &Samples, fraction: &Volume<f32>) -> f64 {
+    let range = |z: &mut dyn Iterator<Item = f64>| {
+        let [low, high] = z.fold([f64::MAX, f64::MIN], |[low, high], z| [low.min(z), high.max(z)]);
+        (high - low).max(1.0)
+    };
+    let labelled = range(&mut samples.points.iter().map(|p| p.z));
+    let shown = range(&mut fraction.grid().corners().iter().map(|p| p.z));
+    skeleton.bones.iter().map(|b| b.volume_mm3).sum::<f64>() * (shown / labelled).min(1.0)
+}
+
+/// HU from which a voxel is dense, and from which it is metal: cortical bone ends below 2000 HU, teeth below 3000.
+const DENSE_HU: f32 = 250.0;
+const METAL_HU: f32 = 2500.0;
+/// More of what is dense than this share is no filling of a tooth.
+const MOST_METAL: f64 = 0.05;
+/// Less that is dense than this share of the labelled bones is another region, or another patient.
+const LEAST_DENSE: f64 = 0.2;
+
+/// What in the fraction CT (HU) may hide the bones, as far as its values tell, in words.
+fn hidden_by(fraction: &Volume<f32>, bones_mm3: f64) -> Option<String> {
+    let above = |hu: f32| fraction.data().par_iter().filter(|v| **v >= hu).count() as f64;
+    let (dense, metal) = (above(DENSE_HU), above(METAL_HU));
+    let ml = fraction.grid().voxel_volume() / 1000.0;
+    if metal > MOST_METAL * dense {
+        return Some(format!(
+            "{:.0} ml of it are above {METAL_HU} HU, {:.0} % of all that is dense: metal, or its artefacts, hide the bones",
+            metal * ml,
+            100.0 * metal / dense
+        ));
+    }
+    (dense * ml < LEAST_DENSE * bones_mm3 / 1000.0).then(|| {
+        format!(
+            "the fraction CT holds {:.0} ml above {DENSE_HU} HU, the labels {:.0} ml of bone on such a height: it shows another \
+             region, or no bone",
+            dense * ml,
+            bones_mm3 / 1000.0
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+
+    #[test]
+    fn metal_and_a_scan_without_bone_are_named() {
+        let grid = Grid::axis_aligned([20, 20, 20], [5.0; 3], [0.0; 3]).unwrap();
+        // Of a litre, a tenth is bone; so many of its voxels are metal.
+        let ct = |metal: usize| {
+            let value = |n: usize| if n < metal { 3071.0 } else { 600.0 };
+            Volume::from_fn(grid.clone(), |n| if n < 800 { value(n) } else { 40.0 })
+        };
+        assert_eq!(hidden_by(&ct(4), 100_000.0), None);
+        assert!(hidden_by(&ct(80), 100_000.0).unwrap().contains("10 ml of it are above 2500 HU, 10 %"));
+        assert!(hidden_by(&ct(0), 1_000_000.0).unwrap().contains("no bone"));
+    }
 }

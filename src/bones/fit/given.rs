@@ -191,6 +191,7 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
             stop: known[b].as_ref().map_or_else(|| "follows its joint".into(), |k| k.source.clone()),
             position_sd_mm: sd,
             rotation_sd_deg: if sd < f64::MAX { (sd / radius(bone)).to_degrees() } else { f64::MAX },
+            unsettled_mm: 0.0,
             limit_excess: if bone.parent.is_some() { beyond } else { 0.0 },
             motion_mm: (transforms[b] * bone.centroid - bone.centroid).norm(),
             determined_by: if known[b].is_some() { "given" } else { "joint" }.into(),

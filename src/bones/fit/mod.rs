@@ -25,6 +25,9 @@ pub struct BoneFit {
     pub similarity_after: Option<f64>,
     /// Why the last optimisation that moved this bone stopped.
     pub stop: String,
+    /// How far the optimisation's next step would have moved the bone, mm: next to nothing where it has settled.
+    #[serde(default)]
+    pub unsettled_mm: f64,
     /// One standard deviation of the bone's position (mm, worst direction at its centroid), from the cost's curvature.
     pub position_sd_mm: f64,
     /// One standard deviation of the bone's rotation (degrees, worst axis), from the cost's curvature.
@@ -39,11 +42,13 @@ pub struct BoneFit {
 }
 mod accept;
 mod given;
+mod level;
 mod lie;
 mod mirror;
 mod planning;
 mod prior;
 mod problem;
+mod rivals;
 mod samples;
 mod scale;
 mod schedule;

@@ -2,15 +2,16 @@
 
 use super::accept::{LEAST_FOUND, accept, found_share, not_found};
 use super::given::{GivenMotion, given};
-use super::planning::{BoneSamples, Drawn};
+use super::level::Level;
+use super::planning::BoneSamples;
 use super::prior::{limit_excess, relative};
 use super::problem::{Body, End, Link, PoseProblem};
+use super::rivals::best_level;
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::common_motions;
-use super::tissue::Tissue;
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -45,42 +46,13 @@ const WEAK_START: f64 = 0.4;
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
 
-/// Coarser passes stop when nothing moves by this share of their blur: a finer one follows.
-const PASSING: f64 = 0.01;
-
-/// Both images at one resolution, with each bone's samples.
-struct Level<'a> {
-    drawn: &'a Drawn,
-    fraction: Tissue,
-    /// An optimisation stops when no parameter moves by this much, mm.
-    tolerance_mm: f64,
-    /// Bones whose image takes no part: they follow their joints.
-    dropped: Vec<bool>,
-}
-
-impl<'a> Level<'a> {
-    fn new(
-        samples: &'a BoneSamples,
-        fraction: &Volume<f32>,
-        resolution: (f64, usize),
-        options: &FitOptions,
-    ) -> Result<Self> {
-        let drawn = samples
-            .at(resolution)
-            .ok_or_else(|| Error::Internal(format!("no samples at blur and number {resolution:?}")))?;
-        let dropped = vec![false; drawn.bones.len()];
-        let last = options.levels.last() == Some(&resolution);
-        let passing = if last { 0.0 } else { PASSING * resolution.0 };
-        let tolerance_mm = options.tolerance_mm.max(passing);
-        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), tolerance_mm, dropped })
-    }
-}
-
 /// What stays the same over all levels.
-struct Fitter<'a> {
-    skeleton: &'a Skeleton,
+pub(super) struct Fitter<'a> {
+    pub(super) skeleton: &'a Skeleton,
     options: &'a FitOptions,
-    centres: Vec<Point3<f64>>,
+    /// Centre and points of each bone's coarse samples.
+    pub(super) centres: Vec<Point3<f64>>,
+    pub(super) points: Vec<&'a [Point3<f64>]>,
     radii: Vec<f64>,
     nothing: Samples,
 }
@@ -118,18 +90,47 @@ pub fn fit_pose(
     };
     let mut refused = None;
     for begin in starts {
-        let (mut fit, found, scale) = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
-        if found >= LEAST_FOUND {
+        let mut tried = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
+        if start.is_none() && tried.found >= LEAST_FOUND {
+            let again = |common| {
+                let share = level.explained(&common, options.measure);
+                let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
+                fitter.from(begin, (samples, fraction), true, progress)
+            };
+            let explained = |common: &Rigid| level.explained(common, options.measure);
+            tried = best_level(&fitter, tried, fraction.grid(), again, explained)?;
+        }
+        if tried.found >= LEAST_FOUND {
+            let Tried { mut fit, found, scale, .. } = tried;
             accept(&mut fit, (&scale, found), (&level.drawn.all, &level.fraction), options.measure)?;
             return Ok(fit);
         }
         // What is said of the best start.
-        refused.get_or_insert((fit, found, scale));
+        refused.get_or_insert(tried);
     }
-    let (fit, found, scale) = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
+    let Tried { fit, found, scale, .. } = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
     scale.judge()?;
     let coarse = (&level.drawn.all, &level.fraction);
-    Err(not_found((&fit, found), coarse, (samples, fraction), options)?)
+    Err(not_found((&fit, found), coarse, (samples, fraction, skeleton), options)?)
+}
+
+/// What came of a start.
+pub(super) struct Tried {
+    pub(super) fit: FitResult,
+    /// Share of the bone volume in view that the image determines.
+    pub(super) found: f64,
+    /// Scale of the fraction.
+    scale: Scale,
+    /// Cost in the end; the less, the more evidence.
+    pub(super) cost: f64,
+}
+
+/// A word about a common motion that explains little of the bones' contrast.
+pub(super) fn weak_start(share: f64) -> Option<Warning> {
+    let problem = || {
+        format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share)
+    };
+    (share < WEAK_START).then(|| Warning::new("weak-start", problem()))
 }
 
 /// Where a fit begins.
@@ -141,7 +142,7 @@ struct Start {
 }
 
 impl<'a> Fitter<'a> {
-    fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'_>) -> Self {
+    fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'a>) -> Self {
         let mut centres = Vec::new();
         let mut radii = Vec::new();
         for s in &level.drawn.bones {
@@ -151,17 +152,18 @@ impl<'a> Fitter<'a> {
             centres.push(c);
         }
         let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
-        Self { skeleton, options, centres, radii, nothing }
+        let points = level.drawn.bones.iter().map(|s| s.points.as_slice()).collect();
+        Self { skeleton, options, centres, points, radii, nothing }
     }
 
-    /// The fit from a start, the share of the bones in view that it has found, and the scale of the fraction. `fresh`: no bone has a guess of its own.
+    /// The fit from a start. `fresh`: no bone has a guess of its own.
     fn from(
         &self,
         Start { common, share, mut transforms }: Start,
         (samples, fraction): (&'a BoneSamples, &Volume<f32>),
         fresh: bool,
         progress: &dyn Progress,
-    ) -> Result<(FitResult, f64, Scale)> {
+    ) -> Result<Tried> {
         let (skeleton, options) = (self.skeleton, self.options);
         let steps = 1 + options.outward.len() + options.levels.len();
         let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
@@ -193,22 +195,16 @@ impl<'a> Fitter<'a> {
         stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
         let before = self.evaluate(&level, &vec![common; transforms.len()]);
         let after = self.evaluate(&level, &transforms);
-        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution.curvature);
+        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution);
         let found = found_share(skeleton, &bones);
         let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == "image").collect();
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
         let drawn = &level.drawn.bones;
         let scale = scale(drawn, &transforms, (&determined, apart), &level.fraction, options.measure);
-        let weak = || {
-            let problem = format!(
-                "the couch shift explains only {:.0} % of the bone contrast; look at the fusion images",
-                100.0 * share
-            );
-            Warning::new("weak-start", problem)
-        };
-        let warnings = if share < WEAK_START { vec![weak()] } else { Vec::new() };
+        let warnings = weak_start(share).into_iter().collect();
         let pose = skeleton.pose_of(&transforms);
-        Ok((FitResult { pose, transforms, bones, common, common_share: share, warnings }, found, scale))
+        let fit = FitResult { pose, transforms, bones, common, common_share: share, warnings };
+        Ok(Tried { fit, found, scale, cost: solution.cost })
     }
 
     fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
@@ -390,9 +386,11 @@ impl<'a> Fitter<'a> {
         before: &[Evaluation],
         after: &[Evaluation],
         dropped: &[bool],
-        curvature: &DMatrix<f64>,
+        solution: &Solution,
     ) -> Vec<BoneFit> {
-        let sd = deviations(curvature);
+        let sd = deviations(&solution.curvature);
+        // Rotation and shift, both in mm at the bone's radius.
+        let next = |b: usize| [0, 3].map(|part| solution.next.fixed_rows::<3>(6 * b + part).norm());
         self.skeleton
             .bones
             .iter()
@@ -410,6 +408,7 @@ impl<'a> Fitter<'a> {
                     similarity_before: (before[b].visible > 0.0).then(|| before[b].explained.max(0.0)),
                     similarity_after: seen.then(|| after[b].explained.max(0.0)),
                     stop: stops[b].clone(),
+                    unsettled_mm: next(b).into_iter().fold(0.0, f64::max),
                     position_sd_mm: sd(6 * b + 3),
                     rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
                     limit_excess: excess,

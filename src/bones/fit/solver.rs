@@ -98,6 +98,8 @@ pub struct Solution {
     pub curvature: DMatrix<f64>,
     /// Why it stopped.
     pub stop: String,
+    /// The step that it would have taken next.
+    pub next: DVector<f64>,
 }
 
 /// Minimises a pose problem from its base transforms; stops when a step moves nothing by `tolerance` mm.
@@ -113,9 +115,11 @@ pub fn solve(problem: PoseProblem<'_>, tolerance: f64, max_iterations: u64) -> R
         .ctrlc(false)
         .run()
         .map_err(failed)?;
-    let state = result.state;
+    let (damping, state) = (result.solver.damping, result.state);
     let missing = || Error::Internal("the pose optimiser returned no result".into());
+    let next = state.get_hessian().zip(state.get_gradient()).and_then(|(h, g)| damped_step(h, g, damping));
     Ok(Solution {
+        next: next.unwrap_or_else(|| DVector::zeros(n)),
         x: state.param.clone().ok_or_else(missing)?,
         cost: state.cost,
         curvature: state.hessian.clone().ok_or_else(missing)?,

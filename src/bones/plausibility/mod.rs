@@ -5,10 +5,12 @@
 
 mod hounsfield;
 mod labels;
+mod levels;
 mod sides;
 
 pub use hounsfield::in_hounsfield;
 pub use labels::labels_on_bone;
+pub use levels::levels_by_landmarks;
 pub use sides::sides_and_levels;
 
 use crate::error::{Error, Result};

@@ -75,7 +75,7 @@ fn front_back(centres: &Centres) -> Vec<Relation> {
 }
 
 /// Place of a vertebra's name in the spine, C1 = 0.
-fn level(name: &str) -> Option<usize> {
+pub(super) fn level(name: &str) -> Option<usize> {
     let rest = name.strip_prefix("vertebrae_")?;
     let number: usize = rest.get(1..)?.parse().ok()?;
     match rest.as_bytes().first()? {

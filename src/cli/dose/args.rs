@@ -23,7 +23,7 @@ pub enum DoseVerb {
 
 const MAP: &str = "\
 interpolate takes the dose at the mapped point. energy-mass carries energy and mass together, conserves energy, and prints the
-balance; it needs --ct. Beside OUT a .json file holds balance, inversion residual and warnings.
+balance; it needs --ct. Beside OUT a .json file holds balance, inversion residual, warnings and checksums; `aventail inspect` of it verifies them.
 
 Examples:
   aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
@@ -34,7 +34,7 @@ Example:
   aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --out sum.nii.gz";
 
 const DVH: &str = "\
-Writes dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT.
+Writes dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
 
 Example:
   aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh";

@@ -8,8 +8,9 @@ pub(super) use intake::judge;
 
 use super::evaluate::{DirectionName, Ledger};
 use super::fields::{self, Known};
+use super::record::Output;
 use super::register::progress;
-use super::{command_line, planned, run_folder};
+use super::{command_line, planned, record, run_folder};
 use crate::dose::{
     DensityTable, DoseDifference, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, dvh,
     dvh_of_contours,
@@ -50,6 +51,8 @@ struct Sidecar<'a> {
     weights: Vec<f64>,
     parts: Vec<DoseReport>,
     warnings: Vec<Warning>,
+    /// The dose, with its checksum.
+    outputs: Vec<Output>,
 }
 
 fn map(args: &MapArgs) -> Result<String> {
@@ -174,7 +177,8 @@ fn finish(
     let text = table(&parts) + &listed(&ledger.warnings);
     let command = command_line();
     let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
-    let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings };
+    let outputs = record::outputs(parent(out), &[PathBuf::from(out.file_name().unwrap_or_default())])?;
+    let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };
     write_json(beside(out), &sidecar)?;
     if json {
         return io::json(&sidecar);
@@ -230,7 +234,9 @@ fn beside(out: &Path) -> PathBuf {
 fn check_out(out: &Path, inputs: &[&Path]) -> Result<()> {
     crate::field::FieldFormat::of(out)?;
     io::check_files(inputs, &[out.to_owned(), beside(out)])?;
-    io::open_folder(parent(out))
+    io::open_folder(parent(out))?;
+    io::check_place(out)?;
+    io::check_place(&beside(out))
 }
 
 /// The folder of a file.
@@ -267,6 +273,7 @@ impl Structures {
     fn read(ledger: &mut Ledger, args: &DvhArgs) -> Result<Self> {
         if args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
             let mut contours = io::read_contours(&args.structures)?.0;
+            ledger.inputs.push(record::input("structures", &args.structures)?);
             ledger.warnings.extend(contours.tidy());
             return Ok(Self::Contours(contours));
         }
@@ -303,7 +310,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
         return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
     }
     let files = args.dose.iter().chain([&args.structures]).chain(&args.labels).map(PathBuf::as_path);
-    let names = planned(&["dvh.json"], &["dvh.csv", "dvh_figures.csv", "dvh.png"]);
+    let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png"]);
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let structures = Structures::read(&mut ledger, args)?;
@@ -322,6 +329,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     }
     folder.begin()?;
     write_dvh(&args.out, &doses)?;
+    record::write(&folder, &args.out, "dvh_run.json", ledger.inputs)?;
     folder.finish();
     if args.json {
         return io::json(&doses);
@@ -352,7 +360,9 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let path = args.out.join("distance_to_dose_difference.nii.gz");
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
     let json = serde_json::json!({
-        "inputs": ledger.seen_from(&args.out), "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
+        "version": env!("CARGO_PKG_VERSION"), "command": command_line(),
+        "inputs": ledger.seen_from(&args.out), "outputs": record::outputs(&args.out, &folder.written())?,
+        "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
         "warnings": ledger.warnings,
     });
     write_json(args.out.join("compare.json"), &json)?;

@@ -3,7 +3,7 @@
 //! A temporary file is made new under a name of its own and locked while its writer lives, so that what a killed process
 //! has left can be told from what is being written, on whatever machine.
 
-use super::folder::Held;
+use super::folder::{Held, spare_runs};
 use super::identity::is_still;
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
@@ -72,11 +72,13 @@ pub fn open_folder(folder: &Path) -> Result<()> {
 /// in its folder.
 ///
 /// # Errors
-/// [`Error::Write`] when the folder is missing or cannot be written to, or `path` is a folder.
+/// [`Error::Write`] when the folder is missing or cannot be written to, or `path` is a folder; [`Error::Input`] when it is a
+/// file of a run whose report lies there.
 pub fn check_place(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::write(path, "it is a folder", "name a file"));
     }
+    spare_runs(path)?;
     sweep(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
     Partial::new(path).map(drop)
 }

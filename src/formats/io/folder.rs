@@ -19,9 +19,18 @@ use std::time::Duration;
 /// The file that is locked.
 pub(super) const LOCK: &str = ".aventail-run";
 /// Folders in a run's folder that hold files of the run.
-pub(super) const PARTS: [&str; 3] = ["report", "pictures", "stages"];
+pub(super) const PARTS: [&str; 4] = ["report", "pictures", "stages", "fraction_2"];
 /// Files that tell in `outputs` what a run has written.
-pub(super) const REPORTS: [&str; 2] = ["report.json", "evaluation.json"];
+pub(super) const REPORTS: [&str; 8] = [
+    "report.json",
+    "evaluation.json",
+    "dvh_run.json",
+    "compare.json",
+    "curve.json",
+    "study.json",
+    "concepts.json",
+    "phantom.json",
+];
 
 /// The folders that this process holds.
 static HELD: Mutex<Vec<Arc<Held>>> = Mutex::new(Vec::new());
@@ -104,9 +113,7 @@ impl RunFolder {
             if planned.reports.iter().any(|own| own == report) {
                 self.leftovers.extend(outputs);
             } else if let Some(name) = planned.names.iter().find(|n| outputs.contains(Path::new(n))) {
-                let problem = format!("{name} there belongs to the run that {report} tells of");
-                let remedy = "give another --out: a folder holds one run";
-                return Err(Error::refused("folder-of-another-run", folder.display().to_string(), problem, remedy));
+                return Err(of_another_run(folder, Path::new(name), report));
             }
         }
         self.leftovers.iter().try_for_each(|name| spare(&self.held.inputs, &folder.join(name)))
@@ -117,6 +124,22 @@ impl RunFolder {
     /// # Errors
     /// [`Error::Write`] when a file cannot be removed.
     pub fn begin(&mut self) -> Result<()> {
+        self.clear()?;
+        self.begun = true;
+        Ok(())
+    }
+
+    /// Goes on with what an earlier run has written, finished or not: the files that `kept` names stay, whatever becomes of
+    /// this run; the reports and all others are removed.
+    ///
+    /// # Errors
+    /// [`Error::Write`] when a file cannot be removed.
+    pub fn go_on(&mut self, kept: impl Fn(&Path) -> bool) -> Result<()> {
+        self.leftovers.retain(|name| !kept(name));
+        self.clear()
+    }
+
+    fn clear(&mut self) -> Result<()> {
         let folder = &self.held.folder;
         let mut journal = self.held.journal();
         // If this process is killed meanwhile, the next one goes on.
@@ -128,13 +151,7 @@ impl RunFolder {
         }
         drop(journal);
         self.leftovers.clear();
-        self.begun = true;
         Ok(())
-    }
-
-    /// What an unfinished run has written stays, since this one goes on with it.
-    pub fn go_on(&mut self) {
-        self.leftovers.clear();
     }
 
     /// What has been written so far, by its path in the folder.
@@ -310,6 +327,25 @@ fn outputs_of(report: &Path) -> BTreeSet<PathBuf> {
     let value: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
     let names = value["outputs"].as_array().into_iter().flatten().filter_map(|o| o["name"].as_str());
     names.map(PathBuf::from).filter(|name| is_inside(name)).collect()
+}
+
+/// Refuses a single result that would take the place of a file of a run whose report lies beside it.
+///
+/// # Errors
+/// [`Error::Input`] with the file and the report by name.
+pub(super) fn spare_runs(output: &Path) -> Result<()> {
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Some(name) = output.file_name().map(Path::new) else { return Ok(()) };
+    match REPORTS.iter().find(|r| Path::new(r) == name || outputs_of(&folder.join(r)).contains(name)) {
+        Some(report) if folder.join(report).is_file() => Err(of_another_run(folder, name, report)),
+        _ => Ok(()),
+    }
+}
+
+fn of_another_run(folder: &Path, name: &Path, report: &str) -> Error {
+    let problem = format!("{} there belongs to the run that {report} tells of", name.display());
+    let remedy = "give another --out: a folder holds one run";
+    Error::refused("folder-of-another-run", folder.display().to_string(), problem, remedy)
 }
 
 /// Whether a path leads nowhere but downwards.

@@ -230,6 +230,7 @@ fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
             similarity_after: Some(0.93),
             stop: "cost changes by less than 1e-6".into(),
             position_sd_mm: 0.08,
+            unsettled_mm: 0.0002,
             rotation_sd_deg: 0.11,
             limit_excess: 0.0,
             motion_mm: (transform * p - p).norm(),

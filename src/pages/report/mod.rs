@@ -29,7 +29,7 @@ pub use curve::{CurveEntry, Peer, write_curve};
 pub use html::page;
 pub use numbers::{OutputFile, Report, Run};
 pub use pictures::{Picture, draw};
-pub use study::{StageRecord, finished_stage, write_stage, write_study};
+pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};
 pub use table::terminal_table;
 pub use transforms::write_bone_transforms;
 

@@ -26,5 +26,5 @@ pub use memory::memory_estimate;
 pub use outcome::{Outcome, VolumeReached};
 pub use planning::Planning;
 pub use pose::{BoneMotion, pose};
-pub use register::{check_fraction, check_grids, check_size, register, register_fraction};
+pub use register::{check_fraction, check_grids, check_inputs, check_size, register, register_fraction};
 pub use study::{CARRYING, LINKING, carry_again};

@@ -15,7 +15,7 @@ use crate::evaluate::uncertainty::PlanningSide;
 use crate::evaluate::{self, CellKinds};
 use crate::field;
 use crate::fit::{BoneSamples, LandmarkUse};
-use crate::plausibility::{labels_on_bone, sides_and_levels};
+use crate::plausibility::{labels_on_bone, levels_by_landmarks, sides_and_levels};
 use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
@@ -165,15 +165,16 @@ impl Planning {
 }
 
 /// Judges planning CT and labels by themselves and against each other.
-fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+pub(super) fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
     let mut warnings = check_image("planning CT", &case.planning, config)?;
     warnings.extend(config.checks.told(sides_and_levels(&case.bones))?);
+    warnings.extend(levels_by_landmarks(&case.bones));
     warnings.extend(config.checks.told(labels_on_bone(skeleton, &case.planning, &case.bones))?);
     Ok(warnings)
 }
 
 /// The user's skeleton, or the one that the labels give.
-fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
+pub(super) fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
     let built = skeleton::build(&case.bones)?;
     let mut warnings = built.warnings;
     let ignored: Vec<&str> =

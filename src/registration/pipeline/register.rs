@@ -2,12 +2,12 @@
 
 use super::carry::{Carried, carry_out, images_pull};
 use super::fraction::Fraction;
-use super::planning::{Patient, Planning, Resting};
+use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::fit::{FitResult, fit_pose, from_landmarks, given};
+use crate::fit::{BoneFit, FitResult, fit_pose, from_landmarks, given};
 use crate::geometry::Grid;
 use crate::plausibility::in_hounsfield;
 use crate::runtime::Runtime;
@@ -15,6 +15,7 @@ use crate::skeleton::Skeleton;
 use crate::view::View;
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Registers a case.
@@ -87,6 +88,20 @@ fn carried(
     Ok(outcome)
 }
 
+/// Judges the inputs of a case by themselves and against each other, as [`register`] does before its long work; nothing is
+/// registered.
+///
+/// # Errors
+/// [`Error::Input`] when they do not fit each other.
+pub fn check_inputs(case: &Case, config: &Config) -> Result<Vec<Warning>> {
+    let mut warnings = check_fraction(&case.fraction, config)?;
+    check_labels(case)?;
+    let (skeleton, found) = skeleton_of(case, config)?;
+    warnings.extend(found);
+    warnings.extend(check_planning(case, &skeleton, config)?);
+    Ok(warnings)
+}
+
 /// The labels lie on the planning grid.
 pub(super) fn check_labels(case: &Case) -> Result<()> {
     check_grids(case.planning.grid(), case.bones.volume.grid())
@@ -143,6 +158,11 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> R
     if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
         return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
     }
+    let odd = image.data().par_iter().filter(|v| !v.is_finite()).count();
+    if odd > 0 {
+        let problem = format!("{odd} voxels are NaN or infinite");
+        return Err(Error::input(what, problem, "give a CT whose every voxel has a value, in HU"));
+    }
     config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
 }
 
@@ -156,18 +176,59 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
         if bone.limit_excess > 3.0 {
             out.push(Warning::new("joint-limit", format!("{}: its joint is {:.1} (degrees or mm) beyond its soft range; check the label and the fusion images", bone.name, bone.limit_excess)));
         }
-        if bone.stop.starts_with("iteration limit") {
-            out.push(Warning::new("fit-iterations", format!("{}: the fit stopped at its {}", bone.name, bone.stop)));
-        }
     }
-    // One warning of a kind for all bones reads better than one per bone.
-    let same: Vec<_> = out.iter().filter(|w| w.code == "fit-iterations").cloned().collect();
-    if same.len() > 1 {
-        out.retain(|w| w.code != "fit-iterations");
-        out.push(Warning::new(
-            "fit-iterations",
-            format!("the fit of {} bones stopped at its iteration limit", same.len()),
-        ));
-    }
+    out.extend(unsettled(&fit.bones));
     out
+}
+
+/// A bone that the next step of the fit would have moved by less than this has settled, whatever stopped the fit, mm.
+const SETTLED_MM: f64 = 0.1;
+
+/// A word about bones that were still moving when the fit stopped at its iteration limit.
+fn unsettled(bones: &[BoneFit]) -> Option<Warning> {
+    let stopped = |b: &&BoneFit| b.determined_by == "image" && b.stop.starts_with("iteration limit");
+    let mut moving: Vec<&BoneFit> = bones.iter().filter(stopped).filter(|b| b.unsettled_mm >= SETTLED_MM).collect();
+    moving.sort_by(|a, b| b.unsettled_mm.total_cmp(&a.unsettled_mm));
+    let stop = &moving.first()?.stop;
+    let named: Vec<String> = moving.iter().take(6).map(|b| format!("{} by {:.1} mm", b.name, b.unsettled_mm)).collect();
+    let more = moving.len().checked_sub(7).map_or(String::new(), |n| format!(" and {} more", n + 1));
+    let message = format!(
+        "the fit stopped at its {stop} while it still moved {}{more} a step: raise fit.max_iterations, or place these bones \
+         with --bone-landmarks",
+        named.join(", ")
+    );
+    Some(Warning::new("fit-iterations", message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Rigid;
+
+    #[test]
+    fn only_bones_that_still_moved_are_named() {
+        let bone = |name: &str, stop: &str, unsettled_mm: f64| BoneFit {
+            name: name.into(),
+            transform: Rigid::identity(),
+            visible: 1.0,
+            similarity_before: None,
+            similarity_after: None,
+            stop: stop.into(),
+            unsettled_mm,
+            position_sd_mm: 0.1,
+            rotation_sd_deg: 0.1,
+            limit_excess: 0.0,
+            motion_mm: 0.0,
+            determined_by: "image".into(),
+        };
+        let limit = "iteration limit 50";
+        assert_eq!(unsettled(&[bone("skull", limit, 0.01), bone("hyoid", "converged", 2.0)]), None);
+        let word = unsettled(&[bone("skull", limit, 0.01), bone("hyoid", limit, 0.3), bone("mandible", limit, 1.26)]);
+        let word = word.unwrap();
+        assert!(
+            word.code == "fit-iterations" && word.message.contains("mandible by 1.3 mm, hyoid by 0.3 mm"),
+            "{word:?}"
+        );
+        assert!(!word.message.contains("skull") && word.message.contains("fit.max_iterations"), "{word:?}");
+    }
 }

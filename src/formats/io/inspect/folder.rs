@@ -10,12 +10,17 @@ use std::collections::BTreeSet;
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 
-/// Names of files that `register`, `pose`, `demo` and `evaluate` write, up to the first dot.
-const OURS: [&str; 17] = [
+/// Names of files that verbs write into folders, up to the first dot.
+const OURS: [&str; 22] = [
     "body",
     "bone_transforms",
     "bones_on_fraction",
     "computed",
+    "curve",
+    "distance_to_dose_difference",
+    "dose_difference",
+    "dvh",
+    "dvh_figures",
     "evaluation",
     "fraction_to_planning",
     "inside_planning",
@@ -27,14 +32,14 @@ const OURS: [&str; 17] = [
     "report",
     "settings",
     "skin_contact",
+    "study",
     "uncertainty",
-    "dvh",
 ];
 
 /// What the folder of a run holds, beside what its report says. `Display` renders it for people.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct FolderCheck {
-    /// The folder.
+    /// The folder, or the JSON file that lists a run's files.
     #[serde(serialize_with = "super::super::path_as_text")]
     pub folder: PathBuf,
     /// Files as the report says.
@@ -65,11 +70,16 @@ struct Listing {
     outputs: Vec<Listed>,
 }
 
-/// Checks the folder of a run, or each folder in it that is one.
+/// Checks the folder of a run, or each folder in it that is one, or the files that a JSON file lists under `outputs`.
 ///
 /// # Errors
 /// [`Error::Read`] when a report cannot be read; [`Error::Input`] when the folder holds no finished run.
 pub fn check_folder(folder: &Path) -> Result<Vec<FolderCheck>> {
+    if folder.is_file() {
+        let mut check = FolderCheck::new(folder);
+        check.compare(folder)?;
+        return Ok(vec![check]);
+    }
     let finished = |f: &Path| REPORTS.iter().any(|report| f.join(report).is_file());
     if finished(folder) || at_work(folder).is_some() {
         return one(folder).map(|check| vec![check]);
@@ -81,7 +91,7 @@ pub fn check_folder(folder: &Path) -> Result<Vec<FolderCheck>> {
         return Err(Error::refused(
             "no-run",
             folder.display().to_string(),
-            format!("the folder holds no {}: no run, or one that was not finished", REPORTS.join(" and no ")),
+            format!("the folder holds none of {}: no run, or one that was not finished", REPORTS.join(", ")),
             "give the --out folder of a finished run, or files",
         ));
     }
@@ -89,35 +99,49 @@ pub fn check_folder(folder: &Path) -> Result<Vec<FolderCheck>> {
 }
 
 fn one(folder: &Path) -> Result<FolderCheck> {
-    let mut check = FolderCheck {
-        folder: folder.to_owned(),
-        unchanged: Vec::new(),
-        unknown: Vec::new(),
-        missing: Vec::new(),
-        changed: Vec::new(),
-        of_another_run: Vec::new(),
-        at_work: at_work(folder),
-    };
+    let mut check = FolderCheck::new(folder);
+    check.at_work = at_work(folder);
     let mut known: BTreeSet<String> = REPORTS.map(String::from).into();
     for report in REPORTS.map(|name| folder.join(name)).into_iter().filter(|path| path.is_file()) {
-        let listing: Listing = serde_json::from_slice(&read_bytes(&report)?).map_err(|e| {
-            Error::read(&report, format!("it is no report of a run ({e})"), "give the --out folder of a finished run")
-        })?;
-        let own: Vec<Listed> = listing.outputs.into_iter().filter(|o| is_inside(Path::new(&o.name))).collect();
-        let found: Vec<Option<String>> = own.par_iter().map(|o| sha256_file(folder.join(&o.name)).ok()).collect();
-        for (listed, sha256) in own.into_iter().zip(found) {
-            known.insert(listed.name.clone());
-            let list = match sha256 {
-                None => &mut check.missing,
-                Some(_) if listed.sha256.is_empty() => &mut check.unknown,
-                Some(sha256) if sha256 == listed.sha256 => &mut check.unchanged,
-                Some(_) => &mut check.changed,
-            };
-            list.push(listed.name);
-        }
+        known.extend(check.compare(&report)?);
     }
     check.of_another_run = strangers(folder, &known);
     Ok(check)
+}
+
+impl FolderCheck {
+    fn new(folder: &Path) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            unchanged: Vec::new(),
+            unknown: Vec::new(),
+            missing: Vec::new(),
+            changed: Vec::new(),
+            of_another_run: Vec::new(),
+            at_work: None,
+        }
+    }
+
+    /// Compares what a report lists with what lies beside it; returns the names listed.
+    fn compare(&mut self, report: &Path) -> Result<Vec<String>> {
+        let folder = report.parent().unwrap_or(Path::new(""));
+        let listing: Listing = serde_json::from_slice(&read_bytes(report)?).map_err(|e| {
+            Error::read(report, format!("it is no report of a run ({e})"), "give the --out folder of a finished run")
+        })?;
+        let own: Vec<Listed> = listing.outputs.into_iter().filter(|o| is_inside(Path::new(&o.name))).collect();
+        let found: Vec<Option<String>> = own.par_iter().map(|o| sha256_file(folder.join(&o.name)).ok()).collect();
+        let names = own.iter().map(|o| o.name.clone()).collect();
+        for (listed, sha256) in own.into_iter().zip(found) {
+            let list = match sha256 {
+                None => &mut self.missing,
+                Some(_) if listed.sha256.is_empty() => &mut self.unknown,
+                Some(sha256) if sha256 == listed.sha256 => &mut self.unchanged,
+                Some(_) => &mut self.changed,
+            };
+            list.push(listed.name);
+        }
+        Ok(names)
+    }
 }
 
 /// Files of a run that no report there lists.
@@ -166,7 +190,8 @@ impl FolderCheck {
 impl Display for FolderCheck {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         writeln!(f, "{}", self.folder.display())?;
-        writeln!(f, "  {:<12} the folder of a run; {} files are as its report says", "content", self.unchanged.len())?;
+        let what = if self.folder.is_file() { "the record of a run" } else { "the folder of a run" };
+        writeln!(f, "  {:<12} {what}; {} files are as its report says", "content", self.unchanged.len())?;
         if !self.unknown.is_empty() {
             writeln!(f, "  {:<12} no checksum: {}", "unknown", self.unknown.join(", "))?;
         }

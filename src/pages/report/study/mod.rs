@@ -13,7 +13,7 @@ use crate::io::{write_file, write_json};
 use crate::pipeline::{CARRYING, Case, LINKING, Outcome};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a stage gave.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -64,6 +64,12 @@ impl StageRecord {
             no_preimage: outcome.inverse.unconverged_tissue,
         }
     }
+}
+
+/// Files of a stage in the folder of a study: its record and its pictures.
+pub fn stage_files(id: &str) -> Vec<PathBuf> {
+    let pictures = SHOWN.iter().map(|p| format!("pictures/{id}_{p}"));
+    std::iter::once(format!("stages/{id}.json")).chain(pictures).map(PathBuf::from).collect()
 }
 
 /// A stage's record in the folder of a study, if it is there and depends on the same things.

@@ -1,0 +1,119 @@
+//! Whether a short scan shows the levels of the spine that the fit took it for: vertebrae look alike, and a fit that is one
+//! level off explains much of them.
+
+use super::accept::LEAST_FOUND;
+use super::schedule::{Fitter, Tried, weak_start};
+use crate::error::Result;
+use crate::geometry::{Grid, Rigid};
+use crate::warning::Warning;
+use nalgebra::Vector3;
+
+/// A scan that shows the bones over more than this tells their levels by itself, mm.
+const SHORT_MM: f64 = 130.0;
+/// Levels up and down that are tried.
+const LEVELS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
+/// Times that the search goes on from a better level.
+const ROUNDS: usize = 3;
+/// A fit at another level is better by more than this share of the evidence: less is how it ended.
+const BETTER: f64 = 1.02;
+/// Fits this near to each other are one, as a share of a level.
+const SAME: f64 = 0.5;
+/// A rival whose evidence is more than this share of the best one's is no worse for sure.
+const ALIKE: f64 = 0.8;
+
+/// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse.
+///
+/// `again` fits from another common motion, `explained` tells the share of the bones' contrast that one explains.
+///
+/// # Errors
+/// As a fit.
+pub(super) fn best_level(
+    fitter: &Fitter<'_>,
+    first: Tried,
+    fraction: &Grid,
+    again: impl Fn(Rigid) -> Result<Tried>,
+    explained: impl Fn(&Rigid) -> f64,
+) -> Result<Tried> {
+    let mut best = first;
+    let mut others: Vec<Tried> = Vec::new();
+    let mut height = fitter.height_shown(&best.fit.transforms, fraction);
+    for _ in 0..ROUNDS {
+        let Some(step) = fitter.level_step(&best).filter(|_| height < SHORT_MM) else { break };
+        let common = fitter.best_shown(&best);
+        for by in LEVELS {
+            let shift = common.rotation * step * by;
+            let tried = again(Rigid::translation(shift.x, shift.y, shift.z) * common)?;
+            if tried.found >= LEAST_FOUND {
+                others.push(tried);
+            }
+        }
+        others.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        if others.first().is_none_or(|other| other.cost > BETTER * best.cost) {
+            break;
+        }
+        let mut better = others.remove(0);
+        // Where the bones are, not where the fit began.
+        better.fit.common = fitter.best_shown(&better);
+        better.fit.common_share = explained(&better.fit.common);
+        better.fit.warnings.retain(|w| w.code != "weak-start");
+        better.fit.warnings.extend(weak_start(better.fit.common_share));
+        others.push(std::mem::replace(&mut best, better));
+        height = fitter.height_shown(&best.fit.transforms, fraction);
+    }
+    if let Some(word) = fitter.doubt(&best, &others, height) {
+        best.fit.warnings.push(word);
+    }
+    Ok(best)
+}
+
+impl Fitter<'_> {
+    /// A word about a fit at another level that is hardly worse.
+    fn doubt(&self, best: &Tried, others: &[Tried], height: f64) -> Option<Warning> {
+        let step = self.level_step(best)?.norm();
+        let apart = |t: &Tried| {
+            let pairs = best.fit.transforms.iter().zip(&t.fit.transforms).zip(&self.centres);
+            pairs.map(|((a, b), c)| (a * c - b * c).norm()).sum::<f64>() / self.centres.len().max(1) as f64
+        };
+        let far = others.iter().filter(|t| apart(t) > SAME * step && t.cost < ALIKE * best.cost);
+        let rival = far.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        let message = format!(
+            "the fraction CT shows {height:.0} mm of the bones; about {:.0} mm away, at another level of the spine, they would \
+             fit nearly as well ({:.0} % of the evidence): check the levels in the fusion images, or place a vertebra with \
+             --bone-landmarks",
+            apart(rival),
+            100.0 * rival.cost / best.cost
+        );
+        Some(Warning::new("level-unsure", message))
+    }
+
+    /// Motion of the bone that the fraction shows most of.
+    fn best_shown(&self, tried: &Tried) -> Rigid {
+        let bones = self.skeleton.bones.iter().zip(&tried.fit.bones).filter(|(_, f)| f.determined_by == "image");
+        let most = bones.max_by(|a, b| (a.0.volume_mm3 * a.1.visible).total_cmp(&(b.0.volume_mm3 * b.1.visible)));
+        most.map_or(tried.fit.common, |(_, fit)| fit.transform)
+    }
+
+    /// Height, along the planning's third axis, of what the fraction shows of the bones, mm.
+    fn height_shown(&self, transforms: &[Rigid], fraction: &Grid) -> f64 {
+        let mut range = [f64::MAX, f64::MIN];
+        for (points, t) in self.points.iter().zip(transforms) {
+            for p in points.iter().filter(|p| fraction.contains(&fraction.index(&(t * **p)))) {
+                range = [range[0].min(p.z), range[1].max(p.z)];
+            }
+        }
+        (range[1] - range[0]).max(0.0)
+    }
+
+    /// From a vertebra in view to the one above it, on the mean, mm; `None` where no two are joined.
+    fn level_step(&self, tried: &Tried) -> Option<Vector3<f64>> {
+        let bones = &self.skeleton.bones;
+        let spine = |b: usize| bones[b].name.starts_with("vertebrae_");
+        let steps: Vec<Vector3<f64>> = (0..bones.len())
+            .filter_map(|b| Some((b, bones[b].parent?)))
+            .filter(|&(b, p)| spine(b) && spine(p) && tried.fit.bones[b].visible.max(tried.fit.bones[p].visible) > 0.1)
+            .map(|(b, p)| self.centres[b] - self.centres[p])
+            .map(|d| if d.z < 0.0 { -d } else { d })
+            .collect();
+        (!steps.is_empty()).then(|| steps.iter().sum::<Vector3<f64>>() / steps.len() as f64)
+    }
+}

@@ -1,0 +1,67 @@
+//! What a run whose results have no report of their own leaves beside them: its command line, its inputs, and the
+//! checksums of what it wrote, which `aventail inspect` verifies.
+
+use super::command_line;
+use crate::error::Result;
+use crate::io::checksum::sha256_file;
+use crate::io::{RunFolder, relative_to, write_json};
+use crate::pipeline::InputFile;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// A file that was written.
+#[derive(Debug, Serialize)]
+pub(super) struct Output {
+    /// Its name as seen from the folder of the record.
+    name: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    sha256: String,
+}
+
+/// The record of a run.
+#[derive(Serialize)]
+struct Record {
+    version: &'static str,
+    command: String,
+    inputs: Vec<InputFile>,
+    outputs: Vec<Output>,
+}
+
+/// Checksums of files of a folder.
+///
+/// # Errors
+/// [`crate::error::Error::Read`] when one cannot be read back.
+pub(super) fn outputs(folder: &Path, names: &[PathBuf]) -> Result<Vec<Output>> {
+    let one = |name: &PathBuf| {
+        let sha256 = sha256_file(folder.join(name))?;
+        Ok(Output { name: name.to_string_lossy().into_owned(), sha256 })
+    };
+    names.iter().map(one).collect()
+}
+
+/// A file that was read.
+///
+/// # Errors
+/// [`crate::error::Error::Read`] when it cannot be read again.
+pub(super) fn input(role: &str, path: &Path) -> Result<InputFile> {
+    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)? })
+}
+
+/// Writes the record of a run as `name` into its folder `out`, after all other files.
+///
+/// # Errors
+/// [`crate::error::Error::Write`] when it cannot be written.
+pub(super) fn write(folder: &RunFolder, out: &Path, name: &str, inputs: Vec<InputFile>) -> Result<()> {
+    write_of(&folder.written(), out, name, inputs)
+}
+
+/// Writes the record of the files named.
+///
+/// # Errors
+/// [`crate::error::Error::Write`] when it cannot be written.
+pub(super) fn write_of(names: &[PathBuf], out: &Path, name: &str, mut inputs: Vec<InputFile>) -> Result<()> {
+    inputs.iter_mut().for_each(|input| input.path = relative_to(out, &input.path));
+    let outputs = outputs(out, names)?;
+    let record = Record { version: env!("CARGO_PKG_VERSION"), command: command_line(), inputs, outputs };
+    write_json(out.join(name), &record)
+}
