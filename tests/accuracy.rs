@@ -3,18 +3,12 @@
 //! The phantom has 3 mm voxels here so that the test is quick; small bones are blurred, so the bounds
 //! are those of a coarse image; docs/validation.md has the numbers at clinical resolution.
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::score::{Score, TruthPoint, name, score};
+use crate::support::shared::fine_registered;
 use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
-use aventail::config::Config;
-use aventail::phantom::{Phantom, PhantomOptions};
-use aventail::pipeline::{Case, Outcome, register};
+use aventail::phantom::Phantom;
 use aventail::progress::Silent;
-use aventail::runtime::Runtime;
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
-use support::score::{Score, TruthPoint, name, score};
 
 /// Mean over bones of their points' mean error, mm: a tenth of a voxel.
 const BONES_MM: f64 = 0.6;
@@ -26,32 +20,6 @@ const SOFT_MM: f64 = 1.2;
 const RIGID_MM: f64 = 0.001;
 /// Cells that fold outside bone contact, percent of the body.
 const FOLDED_PERCENT: f64 = 0.05;
-
-fn done() -> &'static (Phantom, Outcome) {
-    static ONE: OnceLock<(Phantom, Outcome)> = OnceLock::new();
-    ONE.get_or_init(|| {
-        let phantom = Phantom::new(&PhantomOptions {
-            size: [172, 120, 140],
-            spacing_mm: [3.0; 3],
-            edge_mm: 2.5,
-            ..PhantomOptions::default()
-        })
-        .expect("the options are sensible");
-        let case = Case {
-            planning: phantom.planning.clone(),
-            bones: phantom.bones.clone(),
-            fraction: phantom.fraction.clone(),
-            landmarks: phantom.landmarks.clone(),
-            bone_landmarks: Vec::new(),
-            skeleton: None,
-            warnings: Vec::new(),
-            inputs: Vec::new(),
-        };
-        let runtime = Runtime::silent().expect("threads start");
-        let outcome = register(&case, &Config::default(), &runtime).expect("the phantom registers");
-        (phantom, outcome)
-    })
-}
 
 /// Body voxels whose true place lies inside the fraction image, with their true motion.
 fn truth(phantom: &Phantom) -> Vec<TruthPoint> {
@@ -71,7 +39,7 @@ fn truth(phantom: &Phantom) -> Vec<TruthPoint> {
 
 #[test]
 fn bones_and_tissue_are_where_they_truly_went() {
-    let (phantom, outcome) = done();
+    let (phantom, outcome) = fine_registered();
     let truth = truth(phantom);
     let moved = truth.iter().map(|p| p.motion.norm()).sum::<f64>() / truth.len() as f64;
     assert!(moved > 5.0, "the phantom moves by {moved} mm, so standing still is no answer");
@@ -85,7 +53,7 @@ fn bones_and_tissue_are_where_they_truly_went() {
 
 #[test]
 fn the_field_moves_bones_rigidly_as_their_transforms_say() {
-    let (phantom, outcome) = done();
+    let (phantom, outcome) = fine_registered();
     for bone in &outcome.rigidity {
         assert!(bone.rms_mm <= RIGID_MM, "{} departs by {} mm", bone.name, bone.rms_mm);
     }
@@ -104,7 +72,7 @@ fn the_field_moves_bones_rigidly_as_their_transforms_say() {
 
 #[test]
 fn nothing_folds_outside_bone_contact() {
-    let report = &done().1.jacobian_report;
+    let report = &fine_registered().1.jacobian_report;
     println!("{} of {} cells fold, {} in contact", report.body.folded, report.body.cells, report.contact.folded);
     assert!(report.body.cells > 50_000);
     assert!(report.body.folded_percent <= FOLDED_PERCENT, "{} %", report.body.folded_percent);
@@ -112,7 +80,7 @@ fn nothing_folds_outside_bone_contact() {
 
 #[test]
 fn landmarks_come_closer() {
-    let landmarks = done().1.landmarks.as_ref().unwrap();
+    let landmarks = fine_registered().1.landmarks.as_ref().unwrap();
     println!("landmarks {:.2} mm before, {:.2} mm after", landmarks.before.mean, landmarks.after.mean);
     assert!(landmarks.each.len() >= 16);
     assert!(landmarks.ratio_of_means <= 0.35, "ratio of means {}", landmarks.ratio_of_means);
@@ -120,7 +88,7 @@ fn landmarks_come_closer() {
 
 #[test]
 fn the_inverse_undoes_the_field() {
-    let outcome = &done().1;
+    let outcome = fine_registered().1;
     let grid = outcome.pull.displacement.grid();
     let mut apart: Vec<f64> = (0..grid.len())
         .filter(|&l| outcome.pull.inside.data()[l])
@@ -140,7 +108,7 @@ fn the_inverse_undoes_the_field() {
 
 #[test]
 fn the_way_there_and_back_ends_where_it_began() {
-    let report = &done().1.consistency;
+    let report = &fine_registered().1.consistency;
     let back = &report.there_and_back_mm;
     println!(
         "planning to fraction and back: {:.4} mm mean, {:.3} mm worst of {}, beyond 0.5 mm {} (before {})",
@@ -155,7 +123,7 @@ fn the_way_there_and_back_ends_where_it_began() {
 /// that are let go. Bones alone, without images, which would hide the difference.
 #[test]
 fn the_default_is_as_good_as_waves_through_every_voxel() {
-    let (phantom, _) = done();
+    let (phantom, _) = fine_registered();
     let centroids: Vec<_> = phantom.skeleton.bones.iter().map(|b| b.centroid).collect();
     let mut bone_of_label = vec![None; 1 << 16];
     for (b, bone) in phantom.skeleton.bones.iter().enumerate() {
@@ -192,7 +160,7 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
 
 #[test]
 fn the_fit_says_which_bones_the_image_shows() {
-    let outcome = &done().1;
+    let outcome = fine_registered().1;
     let by_image = outcome.bone_fits.iter().filter(|f| f.determined_by == "image").count();
     assert!(by_image >= 30, "{by_image} bones");
     for fit in outcome.bone_fits.iter().filter(|f| f.determined_by == "image") {

@@ -1,18 +1,15 @@
 //! Error against run time: `aventail curve` measures what it says, and `--speed` chooses points on the curve.
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{Register, aventail, files_below, folder, small_phantom};
 use std::fs;
 use std::path::PathBuf;
-use support::{Register, aventail, files_below, folder, phantom};
 
 const PLAN: &str = r#"
 [[table]]
 title = "images"
 source = "refine.weight"
 stage = [
-    { id = "bones", name = "none", settings = { refine = { weight = 0.0 }, output = { uncertainty = false } } },
+    { id = "bones", name = "none", settings = { refine = { weight = 0.0 }, consistency = { rounds = 0 } } },
     { id = "default", name = "both", settings = {} },
 ]
 "#;
@@ -25,7 +22,7 @@ fn write(name: &str, text: &str) -> PathBuf {
 
 fn curve(out: &str) -> (assert_cmd::Command, PathBuf) {
     let out = folder().join(out);
-    let p = phantom();
+    let p = small_phantom();
     let mut run = aventail();
     run.arg("curve").arg("-q").arg("--plan").arg(write("plan.toml", PLAN)).arg("--out").arg(&out);
     run.arg("--planning").arg(&p.planning).arg("--bones").arg(&p.bones).arg("--fraction").arg(&p.fraction);
@@ -37,7 +34,7 @@ fn every_setting_of_the_plan_is_a_point_beside_the_peers() {
     let peers = write("peers.csv", "name,seconds,error_mm\nother tool,90.5,2.25\n");
     let (mut run, out) = curve("curve");
     run.arg("--landmarks")
-        .arg(&phantom().landmarks)
+        .arg(&small_phantom().landmarks)
         .arg("--peers")
         .arg(peers)
         .arg("--threads")
@@ -65,7 +62,7 @@ fn without_a_case_the_phantom_is_measured() {
         [[table]]
         title = "images"
         source = "refine.weight"
-        stage = [{ id = "bones", name = "none", settings = { refine = { weight = 0.0 }, output = { uncertainty = false } } }]
+        stage = [{ id = "bones", name = "none", settings = { soft_tissue = "nearest-bone", consistency = { rounds = 0 } } }]
     "#;
     let mut run = aventail();
     run.arg("curve").arg("-q").arg("--plan").arg(write("one.toml", plan)).arg("--out").arg(&out).assert().success();
@@ -79,7 +76,7 @@ fn without_a_case_the_phantom_is_measured() {
 fn what_cannot_be_measured_is_refused() {
     let (mut run, out) = curve("refused");
     let bad = write("bad.csv", "name,seconds\nother,1\n");
-    let code = run.arg("--landmarks").arg(&phantom().landmarks).arg("--peers").arg(bad).assert().code(3);
+    let code = run.arg("--landmarks").arg(&small_phantom().landmarks).arg("--peers").arg(bad).assert().code(3);
     let message = String::from_utf8_lossy(&code.get_output().stderr).into_owned();
     assert!(message.contains("bad.csv") && message.contains("error_mm"), "{message}");
     assert!(!out.exists());

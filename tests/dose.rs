@@ -1,11 +1,10 @@
-//! Dose as its users meet it where inputs do not fit: fields the wrong way round or too small, units, contours that are hard to
-//! sample. The table of balls in docs/metrics.md is made here: `AVENTAIL_WRITE_DOCS=1 cargo test --test dose`.
+//! Dose as its users meet it where inputs do not fit: fields the wrong way round or too small,
+//! units, contours that are hard to sample. The table of balls in docs/metrics.md is made here:
+//! `AVENTAIL_WRITE_DOCS=1 cargo test --test all dose`.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{aventail, files, folder};
 use aventail::dose::dvh_of_contours;
 use aventail::field::FieldFormat;
 use aventail::geometry::Grid;
@@ -18,7 +17,6 @@ use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{aventail, files, folder};
 
 /// A path in a folder of the running test's own: two runs at once would meet in one folder.
 fn at(name: &str) -> PathBuf {

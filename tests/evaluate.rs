@@ -2,9 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{aventail, files, files_below, folder, phantom};
 use assert_cmd::Command;
 use aventail::field::FieldFormat;
 use aventail::geometry::Grid;
@@ -13,7 +11,6 @@ use aventail::volume::{LabelMap, Volume};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{aventail, files, files_below, folder, phantom};
 
 fn truth() -> PathBuf {
     phantom().planning.with_file_name("true_planning_to_fraction.nii.gz")

@@ -3,9 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{Register, aventail, files_below, folder, quick_settings as quick, small_phantom as phantom};
 use assert_cmd::assert::Assert;
 use aventail::geometry::Grid;
 use aventail::volume::{LabelMap, Volume};
@@ -14,44 +12,20 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use support::{PhantomFiles, Register, aventail, files_below, folder};
 
 fn stderr(run: &Assert) -> String {
     String::from_utf8_lossy(&run.get_output().stderr).into_owned()
 }
 
 /// A run of the fastest kind on the phantom.
+#[track_caller]
 fn fast(out: &str) -> Register {
-    register(out).with("--config", quick()).flag("--quiet")
+    Register::quick(out)
 }
 
-/// A phantom of large voxels, which takes a second.
-fn phantom() -> &'static PhantomFiles {
-    static FILES: OnceLock<PhantomFiles> = OnceLock::new();
-    FILES.get_or_init(|| {
-        let home = folder().join("phantom");
-        aventail().args(["phantom", "--spacing", "9x9x9", "--out"]).arg(&home).assert().success();
-        let file = |name: &str| home.join(name);
-        PhantomFiles {
-            planning: file("planning_ct.nii.gz"),
-            bones: file("bones.nii.gz"),
-            fraction: file("fraction_ct.nii.gz"),
-            landmarks: file("landmarks.csv"),
-        }
-    })
-}
-
-/// Registers it.
+/// Registers the phantom of large voxels.
 fn register(out: &str) -> Register {
-    let f = phantom();
-    let [planning, bones, fraction] = [&f.planning, &f.bones, &f.fraction].map(Clone::clone);
-    Register { planning, bones, fraction, out: folder().join(out), more: Vec::new() }
-}
-
-/// Settings of a run whose accuracy does not matter.
-fn quick() -> PathBuf {
-    let text = "preset = \"fast\"\nsoft_tissue = \"nearest-bone\"\n[fit]\nlevels = [[2.0, 500]]\n";
-    support::files::bytes(&folder().join("quick.toml"), text.as_bytes())
+    Register::of(phantom(), folder().join(out))
 }
 
 /// A finished run that tests may read and copy.
@@ -284,7 +258,7 @@ fn what_needs_no_voxels_is_refused_without_them() {
     // Files whose values are cut off: whatever is refused is refused by headers.
     let cut = |from: &Path, name: &str| {
         let bytes = fs::read(from).unwrap();
-        support::files::bytes(&folder().join(name), &bytes[..bytes.len() / 2])
+        crate::support::files::bytes(&folder().join(name), &bytes[..bytes.len() / 2])
     };
     let (planning, fraction) = (cut(&phantom().planning, "p.nii.gz"), cut(&phantom().fraction, "q.nii.gz"));
     let whole = register;
@@ -301,7 +275,7 @@ fn what_needs_no_voxels_is_refused_without_them() {
     refused(register("h5").with("--volume-change", "parotid=0.8"), 2, "parotid");
     let grid = Grid::axis_aligned([5, 5, 5], [9.0; 3], [0.0; 3]).unwrap();
     let labels = LabelMap { volume: Volume::filled(grid, 1), names: [(1, "skull".to_owned())].into() };
-    let labels = support::files::labels(&folder().join("small.nii.gz"), &labels);
+    let labels = crate::support::files::labels(&folder().join("small.nii.gz"), &labels);
     refused(whole("h6").fraction(&fraction).bones(labels), 4, "is not that of the planning CT");
     refused(register("h7").with("--threads", "100000"), 2, "1024");
     refused(register("h8"), 3, "p.nii.gz");

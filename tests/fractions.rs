@@ -1,19 +1,22 @@
 //! Several fractions of one patient share the planning side, a region of interest is a part of the whole, and a run that
 //! needs too much memory does not begin.
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{Register, aventail, done, files_below, folder, phantom, small_phantom};
 use aventail::io;
 use aventail::volume::{region::voxels_of_box, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{Register, aventail, files_below, folder, phantom};
 
-/// The second fraction of the coarse phantom.
+/// The second fraction of the phantom of large voxels.
 fn second() -> PathBuf {
-    phantom().planning.parent().expect("the file lies in a folder").join("fraction_2/fraction_ct.nii.gz")
+    small_phantom().planning.parent().expect("the file lies in a folder").join("fraction_2/fraction_ct.nii.gz")
+}
+
+/// That phantom, with settings as they come.
+#[track_caller]
+fn small(out: &str) -> Register {
+    Register::of(small_phantom(), folder().join(out)).flag("-q")
 }
 
 fn stages(out: &Path) -> Vec<String> {
@@ -26,9 +29,9 @@ fn stages(out: &Path) -> Vec<String> {
 
 #[test]
 fn fractions_share_planning_and_give_the_bits_of_single_runs() {
-    let both = Register::phantom("both").with("--fraction", second()).flag("-q");
+    let both = small("both").with("--fraction", second());
     both.command().assert().success();
-    let alone = Register::phantom("alone").fraction(second()).flag("-q");
+    let alone = small("alone").fraction(second());
     alone.command().assert().success();
     // Both files have the same name, so the folders are numbered.
     let shared = both.out.join("2");
@@ -49,12 +52,11 @@ fn fractions_share_planning_and_give_the_bits_of_single_runs() {
 
 #[test]
 fn a_region_is_a_part_of_the_whole() {
-    let whole = Register::phantom("whole").flag("-q");
-    whole.command().assert().success();
+    let whole = done();
     let roi = Register::phantom("roi").with("--roi", "mandible").flag("-q");
     roi.command().assert().success();
-    let field = |r: &Register| io::read_field(r.out.join("planning_to_fraction.nii.gz")).unwrap().value;
-    let (all, part) = (field(&whole), field(&roi));
+    let field = |out: &Path| io::read_field(out.join("planning_to_fraction.nii.gz")).unwrap().value;
+    let (all, part) = (field(&whole.out), field(&roi.out));
     assert!(part.data().len() * 5 < all.data().len() * 2, "{:?} of {:?}", part.grid().size(), all.grid().size());
     // In the box of the mandible itself the part agrees with the whole.
     let labels = io::read_labels(&phantom().bones, None).unwrap().value;
@@ -151,12 +153,13 @@ fn a_missing_fraction_is_found_before_the_first_is_registered() {
 #[test]
 fn a_damaged_fraction_leaves_the_results_before_it_whole() {
     let damaged = folder().join("cut.nii.gz");
-    fs::write(&damaged, &fs::read(second()).unwrap()[..20_000]).unwrap();
-    let register = Register::phantom("damaged_run").with("--fraction", &damaged).flag("-q");
+    let whole = fs::read(&small_phantom().fraction).unwrap();
+    fs::write(&damaged, &whole[..whole.len() / 2]).unwrap();
+    let register = Register::quick("damaged_run").with("--fraction", &damaged);
     let run = register.command().assert().code(3);
     let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
     assert!(message.contains("cut.nii.gz"), "{message}");
-    let alone = Register::phantom("before_damaged").flag("-q");
+    let alone = Register::quick("before_damaged");
     alone.command().assert().success();
     let (all, whole) = (files_below(&register.out), files_below(&alone.out));
     assert_eq!(all.len(), whole.len(), "{all:?}");

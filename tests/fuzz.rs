@@ -1,14 +1,15 @@
 //! The fuzz targets with a plain byte mutator: no bytes may make a reader or a write-back panic, hang, or fill the memory.
 //!
-//! `AVENTAIL_FUZZ_SECONDS` and `AVENTAIL_FUZZ_SEED` say how long and from where; `AVENTAIL_FUZZ_TARGET` names one target. What
-//! fails is kept beside the test's other files, and belongs into `tests/corpus`, which is run first.
+//! `AVENTAIL_FUZZ_SECONDS` (all threads together) and `AVENTAIL_FUZZ_SEED` say how long and from
+//! where; `AVENTAIL_FUZZ_TARGET` names one target. What fails is kept beside the test's other
+//! files, and belongs into `tests/corpus`, which is run first.
 
 #[path = "../fuzz/src/lib.rs"]
 mod targets;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use targets::TARGETS;
+use targets::{TARGETS, Target};
 
 /// A run that takes longer hangs.
 const LONGEST: Duration = Duration::from_secs(5);
@@ -136,40 +137,52 @@ fn number(name: &str, default: u64) -> u64 {
 }
 
 /// One thread for the readers: tasks as small as these would wait for each other longer than they run.
-fn alone(work: impl FnOnce() + Send) {
-    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread").install(work);
+fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread").install(work)
+}
+
+/// Some of the targets in turn, for so long; each has its own mutations and the same time, whatever
+/// the others do.
+fn take_turns(mine: &[(usize, &Target)], seed: u64, time: Duration) -> u64 {
+    let corpora: Vec<Vec<Vec<u8>>> = mine.iter().map(|(_, t)| t.2()).collect();
+    for ((_, (name, target, _)), corpus) in mine.iter().zip(&corpora) {
+        corpus.iter().for_each(|data| run(name, *target, data));
+    }
+    let mut random: Vec<Random> = mine
+        .iter()
+        .map(|(n, _)| Random((seed * 1000 + *n as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1))
+        .collect();
+    let (start, mut runs) = (Instant::now(), 0u64);
+    while start.elapsed() < time {
+        for (((_, (name, target, _)), corpus), random) in mine.iter().zip(&corpora).zip(&mut random) {
+            let turn = Instant::now();
+            while turn.elapsed() < TURN {
+                let mut data = corpus[random.below(corpus.len())].clone();
+                mutate(&mut data, corpus, random);
+                run(name, *target, &data);
+                runs += 1;
+            }
+        }
+    }
+    targets::clean_up();
+    runs
 }
 
 #[test]
 fn mutated_files_give_answers() {
-    let time = Duration::from_secs(number("AVENTAIL_FUZZ_SECONDS", 5));
     let seed = number("AVENTAIL_FUZZ_SEED", 1);
     let only = std::env::var("AVENTAIL_FUZZ_TARGET").ok();
-    let chosen: Vec<_> = TARGETS.iter().filter(|t| only.as_deref().is_none_or(|o| o == t.0)).collect();
-    alone(|| {
-        let corpora: Vec<Vec<Vec<u8>>> = chosen.iter().map(|t| t.2()).collect();
-        for ((name, target, _), corpus) in chosen.iter().zip(&corpora) {
-            corpus.iter().for_each(|data| run(name, *target, data));
-        }
-        // Each target has its own mutations and the same time, whatever the others do.
-        let mut random: Vec<Random> = (1..=chosen.len() as u64)
-            .map(|n| Random((seed * 1000 + n).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1))
-            .collect();
-        let (start, mut runs) = (Instant::now(), 0u64);
-        while start.elapsed() < time {
-            for (((name, target, _), corpus), random) in chosen.iter().zip(&corpora).zip(&mut random) {
-                let turn = Instant::now();
-                while turn.elapsed() < TURN {
-                    let mut data = corpus[random.below(corpus.len())].clone();
-                    mutate(&mut data, corpus, random);
-                    run(name, *target, &data);
-                    runs += 1;
-                }
-            }
-        }
-        targets::clean_up();
-        eprintln!("{runs} runs of {} targets from seed {seed}", chosen.len());
+    let chosen: Vec<_> = TARGETS.iter().filter(|t| only.as_deref().is_none_or(|o| o == t.0)).enumerate().collect();
+    // The time is that of all threads together; each takes its share of the targets.
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(chosen.len()).max(1);
+    let time = Duration::from_secs(number("AVENTAIL_FUZZ_SECONDS", 5)) / threads as u32;
+    let share = |n: usize| chosen.iter().copied().skip(n).step_by(threads).collect::<Vec<_>>();
+    let runs: u64 = std::thread::scope(|scope| {
+        let worker = |n: usize| scope.spawn(move || alone(|| take_turns(&share(n), seed, time)));
+        let workers: Vec<_> = (0..threads).map(worker).collect();
+        workers.into_iter().map(|w| w.join().expect("a target failed")).sum()
     });
+    eprintln!("{runs} runs of {} targets from seed {seed} on {threads} threads", chosen.len());
     let memory = aventail::runtime::peak_memory().unwrap_or(0);
     assert!(memory < MOST_MEMORY, "{memory} bytes of memory");
 }

@@ -2,11 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{aventail, folder};
 use std::fs;
-use support::{aventail, folder};
 
 /// The commands of the shell blocks, continued lines joined.
 fn commands(guide: &str) -> Vec<Vec<String>> {
@@ -29,7 +26,7 @@ fn every_command_of_the_guide_runs_as_typed() {
         run.current_dir(&place).args(&words[1..]);
         // The phantom of the guide takes minutes without optimisation.
         if words[1] == "phantom" {
-            run.args(["--spacing", "5x5x6"]);
+            run.args(["--spacing", "9x9x9"]);
         }
         run.assert().success();
         for (flag, file) in words.iter().zip(&words[1..]).filter(|(f, _)| f.starts_with("--out")) {

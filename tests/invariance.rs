@@ -2,54 +2,14 @@
 
 #![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
-use aventail::config::Config;
+use crate::support::shared::{fine_registered, registered};
+use crate::support::{Register, done, files_below, phantom};
 use aventail::field::{PushField, push_point};
 use aventail::geometry::Grid;
-use aventail::phantom::{Phantom, PhantomOptions};
-use aventail::pipeline::{Case, Outcome, register};
-use aventail::runtime::Runtime;
+use aventail::pipeline::{Case, Outcome};
 use aventail::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
 use std::fs;
-use std::sync::OnceLock;
-use support::{Register, files_below, phantom};
-
-/// A case of the coarse phantom.
-fn case_of(phantom: &Phantom) -> Case {
-    Case {
-        planning: phantom.planning.clone(),
-        bones: phantom.bones.clone(),
-        fraction: phantom.fraction.clone(),
-        landmarks: Vec::new(),
-        bone_landmarks: Vec::new(),
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    }
-}
-
-fn run(case: &Case) -> Outcome {
-    register(case, &Config::default(), &Runtime::silent().expect("threads start")).expect("the phantom registers")
-}
-
-/// The phantom and its registration as it comes.
-fn reference() -> &'static (Phantom, Outcome) {
-    static ONE: OnceLock<(Phantom, Outcome)> = OnceLock::new();
-    ONE.get_or_init(|| {
-        let phantom = Phantom::new(&PhantomOptions {
-            size: [172, 120, 140],
-            spacing_mm: [3.0; 3],
-            edge_mm: 2.5,
-            ..PhantomOptions::default()
-        })
-        .expect("the options are sensible");
-        let outcome = run(&case_of(&phantom));
-        (phantom, outcome)
-    })
-}
 
 /// The same image stored otherwise: storage axis `a` runs along the old axis `order[a]`, backwards where `flip[a]`.
 fn restored<T: Clone + Send + Sync>(image: &Volume<T>, order: [usize; 3], flip: [bool; 3]) -> Volume<T> {
@@ -89,25 +49,25 @@ fn difference(one: &PushField, other: &PushField, body: &Mask) -> (f64, f64) {
 
 #[test]
 fn threads_and_repetition_change_no_bit() {
-    let runs: Vec<Register> = [("one", 1), ("two", 2), ("two_again", 2)]
-        .map(|(out, threads)| {
-            let register = Register::phantom(out).with("--landmarks", &phantom().landmarks);
-            let register = register.with("--threads", threads.to_string()).flag("-q");
-            register.command().assert().success();
-            register
-        })
-        .into();
-    let names = files_below(&runs[0].out);
+    let runs = [("one", "1"), ("two", "2")].map(|(out, threads)| {
+        let register = Register::phantom(out).with("--landmarks", &phantom().landmarks);
+        let register = register.with("--threads", threads).flag("-q");
+        register.command().assert().success();
+        register.out
+    });
+    // The run of all tests repeats one of them: it has as many threads as the machine.
+    let out = &done().out;
+    let names = files_below(out);
     assert!(names.len() > 15, "{names:?}");
-    for other in &runs[1..] {
-        assert_eq!(files_below(&other.out), names);
+    for other in &runs {
+        assert_eq!(files_below(other), names);
         // These two hold times, memory, the command line and the folder that it names.
         for name in names.iter().filter(|n| !["report.json", "report.html"].contains(&n.as_str())) {
-            assert_eq!(fs::read(runs[0].out.join(name)).unwrap(), fs::read(other.out.join(name)).unwrap(), "{name}");
+            assert_eq!(fs::read(out.join(name)).unwrap(), fs::read(other.join(name)).unwrap(), "{name}");
         }
-        let [first, second] = [&runs[0], other].map(|r| {
+        let [first, second] = [out, other].map(|out| {
             let mut report: serde_json::Value =
-                serde_json::from_slice(&fs::read(r.out.join("report.json")).unwrap()).unwrap();
+                serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
             for key in ["created", "command", "folder", "stages", "threads", "peak_memory"] {
                 assert!(report.as_object_mut().unwrap().remove(key).is_some(), "{key}");
             }
@@ -128,26 +88,26 @@ fn threads_and_repetition_change_no_bit() {
 /// images show little.
 #[test]
 fn storage_order_does_not_matter() {
-    let (phantom, outcome) = reference();
-    let case = case_of(phantom);
-    // Planning in RAS storage, the fraction in a left-handed permutation.
+    let (phantom, outcome) = fine_registered();
+    let case = Case::from(phantom.clone());
+    // Planning in RAS storage, the fraction in a left-handed permutation; both at once, by the
+    // bounds of one.
     let (order, flip) = ([0, 1, 2], [true, true, false]);
     let planning = restored(&case.planning, order, flip);
     let bones = LabelMap { volume: restored(&case.bones.volume, order, flip), names: case.bones.names.clone() };
-    let other = run(&Case { planning, bones, ..case.clone() });
-    assert_close(outcome, &other, "planning", (order, flip));
-    let (order, flip) = ([2, 0, 1], [false, false, true]);
-    let other = run(&Case { fraction: restored(&case.fraction, order, flip), ..case });
-    assert_close(outcome, &other, "fraction", (order, flip));
+    let other = ([2, 0, 1], [false, false, true]);
+    let fraction = restored(&case.fraction, other.0, other.1);
+    let stored = registered(&Case { planning, bones, fraction, ..case });
+    assert_close(outcome, &stored, ((order, flip), other));
 }
 
-fn assert_close(one: &Outcome, other: &Outcome, what: &str, how: impl std::fmt::Debug) {
+fn assert_close(one: &Outcome, other: &Outcome, how: impl std::fmt::Debug) {
     let bones = bones_apart(one, other, Vector3::zeros());
     let (mean, p99) = difference(&one.push, &other.push, &one.body);
-    println!("{what} stored as {how:?}: bones {bones:.4} mm, body mean {mean:.4} mm, 99th percentile {p99:.3} mm");
-    assert!(bones <= 0.2, "bones {bones} mm, {what} {how:?}");
+    println!("stored as {how:?}: bones {bones:.4} mm, body mean {mean:.4} mm, 99th percentile {p99:.3} mm");
+    assert!(bones <= 0.2, "bones {bones} mm, {how:?}");
     // Sweeps run in another order, and where the phantom shows little the images settle elsewhere (docs/validation.md).
-    assert!(mean <= 0.15 && p99 <= 1.5, "mean {mean} mm, p99 {p99} mm, {what} {how:?}");
+    assert!(mean <= 0.15 && p99 <= 1.5, "mean {mean} mm, p99 {p99} mm, {how:?}");
 }
 
 /// Greatest distance between where two registrations take a bone's centroid, `shift` taken off the second.
@@ -169,14 +129,14 @@ fn bones_apart(one: &Outcome, other: &Outcome, shift: Vector3<f64>) -> f64 {
 
 #[test]
 fn the_scanner_origin_only_shifts_the_result() {
-    let (phantom, outcome) = reference();
-    let case = case_of(phantom);
+    let (phantom, outcome) = fine_registered();
+    let case = Case::from(phantom.clone());
     let shift = Vector3::new(310.0, -290.0, 265.0);
     assert!(shift.norm() > 500.0);
     let grid = case.fraction.grid();
     let moved = Grid::new(grid.size(), grid.spacing(), grid.origin() + shift, *grid.direction()).unwrap();
     let fraction = Volume::new(moved, case.fraction.data().to_vec()).unwrap();
-    let other = run(&Case { fraction, ..case });
+    let other = registered(&Case { fraction, ..case });
     let bones = bones_apart(outcome, &other, shift);
     println!("origin shifted by {:.0} mm: bones {bones:.4} mm", shift.norm());
     assert!(bones <= 0.02, "{bones} mm");

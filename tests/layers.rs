@@ -384,6 +384,24 @@ fn every_file_says_what_it_is_for() {
 }
 
 #[test]
+fn every_file_of_tests_is_run() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |name: &str| fs::read_to_string(root.join(name)).expect("the file is there");
+    let (all, manifest) = (read("tests/all.rs"), read("Cargo.toml"));
+    let mut files = 0;
+    for entry in fs::read_dir(root.join("tests")).expect("the folder can be listed") {
+        let path = entry.expect("the folder can be listed").path();
+        let name = path.file_stem().and_then(|n| n.to_str()).unwrap_or_default();
+        if path.extension().is_some_and(|e| e == "rs") || path.join("main.rs").exists() {
+            let own = manifest.contains(&format!("[[test]]\nname = \"{name}\"\n"));
+            assert!(own || all.contains(&format!("\nmod {name};\n")), "{} is in no test program", path.display());
+            files += 1;
+        }
+    }
+    assert!(files > 15, "{files} files");
+}
+
+#[test]
 fn the_manifest_reader_tells_tests_apart() {
     let manifest =
         "[dependencies]\naventail-base.workspace = true\nserde = \"1\"\n[dev-dependencies]\naventail-x = 1\n";

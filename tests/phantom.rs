@@ -1,9 +1,13 @@
 //! The phantom is what it says: rigid bones, an invertible unfolded map, images that follow from it.
 
+use crate::support::{aventail, files_below, folder, small_phantom};
 use aventail::geometry::rotation_angle_deg;
-use aventail::phantom::{INVERSE_TOLERANCE, Phantom, PhantomOptions, Posture};
+use aventail::io::read_image;
+use aventail::phantom::{CbctOptions, INVERSE_TOLERANCE, Phantom, PhantomOptions, Posture};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 use std::sync::OnceLock;
 
 /// One coarse phantom without noise, gain or offset for all tests that only look.
@@ -289,6 +293,52 @@ fn arms_can_be_raised_by_a_posture_file() {
             (p.transforms[n] * elbow).z > (p.transforms[n] * shoulder).z + 200.0,
             "the elbow is above the shoulder"
         );
+    }
+}
+
+#[test]
+fn the_program_writes_cone_beam_fractions_with_their_settings_and_truth() {
+    let read = |out: &Path, name: &str| read_image(out.join(name)).unwrap().value;
+    let make = |out: &str, words: &[&str]| {
+        let out = folder().join(out);
+        aventail().args(["phantom", "--spacing", "9x9x9"]).args(words).arg("--out").arg(&out).assert().success();
+        out
+    };
+    let file = folder().join("own.toml");
+    let own = CbctOptions { circle_radius_mm: 80.0, padding_hu: -1500.0, ..CbctOptions::default() };
+    fs::write(&file, own.to_toml().unwrap()).unwrap();
+    let cbct = make("cbct", &["--cbct", file.to_str().unwrap()]);
+    let plain = small_phantom().planning.parent().unwrap();
+    for fraction in ["", "fraction_2/"] {
+        let at = |name: &str| format!("{fraction}{name}");
+        assert_eq!(CbctOptions::parse(&fs::read_to_string(cbct.join(at("cbct.toml"))).unwrap()).unwrap(), own);
+        for truth in ["true_planning_to_fraction.nii.gz", "true_bone_transforms.json", "landmarks.csv"] {
+            assert_eq!(fs::read(cbct.join(at(truth))).unwrap(), fs::read(plain.join(at(truth))).unwrap(), "{truth}");
+        }
+        let (image, measured) = (read(&cbct, &at("fraction_ct.nii.gz")), read(&cbct, &at("measured.nii.gz")));
+        let seen = measured.data().iter().filter(|m| **m > 0.5).count();
+        assert!(seen > 2000 && 2 * seen < measured.data().len(), "{seen} of {}", measured.data().len());
+        assert!(image.data().iter().zip(measured.data()).all(|(hu, m)| (*hu < -1400.0) == (*m < 0.5)));
+    }
+    assert_eq!(fs::read(cbct.join("planning_ct.nii.gz")).unwrap(), fs::read(plain.join("planning_ct.nii.gz")).unwrap());
+    let chest = make("chest", &["--breathing", "-12", "--cbct"]);
+    let names = files_below(&chest);
+    for name in ["organs.nii.gz", "measured.nii.gz", "cbct.toml", "true_planning_to_fraction.nii.gz", "landmarks.csv"] {
+        assert!(names.iter().any(|n| n == name), "{name}: {names:?}");
+    }
+    assert!(!names.iter().any(|n| n.starts_with("fraction_2")), "{names:?}");
+    let wrong = folder().join("wrong.toml");
+    fs::write(&wrong, "circle = 3\n").unwrap();
+    for (words, code, word) in [
+        (vec!["--cbct", wrong.to_str().unwrap()], 3, "wrong.toml"),
+        (vec!["--breathing", "90"], 4, "amplitude"),
+        (vec!["--breathing", "--pose", "x.toml"], 2, "--pose"),
+        (vec!["--field", "swirl", "--cbct"], 2, "--cbct"),
+    ] {
+        let out = folder().join("refused");
+        let run = aventail().arg("phantom").args(&words).arg("--out").arg(&out).assert().code(code);
+        let message = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert!(message.contains(word) && files_below(&out).is_empty(), "{words:?}: {message}");
     }
 }
 

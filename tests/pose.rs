@@ -2,9 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{Register, aventail, bones_alone, files_below, folder, phantom};
 use assert_cmd::Command;
 use aventail::field::jacobian;
 use aventail::geometry::Rigid;
@@ -16,7 +14,6 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::{Register, aventail, files_below, folder, phantom};
 
 fn pose(out: &Path, motion: &[&str]) -> Command {
     let mut command = aventail();
@@ -150,6 +147,7 @@ fn landmarks_on_bones_replace_or_start_the_fit() {
     let (file, truth) = landmarks(&given);
     let replaced =
         Register::phantom("replaced").with("--bone-landmarks", &file).with("--bone-landmarks-use", "replace");
+    let replaced = replaced.with("--config", bones_alone());
     replaced.command().assert().success();
     let found = read_bone_transforms(replaced.out.join("bone_transforms.json")).unwrap();
     for bone in given {
@@ -162,7 +160,7 @@ fn landmarks_on_bones_replace_or_start_the_fit() {
     pose(&posed, &["--bone-landmarks", text(&file)]).assert().success();
     assert_eq!(read_bone_transforms(posed.join("bone_transforms.json")).unwrap(), found);
 
-    let started = Register::phantom("started").with("--bone-landmarks", &file);
+    let started = Register::phantom("started").with("--bone-landmarks", &file).with("--config", bones_alone());
     started.command().assert().success();
     let report: serde_json::Value =
         serde_json::from_slice(&fs::read(started.out.join("report.json")).unwrap()).unwrap();

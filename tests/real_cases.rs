@@ -6,9 +6,7 @@
 
 #![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::score::{dice, name, read_truth, score_case, surface_p95, trust};
 use aventail::body::{self, BodyOptions};
 use aventail::config::Config;
 use aventail::io::{read_image, read_labels, read_landmarks};
@@ -19,7 +17,6 @@ use aventail::volume::{LabelMap, Volume};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::score::{dice, name, read_truth, score_case, surface_p95, trust};
 
 /// Mean over visible bones, and the worst of them, mm.
 const BONES_MM: (f64, f64) = (0.5, 1.2);

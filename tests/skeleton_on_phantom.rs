@@ -1,15 +1,13 @@
 //! The skeleton and the body that are found on the phantom, against what the phantom knows.
 
+use crate::support::shared::fine;
 use aventail::body::{self, BodyOptions};
-use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::skeleton;
 
 #[test]
 fn joints_and_skin_are_where_the_phantom_has_them() {
     // The coarse phantom's hyoid falls to pieces.
-    let options =
-        PhantomOptions { size: [172, 120, 140], spacing_mm: [3.0; 3], edge_mm: 3.0, ..PhantomOptions::coarse() };
-    let phantom = Phantom::new(&options).unwrap();
+    let phantom = fine();
     let built = skeleton::build(&phantom.bones).unwrap();
     assert!(built.warnings.is_empty() && built.ignored.is_empty(), "{:?} {:?}", built.warnings, built.ignored);
     assert_eq!(built.skeleton.bones.len(), phantom.skeleton.bones.len());

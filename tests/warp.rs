@@ -2,14 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-#[allow(dead_code, reason = "every test program takes the part of the vocabulary that it needs")]
-mod support;
-
+use crate::support::{aventail, files, folder};
 use assert_cmd::assert::Assert;
 use aventail::io::{read_contours, read_field, read_image, read_label_map};
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{aventail, files, folder};
 
 fn at(name: &str) -> PathBuf {
     folder().join(name)

@@ -5,11 +5,13 @@
 
 use aventail::config::{ConfigFile, StudyPlan};
 use aventail::error::Error;
+use aventail::geometry::Grid;
 use aventail::io::points::{Space, read_points};
 use aventail::io::{self, WriteOptions, inspect};
-use aventail::phantom::Posture;
+use aventail::phantom::{CbctOptions, Posture, degrade};
 use aventail::report::Report;
 use aventail::skeleton::{Bone, Joint, Skeleton};
+use aventail::volume::Volume;
 use nalgebra::{Matrix3, Point3};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -38,6 +40,7 @@ pub const TARGETS: &[Target] = &[
     ("study", study, seeds::study),
     ("pose", pose, seeds::pose),
     ("posture", posture, seeds::pose),
+    ("cbct", cbct, seeds::cbct),
     ("skeleton", skeleton, seeds::skeleton),
     ("report", report, seeds::report),
 ];
@@ -258,6 +261,16 @@ pub fn pose(data: &[u8]) {
         let out = folder().join("out.toml");
         io::pose::write_pose(&out, &skeleton, &pose).unwrap_or_else(|e| panic!("{e}"));
         io::pose::read_pose(&out, &skeleton).unwrap_or_else(|e| panic!("{e}"));
+    }
+}
+
+/// Settings of a cone-beam CT, and an image made with what was read.
+pub fn cbct(data: &[u8]) {
+    if let Ok(options) = std::str::from_utf8(data).map_err(|e| e.to_string()).and_then(CbctOptions::parse) {
+        let grid = Grid::axis_aligned([5, 4, 6], [30.0, 40.0, 20.0], [0.0; 3]).expect("a grid");
+        let _ = degrade(&Volume::filled(grid, 20.0), &options, 1);
+        let text = options.to_toml().unwrap_or_else(|e| panic!("{e}"));
+        CbctOptions::parse(&text).unwrap_or_else(|e| panic!("{e}"));
     }
 }
 

@@ -221,6 +221,13 @@ pub(super) fn pose() -> Vec<Vec<u8>> {
     ])
 }
 
+pub(super) fn cbct() -> Vec<Vec<u8>> {
+    all(&[
+        "gain = 0.8\ncupping_hu = -180.0\nnoise_hu = 60.0\ncircle_radius_mm = 50\ncircle_offset_mm = [5, -3.5]\n",
+        "blank_slices = [1, 2]\nlength_mm = 1e300\nstreak_hu = 80.0\nshading_mm = 150.0\npadding_hu = -2000\n",
+    ])
+}
+
 pub(super) fn skeleton() -> Vec<Vec<u8>> {
     all(&[
         "[bones.skull]\nparent = \"vertebrae_C7\"\njoint = \"j\"\ncentre_mm = [1, 2, 3]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n",

@@ -4,7 +4,6 @@ use super::links::{LinkArg, frame};
 use super::organs::OrganArgs;
 use crate::field::FieldFormat;
 use crate::io::points::Space;
-use crate::phantom::Formula;
 use crate::runtime::MOST_THREADS;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -42,9 +41,10 @@ pub enum Verb {
     Study(super::study::StudyArgs),
     /// Make the phantom, register it, and write the report: needs no data
     Demo(super::demo::DemoArgs),
-    /// Write the phantom as files, with its truth: two fractions, contours, dose; or a test object with an exact answer
-    #[command(after_help = PHANTOM)]
-    Phantom(PhantomArgs),
+    /// Write a phantom as files, with its truth: two fractions, contours, dose; a breathing chest;
+    /// or a test object
+    #[command(after_help = super::phantom::HELP)]
+    Phantom(super::phantom::PhantomArgs),
     /// Carry images, labels, dose, points, contours and meshes from one scan to another with any tool's field
     #[command(after_help = WARP)]
     Warp(Box<WarpArgs>),
@@ -269,44 +269,6 @@ pub struct WarpArgs {
     pub quiet: bool,
 }
 
-const PHANTOM: &str = "\
-Without --field OUT holds the anatomical phantom: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction
-(the first in OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
-With --field OUT holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
-exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
-
-Example: check any tool's warp against the exact answer
-  aventail phantom --field swirl --out swirl
-  aventail warp --field swirl/planning_to_fraction.nii.gz --from planning --to fraction --kind image \\
-                --input swirl/planning_image.nii.gz --grid swirl/fraction_image.nii.gz --out warped.nii.gz";
-
-/// Names of the formulas.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum FormulaName {
-    /// The same shift everywhere
-    Shift,
-    /// A rigid rotation
-    Rotation,
-    /// Scaling along three axes
-    Scaling,
-    /// A turn that fades with the distance from an axis; keeps volume
-    Swirl,
-    /// Space turned inside out; no inverse exists
-    Fold,
-}
-
-impl From<FormulaName> for Formula {
-    fn from(name: FormulaName) -> Self {
-        match name {
-            FormulaName::Shift => Self::Shift,
-            FormulaName::Rotation => Self::Rotation,
-            FormulaName::Scaling => Self::Scaling,
-            FormulaName::Swirl => Self::Swirl,
-            FormulaName::Fold => Self::Fold,
-        }
-    }
-}
-
 /// What voxels are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum VolumeKind {
@@ -375,26 +337,6 @@ impl From<FormatName> for FieldFormat {
     }
 }
 
-/// Options of `phantom`.
-#[derive(Debug, Args)]
-pub struct PhantomArgs {
-    /// Folder for the files; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Voxel spacing in mm, for example 1.5x1.5x3
-    #[arg(long, value_name = "XxYxZ", value_parser = parse_spacing)]
-    pub spacing: Option<[f64; 3]>,
-    /// Posture of the fraction as a pose file, instead of the two built-in ones
-    #[arg(long, value_name = "FILE")]
-    pub pose: Option<PathBuf>,
-    /// A test object with an exact answer instead of the anatomy
-    #[arg(long, value_enum, conflicts_with = "pose")]
-    pub field: Option<FormulaName>,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
-    pub threads: usize,
-}
-
 /// Options of `skeleton`.
 #[derive(Debug, Args)]
 pub struct SkeletonArgs {
@@ -423,19 +365,6 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Three positive numbers joined by `x`.
-fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Vec<f64> =
-        text.split('x').map(|t| t.parse().map_err(|_| format!("`{t}` is no number"))).collect::<Result<_, _>>()?;
-    let spacing: [f64; 3] =
-        numbers.try_into().map_err(|_| "three numbers joined by x are needed, for example 1.5x1.5x3".to_owned())?;
-    if spacing.iter().all(|s| (0.2..=20.0).contains(s)) {
-        Ok(spacing)
-    } else {
-        Err("each spacing must lie between 0.2 and 20 mm".into())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -444,13 +373,5 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn spacing_needs_three_positive_numbers() {
-        assert_eq!(parse_spacing("1.5x1.5x3"), Ok([1.5, 1.5, 3.0]));
-        for bad in ["1.5", "1x2x-3", "axbxc", "1x2x3x4", "0x1x1", "NaNx1x1"] {
-            assert!(parse_spacing(bad).is_err(), "{bad}");
-        }
     }
 }

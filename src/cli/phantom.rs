@@ -1,62 +1,178 @@
-//! `aventail phantom`: the phantom as files, with everything that is true about it.
+//! `aventail phantom`: phantoms as files, with everything that is true about them.
 
-use super::args::PhantomArgs;
 use super::{record, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
-use crate::field::FieldFormat;
-use crate::io::{self, Planned, Stored, WriteOptions};
-use crate::phantom::{Phantom, PhantomOptions, Posture, TestObject};
+use crate::field::{FieldFormat, PushField};
+use crate::geometry::Rigid;
+use crate::io::{self, Planned, RunFolder, Stored, WriteOptions};
+use crate::phantom::{
+    Breathing, BreathingOptions, CbctOptions, Formula, Phantom, PhantomOptions, Posture, TestObject, degrade,
+};
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
-use std::path::Path;
+use crate::volume::{LabelMap, Volume};
+use clap::{Args, ValueEnum};
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 /// Tells what was written, with checksums.
 const RECORD: &str = "phantom.json";
 
+pub(super) const HELP: &str = "\
+OUT holds the head, neck and shoulders: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction (the first in
+OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
+With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and one fraction, in which the lungs and
+what lies below them have slid along the chest wall; points of landmarks.csv face each other across the pleura.
+With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading, noise, streaks, a round and short
+field of view with a bright rim where the patient is cut, blank end slices. The truth is what it is without. Beside the image lie
+measured.nii.gz (1 where the machine saw anything) and cbct.toml, the settings, any of which FILE may change.
+With --field it holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
+exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
+
+Examples:
+  aventail phantom --cbct --out shaded
+  aventail phantom --breathing 15 --out chest
+Check any tool's warp against the exact answer:
+  aventail phantom --field swirl --out swirl
+  aventail warp --field swirl/planning_to_fraction.nii.gz --from planning --to fraction --kind image \\
+                --input swirl/planning_image.nii.gz --grid swirl/fraction_image.nii.gz --out warped.nii.gz";
+
+/// Options of `phantom`.
+#[derive(Debug, Args)]
+pub struct PhantomArgs {
+    /// Folder for the files; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Voxel spacing in mm, for example 1.5x1.5x3
+    #[arg(long, value_name = "XxYxZ", value_parser = parse_spacing)]
+    pub spacing: Option<[f64; 3]>,
+    /// Posture of the fraction as a pose file, instead of the two built-in ones
+    #[arg(long, value_name = "FILE")]
+    pub pose: Option<PathBuf>,
+    /// A breathing chest instead of head and neck; its diaphragm goes down by MM [default: 20], or
+    /// up if below 0
+    #[arg(long, value_name = "MM", num_args = 0..=1, allow_negative_numbers = true, conflicts_with = "pose")]
+    pub breathing: Option<Option<f64>>,
+    /// Make cone-beam CTs of the fractions; FILE (TOML, as the written cbct.toml) changes how
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    pub cbct: Option<Option<PathBuf>>,
+    /// A test object with an exact answer instead of the anatomy
+    #[arg(long, value_enum, conflicts_with_all = ["pose", "breathing", "cbct"])]
+    pub field: Option<FormulaName>,
+    /// Threads; 0 takes one per core
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
+    pub threads: usize,
+}
+
+/// Names of the formulas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FormulaName {
+    /// The same shift everywhere
+    Shift,
+    /// A rigid rotation
+    Rotation,
+    /// Scaling along three axes
+    Scaling,
+    /// A turn that fades with the distance from an axis; keeps volume
+    Swirl,
+    /// Space turned inside out; no inverse exists
+    Fold,
+}
+
+impl From<FormulaName> for Formula {
+    fn from(name: FormulaName) -> Self {
+        match name {
+            FormulaName::Shift => Self::Shift,
+            FormulaName::Rotation => Self::Rotation,
+            FormulaName::Scaling => Self::Scaling,
+            FormulaName::Swirl => Self::Swirl,
+            FormulaName::Fold => Self::Fold,
+        }
+    }
+}
+
 /// Writes the phantom into the folder; returns what was written and how to register it.
 ///
 /// # Errors
-/// When an option makes no image, the pose file cannot be read, or the folder cannot be written.
+/// When an option makes no image, a file of options cannot be read, or the folder cannot be
+/// written.
 pub fn run(args: &PhantomArgs) -> Result<String> {
-    let options = options(args)?;
+    let cbct = args.cbct.as_ref().map(|file| cbct_options(file.as_deref())).transpose()?;
+    let options = options(args, cbct.is_some())?;
     let planned = Planned { reports: vec![RECORD.into()], names: names(args) };
-    let inputs: Vec<&Path> = args.pose.as_deref().into_iter().collect();
+    let cbct_file = args.cbct.as_ref().and_then(Option::as_deref);
+    let inputs: Vec<&Path> = args.pose.as_deref().into_iter().chain(cbct_file).collect();
     let mut folder = run_folder(&args.out, &planned, &inputs)?;
     let runtime = Runtime::new(args.threads, super::register::progress(false))?;
-    if let Some(formula) = args.field {
+    let text = if let Some(formula) = args.field {
         folder.begin()?;
         let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;
         runtime.stage("write", || write_object(&object, &args.out))?;
-        record::write(&folder, &args.out, RECORD, Vec::new())?;
-        folder.finish();
-        return Ok(object_text(&object, &args.out));
-    }
+        object_text(&object, &args.out)
+    } else if let Some(amplitude) = args.breathing {
+        let options = breathing_options(args, amplitude, cbct.is_some());
+        chest(args, &options, cbct.as_ref(), &mut folder, &runtime)?
+    } else {
+        patient(args, options, cbct.as_ref(), &mut folder, &runtime)?
+    };
+    let read = [("pose", args.pose.as_deref()), ("cbct", cbct_file)];
+    let read = read.into_iter().filter_map(|(role, path)| Some(record::input(role, path?)));
+    record::write(&folder, &args.out, RECORD, read.collect::<Result<_>>()?)?;
+    folder.finish();
+    Ok(text)
+}
+
+/// Makes the breathing chest and writes it.
+fn chest(
+    args: &PhantomArgs,
+    options: &BreathingOptions,
+    cbct: Option<&CbctOptions>,
+    folder: &mut RunFolder,
+    runtime: &Runtime,
+) -> Result<String> {
+    let chest = runtime.stage("make the phantom", || Breathing::new(options))?;
+    let fraction = seen(&chest.fraction, cbct, options.seed)?;
+    folder.begin()?;
+    runtime.stage("write", || write_chest(&chest, &fraction, &args.out))?;
+    Ok(text(&args.out, &chest.bones, chest.landmarks.len(), [&chest.planning, &fraction.image]))
+}
+
+/// Makes head, neck and shoulders with their fractions and writes them.
+fn patient(
+    args: &PhantomArgs,
+    options: PhantomOptions,
+    cbct: Option<&CbctOptions>,
+    folder: &mut RunFolder,
+    runtime: &Runtime,
+) -> Result<String> {
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
+    let fraction = seen(&phantom.fraction, cbct, options.seed)?;
     folder.begin()?;
     runtime.stage("write", || {
         write_planning(&phantom, &args.out)?;
-        write_fraction(&phantom, &args.out)
+        write_fraction(&phantom, &fraction, &args.out)
     })?;
     if args.pose.is_none() {
         let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
         let second_folder = args.out.join("fraction_2");
         std::fs::create_dir_all(&second_folder)
             .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
-        let second = runtime.stage("make the second fraction", || Phantom::new(&second))?;
-        runtime.stage("write", || write_fraction(&second, &second_folder))?;
+        let made = runtime.stage("make the second fraction", || Phantom::new(&second))?;
+        let fraction = seen(&made.fraction, cbct, second.seed)?;
+        runtime.stage("write", || write_fraction(&made, &fraction, &second_folder))?;
     }
-    let inputs = args.pose.iter().map(|path| record::input("pose", path)).collect::<Result<_>>()?;
-    record::write(&folder, &args.out, RECORD, inputs)?;
-    folder.finish();
-    let out = args.out.display();
-    Ok(format!(
-        "{} bones, {} landmarks, planning {:?} voxels, fraction {:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
-        phantom.skeleton.bones.len(),
-        phantom.landmarks.len(),
-        phantom.planning.grid().size(),
-        phantom.fraction.grid().size(),
-    ))
+    Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
+}
+
+/// What was made, and how to register it.
+fn text(out: &Path, bones: &LabelMap, landmarks: usize, [planning, fraction]: [&Volume<f32>; 2]) -> String {
+    let (planning, fraction) = (planning.grid().size(), fraction.grid().size());
+    let out = out.display();
+    format!(
+        "{} bones, {landmarks} landmarks, planning {planning:?} voxels, fraction {fraction:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
+        bones.names.len()
+    )
 }
 
 /// Names of what will be written.
@@ -64,11 +180,18 @@ fn names(args: &PhantomArgs) -> Vec<String> {
     let object = ["planning_image.nii.gz", "planning_labels.nii.gz", "planning_to_fraction.nii.gz"];
     let deformed = ["fraction_image.nii.gz", "fraction_labels.nii.gz", "fraction_to_planning.nii.gz", "landmarks.csv"];
     let patient = ["planning_ct.nii.gz", "bones.nii.gz", "body.nii.gz", "contours.json", "dose.nii.gz"];
-    let fraction =
-        ["fraction_ct.nii.gz", "true_planning_to_fraction.nii.gz", "true_bone_transforms.json", "landmarks.csv"];
+    let chest = ["planning_ct.nii.gz", "bones.nii.gz", "body.nii.gz", "organs.nii.gz"];
+    let mut fraction =
+        vec!["fraction_ct.nii.gz", "true_planning_to_fraction.nii.gz", "true_bone_transforms.json", "landmarks.csv"];
+    if args.cbct.is_some() {
+        fraction.extend(["measured.nii.gz", "cbct.toml"]);
+    }
     let own = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     if args.field.is_some() {
         return [own(&object), own(&deformed)].concat();
+    }
+    if args.breathing.is_some() {
+        return [own(&chest), own(&fraction)].concat();
     }
     let second = fraction.iter().map(|name| format!("fraction_2/{name}")).filter(|_| args.pose.is_none()).collect();
     [own(&patient), own(&fraction), second].concat()
@@ -84,8 +207,9 @@ fn named(error: Error, args: &PhantomArgs) -> Error {
     }
 }
 
-/// Spacing keeps the default's field of view; the posture comes from a file when one is given.
-fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
+/// Spacing keeps the default's field of view; the posture comes from a file when one is given. A
+/// cone-beam CT brings its own noise and grey values.
+fn options(args: &PhantomArgs, cbct: bool) -> Result<PhantomOptions> {
     let mut options = PhantomOptions::default();
     if let Some(spacing) = args.spacing {
         options.size = std::array::from_fn(|a| {
@@ -93,6 +217,9 @@ fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
         });
         options.edge_mm *= (spacing[0] / options.spacing_mm[0]).max(0.5);
         options.spacing_mm = spacing;
+    }
+    if cbct {
+        (options.fraction_noise_hu, options.fraction_gain, options.fraction_offset_hu) = (0.0, 1.0, 0.0);
     }
     if let Some(path) = &args.pose {
         let text =
@@ -106,6 +233,46 @@ fn options(args: &PhantomArgs) -> Result<PhantomOptions> {
         })?;
     }
     Ok(options)
+}
+
+/// The same for the chest.
+fn breathing_options(args: &PhantomArgs, amplitude: Option<f64>, cbct: bool) -> BreathingOptions {
+    let mut options = BreathingOptions::default();
+    if let Some(spacing) = args.spacing {
+        options.edge_mm *= (spacing[0] / options.spacing_mm[0]).max(0.5);
+        options.spacing_mm = spacing;
+    }
+    if cbct {
+        options.fraction_noise_hu = 0.0;
+    }
+    options.amplitude_mm = amplitude.unwrap_or(options.amplitude_mm);
+    options
+}
+
+/// The settings of a file, or those as they come.
+fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
+    let Some(path) = file else { return Ok(CbctOptions::default()) };
+    let text =
+        std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct"))?;
+    CbctOptions::parse(&text).map_err(|e| {
+        let remedy =
+            "write lines such as `noise_hu = 40.0`; `aventail phantom --cbct` writes a cbct.toml with all of them";
+        Error::read(path, format!("it holds no settings of a cone-beam CT: {e}"), remedy)
+    })
+}
+
+/// A fraction's image as its scanner shows it.
+struct Seen<'a> {
+    image: Cow<'a, Volume<f32>>,
+    cbct: Option<&'a CbctOptions>,
+}
+
+fn seen<'a>(image: &'a Volume<f32>, cbct: Option<&'a CbctOptions>, seed: u64) -> Result<Seen<'a>> {
+    let image = match cbct {
+        Some(options) => Cow::Owned(degrade(image, options, seed.wrapping_add(2))?),
+        None => Cow::Borrowed(image),
+    };
+    Ok(Seen { image, cbct })
 }
 
 fn described(text: &str) -> WriteOptions {
@@ -125,14 +292,49 @@ fn write_planning(phantom: &Phantom, out: &Path) -> Result<()> {
 }
 
 /// Writes a fraction CT with its truth.
-fn write_fraction(phantom: &Phantom, out: &Path) -> Result<()> {
-    let ct = described("aventail phantom, fraction CT");
-    io::write_image(out.join("fraction_ct.nii.gz"), &phantom.fraction, Stored::Int16, &ct)?;
-    let (truth, level) = (phantom.truth()?, WriteOptions::default().gzip_level);
-    io::write_push(out.join("true_planning_to_fraction.nii.gz"), &truth, FieldFormat::Nifti, level)?;
+fn write_fraction(phantom: &Phantom, fraction: &Seen<'_>, out: &Path) -> Result<()> {
+    write_seen(fraction, out)?;
     let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
+    write_truth(&phantom.truth()?, transforms, &phantom.landmarks, out)
+}
+
+/// Writes the breathing chest.
+fn write_chest(chest: &Breathing, fraction: &Seen<'_>, out: &Path) -> Result<()> {
+    let ct = described("aventail breathing phantom, planning CT");
+    io::write_image(out.join("planning_ct.nii.gz"), &chest.planning, Stored::Int16, &ct)?;
+    io::write_labels(out.join("bones.nii.gz"), &chest.bones, &described("aventail breathing phantom, bones"))?;
+    io::write_labels(out.join("organs.nii.gz"), &chest.organs, &described("aventail breathing phantom, organs"))?;
+    io::write_mask(out.join("body.nii.gz"), &chest.body, &described("aventail breathing phantom, patient"))?;
+    write_seen(fraction, out)?;
+    write_truth(&chest.truth()?, chest.transforms(), &chest.landmarks, out)
+}
+
+/// Writes a fraction's image, and for a cone-beam CT its settings and where it was measured.
+fn write_seen(fraction: &Seen<'_>, out: &Path) -> Result<()> {
+    let ct = described("aventail phantom, fraction CT");
+    io::write_image(out.join("fraction_ct.nii.gz"), &fraction.image, Stored::Int16, &ct)?;
+    let Some(options) = fraction.cbct else { return Ok(()) };
+    let measured = options.measured(fraction.image.grid());
+    io::write_mask(
+        out.join("measured.nii.gz"),
+        &measured,
+        &described("aventail phantom, where the fraction was measured"),
+    )?;
+    let text = options.to_toml()?;
+    io::write_file(out.join("cbct.toml"), |w| w.write_all(text.as_bytes()))
+}
+
+/// Writes what is true about a fraction.
+fn write_truth<'a>(
+    truth: &PushField,
+    transforms: impl IntoIterator<Item = (&'a str, &'a Rigid)>,
+    landmarks: &[Landmark],
+    out: &Path,
+) -> Result<()> {
+    let level = WriteOptions::default().gzip_level;
+    io::write_push(out.join("true_planning_to_fraction.nii.gz"), truth, FieldFormat::Nifti, level)?;
     write_bone_transforms(&out.join("true_bone_transforms.json"), transforms)?;
-    io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, &phantom.landmarks))
+    io::write_file(out.join("landmarks.csv"), |w| write_landmarks(w, landmarks))
 }
 
 /// Writes a test object.
@@ -171,4 +373,30 @@ fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std:
         table.write_record(std::iter::once(l.name.clone()).chain(numbers))?;
     }
     out.write_all(&table.into_bytes()?)
+}
+
+/// Three positive numbers joined by `x`.
+fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> =
+        text.split('x').map(|t| t.parse().map_err(|_| format!("`{t}` is no number"))).collect::<Result<_, _>>()?;
+    let spacing: [f64; 3] =
+        numbers.try_into().map_err(|_| "three numbers joined by x are needed, for example 1.5x1.5x3".to_owned())?;
+    if spacing.iter().all(|s| (0.2..=20.0).contains(s)) {
+        Ok(spacing)
+    } else {
+        Err("each spacing must lie between 0.2 and 20 mm".into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spacing_needs_three_positive_numbers() {
+        assert_eq!(parse_spacing("1.5x1.5x3"), Ok([1.5, 1.5, 3.0]));
+        for bad in ["1.5", "1x2x-3", "axbxc", "1x2x3x4", "0x1x1", "NaNx1x1"] {
+            assert!(parse_spacing(bad).is_err(), "{bad}");
+        }
+    }
 }

@@ -2,22 +2,33 @@
 
 pub mod files;
 pub mod score;
+pub mod shared;
 
 use assert_cmd::Command;
+use std::collections::BTreeMap;
+use std::panic::Location;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
-/// A folder of this test program's own that starts empty; it stays after the tests, to be looked at.
+/// A folder of the calling file's own that starts empty; it stays after the tests, to be looked at.
+#[track_caller]
 pub fn folder() -> &'static Path {
-    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    FOLDER.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(env!("CARGO_CRATE_NAME"));
-        if folder.exists() {
-            std::fs::remove_dir_all(&folder).expect("the folder of an earlier run can be removed");
-        }
-        std::fs::create_dir_all(&folder).expect("cargo's folder for tests can be written to");
-        folder
-    })
+    let file = Path::new(Location::caller().file());
+    named_folder(file.file_stem().and_then(|n| n.to_str()).expect("a file of tests has a name"))
+}
+
+fn named_folder(name: &str) -> &'static Path {
+    static FOLDERS: Mutex<BTreeMap<String, &'static Path>> = Mutex::new(BTreeMap::new());
+    let mut folders = FOLDERS.lock().expect("no thread stopped while a folder was made");
+    if let Some(folder) = folders.get(name) {
+        return folder;
+    }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).expect("the folder of an earlier run can be removed");
+    }
+    std::fs::create_dir_all(&folder).expect("cargo's folder for tests can be written to");
+    folders.entry(name.to_owned()).or_insert(Box::leak(folder.into_boxed_path()))
 }
 
 /// The program, to be given arguments.
@@ -25,7 +36,7 @@ pub fn aventail() -> Command {
     Command::new(env!("CARGO_BIN_EXE_aventail"))
 }
 
-/// A coarse phantom as files, made once by `aventail phantom`.
+/// A coarse phantom as files, made once by `aventail phantom` for all tests, which only read them.
 pub struct PhantomFiles {
     pub planning: PathBuf,
     pub bones: PathBuf,
@@ -35,17 +46,41 @@ pub struct PhantomFiles {
 
 pub fn phantom() -> &'static PhantomFiles {
     static FILES: OnceLock<PhantomFiles> = OnceLock::new();
-    FILES.get_or_init(|| {
-        let out = folder().join("phantom");
-        aventail().args(["phantom", "--spacing", "5x5x6", "--out"]).arg(&out).assert().success();
+    FILES.get_or_init(|| PhantomFiles::new("phantom_5_5_6", "5x5x6"))
+}
+
+/// The same with large voxels, which takes a second.
+pub fn small_phantom() -> &'static PhantomFiles {
+    static FILES: OnceLock<PhantomFiles> = OnceLock::new();
+    FILES.get_or_init(|| PhantomFiles::new("phantom_9", "9x9x9"))
+}
+
+impl PhantomFiles {
+    fn new(name: &str, spacing: &str) -> Self {
+        let out = named_folder(name).join("files");
+        aventail().args(["phantom", "--spacing", spacing, "--out"]).arg(&out).assert().success();
         let file = |name: &str| out.join(name);
-        PhantomFiles {
+        Self {
             planning: file("planning_ct.nii.gz"),
             bones: file("bones.nii.gz"),
             fraction: file("fraction_ct.nii.gz"),
             landmarks: file("landmarks.csv"),
         }
-    })
+    }
+}
+
+/// Settings of a run whose accuracy does not matter.
+pub fn quick_settings() -> &'static Path {
+    static FILE: OnceLock<PathBuf> = OnceLock::new();
+    let text = "preset = \"fast\"\nsoft_tissue = \"nearest-bone\"\n[fit]\nlevels = [[2.0, 500]]\n";
+    FILE.get_or_init(|| files::bytes(&named_folder("quick").join("settings.toml"), text.as_bytes()))
+}
+
+/// Settings that find bones as the default does, and spend no time on what lies between them.
+pub fn bones_alone() -> &'static Path {
+    static FILE: OnceLock<PathBuf> = OnceLock::new();
+    let text = "soft_tissue = \"nearest-bone\"\n[consistency]\nrounds = 0\n[output]\nuncertainty = false\n";
+    FILE.get_or_init(|| files::bytes(&named_folder("bones_alone").join("settings.toml"), text.as_bytes()))
 }
 
 /// A `register` command line on the phantom, any part of which can be replaced.
@@ -59,16 +94,23 @@ pub struct Register {
 }
 
 impl Register {
-    /// The phantom, into a folder of this name.
+    /// The phantom, into a folder of this name in the calling file's folder.
+    #[track_caller]
     pub fn phantom(out: &str) -> Self {
-        let f = phantom();
-        Self {
-            planning: f.planning.clone(),
-            bones: f.bones.clone(),
-            fraction: f.fraction.clone(),
-            out: folder().join(out),
-            more: Vec::new(),
-        }
+        Self::of(phantom(), folder().join(out))
+    }
+
+    /// The phantom of large voxels with [`quick_settings`], into a folder of this name in the
+    /// calling file's folder.
+    #[track_caller]
+    pub fn quick(out: &str) -> Self {
+        Self::of(small_phantom(), folder().join(out)).with("--config", quick_settings()).flag("--quiet")
+    }
+
+    /// These files, into a folder.
+    pub fn of(f: &PhantomFiles, out: PathBuf) -> Self {
+        let [planning, bones, fraction] = [&f.planning, &f.bones, &f.fraction].map(Clone::clone);
+        Self { planning, bones, fraction, out, more: Vec::new() }
     }
 
     pub fn planning(self, planning: impl Into<PathBuf>) -> Self {
@@ -100,6 +142,25 @@ impl Register {
         command.arg("--fraction").arg(&self.fraction).arg("--out").arg(&self.out).args(&self.more);
         command
     }
+}
+
+/// A finished run of `register` on the phantom, and what it printed.
+pub struct Done {
+    pub out: PathBuf,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+/// One run with landmarks and settings as they come, for all tests that look at it.
+pub fn done() -> &'static Done {
+    static RUN: OnceLock<Done> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let out = named_folder("done").join("run");
+        let register = Register::of(phantom(), out).with("--landmarks", &phantom().landmarks);
+        let output = register.command().assert().success().get_output().clone();
+        let text = |bytes| String::from_utf8(bytes).expect("output is UTF-8");
+        Done { out: register.out, stdout: text(output.stdout), stderr: text(output.stderr) }
+    })
 }
 
 /// Names of all files below a folder, `/` between parts, sorted.

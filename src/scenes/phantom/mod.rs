@@ -1,11 +1,15 @@
 //! Rank 5: analytic head, neck and shoulders with known truth, for the demo and for tests.
 //!
-//! [`Anatomy`] is a function of position: signed-distance solids for 42 named bones, soft tissue, airway and
-//! couch. [`TrueMotion`] moves it: bones exactly rigid, posed joint by joint with the phantom's true skeleton, soft
-//! tissue by a model that is neither the chain mail nor its relaxation. [`Phantom`] holds the images of both.
+//! [`Anatomy`] is a function of position: signed-distance solids for 42 named bones, soft tissue,
+//! airway and couch. [`TrueMotion`] moves it: bones exactly rigid, posed joint by joint with the
+//! phantom's true skeleton, soft tissue by a model that is neither the chain mail nor its
+//! relaxation. [`Phantom`] holds the images of both. [`Breathing`] is a chest whose lungs slide in
+//! their pleura, and [`degrade`] makes a cone-beam CT of any CT.
 
 mod anatomy;
+mod breathing;
 mod build;
+mod cbct;
 mod cells;
 mod head_bones;
 mod head_tissue;
@@ -27,6 +31,8 @@ mod trunk_bones;
 mod trunk_tissue;
 
 pub use anatomy::{Anatomy, Sample};
+pub use breathing::{Breathing, BreathingMotion, BreathingOptions, Part};
+pub use cbct::{CbctOptions, degrade};
 pub use motion::{INVERSE_TOLERANCE, PreImage, TrueMotion};
 pub use options::PhantomOptions;
 pub use plan::Plan;

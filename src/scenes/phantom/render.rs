@@ -4,7 +4,7 @@ use super::anatomy::Anatomy;
 use super::motion::{INVERSE_TOLERANCE, PreImage, TrueMotion};
 use super::options::PhantomOptions;
 use super::shape::V3;
-use super::texture::voxel_noise;
+use super::texture::{stored, voxel_noise};
 use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::Grid;
@@ -17,11 +17,6 @@ pub(super) struct Planning {
     pub(super) ct: Volume<f32>,
     pub(super) labels: Volume<u16>,
     pub(super) body: Mask,
-}
-
-/// HU as a scanner stores them: whole numbers from -1024 up.
-fn stored(hu: f64) -> f32 {
-    hu.round().max(-1024.0) as f32
 }
 
 /// Draws the anatomy on the planning grid.

@@ -41,9 +41,13 @@ pub(super) fn lobules(p: &V3) -> f64 {
 
 /// Lung in HU: vessels where two wave sheets cross.
 pub(super) fn lung(p: &V3) -> f64 {
+    -845.0 + 25.0 * waves(p, 60.0) + 0.25 * (p.y - 20.0) + 620.0 * lung_vessel(p, 1.0)
+}
+
+/// Share of a vessel at a point of the lung, 0 to 1; `width` 1 makes them 2 mm wide.
+pub(super) fn lung_vessel(p: &V3, width: f64) -> f64 {
     let (a, b) = (waves(p, 26.0), waves(&V3::new(p.y, p.z, p.x), 33.0));
-    let vessel = smoothstep(0.10, 0.03, a.hypot(b));
-    -845.0 + 25.0 * waves(p, 60.0) + 0.25 * (p.y - 20.0) + 620.0 * vessel
+    smoothstep(0.10 * width, 0.03 * width, a.hypot(b))
 }
 
 /// Brain in HU: folds in the outer 16 mm, grey rim, white core.
@@ -52,6 +56,11 @@ pub(super) fn brain(p: &V3, depth: f64) -> f64 {
     let fold = smoothstep(0.14, 0.02, waves(p, 27.0).abs()) * near;
     let grey = 1.0 - smoothstep(3.0, 6.0, depth);
     31.0 + 6.0 * grey + 2.5 * waves(p, 19.0) - 24.0 * fold
+}
+
+/// HU as a scanner stores them: whole numbers from -1024 up.
+pub(super) fn stored(hu: f64) -> f32 {
+    hu.round().max(-1024.0) as f32
 }
 
 /// Normally distributed noise of unit variance for a voxel, from a hash of seed and position in storage.

@@ -1,0 +1,26 @@
+//! The tests of the program and of whole registrations, as one test program: its threads take the
+//! next test of any file, so that no core waits for the longest test of each, and what several
+//! files need is made once.
+//!
+//! `cargo test --release --test all capture::` runs those of tests/capture.rs. A new file needs a
+//! line here (`tests/layers.rs` looks for it).
+
+mod accuracy;
+mod capture;
+mod cli;
+mod curve;
+mod dose;
+mod evaluate;
+mod files;
+mod fractions;
+mod guide;
+mod invariance;
+mod phantom;
+mod pose;
+mod real_cases;
+#[path = "refusals/main.rs"]
+mod refusals;
+mod skeleton_on_phantom;
+mod stress;
+mod support;
+mod warp;
