@@ -83,6 +83,7 @@ fn waves(c: &mut Criterion) {
             body: &phantom.body,
             labels: &phantom.bones,
             bone_of_label: &bone_of_label,
+            lung: None,
             least_hu: -500.0,
         };
         let moved = Initiators { transforms: &phantom.transforms[..bones], centroids: &centroids[..bones] };
@@ -134,6 +135,7 @@ fn propagation(c: &mut Criterion) {
         body: &phantom.body,
         labels: &phantom.bones,
         bone_of_label: &bone_of_label,
+        lung: None,
         least_hu: -500.0,
     };
     let bones = Initiators { transforms: &phantom.transforms, centroids: &centroids };

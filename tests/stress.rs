@@ -59,8 +59,14 @@ impl Scene {
         let (ct, body, labels): (_, Mask, _) = (self.volume(&self.hu), self.volume(&self.inside), self.labels());
         let mut bone_of_label = vec![None; usize::from(u16::MAX) + 1];
         (bone_of_label[1], bone_of_label[2]) = (Some(0), Some(1));
-        let tissue =
-            Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, least_hu: options.least_hu };
+        let tissue = Tissue {
+            ct: &ct,
+            body: &body,
+            labels: &labels,
+            bone_of_label: &bone_of_label,
+            lung: None,
+            least_hu: options.least_hu,
+        };
         let centroids = self.centroids();
         let bones = Initiators { transforms: &self.transforms, centroids: &centroids };
         propagate(&tissue, &bones, options, None, &Silent).expect("no organ is named").push

@@ -1,16 +1,14 @@
-//! The circle that padding leaves of each slice.
+//! The circle that padding leaves of the slices.
 
 use super::Circle;
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
 
-/// A slice's border lies on its circle to this much, in voxels.
-const ON_CIRCLE: f64 = 1.5;
-/// Share of all border points that must lie on the circles.
+/// The border lies on the circle to this much, in voxels.
+const ON_CIRCLE: f64 = 1.0;
+/// Share of all border points that must lie on the circle.
 const MOST: f64 = 0.8;
-/// Slices' circles share their centre to this much, mm.
-const SAME_CENTRE_MM: f64 = 4.0;
 /// Share of the full circle that the border must show.
 const LEAST_ARC: f64 = 0.4;
 
@@ -21,23 +19,20 @@ struct Round {
     radius: f64,
 }
 
-/// The circles of the slices across one axis.
+/// The circle of the slices across one axis.
 pub(super) struct Found {
     /// In world coordinates, its rim not yet known.
     pub(super) circle: Circle,
-    centre: [f64; 2],
+    round: Round,
     /// Axes of the slices.
     axes: [usize; 2],
-    /// Radius in each slice, mm; infinite where the padding leaves no circle.
-    radius: Vec<f64>,
 }
 
 impl Found {
-    /// Depth of a voxel inside its slice's circle, mm: negative beyond it.
+    /// Depth of a voxel inside the circle, mm: negative beyond it.
     pub(super) fn depth(&self, grid: &Grid, at: [usize; 3]) -> f64 {
         let spacing = grid.spacing();
-        let [x, y] = self.axes.map(|a| at[a] as f64 * spacing[a]);
-        self.radius[at[self.circle.along]] - (x - self.centre[0]).hypot(y - self.centre[1])
+        -self.round.off(&self.axes.map(|a| at[a] as f64 * spacing[a]))
     }
 
     /// The longer edge of a voxel in the slices, mm.
@@ -51,74 +46,77 @@ impl Found {
     }
 }
 
-/// The circles that the padding leaves, if they are circles about one axis.
-pub(super) fn find(padding: &Mask, blank: [[usize; 2]; 3]) -> Option<Found> {
-    [2, 1, 0].into_iter().find_map(|along| across(padding, along, blank[along]))
+/// The circle that the padding leaves, if it is one about some axis.
+pub(super) fn find(padding: &Mask) -> Option<Found> {
+    [2, 1, 0].into_iter().find_map(|along| across(padding, along))
 }
 
-fn across(padding: &Mask, along: usize, blank: [usize; 2]) -> Option<Found> {
+/// What any slice shows is looked at at once: air that is cut off at the padding's value frays each single one.
+fn across(padding: &Mask, along: usize) -> Option<Found> {
     let grid = padding.grid();
     let axes = match along {
         0 => [1, 2],
         1 => [0, 2],
         _ => [0, 1],
     };
+    let shown = Shown::new(padding, along, axes);
     let tolerance = ON_CIRCLE * axes.map(|a| grid.spacing()[a]).into_iter().fold(0.0, f64::max);
-    let slices = blank[0]..grid.size()[along] - blank[1];
-    let borders: Vec<(usize, Vec<[f64; 2]>)> = slices.map(|n| (n, border(padding, along, axes, n))).collect();
-    let (mut all, mut on) = (0, 0);
-    let mut rounds: Vec<(usize, Round, f64)> = Vec::new();
-    for (n, points) in &borders {
-        all += points.len();
-        let Some(round) = fitted(points, tolerance) else { continue };
-        on += points.iter().filter(|p| round.off(p).abs() <= tolerance).count();
-        rounds.push((*n, round, round.arc(points)));
-    }
-    if rounds.is_empty() || (on as f64) < MOST * all as f64 {
+    let points = shown.border();
+    let round = fitted(&points, tolerance)?;
+    let on = points.iter().filter(|p| round.off(p).abs() <= tolerance).count();
+    if (on as f64) < MOST * points.len() as f64 || round.arc(&points) < LEAST_ARC {
         return None;
     }
-    let centre: [f64; 2] = std::array::from_fn(|a| median(rounds.iter().map(|r| r.1.centre[a])));
-    let shared = |r: &Round| (r.centre[0] - centre[0]).hypot(r.centre[1] - centre[1]) <= SAME_CENTRE_MM;
-    let together = rounds.iter().filter(|r| shared(&r.1)).count();
-    let arc = median(rounds.iter().map(|r| r.2));
-    if (together as f64) < MOST * rounds.len() as f64 || arc < LEAST_ARC {
-        return None;
-    }
-    let mut radius = vec![f64::INFINITY; grid.size()[along]];
-    for (n, round, _) in &rounds {
-        radius[*n] = round.radius;
-    }
-    let widest = rounds.iter().map(|r| r.1.radius).fold(0.0, f64::max);
     let mut index = Vector3::zeros();
     index[along] = 0.5 * (grid.size()[along] - 1) as f64;
-    (0..2).for_each(|n| index[axes[n]] = centre[n] / grid.spacing()[axes[n]]);
+    (0..2).for_each(|n| index[axes[n]] = round.centre[n] / grid.spacing()[axes[n]]);
     let world = grid.world(&index);
-    let circle = Circle { centre_mm: [world.x, world.y, world.z], along, radius_mm: widest, rim_mm: 0.0 };
-    Some(Found { circle, centre, axes, radius })
+    let circle = Circle { centre_mm: [world.x, world.y, world.z], along, radius_mm: round.radius, rim_mm: 0.0 };
+    Some(Found { circle, round, axes })
 }
 
-/// Middles between voxels of padding and their neighbours in a slice, mm along the slice's axes.
-fn border(padding: &Mask, along: usize, [a, b]: [usize; 2], n: usize) -> Vec<[f64; 2]> {
-    let grid = padding.grid();
-    let (size, spacing) = (grid.size(), grid.spacing());
-    let at = |i: usize, j: usize| {
-        let mut voxel = [0; 3];
-        (voxel[along], voxel[a], voxel[b]) = (n, i, j);
-        *padding.at(voxel)
-    };
-    let mut out = Vec::new();
-    for j in 0..size[b] {
-        for i in 0..size[a] {
-            let here = at(i, j);
-            if i + 1 < size[a] && at(i + 1, j) != here {
-                out.push([(i as f64 + 0.5) * spacing[a], j as f64 * spacing[b]]);
-            }
-            if j + 1 < size[b] && at(i, j + 1) != here {
-                out.push([i as f64 * spacing[a], (j as f64 + 0.5) * spacing[b]]);
+/// The pixels in which any slice shows more than padding, and the plane's pixels.
+struct Shown {
+    any: Vec<bool>,
+    size: [usize; 2],
+    spacing: [f64; 2],
+}
+
+impl Shown {
+    fn new(padding: &Mask, along: usize, axes: [usize; 2]) -> Self {
+        let grid = padding.grid();
+        let size = axes.map(|a| grid.size()[a]);
+        let mut any = vec![false; size[0] * size[1]];
+        for (l, padding) in padding.data().iter().enumerate() {
+            let at = grid.voxel(l);
+            any[at[axes[0]] + size[0] * at[axes[1]]] |= !padding;
+        }
+        debug_assert!(along < 3);
+        Self { any, size, spacing: axes.map(|a| grid.spacing()[a]) }
+    }
+
+    /// Where it begins and ends along each row and column, mm along the axes; not at the image's own border.
+    fn border(&self) -> Vec<[f64; 2]> {
+        let mut out = Vec::new();
+        for axis in 0..2 {
+            let (length, lines) = (self.size[axis], self.size[1 - axis]);
+            for line in 0..lines {
+                let at = |n: usize| match axis {
+                    0 => self.any[n + self.size[0] * line],
+                    _ => self.any[line + self.size[0] * n],
+                };
+                let point = |n: f64| {
+                    let mut point = [0.0; 2];
+                    (point[axis], point[1 - axis]) = (n * self.spacing[axis], line as f64 * self.spacing[1 - axis]);
+                    point
+                };
+                let (first, last) = ((0..length).find(|n| at(*n)), (0..length).rfind(|n| at(*n)));
+                out.extend(first.filter(|n| *n > 0).map(|n| point(n as f64 - 0.5)));
+                out.extend(last.filter(|n| n + 1 < length).map(|n| point(n as f64 + 0.5)));
             }
         }
+        out
     }
-    out
 }
 
 impl Round {
@@ -164,10 +162,4 @@ fn kasa<'a>(points: impl Iterator<Item = &'a [f64; 2]> + Clone) -> Option<Round>
     let square = x[2] + centre[0] * centre[0] + centre[1] * centre[1];
     (square > 0.0 && square.is_finite())
         .then(|| Round { centre: [centre[0] + mean[0], centre[1] + mean[1]], radius: square.sqrt() })
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

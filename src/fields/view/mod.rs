@@ -61,9 +61,14 @@ pub struct View {
 impl View {
     /// Finds what of a CT (HU) was measured.
     pub fn of(ct: &Volume<f32>) -> Self {
-        let blank = blank_ends(ct);
-        let mut report = ViewReport { blank, measured_percent: 100.0, ..ViewReport::default() };
+        let mut blank = blank_ends(ct);
+        let mut report = ViewReport { measured_percent: 100.0, ..ViewReport::default() };
         let mut unknown = padding(ct, blank, &mut report);
+        if let Some(circle) = &report.circle {
+            // Beside the circle there is nothing but its padding.
+            (0..3).filter(|a| *a != circle.along).for_each(|a| blank[a] = [0; 2]);
+        }
+        report.blank = blank;
         if blank != [[0; 2]; 3] {
             let grid = ct.grid();
             let unknown = unknown.get_or_insert_with(|| Volume::filled(grid.clone(), false));
@@ -141,7 +146,7 @@ fn padding(ct: &Volume<f32>, blank: [[usize; 2]; 3], report: &mut ViewReport) ->
     if share < LEAST_SHARE {
         return None;
     }
-    let circle = circle::find(&outside, blank);
+    let circle = circle::find(&outside);
     if circle.is_none() && AIR_HU.contains(&value) {
         return None;
     }

@@ -92,3 +92,21 @@ fn what_was_not_measured_is_no_number() {
     let measured = view.measured().unwrap();
     assert!(known.data().iter().zip(measured.data()).all(|(v, m)| v.is_nan() != *m));
 }
+
+#[test]
+fn air_cut_off_at_the_paddings_value_does_not_hide_the_circle() {
+    // Half of the air voxels have the padding's value; the circle leaves blank columns beside it and is cut by one side.
+    let ct = Volume::from_fn(grid(), |l| {
+        let [i, j, _] = grid().voxel(l);
+        let air = if l * 7919 % 97 < 48 { -1024.0 } else { -990.0 };
+        match (2.0 * i as f64 - 40.0).hypot(2.0 * j as f64 - 50.0) {
+            far if far > 44.0 => -1024.0,
+            _ if (j as f64 - 25.0).abs() > 12.0 => air,
+            _ => tissue(l),
+        }
+    });
+    let report = View::of(&ct).report;
+    let circle = report.circle.expect("the circle is found");
+    assert!((circle.radius_mm - 44.0).abs() < 1.5, "{circle:?}");
+    assert_eq!(report.blank, [[0; 2]; 3]);
+}
