@@ -20,7 +20,7 @@
 //! 9 cli        arguments, terminal            8 report     outcome -> files
 //! 7 pipeline benchmark                        6 config io concepts
 //! 5 fit plausibility refine phantom comparator  4 skeleton chainmail evaluate dose
-//! 3 field body                                2 volume     voxels on a grid
+//! 3 field body view                           2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error findings warning progress runtime stats
 //! ```
 

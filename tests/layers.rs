@@ -14,7 +14,7 @@ const RANKS: [&[&str]; 10] = [
     &["error", "findings", "warning", "progress", "runtime", "stats"],
     &["geometry"],
     &["volume"],
-    &["field", "body"],
+    &["field", "body", "view"],
     &["skeleton", "chainmail", "evaluate", "dose"],
     &["fit", "plausibility", "refine", "phantom", "comparator"],
     &["config", "io", "concepts"],
@@ -26,7 +26,7 @@ const RANKS: [&[&str]; 10] = [
 /// The crates below `src`, lowest first, and their rooms; `cli` is the program's own. A crate takes from earlier ones only.
 const CRATES: [(&str, &[&str]); 9] = [
     ("base", &["error", "findings", "warning", "progress", "runtime", "stats", "geometry", "volume"]),
-    ("fields", &["field", "body"]),
+    ("fields", &["field", "body", "view"]),
     ("measures", &["evaluate", "dose"]),
     ("tissue", &["chainmail", "refine", "comparator"]),
     ("bones", &["skeleton", "fit", "plausibility"]),

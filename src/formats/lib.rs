@@ -4,7 +4,7 @@
 
 use aventail_base::{error, geometry, volume, warning};
 use aventail_bones::{fit, skeleton};
-use aventail_fields::field;
+use aventail_fields::{field, view};
 use aventail_measures::{dose, evaluate};
 
 pub mod io;

@@ -49,6 +49,26 @@ pub struct ViewReport {
     pub measured_percent: f64,
 }
 
+impl ViewReport {
+    /// What limits the view, each in a few words; nothing where all of the grid was measured.
+    pub fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        if let Some(circle) = &self.circle {
+            words.push(format!("circle of {:.0} mm", 2.0 * circle.radius_mm));
+            if circle.rim_mm > 0.0 {
+                words.push(format!("bright rim of {:.0} mm", circle.rim_mm));
+            }
+        } else if let Some(padding) = self.padding {
+            words.push(format!("padded with {padding}"));
+        }
+        let blank: usize = self.blank.as_flattened().iter().sum();
+        if blank > 0 {
+            words.push(format!("{blank} blank slices"));
+        }
+        words
+    }
+}
+
 /// What of a scan was measured.
 #[derive(Debug, Clone)]
 pub struct View {

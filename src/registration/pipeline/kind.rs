@@ -26,18 +26,7 @@ impl fmt::Display for FractionKind {
         if let Some(grey) = &self.grey {
             told.push(format!("slope {:.2}, shading {:.0} HU", grey.gain.recip(), grey.shading));
         }
-        if let Some(circle) = &self.view.circle {
-            told.push(format!("circle of {:.0} mm", 2.0 * circle.radius_mm));
-            if circle.rim_mm > 0.0 {
-                told.push(format!("bright rim of {:.0} mm", circle.rim_mm));
-            }
-        } else if let Some(padding) = self.view.padding {
-            told.push(format!("padded with {padding}"));
-        }
-        let blank: usize = self.view.blank.as_flattened().iter().sum();
-        if blank > 0 {
-            told.push(format!("{blank} blank slices"));
-        }
+        told.extend(self.view.words());
         f.write_str(if self.corrected { "CBCT-like" } else { "CT" })?;
         if told.is_empty() { Ok(()) } else { write!(f, " ({})", told.join(", ")) }
     }

@@ -11,6 +11,8 @@ use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind, load};
 use super::voxels::Layout;
 use crate::error::Result;
 use crate::geometry::Grid;
+use crate::view::{View, ViewReport};
+use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -87,6 +89,8 @@ pub enum Content {
     Image {
         /// Its values.
         values: Range,
+        /// What of it was measured, if it is a CT.
+        view: ViewReport,
     },
     /// A label map: integers, few of them, and 0.
     Labels {
@@ -223,7 +227,8 @@ fn scalar_content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
             return Ok(Content::Labels { labels: counts.into_iter().map(label).collect(), absent });
         }
     }
-    Ok(Content::Image { values: range(values.into_iter()) })
+    let image = Volume::new(raster.grid.clone(), values.iter().map(|v| *v as f32).collect())?;
+    Ok(Content::Image { values: range(values.into_iter()), view: View::of(&image).report })
 }
 
 fn range(values: impl Iterator<Item = f64>) -> Range {

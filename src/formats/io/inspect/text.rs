@@ -62,7 +62,7 @@ impl Display for Inspection {
 impl Content {
     fn summary(&self) -> String {
         match self {
-            Self::Image { values } => format!("image, {values}"),
+            Self::Image { values, .. } => format!("image, {values}"),
             Self::Labels { labels, .. } => format!("label map, {} labels", labels.len()),
             Self::Field { .. } => "displacement field; which way it points the format cannot tell".into(),
             Self::Other { reason, values } => format!("no image and no field: {reason}; {values}"),
@@ -71,7 +71,14 @@ impl Content {
 
     fn details(&self, f: &mut Formatter<'_>) -> Result {
         match self {
-            Self::Image { .. } | Self::Other { .. } => Ok(()),
+            Self::Image { view, .. } => match view.words() {
+                words if words.is_empty() => Ok(()),
+                words => {
+                    let (percent, words) = (view.measured_percent, words.join(", "));
+                    writeln!(f, "  {:<12} {percent:.0} % of the grid: {words}", "measured")
+                }
+            },
+            Self::Other { .. } => Ok(()),
             Self::Field { convention, components, length } => {
                 writeln!(f, "  {:<12} {convention}", "vectors")?;
                 for (name, range) in ["left", "posterior", "superior"].iter().zip(components) {
