@@ -1,16 +1,16 @@
 //! Deflate data for numbers that no code shortens by much: they are stored as they are, and only
 //! gaps between them are compressed, in which one vector comes again and again.
 //!
-//! A displacement is noise to a compressor: codes made for it save a fifth of its bytes and take ten
-//! times as long as copying it, for the writer and again for every reader. Around the patient a field
-//! is constant: nothing, or the shift of the couch. A gap begins and ends at any byte.
+//! A displacement is noise to a compressor: codes made for it save a fifth of its bytes and take
+//! ten times as long as copying it, for the writer and again for every reader. Around the patient a
+//! field is constant: nothing, or the shift of the couch. A gap begins and ends at any byte.
 
 use std::ops::Range;
 
 /// Bytes after which a gap's content comes again: float32 vectors one after the other; components
 /// apart come again after 4.
 const PERIOD: usize = 12;
-/// Bytes that are looked at together: gaps of twice as many are surely found, shorter than it none.
+/// Bytes that are looked at together: gaps of twice as many are always found, of fewer never.
 const GRAIN: usize = 64;
 /// Greatest length of a stored part of deflate data (RFC 1951, 3.2.4).
 const STORED: usize = u16::MAX as usize;
@@ -23,7 +23,8 @@ const FAR: usize = LONGEST.next_multiple_of(PERIOD);
 // The first match, if others follow, and the period before it reach back as far.
 const _: () = assert!(FAR <= PERIOD + LONGEST + 1 - SHORTEST);
 
-/// Deflate data for `raw` that need nothing before them, ended on a byte border; not the last of their stream.
+/// Deflate data for `raw` that need nothing before them, ended on a byte border; not the last of
+/// their stream.
 pub(super) fn pack(raw: &[u8]) -> Vec<u8> {
     let mut out = Bits { bytes: Vec::with_capacity(raw.len() / 2), pending: 0, count: 0 };
     let mut done = 0;
@@ -118,7 +119,7 @@ impl Bits {
 
     /// Adds a match in the fixed codes (3.2.5 and 3.2.6), `distance` at least 4.
     fn add_match(&mut self, length: usize, distance: usize) {
-        // Four symbols for each number of extra bits, of which the first lengths and the greatest have none.
+        // Four symbols for each number of extra bits; eight lengths and the greatest have none.
         let over = (length - SHORTEST) as u32;
         let extra = over.max(4).ilog2() - 2;
         let (symbol, extra) = if length == LONGEST { (285, 0) } else { (257 + 4 * extra + (over >> extra), extra) };
