@@ -3,7 +3,7 @@
 //! The writer deflates blocks of fixed size independently, ends each with a sync flush and joins them into one member, as
 //! pigz does. Block borders do not depend on the number of threads, so neither do the bytes.
 
-use super::gaps::Gaps;
+use super::gaps;
 use flate2::Crc;
 use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
@@ -140,7 +140,8 @@ pub(super) struct Payload<'a> {
     pub(super) items: usize,
     /// Bytes of one item.
     pub(super) item_bytes: usize,
-    /// Whether no string of bytes but a run of one byte is likely to come again, as in numbers that were measured or computed.
+    /// Whether no bytes but those of a constant vector are likely to come again, as in numbers that
+    /// were measured or computed.
     pub(super) noisy: bool,
     /// Appends the bytes of a range of items.
     pub(super) fill: &'a (dyn Fn(Range<usize>, &mut Vec<u8>) + Sync),
@@ -189,8 +190,8 @@ impl Payload<'_> {
     /// gaps alone.
     pub(super) fn write_gzip(&self, out: &mut dyn Write, level: u32) -> io::Result<()> {
         out.write_all(&[MAGIC[0], MAGIC[1], 8, 0, 0, 0, 0, 0, 0, 255])?;
-        let gaps = (self.noisy && level == 1).then(|| Gaps::new(BLOCK)).transpose()?;
-        let packer = || gaps.as_ref().map_or_else(|| Packer::Zlib(Deflate::new(level)), Packer::Gaps);
+        let gaps = self.noisy && level == 1;
+        let packer = || if gaps { Packer::Gaps } else { Packer::Zlib(Deflate::new(level)) };
         let head = packer().block(&self.header)?;
         out.write_all(&head.bytes)?;
         let mut crc = head.crc;
@@ -227,17 +228,17 @@ struct Deflated {
 }
 
 /// What makes blocks.
-enum Packer<'a> {
-    Gaps(&'a Gaps),
+enum Packer {
+    Gaps,
     Zlib(Deflate),
 }
 
-impl Packer<'_> {
+impl Packer {
     fn block(&mut self, raw: &[u8]) -> io::Result<Deflated> {
         let mut crc = Crc::new();
         crc.update(raw);
         let bytes = match self {
-            Self::Gaps(gaps) => gaps.pack(raw),
+            Self::Gaps => gaps::pack(raw),
             Self::Zlib(zlib) => zlib.block(raw)?,
         };
         Ok(Deflated { bytes, crc })
@@ -245,7 +246,7 @@ impl Packer<'_> {
 }
 
 /// A compressor that starts anew for each block.
-pub(super) struct Deflate {
+struct Deflate {
     zlib: zlib_rs::Deflate,
     /// Room for a block.
     room: Vec<u8>,
@@ -253,7 +254,7 @@ pub(super) struct Deflate {
 
 impl Deflate {
     /// Of this level (0 to 9).
-    pub(super) fn new(level: u32) -> Self {
+    fn new(level: u32) -> Self {
         let config = DeflateConfig {
             level: level.min(9) as i32,
             window_bits: -15,
@@ -264,7 +265,7 @@ impl Deflate {
     }
 
     /// Deflate data for `raw`, ended on a byte border; not the last of its stream.
-    pub(super) fn block(&mut self, raw: &[u8]) -> io::Result<Vec<u8>> {
+    fn block(&mut self, raw: &[u8]) -> io::Result<Vec<u8>> {
         self.zlib.reset();
         let mut bytes = Vec::new();
         loop {
