@@ -10,10 +10,12 @@ use crate::support::score::{dice, name, read_truth, score_case, surface_p95, tru
 use aventail::body::{self, BodyOptions};
 use aventail::config::Config;
 use aventail::io::{read_image, read_labels, read_landmarks};
+use aventail::phantom::{CbctOptions, degrade};
 use aventail::pipeline::{Case, register};
 use aventail::runtime::Runtime;
 use aventail::skeleton;
-use aventail::volume::{LabelMap, Volume};
+use aventail::view::View;
+use aventail::volume::{LabelMap, Volume, trilinear_vector};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -121,6 +123,76 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
     ];
     let beyond = bounds.into_iter().filter(|(_, value, bound)| value.is_nan() || value > bound);
     beyond.map(|(what, value, bound)| format!("{what}: {value:.4} is above {bound}")).collect()
+}
+
+/// Mean error of soft tissue inside and outside a cone-beam CT's circle, and in a shaded CT, mm.
+const CBCT_MM: (f64, f64) = (0.6, 4.1);
+const SHADED_MM: f64 = 0.5;
+/// Points in view that err by more than three times the map and half a millimetre, percent.
+const UNCOVERED_PERCENT: f64 = 3.0;
+
+/// Errors at soft tissue points that end up in view and out of it, and the share of those in view that the map does not cover.
+fn cone_beam(planning: &Planning, folder: &Path, fraction: Volume<f32>) -> (Vec<f64>, Vec<f64>, f64) {
+    let view = View::of(&fraction);
+    let input = Case {
+        planning: planning.ct.clone(),
+        bones: planning.bones.clone(),
+        fraction,
+        landmarks: Vec::new(),
+        bone_landmarks: Vec::new(),
+        skeleton: None,
+        warnings: Vec::new(),
+        inputs: Vec::new(),
+    };
+    let runtime = Runtime::silent().expect("threads start");
+    let outcome = register(&input, &Config::default(), &runtime).expect("the case registers");
+    assert!(outcome.warnings.iter().any(|w| w.code == "shaded-fraction"), "{:?}", outcome.warnings);
+    let (map, _) = outcome.uncertainty.as_ref().expect("it is made by default");
+    let (mut inside, mut outside, mut uncovered) = (Vec::new(), Vec::new(), 0);
+    for point in read_truth(&folder.join("truth_points.csv.gz")).iter().filter(|p| p.bone == 0) {
+        let index = outcome.push.displacement.grid().index(&point.at);
+        let u = trilinear_vector(&outcome.push.displacement, &index).expect("truth lies on the planning grid");
+        let error = (u - point.motion).norm();
+        let there = input.fraction.grid().voxel_at(&(point.at + point.motion));
+        if !there.is_some_and(|voxel| view.measured().is_none_or(|m| *m.at(voxel))) {
+            outside.push(error);
+            continue;
+        }
+        let said = map.grid().voxel_at(&point.at).map_or(0.0, |voxel| f64::from(*map.at(voxel)));
+        uncovered += usize::from(said >= 0.0 && error > 3.0 * said + 0.5);
+        inside.push(error);
+    }
+    let percent = 100.0 * uncovered as f64 / inside.len().max(1) as f64;
+    (inside, outside, percent)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+#[test]
+fn cone_beam_fractions_meet_their_bounds() {
+    let Some(planning) = planning() else { return };
+    for folder in fractions(&planning.folder) {
+        let Ok(cbct) = read_image(folder.join("cbct.nii.gz")) else { continue };
+        let (inside, outside, uncovered) = cone_beam(planning, &folder, cbct.value);
+        let far = outside.iter().copied().fold(0.0, f64::max);
+        println!(
+            "cone beam: inside {:.3} mm, outside {:.3}, {uncovered:.2} % uncovered",
+            mean(&inside),
+            mean(&outside)
+        );
+        assert!(mean(&inside) <= CBCT_MM.0 && mean(&outside) <= CBCT_MM.1, "{} {}", mean(&inside), mean(&outside));
+        assert!(far < 10.0, "{far}");
+        assert!(uncovered <= UNCOVERED_PERCENT, "{uncovered}");
+        let ct = read_image(folder.join("fraction_ct.nii.gz")).expect("it was found").value;
+        let shade =
+            CbctOptions { gain: 0.8, cupping_hu: -180.0, shading_hu: 60.0, noise_hu: 60.0, ..CbctOptions::off() };
+        let shaded = degrade(&ct, &shade, 1).expect("the options are legal");
+        let (inside, _, uncovered) = cone_beam(planning, &folder, shaded);
+        println!("shaded: {:.3} mm, {uncovered:.2} % uncovered", mean(&inside));
+        assert!(mean(&inside) <= SHADED_MM && uncovered <= UNCOVERED_PERCENT, "{} {uncovered}", mean(&inside));
+    }
 }
 
 #[test]

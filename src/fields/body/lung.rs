@@ -1,6 +1,7 @@
 //! Aerated tissue inside the patient: lungs, with their airways.
 
-use crate::volume::components::{Components, Connectivity, Run};
+use crate::geometry::Grid;
+use crate::volume::components::{Components, Connectivity};
 use crate::volume::morphology::{dilate, erode};
 use crate::volume::{Mask, Volume};
 
@@ -12,11 +13,10 @@ const LUNG_HU: std::ops::Range<f64> = -970.0..-500.0;
 const LEAST_MM3: f64 = 100_000.0;
 /// What a ball of this radius does not fit into is the partial volume of a surface, or an airway, mm.
 const CORE_MM: f64 = 4.0;
-/// Share of a lung's surface that may border on air: airways. Foam borders on more.
-const MOST_AIR: f64 = 0.35;
+/// Of the six ways along the axes from a place in a lung, so many on the mean end at the patient, not at the image's border.
+const ENCLOSED: f64 = 3.5;
 
-/// The patient with lungs that the image's border cuts open: denser than air on the mean, and for the most part within the
-/// patient and that border.
+/// The patient with lungs that the image's border cuts open: denser than air on the mean, and with the patient on most sides.
 pub(super) fn with_lungs(ct: &Volume<f32>, body: Mask) -> Mask {
     let grid = ct.grid();
     let aerated = Volume::from_fn(grid.clone(), |l| !body.data()[l] && ct.data()[l] < THIN_HU);
@@ -31,45 +31,55 @@ pub(super) fn with_lungs(ct: &Volume<f32>, body: Mask) -> Mask {
     let near = dilate(&cores, CORE_MM);
     let thick = Volume::from_fn(grid.clone(), |l| near.data()[l] && aerated.data()[l]);
     let parts = Components::of(&thick, false, Connectivity::Face);
-    let mut borders = vec![Border::default(); parts.len()];
-    for run in &parts.runs {
-        borders[run.component].add(run, &thick, &aerated);
-    }
     let means = means(ct, &parts);
-    let is_lung = |n: usize| enough(parts.sizes[n]) && LUNG_HU.contains(&means[n]) && borders[n].air_share() < MOST_AIR;
+    let sides = Sides::of(&body).sides(&parts);
+    let is_lung = |n: usize| enough(parts.sizes[n]) && LUNG_HU.contains(&means[n]) && sides[n] >= ENCLOSED;
     let lung = parts.select(&thick, is_lung);
     Volume::from_fn(grid.clone(), |l| body.data()[l] || lung.data()[l])
 }
 
-/// Faces between a component and what is around it.
-#[derive(Debug, Clone, Copy, Default)]
-struct Border {
-    patient: usize,
-    air: usize,
+/// Where the patient begins and ends along each line of voxels, axis by axis.
+struct Sides<'a> {
+    grid: &'a Grid,
+    ends: [Vec<[usize; 2]>; 3],
 }
 
-impl Border {
-    fn add(&mut self, run: &Run, thick: &Mask, aerated: &Mask) {
-        let grid = thick.grid();
-        let (size, strides) = (grid.size(), grid.strides());
-        for l in run.start..run.end {
+impl<'a> Sides<'a> {
+    fn of(body: &'a Mask) -> Self {
+        let grid = body.grid();
+        let lines = |a: usize| grid.len() / grid.size()[a];
+        let mut ends: [Vec<[usize; 2]>; 3] = std::array::from_fn(|a| vec![[usize::MAX, 0]; lines(a)]);
+        for l in (0..grid.len()).filter(|l| body.data()[*l]) {
             let at = grid.voxel(l);
-            for a in 0..3 {
-                let low = (at[a] > 0).then(|| l - strides[a]);
-                let high = (at[a] + 1 < size[a]).then(|| l + strides[a]);
-                for next in [low, high].into_iter().flatten().filter(|n| !thick.data()[*n]) {
-                    match aerated.data()[next] {
-                        true => self.air += 1,
-                        false => self.patient += 1,
-                    }
-                }
+            for (a, ends) in ends.iter_mut().enumerate() {
+                let [first, last] = &mut ends[line(grid, at, a)];
+                (*first, *last) = ((*first).min(at[a]), (*last).max(at[a]));
             }
         }
+        Self { grid, ends }
     }
 
-    fn air_share(&self) -> f64 {
-        self.air as f64 / (self.air + self.patient).max(1) as f64
+    /// Ways along the axes that end at the patient, on the mean over each component.
+    fn sides(&self, parts: &Components<bool>) -> Vec<f64> {
+        let mut sums = vec![0usize; parts.len()];
+        for run in &parts.runs {
+            for l in run.start..run.end {
+                let at = self.grid.voxel(l);
+                let hits = |a: usize| {
+                    let [first, last] = self.ends[a][line(self.grid, at, a)];
+                    usize::from(first < at[a]) + usize::from(last > at[a])
+                };
+                sums[run.component] += (0..3).map(hits).sum::<usize>();
+            }
+        }
+        sums.iter().zip(&parts.sizes).map(|(sum, size)| *sum as f64 / *size as f64).collect()
     }
+}
+
+/// Which line along axis `a` a voxel lies on.
+fn line(grid: &Grid, at: [usize; 3], a: usize) -> usize {
+    let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+    at[b] + grid.size()[b] * at[c]
 }
 
 /// The lungs of a patient in a CT (HU) with the air in them, on the grid of both; `None` where there is none.
@@ -89,4 +99,51 @@ fn means(ct: &Volume<f32>, parts: &Components<bool>) -> Vec<f64> {
         sums[run.component] += ct.data()[run.start..run.end].iter().map(|hu| f64::from(*hu)).sum::<f64>();
     }
     sums.iter().zip(&parts.sizes).map(|(sum, size)| sum / *size as f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{BodyOptions, find};
+
+    /// A chest of 20 HU cut by the image on the left and below, in air of -1000 HU, with a lung that reaches both borders
+    /// and an airway of air alone; beside it a foam of -900 HU.
+    fn chest(lung: f32) -> Volume<f32> {
+        let grid = Grid::axis_aligned([50, 60, 40], [3.0; 3], [0.0; 3]).unwrap();
+        Volume::from_fn(grid.clone(), |l| {
+            let p = grid.centre(grid.voxel(l));
+            let noise = (l * 7919 % 61) as f32 - 30.0;
+            let inside = |grow: f64| {
+                ((p.x - 30.0) / (75.0 + grow)).powi(2) + ((p.y - 90.0) / (60.0 + grow)).powi(2) < 1.0
+                    && p.z < 105.0 + grow
+            };
+            match p {
+                _ if inside(-12.0) && (p.y - 90.0).abs() > 6.0 => lung + noise,
+                _ if inside(-12.0) => 40.0 + noise,
+                _ if inside(0.0) => 20.0 + noise,
+                _ if p.y > 156.0 => -900.0 + noise,
+                _ => -1000.0 + noise,
+            }
+        })
+    }
+
+    #[test]
+    fn lung_that_two_borders_cut_open_is_patient_and_air_of_the_same_shape_is_not() {
+        let ct = chest(-860.0);
+        let body = find(&ct, None, &BodyOptions::default()).unwrap();
+        let found = lung(&ct, &body).expect("there is lung");
+        let at = |mask: &Mask, p: [usize; 3]| *mask.at(p);
+        // Inside, at the side border, at the lower border and where the two meet.
+        for p in [[12, 22, 15], [0, 22, 15], [12, 22, 0], [0, 22, 0], [12, 40, 15]] {
+            assert!(at(&found, p) && at(&body, p), "{p:?}");
+        }
+        for p in [[12, 30, 15], [40, 30, 15], [12, 56, 15], [12, 30, 39]] {
+            assert!(!at(&found, p), "{p:?} is no lung");
+        }
+        assert!(!at(&body, [12, 56, 15]), "foam is no patient");
+        // The same with air in it.
+        let ct = chest(-1000.0);
+        let body = find(&ct, None, &BodyOptions::default()).unwrap();
+        assert!(lung(&ct, &body).is_none() && !at(&body, [0, 22, 0]));
+    }
 }

@@ -61,3 +61,35 @@ impl Couch {
         PullField { displacement: back.added(pull.displacement).shifted(&there), inside }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::push_point;
+    use nalgebra::{Point3, UnitQuaternion};
+
+    #[test]
+    fn fields_of_the_frame_are_fields_of_the_fraction() {
+        let couch = Couch([30.5, -4.25, 12.0]);
+        let planning = Grid::axis_aligned([12, 11, 10], [3.0; 3], [5.0, -20.0, 100.0]).unwrap();
+        let fraction = planning.shifted(&Vector3::new(31.0, -3.0, 11.0));
+        // In the frame everything moves by 1 mm to the left.
+        let moved = |grid: &Grid, by: f32| Volume::filled(grid.clone(), [by, 0.0, 0.0]);
+        let computed = Volume::filled(planning.clone(), true);
+        let push = couch.push(PushField { displacement: moved(&planning, 1.0), computed });
+        let x = planning.centre([4, 5, 6]);
+        let y = push_point(&push, &x).unwrap();
+        assert!((y - x - Vector3::new(31.5, -4.25, 12.0)).norm() < 1e-5, "{y}");
+        let there = couch.grid(&fraction);
+        let inside = Volume::filled(there.clone(), true);
+        let pull = couch.pull(PullField { displacement: moved(&there, -1.0), inside });
+        assert!(pull.displacement.grid().matches(&fraction, 1e-9) && pull.inside.grid().matches(&fraction, 1e-9));
+        let v = Vector3::from(pull.displacement.at([4, 5, 6]).map(f64::from));
+        let back: Point3<f64> = fraction.centre([4, 5, 6]) + v;
+        assert!((back - (fraction.centre([4, 5, 6]) - Vector3::new(31.5, -4.25, 12.0))).norm() < 1e-5);
+        let turned =
+            Rigid::from_parts(Vector3::new(1.0, 2.0, 3.0).into(), UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3));
+        let [there] = couch.transforms(&[turned])[..] else { panic!("one for one") };
+        assert!((there * x - (turned * x - Vector3::new(30.5, -4.25, 12.0))).norm() < 1e-9);
+    }
+}

@@ -73,17 +73,17 @@ mod tests {
         let lattice = Lattice::from_nodes(grid.clone(), node, vec![Material::default().at(20.0); grid.len()]);
         let soft: Vec<u32> = lattice.soft().collect();
         let x = |s: usize| lattice.rest(soft[s] as usize).x;
-        // Contrast of 60 HU from point to point; the fraction is 1.25 times weaker and grows darker along x.
-        let truth = |s: usize, point: usize| if (s + point) % 3 == 0 { 50.0 } else { -10.0 };
-        let shade = |s: usize| -2.0 * x(s);
+        // Contrast of 120 HU from point to point; the fraction is 1.25 times weaker and grows darker along x.
+        let truth = |s: usize, point: usize| if (s + point) % 3 == 0 { 80.0 } else { -40.0 };
+        let shade = |s: usize| -0.5 * x(s);
         let pair = |s: usize, point: usize| (x(s) < 70.0).then(|| (truth(s, point), 0.8 * truth(s, point) + shade(s)));
         let found = grey_values((&lattice, &soft), 6.0, (1.0, 0.0, 6.0), pair);
         for (s, (gain, offset, _)) in found.iter().enumerate() {
             if x(s) > 92.0 {
                 assert!((gain - 1.0).abs() < 1e-9 && offset.abs() < 1e-9, "nothing is seen near: {gain} {offset}");
-            } else if (20.0..50.0).contains(&x(s)) {
-                let back = gain * (0.8 * 50.0 + shade(s)) + offset;
-                assert!((back - 50.0).abs() < 8.0 && *gain > 1.0, "{} {gain} {offset}", x(s));
+            } else if (36.0..50.0).contains(&x(s)) {
+                let back = gain * (0.8 * 80.0 + shade(s)) + offset;
+                assert!((back - 80.0).abs() < 10.0, "{} {gain} {offset}", x(s));
             }
         }
     }

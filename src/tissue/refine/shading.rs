@@ -81,8 +81,14 @@ impl Shading {
             let apart: Vec<f64> = rest.iter().zip(&local).map(|(r, l)| r - l).collect();
             left = spread(&apart);
             weight = apart.iter().map(|d| f64::from(d.abs() < OUTLIER * left)).collect();
-            let even = pairs.iter().zip(&local).zip(&weight).filter(|(_, w)| **w > 0.0);
-            gain = gain_of(even.map(|((p, l), _)| (p.planning - l, p.fraction))).unwrap_or(gain);
+            // Contrast of what is finer than shading.
+            let [planning, fraction] = [|p: &Pair| p.planning, |p: &Pair| p.fraction].map(|value| {
+                let middle = mean_of(pairs.iter().zip(&weight).map(|(p, w)| (value(p), *w)));
+                let coarse = smooth(&grid, &pairs, pairs.iter().map(|p| value(p) - middle), &weight);
+                pairs.iter().map(|p| value(p) - middle - at(&coarse, &p.place)).collect::<Vec<f64>>()
+            });
+            let fine = planning.iter().copied().zip(fraction).zip(&weight).filter(|(_, w)| **w > 0.0);
+            gain = gain_of(fine.map(|(pair, _)| pair)).unwrap_or(gain);
         }
         let shading = mean_of(pairs.iter().map(|p| (at(&field, &p.place).powi(2), 1.0))).sqrt();
         let grey = GreyValues { gain, offset: mean, shading, left };
@@ -178,4 +184,70 @@ fn spread(values: &[f64]) -> f64 {
     let mut values: Vec<f64> = values.iter().map(|v| v.abs()).collect();
     let middle = values.len() / 2;
     1.4826 * *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn grid() -> Grid {
+        Grid::axis_aligned([60, 60, 40], [3.0; 3], [0.0; 3]).unwrap()
+    }
+
+    /// Fat with muscles of 12 mm.
+    fn planning() -> Volume<f32> {
+        Volume::from_fn(grid(), |l| {
+            let [i, j, k] = grid().voxel(l);
+            if (i / 4 + j / 4 + k / 4) % 2 == 0 { 50.0 } else { -90.0 }
+        })
+    }
+
+    /// Offset that the fraction has at a place, HU.
+    fn shade(p: &Point3<f64>, greatest: f64) -> f64 {
+        greatest * (p.x / 60.0).cos() * (p.y / 80.0).cos()
+    }
+
+    fn compared(gain: f64, greatest: f64) -> (Shading, Volume<f32>) {
+        let planning = planning();
+        // Noise that no neighbour shares.
+        let noise = |l: usize| ((l * 7919 % 101) as f64 - 50.0) * 0.6;
+        let value = |l: usize| {
+            let p = grid().centre(grid().voxel(l));
+            ((f64::from(planning.data()[l]) + 1000.0) * gain - 1000.0 + shade(&p, greatest) + noise(l)) as f32
+        };
+        let fraction = Volume::from_fn(grid(), value);
+        let all = Volume::filled(grid(), true);
+        let bones = LabelMap { volume: Volume::filled(grid(), 0), names: BTreeMap::new() };
+        let still = Volume::filled(grid().coarsened(9.0), [0f32; 3]);
+        (Shading::of((&planning, &all, &bones), &fraction, &still), fraction)
+    }
+
+    #[test]
+    fn gain_and_shading_are_found_and_taken_out() {
+        let (shading, fraction) = compared(0.8, 90.0);
+        let grey = shading.grey.unwrap();
+        assert!((1.1..1.4).contains(&grey.gain), "{grey:?}");
+        assert!((25.0..70.0).contains(&grey.shading), "{grey:?}");
+        let options = ShadingOptions::default();
+        let corrected = shading.corrected(&fraction, &options).expect("it is shaded");
+        let inner = |l: &usize| grid().voxel(*l).iter().zip(grid().size()).all(|(&c, n)| c > 6 && c + 7 < n);
+        let off = |image: &Volume<f32>| {
+            let planning = planning();
+            let all: Vec<f64> = (0..grid().len())
+                .filter(inner)
+                .map(|l| f64::from(image.data()[l] - planning.data()[l]).abs())
+                .collect();
+            all.iter().sum::<f64>() / all.len() as f64
+        };
+        assert!(off(&corrected) < 35.0 && off(&fraction) > 150.0, "{} {}", off(&corrected), off(&fraction));
+    }
+
+    #[test]
+    fn a_ct_of_another_scanner_is_left_as_it_is() {
+        let (shading, fraction) = compared(0.97, 4.0);
+        let grey = shading.grey.unwrap();
+        assert!(grey.shading < 6.0 && (grey.gain - 1.0).abs() < 0.1, "{grey:?}");
+        assert!(shading.corrected(&fraction, &ShadingOptions::default()).is_none());
+    }
 }
