@@ -85,10 +85,13 @@ fn a_region_is_a_part_of_the_whole() {
     println!("region against whole: mean {mean:.4} mm, worst {worst:.3} mm over {n} voxels");
     // At 5 x 5 x 6 mm: the elements of the coarse spacings begin elsewhere, and tissue ends at the margin.
     assert!(mean < 0.6, "{mean} mm");
-    // Around the region and its margin the field fades: no reader sees it torn off where the scan goes on.
+    // Around the region and its margin the field fades to the couch shift: no reader sees it torn off where the scan goes on.
     let margin = voxels_of_box(grid, [Point3::from(low), Point3::from(high)], 50.0).expect("the box lies in the scan");
     let (size, spacing) = (part.grid().size(), part.grid().spacing());
-    let length = |n: usize| Vector3::from(part.data()[n].map(f64::from)).norm();
+    let text = fs::read_to_string(roi.out.join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let couch = Vector3::from_fn(|a, _| report["couch_shift"][a].as_f64().expect("the report has the couch shift"));
+    let length = |n: usize| (Vector3::from(part.data()[n].map(f64::from)) - couch).norm();
     let (mut border, mut steepest) = (0.0f64, [0.0f64; 2]);
     for n in 0..part.data().len() {
         let at = part.grid().voxel(n);
