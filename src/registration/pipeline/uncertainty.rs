@@ -33,6 +33,7 @@ pub(super) fn of(
         bones: &case.bones,
         bone_mm: &bone_mm,
         push: &outcome.push,
+        doubt: doubt(outcome),
         bones_alone: alone,
     })
 }
@@ -44,6 +45,15 @@ const DEPENDENT: f64 = 2.0;
 const LEAST_MM: f64 = 0.03;
 /// A joint's soft range is taken for so many standard deviations of it.
 const RANGE_SD: f64 = 2.0;
+
+/// What a weak start or lost bones make of it.
+const DOUBT: f64 = 1.5;
+
+/// Factor on the map of a run that warns of itself as a whole.
+fn doubt(outcome: &Outcome) -> f64 {
+    let doubtful = ["weak-start", "bones-lost", "level-unsure"];
+    if outcome.warnings.iter().any(|w| doubtful.contains(&w.code.as_str())) { DOUBT } else { 1.0 }
+}
 
 /// How well each bone's position is known, mm, by its label. A bone of which the image shows a part is known worse; one that
 /// no image determines is where its joint lets it be, beside the bone that it hangs on.

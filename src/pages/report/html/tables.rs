@@ -129,7 +129,7 @@ pub(super) fn trust(report: &Report) -> Markup {
     html! {
         div {
             p.note {
-                "One standard deviation: about two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
+                "One standard deviation: at least two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
                 "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6) and is too small by a third where tissue "
                 "moves on its own at random."
             }
