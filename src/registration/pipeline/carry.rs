@@ -55,6 +55,37 @@ impl<'a> Moved<'a> {
     }
 }
 
+/// A motion carried to the elements and every voxel.
+struct Propagated {
+    propagation: Propagation,
+    regions: Option<LabelMap>,
+    /// As in [`Carried`].
+    alone: Option<Volume<[f32; 3]>>,
+    kind: Option<FractionKind>,
+}
+
+/// Carries the bones' motion on, with the images' pull where there is a fraction (in the frame of the couch).
+fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runtime) -> Result<Propagated> {
+    let Moved { case, body, resting, config, .. } = moved;
+    let Some(fraction) = fraction else {
+        let (propagation, regions) = soft_tissue(moved, None, runtime)?;
+        return Ok(Propagated { propagation, regions, alone: None, kind: None });
+    };
+    let alone = resting.mail.as_ref().map(|mail| bones_alone(mail, moved)).transpose()?;
+    let shading = alone.as_ref().map(|a| Shading::of((&case.planning, body, &case.bones), &fraction.ct, a));
+    let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
+    // On other grey values the patient may have another outline.
+    let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
+    let planning = Scan { ct: &case.planning, body };
+    let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
+    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
+    let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples));
+    let (propagation, regions) = soft_tissue(moved, Some(&images), runtime)?;
+    let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
+    let kind = FractionKind { view: fraction.view, grey, corrected };
+    Ok(Propagated { propagation, regions, alone, kind: Some(kind) })
+}
+
 /// What the bones alone would have made of soft tissue, coarsely.
 fn bones_alone(mail: &Mail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
     let options = &moved.config.chainmail;
@@ -95,26 +126,8 @@ pub(super) fn carry_out(
     let couch = Couch::of(&fit, case.planning.grid());
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
     let moved = Moved { case, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
-    let (propagation, regions, alone, kind) = runtime.stage(CARRYING, || {
-        let Some(fraction) = fraction else {
-            let (propagation, regions) = soft_tissue(&moved, None, runtime)?;
-            return Ok((propagation, regions, None, None));
-        };
-        let fraction = fraction.shifted(&couch);
-        let alone = resting.mail.as_ref().map(|mail| bones_alone(mail, &moved)).transpose()?;
-        let shading = alone.as_ref().map(|a| Shading::of((&case.planning, &body, &case.bones), &fraction.ct, a));
-        let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
-        // On other grey values the patient may have another outline.
-        let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
-        let planning = Scan { ct: &case.planning, body: &body };
-        let there =
-            Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
-        let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
-        let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples));
-        let (propagation, regions) = soft_tissue(&moved, Some(&images), runtime)?;
-        let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
-        Ok::<_, Error>((propagation, regions, alone, Some(FractionKind { view: fraction.view, grey, corrected })))
-    })?;
+    let Propagated { propagation, regions, alone, kind } =
+        runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
     let turns = rotation_matrices(&transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
     let (mut push, let_go) = (propagation.push, propagation.let_go);

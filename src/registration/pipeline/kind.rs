@@ -33,6 +33,14 @@ impl fmt::Display for FractionKind {
 }
 
 impl FractionKind {
+    /// HU of the fraction on planning's scale, shading apart, where its grey values were corrected; else as they are.
+    pub fn on_plannings_scale(&self, hu: f32) -> f32 {
+        match &self.grey {
+            Some(grey) if self.corrected => (grey.gain * f64::from(hu) + grey.offset) as f32,
+            _ => hu,
+        }
+    }
+
     /// What the user should know of it.
     pub(super) fn warnings(&self) -> Vec<Warning> {
         let mut out = Vec::new();
@@ -70,9 +78,11 @@ mod tests {
         assert_eq!(kind.to_string(), "CBCT-like (slope 0.80, shading 118 HU, circle of 250 mm)");
         let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
         assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
+        assert!((kind.on_plannings_scale(-100.0) + 105.0).abs() < 1e-4);
         let all = ViewReport { measured_percent: 100.0, ..Default::default() };
         let ct = FractionKind { view: all, grey: None, corrected: false };
         assert_eq!(ct.to_string(), "CT");
         assert!(ct.warnings().is_empty());
+        assert!((ct.on_plannings_scale(-100.0) + 100.0).abs() < 1e-9);
     }
 }

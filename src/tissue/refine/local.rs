@@ -74,7 +74,7 @@ mod tests {
         let soft: Vec<u32> = lattice.soft().collect();
         let x = |s: usize| lattice.rest(soft[s] as usize).x;
         // Contrast of 120 HU from point to point; the fraction is 1.25 times weaker and grows darker along x.
-        let truth = |s: usize, point: usize| if (s + point) % 3 == 0 { 80.0 } else { -40.0 };
+        let truth = |s: usize, point: usize| if (s + point).is_multiple_of(3) { 80.0 } else { -40.0 };
         let shade = |s: usize| -0.5 * x(s);
         let pair = |s: usize, point: usize| (x(s) < 70.0).then(|| (truth(s, point), 0.8 * truth(s, point) + shade(s)));
         let found = grey_values((&lattice, &soft), 6.0, (1.0, 0.0, 6.0), pair);

@@ -34,7 +34,7 @@ pub(super) fn after(scene: &Scene<'_>) -> Plate {
         title: "After registration",
         caption:
             "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
-                  they differ or where the other scan has no data."
+                  they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
                 .to_owned(),
         canvas: panels(scene, &scene.outcome.planning_on_fraction, &Vector3::zeros()),
     }

@@ -51,9 +51,14 @@ impl<'a> Scene<'a> {
         let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
         let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
         let hu = |ct, planes: &[Plane; 3]| planes.each_ref().map(|plane| plane.hu(ct));
+        let mut fraction_hu = hu(&case.fraction, &fraction);
+        if let Some(kind) = &outcome.kind {
+            // One window shows both scans: a cone-beam CT on planning's scale.
+            fraction_hu.iter_mut().flatten().for_each(|hu| *hu = kind.on_plannings_scale(*hu));
+        }
         Self {
             planning_hu: hu(&case.planning, &planning),
-            fraction_hu: hu(&case.fraction, &fraction),
+            fraction_hu,
             case,
             outcome,
             planning,
