@@ -5,7 +5,7 @@
 //! *disagreement*, the distance `d` between the field and the one of the bones alone, and *mismatch*, the remaining
 //! difference of the images over their gradient, `q`, both averaged over 4 mm. Neither alone does, and the product does in
 //! all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
-//! part; by degrees where planning has no contrast), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
+//! part), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
 //!
 //! Outside the patient, and where it would exceed [`LIMIT_MM`], nothing is known: the map holds [`UNKNOWN`] there, which
 //! every reader can read, where not every one reads what is no number.
@@ -70,9 +70,6 @@ fn told(mm: f32) -> f32 {
     if f64::from(mm) <= LIMIT_MM { mm } else { UNKNOWN }
 }
 
-/// Contrast that tells half of what there is to tell, HU/mm.
-const NO_CONTRAST: f64 = 15.0;
-
 /// Error of the bones alone per mm of distance to a bone, and the distance at which a bone's surface counts as.
 const PER_MM: f64 = 0.034;
 const AT_BONE_MM: f64 = 5.0;
@@ -90,13 +87,8 @@ pub fn map(e: &Evidence<'_>) -> Result<(Volume<f32>, UncertaintyReport)> {
         by_distance.hypot(bone_mm(side.owner.data()[n])) as f32
     };
     let doubt = e.doubt as f32;
-    // The less contrast there is, the more it is as if nothing were seen.
-    let blind = |n: usize| {
-        let square = f64::from(side.slope.data()[n]);
-        (NO_CONTRAST * NO_CONTRAST / (square + NO_CONTRAST * NO_CONTRAST)) as f32
-    };
     let of = |n: usize| match seen.as_ref().and_then(|s| s[n]) {
-        Some(mm) => (doubt * mm.hypot(blind(n) * unseen(n)), true),
+        Some(mm) => (doubt * mm, true),
         None => (doubt * unseen(n), false),
     };
     let (coarse, speaks): (Vec<f32>, Vec<bool>) = (0..side.grid.len()).into_par_iter().map(of).unzip();
@@ -223,8 +215,7 @@ mod tests {
         let ((good, report), (bad, _)) = (scene(0.0, true), scene(2.0, true));
         let at = |m: &Volume<f32>, v: [usize; 3]| *m.at(v);
         let stripes = [10, 20, 12];
-        // A grey value offset alone is no mismatch: 0.5 (1.1 * 0.1^2)^(1/3), and a little for partial volume and for what
-        // contrast leaves open.
+        // A grey value offset alone is no mismatch: 0.5 (1.1 * 0.1^2)^(1/3), and a little for partial volume.
         assert!((0.11..0.4).contains(&at(&good, stripes)), "{}", at(&good, stripes));
         assert!(at(&bad, stripes) > 2.0 * at(&good, stripes), "{} {}", at(&bad, stripes), at(&good, stripes));
         assert!((at(&good, [19, 15, 12]) - 0.25).abs() < 1e-6);
