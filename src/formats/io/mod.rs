@@ -9,6 +9,7 @@ mod atomic;
 pub mod checksum;
 mod contours;
 mod density;
+pub mod dicom;
 mod field;
 mod folder;
 mod gaps;
