@@ -84,6 +84,7 @@ fn waves(c: &mut Criterion) {
             labels: &phantom.bones,
             bone_of_label: &bone_of_label,
             lung: None,
+            sliding: None,
             least_hu: -500.0,
         };
         let moved = Initiators { transforms: &phantom.transforms[..bones], centroids: &centroids[..bones] };
@@ -136,6 +137,7 @@ fn propagation(c: &mut Criterion) {
         labels: &phantom.bones,
         bone_of_label: &bone_of_label,
         lung: None,
+        sliding: None,
         least_hu: -500.0,
     };
     let bones = Initiators { transforms: &phantom.transforms, centroids: &centroids };

@@ -136,6 +136,7 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
         labels: &phantom.bones,
         bone_of_label: &bone_of_label,
         lung: None,
+        sliding: None,
         least_hu: options.least_hu,
     };
     let bones = Initiators { transforms: &phantom.transforms, centroids: &centroids };

@@ -65,6 +65,7 @@ impl Scene {
             labels: &labels,
             bone_of_label: &bone_of_label,
             lung: None,
+            sliding: None,
             least_hu: options.least_hu,
         };
         let centroids = self.centroids();

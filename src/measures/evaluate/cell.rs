@@ -19,7 +19,7 @@ pub(super) enum Cell {
     Inside(u16),
     /// Two or more bones.
     Contact,
-    /// At most one bone, where two bones slide on each other.
+    /// At most one bone, where two bones slide on each other, or an organ along the wall.
     Interface,
 }
 
@@ -58,8 +58,19 @@ impl CellKinds {
     /// rigid bone of `bones`, other labels count as soft tissue; labels of the same name are one bone. `sliding` are pairs of
     /// labels that slide on each other, with the reach of the interface in mm. All on the planning grid.
     pub fn new(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)], sliding: &[([u16; 2], f64)]) -> Self {
+        Self::with_region(tissue, bones, rigid, sliding, None)
+    }
+
+    /// As [`CellKinds::new`]; `region` slides along its border.
+    pub fn with_region(
+        tissue: &Mask,
+        bones: &LabelMap,
+        rigid: &[(u16, String)],
+        sliding: &[([u16; 2], f64)],
+        region: Option<&Mask>,
+    ) -> Self {
         let (names, bone_of) = index_bones(rigid);
-        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding);
+        let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding, region);
         let grid = tissue.grid().clone();
         let [_, nj, nk] = grid.size();
         let look =

@@ -160,6 +160,7 @@ fn parts<'a>(
         labels: &phantom.bones,
         bone_of_label,
         lung: None,
+        sliding: None,
         least_hu: options.least_hu,
     };
     (tissue, Initiators { transforms: &phantom.transforms, centroids })

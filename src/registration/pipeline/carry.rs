@@ -8,7 +8,8 @@ use super::study::CARRYING;
 use super::{Case, FractionKind, Outcome, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
+    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, SlidingRegion, Tissue, VolumeChange,
+    check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -47,7 +48,12 @@ pub(super) struct Moved<'a> {
 
 impl<'a> Moved<'a> {
     fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
-        tissue(self.case, (self.body, self.resting.lung.as_ref()), bone_of_label, options)
+        tissue(
+            self.case,
+            (self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref()),
+            bone_of_label,
+            options,
+        )
     }
 
     fn centroids(&self) -> Vec<Point3<f64>> {
@@ -246,11 +252,13 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
 /// What the chain mail of a case is made from.
 pub(super) fn tissue<'a>(
     case: &'a Case,
-    (body, lung): (&'a Mask, Option<&'a Mask>),
+    (body, lung, sliding): (&'a Mask, Option<&'a Mask>, Option<&'a Mask>),
     bone_of_label: &'a [Option<u16>],
     options: &ChainmailOptions,
 ) -> Tissue<'a> {
-    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, least_hu: options.least_hu }
+    let along = options.slip.along;
+    let sliding = sliding.map(|region| SlidingRegion { region, along });
+    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
 }
 
 /// Carries the bones' motion to every voxel by the model that the settings name: the chain mail with the images that pull it,

@@ -70,6 +70,8 @@ pub(super) struct Resting {
     pub(super) samples: PlanningSamples,
     /// Lung, where it takes part.
     pub(super) lung: Option<Mask>,
+    /// What slides along its border.
+    pub(super) sliding: Option<Mask>,
     /// The voxels of tissue, which count.
     pub(super) tissue: Mask,
     /// The voxels near bones that touch.
@@ -96,10 +98,15 @@ impl Resting {
             let options = &config.chainmail;
             let mapped = mapped && config.output.uncertainty;
             let lung = options.lung.then(|| body::lung(&case.planning, body)).flatten();
+            let sliding = options.slip.region(lung.as_ref(), &case.bones);
             let bone_of_label = bone_of_label(skeleton);
             let mail = || {
                 let alone = images_pull(config).then(|| alone_mm(options));
-                Mail::new(&tissue(case, (body, lung.as_ref()), &bone_of_label, options), options, alone.as_slice())
+                Mail::new(
+                    &tissue(case, (body, lung.as_ref(), sliding.as_ref()), &bone_of_label, options),
+                    options,
+                    alone.as_slice(),
+                )
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let thin = if lung.is_some() { config.refine.lung as f32 } else { 0.0 };
@@ -108,7 +115,13 @@ impl Resting {
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &case.planning);
                 let rigid = skeleton.labels_and_names();
-                let cells = CellKinds::new(&tissue, &case.bones, &rigid, &config.sliding.pairs(&rigid));
+                let cells = CellKinds::with_region(
+                    &tissue,
+                    &case.bones,
+                    &rigid,
+                    &config.sliding.pairs(&rigid),
+                    sliding.as_ref(),
+                );
                 (tissue, cells)
             };
             let mail = || wanted.then(mail).transpose();
@@ -125,6 +138,7 @@ impl Resting {
                 samples: PlanningSamples::default(),
                 tissue,
                 lung: lung.clone(),
+                sliding: sliding.clone(),
                 beside_contact: beside_contact?,
                 cells,
                 side: side?,

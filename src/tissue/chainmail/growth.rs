@@ -197,6 +197,7 @@ mod tests {
             labels: &labels,
             bone_of_label: &bone_of_label,
             lung: None,
+            sliding: None,
             least_hu: -500.0,
         };
         let motion = about(&middle, Vector3::new(0.0, 0.0, turn), Vector3::zeros());

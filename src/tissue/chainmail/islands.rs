@@ -47,7 +47,7 @@ mod tests {
         fill([15, 1, 1], [24, 10, 10], Node::Soft);
         fill([27, 18, 18], [27, 18, 18], Node::Bone(1));
         let active = (0..grid.len() as u32).filter(|&n| node[n as usize] != Node::Outside).collect();
-        let lattice = Lattice { constraint: vec![RIGID; grid.len()], active, node, grid: grid.clone() };
+        let lattice = Lattice { slip: None, constraint: vec![RIGID; grid.len()], active, node, grid: grid.clone() };
         for (n, found) in islands(&lattice).data().iter().enumerate() {
             let at = grid.voxel(n);
             // The first piece touches a bone at its corner; the third has 8 ml.

@@ -1,6 +1,7 @@
 //! The chain mail's elements: a padded grid over the planning CT with the material of each node.
 
 use super::material::{Constraint, Material, Organs, RIGID};
+use super::slip::{SlidingRegion, Slip};
 use crate::geometry::{Grid, stencil::NEIGHBOURS_26};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -31,6 +32,8 @@ pub struct Lattice {
     pub constraint: Vec<Constraint>,
     /// Nodes that are soft tissue or bone, ascending.
     pub active: Vec<u32>,
+    /// Where tissue slides; `None` where nothing does.
+    pub slip: Option<Slip>,
 }
 
 /// Share of a node's voxels that must carry a bone label for the node to be bone.
@@ -64,6 +67,8 @@ pub struct Tissue<'a> {
     pub bone_of_label: &'a [Option<u16>],
     /// Lung: takes part whatever its HU.
     pub lung: Option<&'a Mask>,
+    /// What slides along its border.
+    pub sliding: Option<SlidingRegion<'a>>,
     /// Voxels below this take no part otherwise, HU.
     pub least_hu: f32,
 }
@@ -114,7 +119,16 @@ impl Lattice {
         };
         let (mut node, mut constraint) = (Vec::new(), Vec::new());
         (0..grid.len()).into_par_iter().map(of_node).unzip_into_vecs(&mut node, &mut constraint);
-        Self::from_nodes(grid, node, constraint)
+        let slip = tissue.sliding.and_then(|SlidingRegion { region, along }| {
+            let share = |n: usize| {
+                let [i, j, k] = grid.voxel(n);
+                let ranges = [inner(&xs, i)?, inner(&ys, j)?, inner(&zs, k)?];
+                Some(share(region, ranges))
+            };
+            let shares = (0..grid.len()).into_par_iter().map(|n| share(n).unwrap_or(0.0)).collect();
+            Slip::new(&grid, &node, shares, along)
+        });
+        Self { slip, ..Self::from_nodes(grid, node, constraint) }
     }
 
     /// The voxels from `low` to `high` of the planning grid, each an element, with a border of one node.
@@ -146,7 +160,7 @@ impl Lattice {
     /// A lattice of given elements in storage order; those on the border of the grid must be outside.
     pub fn from_nodes(grid: Grid, node: Vec<Node>, constraint: Vec<Constraint>) -> Self {
         let active = (0..node.len() as u32).into_par_iter().filter(|&n| node[n as usize] != Node::Outside).collect();
-        Self { grid, node, constraint, active }
+        Self { grid, node, constraint, active, slip: None }
     }
 
     /// Values of the active nodes, in their order, on all nodes; the others have `outside`.
@@ -182,6 +196,17 @@ impl Lattice {
     pub fn rest(&self, node: usize) -> Point3<f64> {
         self.grid.centre(self.grid.voxel(node))
     }
+}
+
+/// Share of a node's voxels that are set.
+fn share(region: &Mask, [xs, ys, zs]: [Range<usize>; 3]) -> f32 {
+    let all = xs.len() * ys.len() * zs.len();
+    let row = |j: usize, k: usize| {
+        let first = region.grid().linear([xs.start, j, k]);
+        region.data()[first..first + xs.len()].iter().filter(|inside| **inside).count()
+    };
+    let own: usize = zs.flat_map(|k| ys.clone().map(move |j| (j, k))).map(|(j, k)| row(j, k)).sum();
+    own as f32 / all.max(1) as f32
 }
 
 /// How many voxels each bone or label has in a node.

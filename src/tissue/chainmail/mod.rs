@@ -25,6 +25,7 @@ mod relax;
 mod rest;
 mod settle;
 mod slabs;
+mod slip;
 mod stencil;
 mod superpose;
 #[cfg(test)]
@@ -46,3 +47,4 @@ pub use options::{ChainmailOptions, Combination};
 pub use propagate::{Elements, Propagation, propagate, regions};
 pub use pull::{Comparison, ImagePull, Passes, Pull};
 pub use relax::Elasticity;
+pub use slip::{SlidingRegion, Slip, SlipOptions};

@@ -5,6 +5,7 @@ use super::front::{Front, LinkTime, Order, Structures};
 use super::growth::VolumeChange;
 use super::material::{Constraint, Material};
 use super::relax::Elasticity;
+use super::slip::SlipOptions;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -67,6 +68,8 @@ pub struct ChainmailOptions {
     pub least_hu: f32,
     /// Whether lung takes part, whatever its HU.
     pub lung: bool,
+    /// What slides along the wall of chest and belly; only links of the corotated kind do.
+    pub slip: SlipOptions,
 }
 
 impl Default for ChainmailOptions {
@@ -92,6 +95,7 @@ impl Default for ChainmailOptions {
             mend: 3,
             least_hu: -500.0,
             lung: true,
+            slip: SlipOptions::default(),
         }
     }
 }
@@ -109,6 +113,7 @@ impl ChainmailOptions {
             relaxation: Vec::new(),
             mend: 0,
             lung: false,
+            slip: SlipOptions::none(),
             ..Self::default()
         }
     }
@@ -126,7 +131,9 @@ impl ChainmailOptions {
 
     /// Whether these settings say something about an organ.
     pub fn names_organ(&self, name: &str) -> bool {
-        self.organs.contains_key(name) || self.volume_change.iter().any(|c| c.organ == name)
+        self.organs.contains_key(name)
+            || self.slip.organs.iter().any(|organ| organ == name)
+            || self.volume_change.iter().any(|c| c.organ == name)
     }
 
     /// The first impossible choice in these settings, if any, with its key.
@@ -142,6 +149,7 @@ impl ChainmailOptions {
             within("prune_ratio", self.prune_ratio, 0.0, 1e6),
             within("waves_mm", self.waves_mm, 0.0, 50.0),
             within("poisson", self.poisson, 0.0, 0.49),
+            within("slip.along", self.slip.along, 1e-3, 1.0),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),

@@ -41,28 +41,52 @@ impl Pull {
     /// Where soft element `s` comes to rest whose links have the total stiffness `weights` and would hold it at
     /// `sum / weights`.
     pub fn settle(&self, s: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
-        let [xx, xy, xz, yy, yz, zz] = self.stiffness[s];
+        let [xx, _, _, yy, _, zz] = self.stiffness[s];
         if xx + yy + zz <= 0.0 {
             return sum.map(|s| s / weights);
         }
         let t = self.towards[s];
         let b = [sum[0] + t[0], sum[1] + t[1], sum[2] + t[2]];
-        let (a, d, f) = (xx + weights, yy + weights, zz + weights);
-        // The inverse of a symmetric 3x3 by its adjugate.
-        let (c0, c1, c2) = (d * f - yz * yz, xz * yz - xy * f, xy * yz - xz * d);
-        let determinant = a * c0 + xy * c1 + xz * c2;
-        let (c3, c4, c5) = (a * f - xz * xz, xy * xz - a * yz, a * d - xy * xy);
-        let settled = [
-            (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant,
-            (c1 * b[0] + c3 * b[1] + c4 * b[2]) / determinant,
-            (c2 * b[0] + c4 * b[1] + c5 * b[2]) / determinant,
-        ];
-        let free = sum.map(|s| s / weights);
+        let settled = settle(weights, &self.stiffness[s], b);
+        self.held(settled, sum.map(|s| s / weights))
+    }
+
+    /// As [`Pull::settle`], where links also have a stiffness of directions, and would hold the element at `free`.
+    pub(super) fn settle_from(
+        &self,
+        s: usize,
+        weights: f32,
+        stiffness: &[f32; 6],
+        sum: [f32; 3],
+        free: [f32; 3],
+    ) -> [f32; 3] {
+        let both = std::array::from_fn(|e| self.stiffness[s][e] + stiffness[e]);
+        let t = self.towards[s];
+        self.held(settle(weights, &both, std::array::from_fn(|a| sum[a] + t[a])), free)
+    }
+
+    /// No farther from where links would hold it than is allowed.
+    #[inline(always)]
+    fn held(&self, settled: [f32; 3], free: [f32; 3]) -> [f32; 3] {
         let d: [f32; 3] = std::array::from_fn(|a| settled[a] - free[a]);
         let far = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
         let keep = if far > self.farthest { self.farthest / far } else { 1.0 };
         std::array::from_fn(|a| free[a] + keep * d[a])
     }
+}
+
+/// The solution of `(weights I + A) u = b`: the inverse of a symmetric 3x3 by its adjugate.
+#[inline(always)]
+pub(super) fn settle(weights: f32, &[xx, xy, xz, yy, yz, zz]: &[f32; 6], b: [f32; 3]) -> [f32; 3] {
+    let (a, d, f) = (xx + weights, yy + weights, zz + weights);
+    let (c0, c1, c2) = (d * f - yz * yz, xz * yz - xy * f, xy * yz - xz * d);
+    let determinant = a * c0 + xy * c1 + xz * c2;
+    let (c3, c4, c5) = (a * f - xz * xz, xy * xz - a * yz, a * d - xy * xy);
+    [
+        (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant,
+        (c1 * b[0] + c3 * b[1] + c4 * b[2]) / determinant,
+        (c2 * b[0] + c4 * b[1] + c5 * b[2]) / determinant,
+    ]
 }
 
 /// Renews the pull on some soft elements (their positions among a lattice's soft elements, ascending) at displacements of

@@ -3,8 +3,8 @@
 //! Stiffness of a link is the inverse of its play.
 
 use super::lattice::{Lattice, Node};
-use super::pull::Pull;
-use super::rest::{RestingLinks, RestingPlane, softness};
+use super::pull::{Pull, settle};
+use super::rest::{HELD, RestingLinks, RestingPlane, softness};
 use super::stencil::{Links, ROWS, columns_of};
 use super::turn::{Lanes, Turn, WideTurn, add_scaled, narrow, nearest_rotation, scaled, strained, wide};
 use crate::geometry::{LANES, Wide, vectorised};
@@ -31,6 +31,8 @@ struct Plane {
     turned: Vec<Lanes>,
     /// Local rotation minus identity.
     rotation: Vec<Turn>,
+    /// What turning adds along the normals of sliding links, mm, element by element.
+    slipping: Vec<Vec<f32>>,
 }
 
 /// The soft elements to relax: for each plane positions in its list.
@@ -93,6 +95,7 @@ impl<'a> Relaxation<'a> {
         let of_plane = |p: &RestingPlane| Plane {
             turned: p.total.iter().map(|total| [0.0, 0.0, 0.0, *total]).collect(),
             rotation: vec![Turn::default(); p.soft.len()],
+            slipping: p.sliding.iter().map(|s| vec![0.0; s.links.len()]).collect(),
         };
         let planes = rest.planes.par_iter().map(of_plane).collect();
         let yielding = (3.0 * poisson / (1.0 + poisson)) as f32;
@@ -152,7 +155,7 @@ impl<'a> Relaxation<'a> {
                 #[inline(always)]
                 || {
                     let k = 2 * h + parity;
-                    let (p, turned, region) = (&rest.planes[k], &planes[k].turned, &region.0[k]);
+                    let (p, own, region) = (&rest.planes[k], &planes[k], &region.0[k]);
                     if region.is_empty() {
                         return;
                     }
@@ -163,7 +166,7 @@ impl<'a> Relaxation<'a> {
                         let s = s as usize;
                         let n = p.soft[s] as usize;
                         let Some(rows) = rest.links.around([below, &*u, above], n) else { continue };
-                        let [x, y, z, total] = turned[s];
+                        let [x, y, z, total] = own.turned[s];
                         if total <= 0.0 {
                             continue;
                         }
@@ -175,9 +178,20 @@ impl<'a> Relaxation<'a> {
                             }
                         }
                         let sum = [(0, x), (1, y), (2, z)].map(|(l, own)| own + sums[1][l] + sums[2][l] + sums[0][l]);
-                        let settled = match pull {
-                            Some(pull) => pull.settle(p.before + s, total, sum),
-                            None => sum.map(|s| s * (1.0 / total)),
+                        let settled = match (p.slides.get(s), pull) {
+                            (Some(&slides), pull) if slides != HELD => {
+                                let sliding = &p.sliding[slides as usize];
+                                let place = |r: usize, c: usize| rows[r][c];
+                                let more = sliding.towards(place, &own.slipping[slides as usize]);
+                                let sum = std::array::from_fn(|a| sum[a] + more[a]);
+                                let free = settle(total, &sliding.stiffness, sum);
+                                match pull {
+                                    Some(pull) => pull.settle_from(p.before + s, total, &sliding.stiffness, sum, free),
+                                    None => free,
+                                }
+                            }
+                            (_, Some(pull)) => pull.settle(p.before + s, total, sum),
+                            (_, None) => sum.map(|s| s * (1.0 / total)),
                         };
                         for (u, new) in u[n].iter_mut().zip(settled) {
                             *u += OVER * (new - *u);
@@ -265,6 +279,10 @@ impl<'a> Relaxation<'a> {
                         let sum: [f32; 3] = std::array::from_fn(|l| sums[0][l] + sums[1][l] + sums[2][l] + sums[3][l]);
                         // The rest vector leads to the neighbour; from there to here it is the opposite.
                         own.turned[s] = [-0.5 * sum[0], -0.5 * sum[1], -0.5 * sum[2], p.total[s]];
+                        if let Some(&slides) = p.slides.get(s).filter(|s| **s != HELD) {
+                            let slides = slides as usize;
+                            p.sliding[slides].turned(rows, &planes[1][n], &mut own.slipping[slides]);
+                        }
                     }
                 },
             )

@@ -2,6 +2,7 @@
 
 use super::lattice::{Lattice, Node};
 use super::relax::Elasticity;
+use super::slip::Sliding;
 use super::stencil::{Links, Stencil, lean};
 use rayon::prelude::*;
 
@@ -25,9 +26,16 @@ pub(super) struct RestingPlane {
     pub(super) lean: Vec<[f32; 3]>,
     /// Inverse of the links' second moment: xx, xy, xz, yy, yz, zz.
     pub(super) spread: Vec<[f32; 6]>,
+    /// Position among `sliding` of each, or `HELD`; empty where none slides.
+    pub(super) slides: Vec<u32>,
+    /// Those with links across a sliding surface.
+    pub(super) sliding: Vec<Sliding>,
     /// Soft elements in the planes before.
     pub(super) before: usize,
 }
+
+/// No link of this element slides.
+pub(super) const HELD: u32 = u32::MAX;
 
 const OUTSIDE: f32 = -1.0;
 
@@ -40,11 +48,23 @@ impl RestingLinks {
         let of_plane = |(k, nodes): (usize, &[Node])| {
             let soft: Vec<u32> = (0..).zip(nodes).filter(|(_, node)| **node == Node::Soft).map(|(n, _)| n).collect();
             let base = k * links.plane;
-            let stiffness: Vec<_> = soft.iter().map(|&n| links.stiffness(&softness, base + n as usize)).collect();
+            let mut stiffness: Vec<_> = soft.iter().map(|&n| links.stiffness(&softness, base + n as usize)).collect();
+            let (mut slides, mut sliding) = (Vec::new(), Vec::new());
+            if let (Some(slip), true) = (&lattice.slip, turning) {
+                for (&n, stiffness) in soft.iter().zip(&mut stiffness) {
+                    let crossing = slip.part(lattice, base + n as usize, stiffness);
+                    slides.push(if crossing.is_empty() { HELD } else { sliding.len() as u32 });
+                    if !crossing.is_empty() {
+                        sliding.push(Sliding::new(crossing));
+                    }
+                }
+            }
             RestingPlane {
                 total: stiffness.iter().map(|w| w.as_flattened().iter().sum()).collect(),
                 lean: stiffness.iter().map(lean).collect(),
                 spread: stiffness.iter().map(|w| links.inverse_spread(w)).collect(),
+                slides,
+                sliding,
                 before: 0,
                 soft,
                 stiffness,

@@ -322,8 +322,15 @@ fn small_ct() -> (Volume<f32>, Mask, LabelMap, Vec<Option<u16>>) {
 #[test]
 fn regions_and_organs_on_a_ct() {
     let (ct, body, labels, bone_of_label) = small_ct();
-    let tissue =
-        Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, lung: None, least_hu: -500.0 };
+    let tissue = Tissue {
+        ct: &ct,
+        body: &body,
+        labels: &labels,
+        bone_of_label: &bone_of_label,
+        lung: None,
+        sliding: None,
+        least_hu: -500.0,
+    };
     let t = [Rigid::identity(), Rigid::translation(1.0, 0.0, 0.0)];
     let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
     // An organ of twice the shear is passed in half the time: 0.25 in water, so 0.5 and more room for the first bone.
@@ -359,8 +366,15 @@ fn cavities_move_along_and_the_field_fades_outside() {
     let labels = LabelMap { volume: labels, names: [(1, "skull".to_owned())].into() };
     let mut bone_of_label = vec![None; 1 << 16];
     bone_of_label[1] = Some(0);
-    let tissue =
-        Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, lung: None, least_hu: -500.0 };
+    let tissue = Tissue {
+        ct: &ct,
+        body: &body,
+        labels: &labels,
+        bone_of_label: &bone_of_label,
+        lung: None,
+        sliding: None,
+        least_hu: -500.0,
+    };
     let t = [Rigid::translation(4.0, 0.0, 0.0)];
     let bones = Initiators { transforms: &t, centroids: &[Point3::origin()] };
     let o = ChainmailOptions { spacing_mm: 4.0, carry: Carry::Rigid, ..options() };

@@ -85,6 +85,7 @@ mod tests {
         let inside = |n: usize| grid.voxel(n).iter().all(|&c| c > 0 && c < 8);
         let node: Vec<Node> = (0..grid.len()).map(|n| if inside(n) { Node::Soft } else { Node::Outside }).collect();
         let lattice = Lattice {
+            slip: None,
             constraint: vec![crate::chainmail::material::RIGID; grid.len()],
             active: (0..grid.len() as u32).filter(|&n| inside(n as usize)).collect(),
             node,

@@ -121,7 +121,7 @@ impl Default for RefineOptions {
     fn default() -> Self {
         Self {
             weight: 1.0,
-            passes: 8,
+            passes: 30,
             settled: 0.015,
             rounds: 3,
             blur: 0.2,

@@ -30,8 +30,15 @@ fn waves_of_a_long_body_stay_near_their_bones() {
 #[test]
 fn coarser_elements_take_what_waves_bring_to_finer_ones() {
     let (ct, body, labels, bone_of_label) = small_ct();
-    let tissue =
-        Tissue { ct: &ct, body: &body, labels: &labels, bone_of_label: &bone_of_label, lung: None, least_hu: -500.0 };
+    let tissue = Tissue {
+        ct: &ct,
+        body: &body,
+        labels: &labels,
+        bone_of_label: &bone_of_label,
+        lung: None,
+        sliding: None,
+        least_hu: -500.0,
+    };
     let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::new(0.2, 0.1, 0.4)); 2];
     let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
     let lattice = |spacing| Lattice::new(&tissue, &Material::default(), &Organs::default(), spacing);
