@@ -14,6 +14,7 @@ mod evaluate;
 mod files;
 mod fractions;
 mod guide;
+mod images;
 mod invariance;
 mod phantom;
 mod pose;

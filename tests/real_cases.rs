@@ -9,6 +9,7 @@
 use crate::support::score::{dice, name, read_truth, score_case, surface_p95, trust};
 use aventail::body::{self, BodyOptions};
 use aventail::config::Config;
+use aventail::evaluate::landmark::Landmark;
 use aventail::io::{read_image, read_labels, read_landmarks};
 use aventail::phantom::{CbctOptions, degrade};
 use aventail::pipeline::{Case, register};
@@ -80,18 +81,18 @@ fn registrations_meet_their_bounds() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+impl Planning {
+    /// With a fraction.
+    fn case(&self, fraction: Volume<f32>, landmarks: Vec<Landmark>) -> Case {
+        Case { landmarks, ..Case::new(self.ct.clone(), self.bones.clone(), fraction) }
+    }
+}
+
 /// Registers one fraction, prints what it measured and returns what misses a bound.
 fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String> {
-    let input = Case {
-        planning: planning.ct.clone(),
-        bones: planning.bones.clone(),
-        fraction: read_image(folder.join("fraction_ct.nii.gz")).expect("it was found").value,
-        landmarks: read_landmarks(folder.join("landmarks.csv")).unwrap_or_default(),
-        bone_landmarks: Vec::new(),
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    };
+    let image = read_image(folder.join("fraction_ct.nii.gz")).expect("it was found").value;
+    let landmarks = read_landmarks(folder.join("landmarks.csv")).unwrap_or_default();
+    let input = planning.case(image, landmarks);
     let runtime = Runtime::silent().expect("threads start");
     let outcome = register(&input, &Config::default(), &runtime).expect("the case registers");
     let truth = read_truth(&folder.join("truth_points.csv.gz"));
@@ -134,16 +135,7 @@ const UNCOVERED_PERCENT: f64 = 3.0;
 /// Errors at soft tissue points that end up in view and out of it, and the share of those in view that the map does not cover.
 fn cone_beam(planning: &Planning, folder: &Path, fraction: Volume<f32>) -> (Vec<f64>, Vec<f64>, f64) {
     let view = View::of(&fraction);
-    let input = Case {
-        planning: planning.ct.clone(),
-        bones: planning.bones.clone(),
-        fraction,
-        landmarks: Vec::new(),
-        bone_landmarks: Vec::new(),
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    };
+    let input = planning.case(fraction, Vec::new());
     let runtime = Runtime::silent().expect("threads start");
     let outcome = register(&input, &Config::default(), &runtime).expect("the case registers");
     assert!(outcome.warnings.iter().any(|w| w.code == "shaded-fraction"), "{:?}", outcome.warnings);

@@ -161,6 +161,13 @@ impl Grid {
     pub fn voxel_at(&self, world: &Point3<f64>) -> Option<[usize; 3]> {
         self.voxel_near(&self.index(world))
     }
+    /// The index of a place, drawn onto the voxels' centres where it lies beyond them.
+    #[inline(always)]
+    pub fn index_within(&self, world: &Point3<f64>) -> Vector3<f64> {
+        let last = Vector3::from(self.size.map(|n| (n - 1) as f64));
+        self.index(world).zip_map(&last, |i, l| i.clamp(0.0, l))
+    }
+
     /// The voxel nearest to a continuous index; `None` outside the grid.
     pub fn voxel_near(&self, at: &Vector3<f64>) -> Option<[usize; 3]> {
         let within = (0..3).all(|a| at[a] > -0.5 && at[a] < self.size[a] as f64 - 0.5);

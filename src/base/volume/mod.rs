@@ -10,12 +10,14 @@ pub mod morphology;
 pub mod region;
 mod smooth;
 mod spans;
+mod window;
 
 pub use cubic::cubic;
 pub use interpolate::{Surrounding, axis_pairs, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
 pub use smooth::{gaussian, gaussian_ratio};
 pub use spans::Spans;
+pub use window::Window;
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

@@ -49,10 +49,8 @@ impl Tissue {
 
     /// Blurred HU at a world position, where that is tissue.
     pub fn at(&self, world: &Point3<f64>) -> Option<f64> {
-        let grid = self.value.grid();
-        let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
         // Voxel centres of the fine grid reach up to half a block beyond those of the blocks.
-        let index = grid.index(world).zip_map(&last, |i, l| i.clamp(0.0, l));
+        let index = self.value.grid().index_within(world);
         (self.share(&index).0 > 0.5).then(|| cubic(&self.value, &index).map(|v| v.0)).flatten()
     }
 

@@ -59,7 +59,7 @@ fn across(padding: &Mask, along: usize) -> Option<Found> {
         1 => [0, 2],
         _ => [0, 1],
     };
-    let shown = Shown::new(padding, along, axes);
+    let shown = Shown::new(padding, axes);
     let tolerance = ON_CIRCLE * axes.map(|a| grid.spacing()[a]).into_iter().fold(0.0, f64::max);
     let points = shown.border();
     let round = fitted(&points, tolerance)?;
@@ -83,7 +83,7 @@ struct Shown {
 }
 
 impl Shown {
-    fn new(padding: &Mask, along: usize, axes: [usize; 2]) -> Self {
+    fn new(padding: &Mask, axes: [usize; 2]) -> Self {
         let grid = padding.grid();
         let size = axes.map(|a| grid.size()[a]);
         let mut any = vec![false; size[0] * size[1]];
@@ -91,7 +91,6 @@ impl Shown {
             let at = grid.voxel(l);
             any[at[axes[0]] + size[0] * at[axes[1]]] |= !padding;
         }
-        debug_assert!(along < 3);
         Self { any, size, spacing: axes.map(|a| grid.spacing()[a]) }
     }
 

@@ -138,7 +138,7 @@ impl Scene {
     pub(super) fn images(&self) -> Option<Images<'_>> {
         let planning = Scan { ct: &self.phantom.planning, body: &self.phantom.body };
         let fraction = |body| Scan { ct: &self.phantom.fraction, body };
-        let of = |body| Images::new(planning, fraction(body), Kind::default(), &RefineOptions::default(), None);
+        let of = |body| Images::new(planning, fraction(body), Kind::default(), &RefineOptions::default(), None, None);
         self.fraction_body.as_ref().map(of)
     }
 }

@@ -287,6 +287,7 @@ impl Config {
             within("refine.settled", r.settled, 0.0, 10.0),
             within("refine.robust", r.robust, 0.1, 1e6),
             within("refine.departure", r.departure, 1e-4, 1e6),
+            within("refine.unseen_mm", r.unseen_mm, 0.0, 1e4),
             within("refine.lung", r.lung, 0.0, 10.0),
             within("refine.shading.least_hu", r.shading.least_hu, 0.0, 1e6),
             within("refine.shading.least_gain", r.shading.least_gain, 0.0, 10.0),

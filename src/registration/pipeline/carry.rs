@@ -1,7 +1,7 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
 use super::contact;
-use super::couch::Couch;
+use super::couch::{Couch, couch_shift};
 use super::fraction::Fraction;
 use super::planning::Resting;
 use super::study::CARRYING;
@@ -85,7 +85,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let planning = Scan { ct: &case.planning, body };
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
     let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
-    let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples));
+    let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
     let (propagation, regions) = soft_tissue(moved, Some(&images), runtime)?;
     let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
     let kind = FractionKind { view: fraction.view, grey, corrected };
@@ -156,7 +156,6 @@ pub(super) fn carry_out(
         };
         Ok::<_, Error>((image, field::warp_labels(&pull, &case.bones)?))
     })?;
-    let middle = case.planning.grid().middle();
     let rigid = skeleton.labels_and_names();
     let figures = || {
         let (map, report) = evaluate::jacobian::evaluate(&push, &resting.cells);
@@ -176,7 +175,7 @@ pub(super) fn carry_out(
     warnings.extend(contact::warnings(&contact, voxel));
     let volume_changes = reached(&case.bones, &jacobian, config);
     warnings.extend(volume_changes.iter().filter_map(missed));
-    let couch_shift = fit.common * middle - middle;
+    let couch_shift = couch_shift(&fit, case.planning.grid());
     if let Some(report) = &landmarks {
         warnings.extend(super::landmarks::warnings(case, &push, report, &couch_shift));
     }

@@ -42,18 +42,25 @@ pub struct Case {
     pub inputs: Vec<InputFile>,
 }
 
-/// The phantom as its files would be read: its skeleton is left to be built.
-impl From<Phantom> for Case {
-    fn from(phantom: Phantom) -> Self {
+impl Case {
+    /// Of images and labels alone.
+    pub fn new(planning: Volume<f32>, bones: LabelMap, fraction: Volume<f32>) -> Self {
         Self {
-            planning: phantom.planning,
-            bones: phantom.bones,
-            fraction: phantom.fraction,
-            landmarks: phantom.landmarks,
+            planning,
+            bones,
+            fraction,
+            landmarks: Vec::new(),
             bone_landmarks: Vec::new(),
             skeleton: None,
             warnings: Vec::new(),
             inputs: Vec::new(),
         }
+    }
+}
+
+/// The phantom as its files would be read: its skeleton is left to be built.
+impl From<Phantom> for Case {
+    fn from(phantom: Phantom) -> Self {
+        Self { landmarks: phantom.landmarks, ..Self::new(phantom.planning, phantom.bones, phantom.fraction) }
     }
 }

@@ -10,14 +10,19 @@ use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// How far the couch has moved, LPS mm.
+/// How far the middle of the planning grid has moved with all bones, LPS mm.
+pub(super) fn couch_shift(fit: &FitResult, planning: &Grid) -> Vector3<f64> {
+    let middle = planning.middle();
+    fit.common * middle - middle
+}
+
+/// The same as displacements are stored.
 pub(super) struct Couch([f32; 3]);
 
 impl Couch {
     /// Of a fit, in the middle of the planning grid.
     pub(super) fn of(fit: &FitResult, planning: &Grid) -> Self {
-        let middle = planning.middle();
-        let shift = fit.common * middle - middle;
+        let shift = couch_shift(fit, planning);
         Self(in_steps([shift.x as f32, shift.y as f32, shift.z as f32]))
     }
 

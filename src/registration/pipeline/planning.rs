@@ -109,8 +109,8 @@ impl Resting {
                 )
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
-            let thin = if lung.is_some() { config.refine.lung as f32 } else { 0.0 };
-            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body), thin)).transpose();
+            let window = config.refine.window(lung.is_some());
+            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body), window)).transpose();
             let bones = || contact::resting(&case.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &case.planning);

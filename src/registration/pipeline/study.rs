@@ -32,8 +32,10 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
         ));
     }
     let seen = case.inputs.iter().any(|i| i.role == "fraction");
-    let view = View::of(&case.fraction);
-    let find = || Fraction::new(view.known(&case.fraction), view.report.clone(), config);
+    let find = || {
+        let view = View::of(&case.fraction);
+        Fraction::new(view.known(&case.fraction), view.report, config)
+    };
     let wanted = seen && images_pull(config);
     let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
     let resting = Resting::new(case, (&skeleton, &body), false, config, runtime)?;

@@ -5,19 +5,19 @@ use super::{Case, Outcome};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::skeleton::Skeleton;
-use crate::volume::{Mask, Volume};
+use crate::volume::{Mask, Volume, Window};
 use std::collections::BTreeMap;
 
 /// What the maps of all registrations of a case need of its planning side.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub(super) fn side(case: &Case, (skeleton, body): (&Skeleton, &Mask), thin: f32) -> Result<PlanningSide> {
+pub(super) fn side(case: &Case, (skeleton, body): (&Skeleton, &Mask), window: Window) -> Result<PlanningSide> {
     let bone_of_label = bone_of_label(skeleton);
-    PlanningSide::new(&case.planning, body, &case.bones, thin, |l| bone_of_label[usize::from(l)].is_some())
+    PlanningSide::new(&case.planning, body, &case.bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
 
-/// The map of a registration. `mail` is the chain mail, where images pulled it.
+/// The map of a registration; `alone` is the field of the bones alone, where images pulled.
 pub(super) fn of(
     case: &Case,
     outcome: &Outcome,

@@ -11,7 +11,7 @@ use super::planning::{Planning, Shown, blurred, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
-use crate::volume::Volume;
+use crate::volume::{Volume, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -39,7 +39,14 @@ pub(super) struct Level<'a> {
     reach: f64,
     /// Width of the neighbourhoods that have a gain and offset of their own, mm; `None` where one serves all.
     neighbourhood_mm: Option<f64>,
+    /// What the bones alone would do with each soft element, mm; empty where nothing goes back to it.
+    alone: Vec<[f32; 3]>,
+    /// How stiffly an element of which the fraction shows nothing goes back to it.
+    hold: f32,
 }
+
+/// Stiffness of soft tissue's links together along an axis, against which [`RefineOptions::unseen_mm`] is a length.
+const HOLD: f64 = 17.0;
 
 /// Edge of the cube with the volume of a cell.
 pub(super) fn mean_edge(spacing: &[f64; 3]) -> f64 {
@@ -52,14 +59,21 @@ impl<'a> Level<'a> {
         fraction: &Volume<f32>,
         lattice: &'a Lattice,
         (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
+        alone: Option<&Volume<[f32; 3]>>,
     ) -> Self {
         let spacing = lattice.grid.spacing();
         let mean = mean_edge(&spacing);
         let voxel = mean_edge(&planning.ct.grid().spacing()).max(mean_edge(&fraction.grid().spacing()));
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let soft: Vec<u32> = lattice.soft().collect();
-        let (planning, fraction) =
-            rayon::join(|| planning.shown(lattice, &soft, sigma, options), || blurred(fraction, sigma));
+        let (planning, fraction) = rayon::join(|| planning.shown(lattice, &soft, sigma), || blurred(fraction, sigma));
+        let alone = alone.filter(|_| options.unseen_mm > 0.0).map_or_else(Vec::new, |alone| {
+            let at = |&n: &u32| {
+                let u = trilinear_vector(alone, &alone.grid().index(&lattice.rest(n as usize)));
+                u.map_or([0.0; 3], |u| u.map(|c| c as f32).into())
+            };
+            soft.par_iter().map(at).collect()
+        });
         Self {
             lattice,
             fraction,
@@ -70,6 +84,8 @@ impl<'a> Level<'a> {
             robust: options.robust,
             reach: REACH * sigma,
             neighbourhood_mm,
+            alone,
+            hold: (HOLD * (mean / options.unseen_mm).powi(2)) as f32,
         }
     }
 
@@ -118,7 +134,7 @@ impl<'a> Level<'a> {
         let limit = self.robust * noise;
         let scale = self.weight / (noise * noise) / m as f64;
         let here = self.place(s, u);
-        let (mut a, mut b) = ([0f64; 6], Vector3::zeros());
+        let (mut a, mut b, mut seen) = ([0f64; 6], Vector3::zeros(), false);
         for (p, o) in self.planning[s * m..(s + 1) * m].iter().zip(&self.offsets) {
             if p[0].is_nan() {
                 continue;
@@ -127,6 +143,7 @@ impl<'a> Level<'a> {
             if f.is_nan() {
                 continue;
             }
+            seen = true;
             let r = f64::from(p[0]) - (gain * f + offset);
             let j = Vector3::from_fn(|c, _| 0.5 * (gain * slope[c] + f64::from(p[c + 1])));
             let w = if r.abs() > limit { limit / r.abs() } else { 1.0 } * scale;
@@ -134,6 +151,10 @@ impl<'a> Level<'a> {
             for (k, (x, y)) in Pull::ENTRIES.into_iter().enumerate() {
                 a[k] += w * j[x] * j[y];
             }
+        }
+        if let (false, Some(alone)) = (seen, self.alone.get(s)) {
+            let k = self.hold;
+            return ([k, 0.0, 0.0, k, 0.0, k], alone.map(|u| k * u));
         }
         let now = u[self.soft[s] as usize].map(f64::from);
         let [xx, xy, xz, yy, yz, zz] = a;

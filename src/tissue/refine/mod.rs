@@ -27,6 +27,7 @@ pub struct Images<'a> {
     skin: Option<Skin>,
     options: RefineOptions,
     neighbourhood_mm: Option<f64>,
+    alone: Option<&'a Volume<[f32; 3]>>,
 }
 
 /// A CT (HU; no number where nothing was measured) with the patient in it.
@@ -56,6 +57,7 @@ impl<'a> Images<'a> {
         kind: Kind,
         options: &RefineOptions,
         kept: Option<&'a PlanningSamples>,
+        alone: Option<&'a Volume<[f32; 3]>>,
     ) -> Self {
         let (kept, options, neighbourhood_mm) = if kind.corrected {
             let mm = options.shading.neighbourhood_mm;
@@ -63,21 +65,24 @@ impl<'a> Images<'a> {
         } else {
             (kept, options.clone(), None)
         };
-        let thin = if kind.lung { options.lung as f32 } else { 0.0 };
+        let window = options.window(kind.lung);
         let pulls = options.weight > 0.0;
         Self {
-            planning: Planning::new(planning.ct, planning.body, thin, kept),
-            fraction: pulls.then(|| windowed(fraction.ct, fraction.body, options.window_hu, thin)),
+            planning: Planning::new(planning.ct, planning.body, window, kept),
+            fraction: pulls.then(|| windowed(fraction.ct, fraction.body, window)),
             skin: Skin::new(planning.body, fraction.body, &options.skin),
             options,
             neighbourhood_mm,
+            alone,
         }
     }
 }
 
 impl ImagePull for Images<'_> {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
-        let of = |fraction| Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm));
+        let of = |fraction| {
+            Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm), self.alone)
+        };
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
         Box::new(move |u, which, pull| {

@@ -2,6 +2,7 @@
 
 use super::level::mean_edge;
 use crate::chainmail::Lattice;
+use crate::volume::Window;
 use serde::{Deserialize, Serialize};
 
 /// How strongly and how often the images pull.
@@ -28,6 +29,9 @@ pub struct RefineOptions {
     /// The farthest that images draw an element away from where its links alone would hold it, as a share of the elements'
     /// spacing: a single element does not follow what its neighbours know nothing of.
     pub departure: f64,
+    /// Elements of which the fraction shows nothing go back, over this distance from what it shows, to where the bones alone
+    /// would carry them, mm; 0 for not at all.
+    pub unseen_mm: f64,
     /// HU below the window count at this scale inside the patient, where planning shows lung: its vessels are contrast. 0 for
     /// not at all.
     pub lung: f64,
@@ -87,6 +91,12 @@ impl ShadingOptions {
 }
 
 impl RefineOptions {
+    /// The window in which images are compared; `lung` tells whether planning shows any.
+    pub fn window(&self, lung: bool) -> Window {
+        let [low, high] = self.window_hu;
+        Window { low, high, thin: if lung { self.lung as f32 } else { 0.0 } }
+    }
+
     /// Whether anything pulls besides bones and links.
     pub fn pulls(&self) -> bool {
         self.weight > 0.0 || self.skin.weight > 0.0
@@ -129,6 +139,7 @@ impl Default for RefineOptions {
             window_hu: [-250.0, 300.0],
             robust: 2.0,
             departure: 0.04,
+            unseen_mm: 80.0,
             lung: 0.3,
             shading: ShadingOptions::default(),
             skin: SkinOptions::default(),

@@ -1,8 +1,7 @@
 //! What the elements' points show in the planning CT. All fractions share it.
 
-use super::RefineOptions;
 use crate::chainmail::Lattice;
-use crate::volume::{Mask, Volume, cubic, gaussian, gaussian_ratio};
+use crate::volume::{Mask, Volume, Window, cubic, gaussian, gaussian_ratio};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -26,21 +25,12 @@ pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vect
     Some((value, image.grid().inverse_step().transpose() * slope))
 }
 
-/// A CT inside the patient; outside and beyond the window the window's edges. `thin` is the scale at which HU below the
-/// window count inside the patient: vessels are the contrast of lung. What is no number stays none.
-pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, [low, high]: [f32; 2], thin: f32) -> Volume<f32> {
-    let at = |(v, inside): (&f32, &bool)| match *v {
-        v if v.is_nan() => v,
-        _ if !inside => low,
-        v if v < low => low + thin * (v.max(AIR_HU) - low),
-        v => v.min(high),
-    };
+/// A CT in the window inside the patient; outside the window's lower edge. What is no number stays none.
+pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, window: Window) -> Volume<f32> {
+    let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
     let data = ct.data().par_iter().zip(body.data()).map(at).collect();
     Volume::new(ct.grid().clone(), data).expect("one value per voxel")
 }
-
-/// Air, HU: nothing is less dense.
-const AIR_HU: f32 = -1000.0;
 
 /// Least share of a blur that must be known.
 const LEAST_KNOWN: f32 = 0.7;
@@ -60,20 +50,19 @@ pub(super) fn blurred(image: &Volume<f32>, sigma: f64) -> Volume<f32> {
 pub(super) struct Planning<'a> {
     pub(super) ct: &'a Volume<f32>,
     body: &'a Mask,
-    /// Scale of HU below the window.
-    thin: f32,
+    window: Window,
     /// Windowed, once it is needed.
     windowed: OnceLock<Volume<f32>>,
     kept: Option<&'a PlanningSamples>,
 }
 
 impl<'a> Planning<'a> {
-    pub(super) fn new(ct: &'a Volume<f32>, body: &'a Mask, thin: f32, kept: Option<&'a PlanningSamples>) -> Self {
-        Self { ct, body, thin, windowed: OnceLock::new(), kept }
+    pub(super) fn new(ct: &'a Volume<f32>, body: &'a Mask, window: Window, kept: Option<&'a PlanningSamples>) -> Self {
+        Self { ct, body, window, windowed: OnceLock::new(), kept }
     }
 
     /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
-    pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64, options: &RefineOptions) -> Shown {
+    pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64) -> Shown {
         let [x, y, z] = lattice.grid.spacing();
         let key: Key = [x, y, z, sigma].map(f64::to_bits);
         // A thread that panicked leaves the list as it was.
@@ -81,7 +70,7 @@ impl<'a> Planning<'a> {
         if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(|(k, _)| *k == key).cloned()) {
             return found;
         }
-        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, options.window_hu, self.thin));
+        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, self.window));
         let blurred = blurred(windowed, sigma);
         let offsets = lattice.grid.eighths();
         let points = soft.par_iter().flat_map_iter(|&n| {

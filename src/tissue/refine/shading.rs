@@ -168,10 +168,7 @@ fn smooth(grid: &Grid, pairs: &[Pair], values: impl Iterator<Item = f64>, weight
 
 /// The value of the nearest place of a coarse volume's hull, trilinear.
 fn at(volume: &Volume<f32>, world: &Point3<f64>) -> f64 {
-    let grid = volume.grid();
-    let last = Vector3::from(grid.size().map(|n| (n - 1) as f64));
-    let index = grid.index(world).zip_map(&last, |i, l| i.clamp(0.0, l));
-    trilinear(volume, &index).unwrap_or(0.0)
+    trilinear(volume, &volume.grid().index_within(world)).unwrap_or(0.0)
 }
 
 fn mean_of(values: impl Iterator<Item = (f64, f64)>) -> f64 {

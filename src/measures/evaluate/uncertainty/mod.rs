@@ -149,13 +149,14 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
     (map, report(&planes, grid.voxel_volume()))
 }
 
-fn report(planes: &[Plane], voxel_mm3: f64) -> UncertaintyReport {
-    let parts: Vec<&[f32]> = planes.iter().map(|p| p.values.as_slice()).collect();
+fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {
+    let parts: Vec<&'a [f32]> = planes.iter().map(|p| p.values.as_slice()).collect();
     let soft: usize = parts.iter().map(|p| p.len()).sum();
     let count = |which: fn(f32) -> bool| parts.iter().flat_map(|p| p.iter()).filter(|v| which(**v)).count();
     let (above, unknown) = (count(|v| v > 2.0), count(|v| v < 0.0));
-    let known: Vec<Vec<f32>> = parts.iter().map(|p| p.iter().copied().filter(|v| *v >= 0.0).collect()).collect();
-    let known: Vec<&[f32]> = known.iter().map(Vec::as_slice).collect();
+    // Runs of what is known, where they lie.
+    let known = |part: &&'a [f32]| part.split(|v| *v < 0.0).filter(|run| !run.is_empty());
+    let known: Vec<&[f32]> = parts.iter().flat_map(known).collect();
     let silent: usize = planes.iter().map(|p| p.silent).sum();
     UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
@@ -169,7 +170,10 @@ fn report(planes: &[Plane], voxel_mm3: f64) -> UncertaintyReport {
 mod tests {
     use super::*;
     use crate::geometry::Grid;
+    use crate::volume::Window;
     use nalgebra::{Point3, Vector3};
+
+    const WINDOW: Window = Window { low: -250.0, high: 300.0, thin: 0.0 };
 
     /// A box of tissue with stripes in its left half and nothing in its right half; a bone in the middle. The fraction is the
     /// same, shifted by `error` beyond what the field says, and shows only z < 60.
@@ -195,7 +199,7 @@ mod tests {
         // The field of the bones alone disagrees by 1 mm.
         let alone = Volume::filled(grid.clone(), [0.0, 1.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let side = PlanningSide::new(&planning, &body, &bones, 0.0, |l| l == 5).unwrap();
+        let side = PlanningSide::new(&planning, &body, &bones, WINDOW, |l| l == 5).unwrap();
         let e = Evidence {
             side: &side,
             fraction: &fraction,
@@ -243,7 +247,7 @@ mod tests {
         let bones = LabelMap { volume: Volume::from_fn(grid.clone(), label), names: BTreeMap::new() };
         let planning = Volume::filled(grid.clone(), 0.0);
         let all = Volume::filled(grid.clone(), true);
-        let side = PlanningSide::new(&planning, &all, &bones, 0.0, |l| l == 1).unwrap();
+        let side = PlanningSide::new(&planning, &all, &bones, WINDOW, |l| l == 1).unwrap();
         let push = PushField { displacement: Volume::filled(grid.clone(), [0.0; 3]), computed: all.clone() };
         let e = Evidence {
             side: &side,

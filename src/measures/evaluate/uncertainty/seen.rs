@@ -1,7 +1,7 @@
 //! Uncertainty where both images speak.
 
 use super::Evidence;
-use super::side::{AVERAGE_MM, windowed};
+use super::side::AVERAGE_MM;
 use crate::error::Result;
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
@@ -70,7 +70,7 @@ fn shown(e: &Evidence<'_>, n: usize) -> Option<[f32; 8]> {
                 if hu.is_nan() {
                     return None;
                 }
-                *value = windowed(hu as f32, e.side.thin);
+                *value = e.side.window.of(hu as f32);
             }
             Some(values)
         },

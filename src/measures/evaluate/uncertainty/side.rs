@@ -3,16 +3,13 @@
 use crate::error::Result;
 use crate::geometry::{Grid, vectorised};
 use crate::volume::distance::{nearest_label, squared_distance};
-use crate::volume::{LabelMap, Mask, Volume, gaussian, trilinear};
+use crate::volume::{LabelMap, Mask, Volume, Window, gaussian, trilinear};
 use rayon::prelude::*;
 
 /// Spacing at which the map is computed, mm.
 const SPACING_MM: f64 = 3.0;
 /// Width (sigma) of the averages of difference and gradient, mm.
 pub(super) const AVERAGE_MM: f64 = 4.0;
-/// HU between which the images are compared, as in the refinement by image.
-pub(super) const WINDOW_HU: [f32; 2] = [-250.0, 300.0];
-
 /// The planning CT and its bones at the resolution of the map.
 #[derive(Debug, Clone)]
 pub struct PlanningSide {
@@ -25,23 +22,13 @@ pub struct PlanningSide {
     pub(super) slope: Volume<f32>,
     /// Nodes in soft tissue, ascending, each with the windowed HU of its eight points.
     pub(super) soft: Vec<(u32, [f32; 8])>,
-    /// Scale at which HU below the window count.
-    pub(super) thin: f32,
+    /// HU between which the images are compared.
+    pub(super) window: Window,
 }
-
-/// HU in the window; below it at the scale `thin`.
-#[inline(always)]
-pub(super) fn windowed(hu: f32, thin: f32) -> f32 {
-    let [low, high] = WINDOW_HU;
-    if hu < low { low + thin * (hu.max(AIR_HU) - low) } else { hu.min(high) }
-}
-
-/// Air, HU.
-const AIR_HU: f32 = -1000.0;
 
 impl PlanningSide {
-    /// From the planning CT (HU), the patient in it, and the labels, of which some are bones; all on one grid. `thin` is the scale
-    /// at which HU below the window count, as in the refinement by image: lung has its contrast there.
+    /// From the planning CT (HU), the patient in it, and the labels, of which some are bones; all on one grid. `window`
+    /// is that of the refinement by image.
     ///
     /// # Errors
     /// Only for internal inconsistency of grids.
@@ -49,14 +36,14 @@ impl PlanningSide {
         planning: &Volume<f32>,
         body: &Mask,
         bones: &LabelMap,
-        thin: f32,
+        window: Window,
         is_bone: impl Fn(u16) -> bool + Sync,
     ) -> Result<Self> {
         let grid = planning.grid().coarsened(SPACING_MM);
         let ((owner, far), (mean, soft)) =
-            rayon::join(|| nearest(bones, &grid, &is_bone), || shown((planning, body, bones), &grid, thin, &is_bone));
+            rayon::join(|| nearest(bones, &grid, &is_bone), || shown((planning, body, bones), &grid, window, &is_bone));
         let slope = gaussian(&squared_slope(&Volume::new(grid.clone(), mean)?), AVERAGE_MM);
-        Ok(Self { grid, owner, far, slope, soft, thin })
+        Ok(Self { grid, owner, far, slope, soft, window })
     }
 }
 
@@ -78,10 +65,9 @@ fn nearest(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> (Vol
 fn shown(
     (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
     grid: &Grid,
-    thin: f32,
+    window: Window,
     is_bone: impl Fn(u16) -> bool + Sync,
 ) -> (Vec<f32>, Vec<(u32, [f32; 8])>) {
-    let low = WINDOW_HU[0];
     let offsets = grid.eighths();
     let node = |n: usize| {
         let x = grid.centre(grid.voxel(n));
@@ -93,7 +79,7 @@ fn shown(
                 let mut values = [0f32; 8];
                 for (value, o) in values.iter_mut().zip(&offsets) {
                     let hu = trilinear(planning, &planning.grid().index(&(x + o)));
-                    *value = windowed(hu.map_or(instead, |hu| hu as f32), thin);
+                    *value = window.of(hu.map_or(instead, |hu| hu as f32));
                 }
                 values
             },
@@ -101,7 +87,7 @@ fn shown(
         Some((values, !is_bone(bones.volume.data()[own])))
     };
     let plane = grid.size()[0] * grid.size()[1];
-    let mut mean = vec![low; grid.len()];
+    let mut mean = vec![window.low; grid.len()];
     let soft: Vec<Vec<(u32, [f32; 8])>> = mean
         .par_chunks_mut(plane)
         .enumerate()

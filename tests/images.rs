@@ -1,0 +1,99 @@
+//! Whole registrations on phantoms of what clinics bring, against their truth: a chest that
+//! breathes, a cone-beam CT.
+
+use crate::support::shared::fine;
+use aventail::config::Config;
+use aventail::field::PushField;
+use aventail::phantom::{Breathing, BreathingOptions, CbctOptions, degrade};
+use aventail::pipeline::{Case, Outcome, register};
+use aventail::runtime::Runtime;
+use aventail::volume::{LabelMap, Mask, Volume};
+use nalgebra::Vector3;
+
+fn outcome(case: &Case, config: &Config) -> Outcome {
+    let runtime = Runtime::silent().expect("threads start");
+    register(case, config, &runtime).expect("the phantom registers")
+}
+
+/// Mean and 95th percentile of a field's error over some voxels, mm.
+fn error(push: &PushField, truth: &PushField, counts: impl Fn(usize) -> bool) -> [f64; 2] {
+    let at = |field: &PushField, n: usize| Vector3::from(field.displacement.data()[n]);
+    let all = 0..truth.displacement.data().len();
+    let errors = all.filter(|n| counts(*n)).map(|n| f64::from((at(push, n) - at(truth, n)).norm()));
+    let mut errors: Vec<f64> = errors.collect();
+    assert!(errors.len() > 500, "{} voxels", errors.len());
+    errors.sort_by(f64::total_cmp);
+    [errors.iter().sum::<f64>() / errors.len() as f64, errors[errors.len() * 95 / 100]]
+}
+
+/// Bones, with the organs that slide.
+fn labels(chest: &Breathing) -> LabelMap {
+    let mut labels = chest.bones.clone();
+    let organs = ["liver", "stomach"];
+    for (label, name) in chest.organs.names.iter().filter(|(_, name)| organs.contains(&name.as_str())) {
+        let own = 1000 + label;
+        labels.names.insert(own, name.clone());
+        let places = labels.volume.data_mut().iter_mut().zip(chest.organs.volume.data());
+        places.filter(|(to, from)| **to == 0 && *from == label).for_each(|(to, _)| *to = own);
+    }
+    labels
+}
+
+#[test]
+fn what_breathes_slides_along_the_wall() {
+    // Ribs of 5 mm are found in voxels of 3 mm, and not in much larger ones.
+    let chest =
+        Breathing::new(&BreathingOptions { spacing_mm: [3.0, 3.0, 3.5], ..BreathingOptions::default() }).unwrap();
+    let (truth, case) =
+        (chest.truth().unwrap(), Case::new(chest.planning.clone(), labels(&chest), chest.fraction.clone()));
+    let slides = outcome(&case, &Config::default());
+    let mut config = Config::default();
+    config.chainmail.slip.along = 1.0;
+    let held = outcome(&case, &config);
+    let [organs, wall]: [Mask; 2] = [true, false].map(|inside| {
+        let grid = chest.body.grid();
+        let ends = 2..grid.size()[2] - 2;
+        Volume::from_fn(grid.clone(), |n| {
+            let soft = chest.body.data()[n] && chest.bones.volume.data()[n] == 0;
+            soft && (chest.organs.volume.data()[n] > 0) == inside && ends.contains(&grid.voxel(n)[2])
+        })
+    });
+    let of = |outcome: &Outcome, mask: &Mask| error(&outcome.push, &truth, |n| mask.data()[n]);
+    let (inside, before) = (of(&slides, &organs), of(&held, &organs));
+    let (beside, was) = (of(&slides, &wall), of(&held, &wall));
+    println!("lung and organs {inside:.2?} mm, held {before:.2?}; wall {beside:.2?}, held {was:.2?}");
+    assert!(inside[0] < 0.85 * before[0] && inside[1] < before[1], "{inside:?} {before:?}");
+    assert!(beside[0] <= 1.02 * was[0], "{beside:?} {was:?}");
+    // The layer that slips is counted apart, and does not fold.
+    let [layer, before] = [&slides, &held].map(|o| &o.jacobian_report.interface);
+    assert!(layer.cells > 1000 && before.cells < layer.cells / 5, "{layer:?} {before:?}");
+    assert_eq!((slides.jacobian_report.body.folded, layer.folded), (0, 0));
+}
+
+#[test]
+fn a_cone_beam_ct_helps_inside_its_circle_and_does_no_harm_outside() {
+    let phantom = fine();
+    let truth = phantom.truth().unwrap();
+    let options = CbctOptions { circle_radius_mm: 110.0, ..CbctOptions::default() };
+    let fraction = degrade(&phantom.fraction, &options, 7).unwrap();
+    let seen = options.measured(fraction.grid());
+    let case = Case::new(phantom.planning.clone(), phantom.bones.clone(), fraction);
+    let pulled = outcome(&case, &Config::default());
+    let mut config = Config::default();
+    config.refine.weight = 0.0;
+    let alone = outcome(&case, &config);
+    let grid = phantom.planning.grid();
+    let inside = |n: usize| {
+        let at = grid.centre(grid.voxel(n)) + Vector3::from(truth.displacement.data()[n]).cast::<f64>();
+        seen.grid().voxel_at(&at).is_some_and(|at| *seen.at(at))
+    };
+    let soft =
+        |n: usize| phantom.body.data()[n] && phantom.bones.volume.data()[n] == 0 && phantom.planning.data()[n] > -200.0;
+    let of = |outcome: &Outcome, within: bool| error(&outcome.push, &truth, |n| soft(n) && inside(n) == within);
+    let (a, b) = (of(&pulled, true), of(&alone, true));
+    let (c, d) = (of(&pulled, false), of(&alone, false));
+    println!("inside {a:.2?} mm, bones alone {b:.2?}; outside {c:.2?}, bones alone {d:.2?}");
+    assert!(a[0] <= b[0] && c[0] <= 1.02 * d[0] && c[1] <= 1.02 * d[1]);
+    let kind = pulled.kind.as_ref().expect("images took part");
+    assert!(kind.to_string().contains("circle"), "{kind}");
+}
