@@ -4,7 +4,7 @@
 
 use aventail_base::{Error, error, geometry, runtime, stats, volume, warning};
 use aventail_bones::{fit, skeleton};
-use aventail_fields::field;
+use aventail_fields::{field, view};
 use aventail_formats::io;
 use aventail_measures::{dose, evaluate};
 use aventail_registration::{config, pipeline};

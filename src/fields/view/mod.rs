@@ -8,6 +8,7 @@ use crate::geometry::Grid;
 use crate::volume::components::{Components, Connectivity};
 use crate::volume::morphology::dilate;
 use crate::volume::{Mask, Volume};
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -50,6 +51,21 @@ pub struct ViewReport {
 }
 
 impl ViewReport {
+    /// Whether a place lies where a scan of this grid was measured, as far as circle, rim and blank ends tell.
+    pub fn shows(&self, grid: &Grid, place: &Point3<f64>) -> bool {
+        let index = grid.index(place);
+        let within = self.circle.is_none_or(|circle| {
+            let apart = (place - Point3::from(circle.centre_mm)).dot(&grid.direction().column(circle.along));
+            let off = place - Point3::from(circle.centre_mm) - grid.direction().column(circle.along) * apart;
+            off.norm() <= circle.radius_mm - circle.rim_mm
+        });
+        let at = |a: usize| {
+            let [low, high] = self.blank[a].map(|n| n as f64);
+            index[a] >= low - 0.5 && index[a] <= grid.size()[a] as f64 - 0.5 - high
+        };
+        within && (0..3).all(at)
+    }
+
     /// What limits the view, each in a few words; nothing where all of the grid was measured.
     pub fn words(&self) -> Vec<String> {
         let mut words = Vec::new();

@@ -47,6 +47,25 @@ fn a_circle_is_found_with_any_padding() {
 }
 
 #[test]
+fn the_report_tells_of_every_place_what_the_mask_tells_of_voxels() {
+    let mut ct = round(40.0, -1000.0, 6.0);
+    let plane = 2500;
+    ct.data_mut()[..2 * plane].fill(-1000.0);
+    let view = View::of(&ct);
+    let (measured, grid) = (view.measured().unwrap(), grid());
+    let (mut same, mut all) = (0, 0);
+    for l in 0..grid.len() {
+        let at = grid.voxel(l);
+        let shows = view.report.shows(&grid, &grid.centre(at));
+        // The mask also leaves out the voxels beside.
+        assert!(shows || !measured.data()[l], "{at:?}");
+        (same, all) = (same + usize::from(shows == measured.data()[l]), all + 1);
+    }
+    assert!(same * 20 > all * 18, "{same} of {all}");
+    assert!(!view.report.shows(&grid, &Point3::new(CENTRE[0] - 10.0, CENTRE[1] + 5.0, 90.0)), "beyond the scan");
+}
+
+#[test]
 fn a_bright_rim_is_no_measurement() {
     let view = View::of(&round(44.0, -1000.0, 7.0));
     let rim = view.report.circle.unwrap().rim_mm;

@@ -8,7 +8,7 @@
 use super::options::ShadingOptions;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Mask, Volume, gaussian_ratio, trilinear, trilinear_vector};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -38,6 +38,9 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 h2 { "Fusion" }
                 (colour_key())
                 div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
+                    div.pair { (picture("fusion_lung.png")) }
+                }
                 h2 { "Deformation" }
                 div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
                 @if report.uncertainty.is_some() {

@@ -1,12 +1,14 @@
 //! Fusion of planning and fraction CT, before and after registration: planning blue, fraction orange, equal is grey.
 
-use super::super::canvas::Canvas;
+use super::super::canvas::{Canvas, Rgb};
 use super::super::colour::{BLUE, ORANGE, fuse, tone};
 use super::super::plane::Plane;
 use super::legend::{Legend, sheet};
 use super::{Plate, Scene};
+use crate::view::ViewReport;
 use crate::volume::Volume;
 use nalgebra::Vector3;
+use std::ops::RangeInclusive;
 
 /// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
 pub(super) fn before(scene: &Scene<'_>) -> Plate {
@@ -45,11 +47,78 @@ fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>) -> Ca
     let planes = scene.fraction.iter().zip(&scene.fraction_hu);
     let rows: Vec<Canvas> = planes
         .map(|(plane, fraction)| {
-            let picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
+            let mut picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
+            outline(scene, plane, &mut picture);
             plane.row(&picture, [0; 3], [255; 3], [0; 3])
         })
         .collect();
-    sheet(&rows, 1, colours)
+    let limited = limited(scene).is_some();
+    sheet(&rows, 1, |legend| {
+        colours(legend);
+        if limited {
+            legend.swatch(EDGE, "edge of what was measured");
+        }
+    })
+}
+
+/// Edge of what the fraction CT measured.
+const EDGE: Rgb = [94, 224, 142];
+
+/// What limits the fraction's view inside its grid, if anything.
+fn limited<'a>(scene: &'a Scene<'_>) -> Option<&'a ViewReport> {
+    let view = &scene.outcome.kind.as_ref()?.view;
+    (view.circle.is_some() || view.blank != [[0; 2]; 3]).then_some(view)
+}
+
+/// Draws where the fraction's view ends.
+fn outline(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
+    let Some(view) = limited(scene) else { return };
+    let grid = scene.case.fraction.grid();
+    let shown = |x: usize, y: usize| view.shows(grid, &plane.world(x as f64, y as f64));
+    for y in (1..plane.height).filter(|y| y % DASH.1 < DASH.0) {
+        for x in (1..plane.width).filter(|x| (x + y) % DASH.1 < DASH.0) {
+            let here = shown(x, y);
+            if here != shown(x - 1, y) || here != shown(x, y - 1) {
+                picture.rectangle([x as f64 - 1.0, y as f64 - 1.0], [x as f64 + 1.0, y as f64 + 1.0], EDGE);
+            }
+        }
+    }
+}
+
+/// Length of a dash, and from one to the next, pixels.
+const DASH: (usize, usize) = (8, 12);
+
+/// The same in a window for lung: where planning's planes show some.
+pub(super) fn lung(scene: &Scene<'_>) -> Option<Plate> {
+    let planning = scene.fraction.each_ref().map(|plane| plane.hu(&scene.outcome.planning_on_fraction));
+    let all = planning.iter().flatten();
+    let thin = all.clone().filter(|hu| LUNG_HU.contains(*hu)).count();
+    if thin as f64 <= LEAST_LUNG * all.count() as f64 {
+        return None;
+    }
+    let planes = scene.fraction.iter().zip(planning.iter().zip(&scene.fraction_hu));
+    let rows: Vec<Canvas> = planes
+        .map(|(plane, (planning, fraction))| {
+            let picture = plane.paint(|_, n| fuse(tone_of_lung(planning[n]), tone_of_lung(fraction[n])));
+            plane.row(&picture, [0; 3], [255; 3], [0; 3])
+        })
+        .collect();
+    Some(Plate {
+        file: "fusion_lung.png",
+        title: "After registration, lung window",
+        caption: "The same planes from -950 to 50 HU: vessels and the lung's border.".to_owned(),
+        canvas: sheet(&rows, 1, colours),
+    })
+}
+
+/// Lung, HU.
+const LUNG_HU: RangeInclusive<f32> = -950.0..=-500.0;
+/// Least share of the planes that is lung.
+const LEAST_LUNG: f64 = 0.08;
+
+/// Brightness (0 to 1) in the window for lung.
+fn tone_of_lung(hu: f32) -> f64 {
+    ((f64::from(hu) + 950.0) / 1000.0).clamp(0.0, 1.0)
 }
 
 /// CT numbers of planning and fraction at a plane's pixels, fused.

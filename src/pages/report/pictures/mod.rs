@@ -49,7 +49,9 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
         kinds.push(Box::new(|scene| landmarks::draw(scene, report)));
         kinds.push(Box::new(|_| residuals::draw(report)));
     }
-    kinds.par_iter().map(|draw| draw(&scene).encoded()).collect()
+    let mut pictures: Vec<Picture> = kinds.par_iter().map(|draw| draw(&scene).encoded()).collect::<Result<_>>()?;
+    pictures.extend(fusion::lung(&scene).map(Plate::encoded).transpose()?);
+    Ok(pictures)
 }
 
 /// The material transfer function of the run; nothing when its settings do not hold one.
