@@ -7,4 +7,7 @@ pub mod registration;
 mod series;
 pub mod write;
 
+#[cfg(test)]
+mod fixture;
+
 pub use series::{Patient, Series, Slice, Study};

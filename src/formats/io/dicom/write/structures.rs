@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// Structure Set Label: 16 characters at most, and what people see first.
 const LABEL: &str = "RESEARCH ONLY";
+/// Detached Study Management: retired, and still what planning systems write as class of a referenced study.
+const STUDY_CLASS: &str = "1.2.840.10008.3.1.2.3.1";
 /// Longest structure name.
 const LONGEST_NAME: usize = 64;
 /// Steps of coordinates, 1 / mm: a tenth of a micrometre.
@@ -128,7 +130,7 @@ fn drawn_on(series: &Series) -> InMemDicomObject {
         text(tags::SERIES_INSTANCE_UID, VR::UI, series.uid.as_str()),
         sequence(tags::CONTOUR_IMAGE_SEQUENCE, references(series)),
     ]);
-    let mut study = reference(uids::DETACHED_STUDY_MANAGEMENT, &series.study.uid);
+    let mut study = reference(STUDY_CLASS, &series.study.uid);
     study.put(sequence(tags::RT_REFERENCED_SERIES_SEQUENCE, vec![images]));
     item([
         text(tags::FRAME_OF_REFERENCE_UID, VR::UI, series.frame_of_reference.as_str()),
