@@ -10,12 +10,10 @@ use std::path::Path;
 
 /// A patient whose name is no ASCII, in a study with a date.
 pub(super) fn origin() -> Origin {
-    let patient = Patient {
-        name: "Müller^Jürgen".into(),
-        id: "HN 0001".into(),
-        birth_date: "19500102".into(),
-        sex: "O".into(),
-    };
+    let patient =
+        Patient {
+            name: "Müller^Jürgen".into(), id: "HN 0001".into(), birth_date: "19500102".into(), sex: "O".into()
+        };
     let study = Study { uid: "1.2.3.4".into(), date: "20261124".into(), id: "7".into(), ..Study::default() };
     let when = When { date: "20261125".into(), time: "101112".into() };
     Origin { patient, study, when, parts: vec!["1.2.3.9".into(), "settings".into()] }

@@ -130,10 +130,7 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
         }
         n => {
             let example = ct.iter().find_map(|g| g.series.number).map_or("UID".into(), |n| n.to_string());
-            let remedy = format!(
-                "choose one by its number or its UID: {}#{example}",
-                path.display()
-            );
+            let remedy = format!("choose one by its number or its UID: {}#{example}", path.display());
             let problem = format!("it holds {n} CT series:{}", list(&ct));
             Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))
         }
@@ -143,9 +140,8 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
 /// The series of this number or UID.
 fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a>> {
     let groups = found.groups();
-    let chosen = |g: &&Group<'_>| {
-        g.series.uid == choice || g.series.number.is_some_and(|n| choice.parse::<i32>() == Ok(n))
-    };
+    let chosen =
+        |g: &&Group<'_>| g.series.uid == choice || g.series.number.is_some_and(|n| choice.parse::<i32>() == Ok(n));
     let mut matching: Vec<Group<'_>> = groups.iter().filter(chosen).cloned().collect();
     // Planning systems number structures and doses as the CT that they belong to.
     if matching.len() > 1 && matching.iter().filter(|g| is_slice(g)).count() == 1 {

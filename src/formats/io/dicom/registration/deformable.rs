@@ -49,12 +49,7 @@ pub fn write_pull(path: &Path, field: &PullField, about: &DerivedRegistration<'_
     write(path, &field.displacement, about, origin)
 }
 
-fn write(
-    path: &Path,
-    field: &Volume<[f32; 3]>,
-    about: &DerivedRegistration<'_>,
-    origin: &Origin,
-) -> Result<Written> {
+fn write(path: &Path, field: &Volume<[f32; 3]>, about: &DerivedRegistration<'_>, origin: &Origin) -> Result<Written> {
     let grid = field.grid();
     if let Some(n) = field.data().iter().position(|u| !u.iter().all(|c| c.is_finite())) {
         let problem = format!("voxel {:?} has the displacement {:?}", grid.voxel(n), field.data()[n]);
@@ -76,10 +71,7 @@ fn registered(source: &Series, field: &Volume<[f32; 3]>) -> InMemDicomObject {
     let identity = || vec![matrix_item(&Matrix4::identity())];
     let mut object = item([
         text(tags::SOURCE_FRAME_OF_REFERENCE_UID, VR::UI, source.frame_of_reference.as_str()),
-        sequence(
-            tags::REGISTRATION_TYPE_CODE_SEQUENCE,
-            vec![code("125024", "DCM", "Image Content-based Alignment")],
-        ),
+        sequence(tags::REGISTRATION_TYPE_CODE_SEQUENCE, vec![code("125024", "DCM", "Image Content-based Alignment")]),
         sequence(tags::PRE_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE, identity()),
         sequence(tags::POST_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE, identity()),
         sequence(tags::DEFORMABLE_REGISTRATION_GRID_SEQUENCE, vec![vectors(field)]),
@@ -147,12 +139,12 @@ fn the_one<'o>(source: &Source<'_>, object: &'o InMemDicomObject) -> Result<&'o 
     let has_grid = |i: &&InMemDicomObject| !source.items(i, tags::DEFORMABLE_REGISTRATION_GRID_SEQUENCE).is_empty();
     let (with, without): (Vec<_>, Vec<_>) = items.iter().partition(has_grid);
     for item in &without {
-        for tag in [
-            tags::PRE_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE,
-            tags::POST_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE,
-        ] {
+        for tag in
+            [tags::PRE_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE, tags::POST_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE]
+        {
             if (matrix(source, item, tag)? - Matrix4::identity()).abs().max() > 1e-6 {
-                let problem = "a matrix stands in a registration of its own, and it is not told how it belongs to the grid";
+                let problem =
+                    "a matrix stands in a registration of its own, and it is not told how it belongs to the grid";
                 let remedy = "export matrices and grid as one registration, or only the grid";
                 return Err(Error::input(source.path.display().to_string(), problem, remedy));
             }
@@ -195,9 +187,7 @@ fn floats(source: &Source<'_>, item: &InMemDicomObject, grid: &Grid) -> Result<V
     let values: Vec<f32> = match value {
         Some(PrimitiveValue::F32(values)) => values.to_vec(),
         // Of unknown value representation: little-endian, as all syntaxes in which that occurs.
-        Some(PrimitiveValue::U8(bytes)) => {
-            bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-        }
+        Some(PrimitiveValue::U8(bytes)) => bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
         _ => Vec::new(),
     };
     if values.len() / 3 != grid.len() || values.len() % 3 != 0 {

@@ -110,8 +110,7 @@ fn product(source: &Source<'_>, item: &InMemDicomObject) -> Result<Matrix4<f64>>
     if matrices.is_empty() {
         return Err(source.damaged("an item of its Registration Sequence has no matrix".into()));
     }
-    let [one, other]: [Matrix4<f64>; 2] =
-        [matrices.iter().product(), matrices.iter().rev().product()];
+    let [one, other]: [Matrix4<f64>; 2] = [matrices.iter().product(), matrices.iter().rev().product()];
     if (one - other).abs().max() > SAME {
         let problem = format!("{} matrices follow each other, and their order matters", matrices.len());
         let remedy = "export the registration with a single matrix: readers do not agree on the order";

@@ -64,7 +64,8 @@ impl Origin {
     /// It depends on the program's version too: another version may give another content.
     pub fn uid(&self, role: &[&str]) -> String {
         let own = [PROGRAM, VERSION, self.study.uid.as_str()];
-        let parts: Vec<&str> = own.into_iter().chain(self.parts.iter().map(String::as_str)).chain(role.iter().copied()).collect();
+        let parts: Vec<&str> =
+            own.into_iter().chain(self.parts.iter().map(String::as_str)).chain(role.iter().copied()).collect();
         uid_of(&parts)
     }
 
@@ -182,10 +183,7 @@ pub(in crate::io::dicom) fn instances(study: &str, series: &[&Series]) -> Vec<In
     studies.dedup();
     let items = studies.iter().map(|uid| {
         let series = others.iter().filter(|s| s.study.uid == *uid).copied().map(of).collect();
-        item([
-            text(tags::STUDY_INSTANCE_UID, VR::UI, *uid),
-            sequence(tags::REFERENCED_SERIES_SEQUENCE, series),
-        ])
+        item([text(tags::STUDY_INSTANCE_UID, VR::UI, *uid), sequence(tags::REFERENCED_SERIES_SEQUENCE, series)])
     });
     if !studies.is_empty() {
         elements.push(sequence(tags::STUDIES_CONTAINING_OTHER_REFERENCED_INSTANCES_SEQUENCE, items.collect()));

@@ -1,8 +1,8 @@
 //! Doses: a dose grid in Gy that belongs to a plan and a frame of reference (PS3.3 A.18, C.8.8.3).
 //!
 //! Such a dose was carried to another anatomy by a registration: nobody computed it there, and no plan was changed. What the
-//! standard has for that is Spatial Transform of Dose with a reference to the registration, and Dose Comment. Dose Type stays
-//! PHYSICAL and Dose Summation Type stays what the source said, with the source's plan (Referenced RT Plan Sequence is of
+//! standard has for that is Spatial Transform of Dose with a reference to the registration, and Dose Comment. Dose Type and
+//! Dose Summation Type stay what the source said, with the source's plan (Referenced RT Plan Sequence is of
 //! type 1C: every summation type needs one). Tissue Heterogeneity Correction is of type 3 and tells how a dose was computed:
 //! it is left out.
 
@@ -15,6 +15,7 @@ use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::InMemDicomObject;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Largest stored value: below 2^31, so that a reader that takes them as signed is right as well.
@@ -33,11 +34,13 @@ pub struct DerivedDose<'a> {
     pub number: i32,
     /// Frame of Reference UID of the grid.
     pub frame_of_reference: &'a str,
+    /// Dose Type of the source: `PHYSICAL` or `EFFECTIVE`.
+    pub kind: &'a str,
     /// Dose Summation Type of the source: `PLAN`, `FRACTION`, ...
     pub summation: &'a str,
     /// SOP Instance UIDs of the plans that the source refers to. Without one the object lacks what the standard demands of
     /// all summation types, and systems may refuse it.
-    pub plans: &'a [String],
+    pub plans: &'a BTreeSet<String>,
     /// The registration that carried the dose: SOP Class UID and SOP Instance UID. None for a dose that is where it was
     /// computed.
     pub carried_by: Option<[&'a str; 2]>,
@@ -72,7 +75,8 @@ pub fn write_dose(path: &Path, dose: &Volume<f32>, about: &DerivedDose<'_>, orig
     // Offsets go up along the normal, rows x columns (PS3.3 C.8.8.3.2).
     let frames = Frames::of(grid);
     let [across, down, thick] = grid.spacing();
-    let stored = frames.order().flat_map(|k| frames.values(dose.data(), k)).map(|d| (f64::from(*d) / step).round() as u32);
+    let stored =
+        frames.order().flat_map(|k| frames.values(dose.data(), k)).map(|d| (f64::from(*d) / step).round() as u32);
     put(
         &mut object,
         [
@@ -109,7 +113,7 @@ fn of_dose(about: &DerivedDose<'_>) -> Vec<dicom_object::mem::InMemElement> {
         text(tags::OPERATORS_NAME, VR::PN, ""),
         integer(tags::INSTANCE_NUMBER, 1),
         text(tags::DOSE_UNITS, VR::CS, "GY"),
-        text(tags::DOSE_TYPE, VR::CS, "PHYSICAL"),
+        text(tags::DOSE_TYPE, VR::CS, about.kind),
         text(tags::DOSE_COMMENT, VR::LO, about.comment),
         text(tags::DOSE_SUMMATION_TYPE, VR::CS, about.summation),
     ];
@@ -129,7 +133,11 @@ fn of_dose(about: &DerivedDose<'_>) -> Vec<dicom_object::mem::InMemElement> {
 fn step(path: &Path, dose: &Volume<f32>) -> Result<f64> {
     if let Some(n) = dose.data().iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
         let problem = format!("voxel {:?} has {} Gy, which is no dose", dose.grid().voxel(n), dose.data()[n]);
-        return Err(Error::write(path, problem, "give a dose of 0 Gy or more in every voxel, not a difference of doses"));
+        return Err(Error::write(
+            path,
+            problem,
+            "give a dose of 0 Gy or more in every voxel, not a difference of doses",
+        ));
     }
     let greatest = f64::from(dose.extremes()[1]);
     let step = if greatest > 0.0 { greatest / LARGEST } else { 1.0 / LARGEST };

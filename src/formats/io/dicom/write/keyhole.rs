@@ -18,7 +18,8 @@ pub(super) fn keyholes(polygons: &[Polygon]) -> Vec<Polygon> {
 
 /// The same for one plane.
 fn of_plane(polygons: &[&Polygon]) -> Vec<Polygon> {
-    let within = |inner: usize, outer: usize| inner != outer && lies_in(&polygons[inner].points, &polygons[outer].points);
+    let within =
+        |inner: usize, outer: usize| inner != outer && lies_in(&polygons[inner].points, &polygons[outer].points);
     let around: Vec<Vec<usize>> =
         (0..polygons.len()).map(|n| (0..polygons.len()).filter(|&m| within(n, m)).collect()).collect();
     let depth = |n: usize| around[n].len();
@@ -92,8 +93,9 @@ mod tests {
     use super::*;
 
     fn square(centre: [f64; 2], half: f64, turned: bool) -> Polygon {
-        let mut points: Vec<[f64; 2]> =
-            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|p| [0, 1].map(|a| centre[a] + half * p[a])).into();
+        let mut points: Vec<[f64; 2]> = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(|p| [0, 1].map(|a| centre[a] + half * p[a]))
+            .into();
         if turned {
             points.reverse();
         }

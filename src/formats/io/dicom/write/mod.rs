@@ -14,7 +14,7 @@ mod uid;
 pub use common::{Origin, When};
 pub use ct::{DerivedCt, ct_series, write_ct};
 pub use dose::{DerivedDose, write_dose};
-pub use structures::{DerivedStructures, Roi, write_structures};
+pub use structures::{DerivedStructures, write_structures};
 pub use uid::uid_of;
 
 pub(super) use common::{NewSeries, frame, instances, put, references, save};

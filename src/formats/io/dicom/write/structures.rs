@@ -1,6 +1,7 @@
 //! Structure sets: contours with the series that they are drawn on (PS3.3 A.19, C.8.8.5, C.8.8.6, C.8.8.8).
 
 use super::super::series::{Series, Slice};
+use super::super::structures::Roi;
 use super::common::{NewSeries, Origin, frame, put, references, save};
 use super::element::{decimal, empty, integer, item, reference, sequence, text};
 use super::keyhole::keyholes;
@@ -36,19 +37,6 @@ pub struct DerivedStructures<'a> {
     pub number: i32,
     /// The images that the contours are drawn on.
     pub drawn_on: &'a Series,
-}
-
-/// Number and kind of one structure.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Roi {
-    /// ROI Number.
-    pub number: i32,
-    /// Name.
-    pub name: String,
-    /// `PTV`, `ORGAN`, ...; empty where nobody says.
-    pub interpreted_type: String,
-    /// Colour for display, red, green, blue.
-    pub colour: Option<[u8; 3]>,
 }
 
 /// Writes a structure set: structure `n` of `contours` is `rois[n]`, with its number, name, type and colour.
@@ -112,7 +100,8 @@ fn check(path: &Path, contours: &Contours, rois: &[Roi], series: &Series) -> Res
         let problem = "the series that its contours are drawn on has no slices";
         return Err(Error::write(path, problem, "give the CT series of the contours"));
     }
-    if let Some(r) = rois.iter().find(|r| r.name.chars().count() > LONGEST_NAME || r.name.contains(['\\', '\n', '\r'])) {
+    if let Some(r) = rois.iter().find(|r| r.name.chars().count() > LONGEST_NAME || r.name.contains(['\\', '\n', '\r']))
+    {
         let problem = format!("DICOM has no room for the structure name {:?}", r.name);
         return Err(Error::write(path, problem, "give it a name of at most 64 characters without a backslash"));
     }
@@ -140,7 +129,7 @@ fn drawn_on(series: &Series) -> InMemDicomObject {
 
 fn named(roi: &Roi, frame_of_reference: &str) -> InMemDicomObject {
     item([
-        integer(tags::ROI_NUMBER, roi.number.into()),
+        integer(tags::ROI_NUMBER, roi.number),
         text(tags::REFERENCED_FRAME_OF_REFERENCE_UID, VR::UI, frame_of_reference),
         text(tags::ROI_NAME, VR::LO, roi.name.as_str()),
         text(tags::ROI_GENERATION_ALGORITHM, VR::CS, "AUTOMATIC"),
@@ -150,7 +139,7 @@ fn named(roi: &Roi, frame_of_reference: &str) -> InMemDicomObject {
 fn observed(n: usize, roi: &Roi) -> InMemDicomObject {
     item([
         integer(tags::OBSERVATION_NUMBER, n as i64 + 1),
-        integer(tags::REFERENCED_ROI_NUMBER, roi.number.into()),
+        integer(tags::REFERENCED_ROI_NUMBER, roi.number),
         text(tags::RTROI_INTERPRETED_TYPE, VR::CS, roi.interpreted_type.as_str()),
         empty(tags::ROI_INTERPRETER, VR::PN),
     ])
@@ -158,7 +147,7 @@ fn observed(n: usize, roi: &Roi) -> InMemDicomObject {
 
 /// A structure's contours (PS3.3 C.8.8.6).
 fn drawn(roi: &Roi, structure: &Structure, contours: &Contours, planes: &Planes<'_>) -> InMemDicomObject {
-    let mut object = item([integer(tags::REFERENCED_ROI_NUMBER, roi.number.into())]);
+    let mut object = item([integer(tags::REFERENCED_ROI_NUMBER, roi.number)]);
     if let Some(colour) = roi.colour.or(structure.colour) {
         let colour = colour.iter().map(|c| c.to_string()).collect();
         object.put(DataElement::new(tags::ROI_DISPLAY_COLOR, VR::IS, PrimitiveValue::Strs(colour)));

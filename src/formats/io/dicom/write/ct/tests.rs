@@ -6,6 +6,13 @@ fn image(grid: &Grid) -> Volume<f32> {
     Volume::from_fn(grid.clone(), |n| (n as f32).mul_add(0.9, -1024.0))
 }
 
+/// Pixels, which dicom-rs reads without their sign.
+fn stored(object: &InMemDicomObject) -> Vec<i16> {
+    assert_eq!(numbers(object, tags::PIXEL_REPRESENTATION), [1.0]);
+    let words = object.element(tags::PIXEL_DATA).unwrap().to_multi_int::<u16>().unwrap();
+    words.into_iter().map(u16::cast_signed).collect()
+}
+
 #[test]
 fn slices_hold_every_value_and_lie_where_the_grid_does() {
     let dir = tempfile::tempdir().unwrap();
@@ -43,7 +50,7 @@ fn slices_hold_every_value_and_lie_where_the_grid_does() {
         let o = numbers(&object, tags::IMAGE_ORIENTATION_PATIENT);
         let spacing = numbers(&object, tags::PIXEL_SPACING);
         let [intercept] = numbers(&object, tags::RESCALE_INTERCEPT)[..] else { panic!() };
-        let stored = object.element(tags::PIXEL_DATA).unwrap().to_multi_int::<i16>().unwrap();
+        let stored = stored(&object);
         assert_eq!(numbers(&object, tags::COLUMNS), [7.0]);
         assert_eq!((numbers(&object, tags::ROWS), stored.len()), (vec![5.0], 35));
         for (n, value) in stored.iter().enumerate() {
@@ -83,7 +90,7 @@ fn values_choose_the_intercept_or_are_refused() {
         let ct = Volume::new(grid.clone(), values.to_vec()).unwrap();
         write_ct(dir.path(), &ct, &ct_of("ct", "1.9"), &origin())?;
         let object = open(&dir.path().join("CT.0001.dcm"));
-        let stored = object.element(tags::PIXEL_DATA).unwrap().to_multi_int::<i16>().unwrap();
+        let stored = stored(&object);
         Ok::<_, Error>((numbers(&object, tags::RESCALE_INTERCEPT)[0], stored))
     };
     assert_eq!(written([-1024.0, 3071.4]).unwrap(), (-1024.0, vec![0, 4095]));

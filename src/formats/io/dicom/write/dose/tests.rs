@@ -3,15 +3,14 @@ use crate::geometry::Grid;
 use crate::io::dicom::fixture::{items, numbers, oblique, open, origin, string};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-const PLANS: [&str; 1] = ["1.2.3.77"];
-
-fn about(plans: &[String]) -> DerivedDose<'_> {
+fn about(plans: &BTreeSet<String>) -> DerivedDose<'_> {
     DerivedDose {
         role: "dose",
         description: "planned dose on fraction",
         comment: "Carried by registration, not recalculated",
         number: 903,
         frame_of_reference: "1.9.1",
+        kind: "PHYSICAL",
         summation: "PLAN",
         plans,
         carried_by: Some([uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE, "2.25.5"]),
@@ -26,7 +25,7 @@ fn every_value_comes_back_within_a_step_where_it_was() {
     let mut mirrored = *right.direction();
     mirrored.column_mut(2).neg_mut();
     let left = Grid::new([5, 4, 3], right.spacing(), right.origin(), mirrored).unwrap();
-    let plans = PLANS.map(str::to_owned);
+    let plans = BTreeSet::from(["1.2.3.77".to_owned()]);
     for grid in [right, left] {
         let dose = Volume::from_fn(grid.clone(), |n| if n % 7 == 0 { 0.0 } else { 71.3 / (n as f32) });
         write_dose(&path, &dose, &about(&plans), &origin()).unwrap();
@@ -60,10 +59,8 @@ fn every_value_comes_back_within_a_step_where_it_was() {
         let [down, across] = numbers(&object, tags::PIXEL_SPACING)[..] else { panic!() };
         for (n, value) in stored.iter().enumerate() {
             let (i, j, k) = (n % 5, n / 5 % 4, n / 20);
-            let place = position
-                + row * (across * i as f64)
-                + column * (down * j as f64)
-                + row.cross(&column) * offsets[k];
+            let place =
+                position + row * (across * i as f64) + column * (down * j as f64) + row.cross(&column) * offsets[k];
             let voxel = grid.voxel_at(&place).unwrap();
             assert!((grid.centre(voxel) - place).norm() < 1e-6);
             assert!((f64::from(*value) * step - f64::from(*dose.at(voxel))).abs() <= step, "{voxel:?}");
@@ -78,11 +75,12 @@ fn what_is_no_dose_is_refused_and_no_dose_at_all_is_written() {
     let grid = Grid::new([2, 1, 1], [1.0; 3], Point3::origin(), Matrix3::identity()).unwrap();
     let dose = |values: [f32; 2]| Volume::new(grid.clone(), values.to_vec()).unwrap();
     for bad in [[0.0, -1e-6], [f32::NAN, 1.0], [f32::INFINITY, 1.0]] {
-        let error = write_dose(&path, &dose(bad), &about(&[]), &origin()).unwrap_err().to_string();
+        let error = write_dose(&path, &dose(bad), &about(&BTreeSet::new()), &origin()).unwrap_err().to_string();
         assert!(error.contains("no dose") && error.contains("RD.dcm"), "{error}");
     }
     assert!(!path.exists());
-    let unmoved = DerivedDose { carried_by: None, ..about(&[]) };
+    let none = BTreeSet::new();
+    let unmoved = DerivedDose { carried_by: None, ..about(&none) };
     write_dose(&path, &dose([0.0, 0.0]), &unmoved, &origin()).unwrap();
     let object = open(&path);
     assert!(numbers(&object, tags::DOSE_GRID_SCALING)[0] > 0.0);

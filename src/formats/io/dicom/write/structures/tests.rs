@@ -7,8 +7,14 @@ fn square(height: f64, low: f64, high: f64) -> Polygon {
     Polygon { height, points: vec![[low, low], [high, low], [high, high + 0.123_456_7], [low, high]] }
 }
 
-fn roi(number: i32, name: &str, interpreted_type: &str) -> Roi {
-    Roi { number, name: name.into(), interpreted_type: interpreted_type.into(), colour: Some([9, 80, 250]) }
+fn roi(number: i64, name: &str, interpreted_type: &str) -> Roi {
+    Roi {
+        number,
+        name: name.into(),
+        interpreted_type: interpreted_type.into(),
+        colour: Some([9, 80, 250]),
+        ..Roi::default()
+    }
 }
 
 fn about(series: &Series) -> DerivedStructures<'_> {
@@ -29,7 +35,10 @@ fn drawn(grid: &Grid) -> (Contours, Vec<Roi>) {
     let structures = vec![
         structure("Kiefer links ä", vec![square(height(0.0), -9.0, 9.0), square(height(2.0), -9.0, 9.0)]),
         structure("empty", Vec::new()),
-        structure("ring", vec![square(height(1.45), -9.0, 9.0), square(height(1.45), -3.0, 3.0), square(height(7.0), 0.0, 1.0)]),
+        structure(
+            "ring",
+            vec![square(height(1.45), -9.0, 9.0), square(height(1.45), -3.0, 3.0), square(height(7.0), 0.0, 1.0)],
+        ),
     ];
     (Contours { axes, structures }, vec![roi(3, "Kiefer links ä", "ORGAN"), roi(7, "empty", ""), roi(5, "ring", "PTV")])
 }
@@ -57,7 +66,9 @@ fn structures_keep_name_number_type_colour_and_every_point() {
     let observed = items(&object, tags::RTROI_OBSERVATIONS_SEQUENCE);
     let outlined = items(&object, tags::ROI_CONTOUR_SEQUENCE);
     assert_eq!([named.len(), observed.len(), outlined.len()], [3; 3]);
-    for (n, (number, name, kind)) in [(3.0, "Kiefer links ä", "ORGAN"), (7.0, "empty", ""), (5.0, "ring", "PTV")].iter().enumerate() {
+    for (n, (number, name, kind)) in
+        [(3.0, "Kiefer links ä", "ORGAN"), (7.0, "empty", ""), (5.0, "ring", "PTV")].iter().enumerate()
+    {
         assert_eq!(numbers(&named[n], tags::ROI_NUMBER), [*number]);
         assert_eq!(string(&named[n], tags::ROI_NAME).trim_end(), *name);
         assert_eq!(numbers(&observed[n], tags::REFERENCED_ROI_NUMBER), [*number]);
@@ -73,8 +84,11 @@ fn structures_keep_name_number_type_colour_and_every_point() {
         assert_eq!(string(item, tags::CONTOUR_GEOMETRIC_TYPE), "CLOSED_PLANAR");
         assert_eq!(numbers(item, tags::NUMBER_OF_CONTOUR_POINTS), [4.0]);
         let data = numbers(item, tags::CONTOUR_DATA);
-        let expected: Vec<f64> =
-            polygon.points.iter().flat_map(|p| contours.world(*p, polygon.height).iter().copied().collect::<Vec<_>>()).collect();
+        let expected: Vec<f64> = polygon
+            .points
+            .iter()
+            .flat_map(|p| contours.world(*p, polygon.height).iter().copied().collect::<Vec<_>>())
+            .collect();
         assert!(data.len() == 12 && data.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 0.51e-4));
         let [image] = items(item, tags::CONTOUR_IMAGE_SEQUENCE) else { panic!() };
         assert_eq!(string(image, tags::REFERENCED_SOP_INSTANCE_UID), series.slices[slice].uid);
@@ -90,7 +104,9 @@ fn holes_become_keyholes_and_planes_find_their_image() {
     let (contours, rois) = drawn(&grid);
     write_structures(&path, &contours, &rois, &about(&series), &origin()).unwrap();
     let object = open(&path);
-    let [ring, beyond] = items(&items(&object, tags::ROI_CONTOUR_SEQUENCE)[2], tags::CONTOUR_SEQUENCE) else { panic!() };
+    let [ring, beyond] = items(&items(&object, tags::ROI_CONTOUR_SEQUENCE)[2], tags::CONTOUR_SEQUENCE) else {
+        panic!()
+    };
     assert_eq!(numbers(ring, tags::NUMBER_OF_CONTOUR_POINTS), [10.0]);
     let points: Vec<[f64; 2]> = numbers(ring, tags::CONTOUR_DATA)
         .chunks(3)
