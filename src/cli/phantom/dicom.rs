@@ -41,6 +41,7 @@ fn origin(parts: Vec<String>, day: &str, description: &str) -> Origin {
         uid: origin.study_uid(),
         date: day.into(),
         time: NOON.into(),
+        id: "1".into(),
         description: description.into(),
         ..Study::default()
     };

@@ -20,6 +20,8 @@ pub mod write;
 
 #[cfg(test)]
 mod fixture;
+#[cfg(test)]
+mod round_trip;
 
 pub use ct::read_series;
 pub use dose::{Dose, read_dose, read_doses};

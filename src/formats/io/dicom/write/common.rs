@@ -129,13 +129,20 @@ pub(in crate::io::dicom) fn frame(origin: &Origin, series: &NewSeries<'_>, insta
         text(tags::SOFTWARE_VERSIONS, VR::LO, VERSION),
     ]);
     optional(&mut object, tags::STUDY_DESCRIPTION, VR::LO, &study.description);
-    for (date, time) in [
+    let dates = [
         (tags::INSTANCE_CREATION_DATE, tags::INSTANCE_CREATION_TIME),
         (tags::SERIES_DATE, tags::SERIES_TIME),
         (tags::CONTENT_DATE, tags::CONTENT_TIME),
-    ] {
+    ];
+    // A structure set has dates of its own (C.8.8.5).
+    let content = if series.modality == "RTSTRUCT" { 2 } else { 3 };
+    for (date, time) in dates.into_iter().take(content) {
         optional(&mut object, date, VR::DA, &when.date);
         optional(&mut object, time, VR::TM, &when.time);
+    }
+    if !series.modality.starts_with("RT") {
+        // Type 2C of General Series: nobody says whether the body part is one of a pair.
+        object.put(empty(tags::LATERALITY, VR::CS));
     }
     if !series.frame_of_reference.is_empty() {
         object.put(text(tags::FRAME_OF_REFERENCE_UID, VR::UI, series.frame_of_reference));
