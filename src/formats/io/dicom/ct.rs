@@ -1,8 +1,8 @@
 //! A CT series as a volume in HU.
 
+use super::super::Loaded;
 use super::super::checksum::{read_bytes, sha256};
 use super::super::raster::{GeometrySource, HeaderNotes};
-use super::super::Loaded;
 use super::elements::{Item, text, whole};
 use super::find::Object;
 use super::frames::{Frame, frames};
@@ -81,7 +81,11 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
     }
     let one_frame = |o: &Object| o.series.frame_of_reference == first.series.frame_of_reference;
     if let Some(other) = objects.iter().find(|o| !one_frame(o)) {
-        let problem = format!("its slices lie in several frames of reference ({} and {})", first.path.display(), other.path.display());
+        let problem = format!(
+            "its slices lie in several frames of reference ({} and {})",
+            first.path.display(),
+            other.path.display()
+        );
         let remedy = "export one series at a time: positions in two frames cannot be compared";
         return Err(Error::refused("dicom-frame", what, problem, remedy));
     }
@@ -105,11 +109,8 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
         );
         warnings.push(Warning::new("dicom-frame", message));
     }
-    let slice = |f: &Frame| Slice {
-        uid: f.uid.clone(),
-        frame: f.multi.then(|| f.index as u32 + 1),
-        position: f.position,
-    };
+    let slice =
+        |f: &Frame| Slice { uid: f.uid.clone(), frame: f.multi.then(|| f.index as u32 + 1), position: f.position };
     series.slices = stack.frames.iter().map(slice).collect();
     Ok(Planned { files, stack, series, warnings, header: first.header })
 }
@@ -164,7 +165,8 @@ fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f3
     let mut replaced = 0;
     pixels.each(frame.index, |n, stored| {
         let mut hu = slope * stored as f64 + intercept;
-        if padding.is_some_and(|p| (p.from..=p.to).contains(&stored)) && !(PADDING_HU[0]..=PADDING_HU[1]).contains(&hu) {
+        if padding.is_some_and(|p| (p.from..=p.to).contains(&stored)) && !(PADDING_HU[0]..=PADDING_HU[1]).contains(&hu)
+        {
             hu = AIR_HU;
             replaced += 1;
         }

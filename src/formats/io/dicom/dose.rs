@@ -84,7 +84,8 @@ pub(super) fn read(path: &Path, objects: &[Object]) -> Result<Loaded<Dose>> {
             .iter()
             .map(|d| format!("\n    {}: {}, {}", d.path.display(), d.value.summation, plan_words(&d.value)))
             .collect();
-        let remedy = "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan";
+        let remedy =
+            "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan";
         Err(Error::refused("dose-sum", path.display().to_string(), format!("{problem}:{list}"), remedy))
     };
     if read.iter().any(|d| d.value.summation != "BEAM") {
@@ -141,12 +142,17 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
     let units = text(set, tags::DOSE_UNITS);
     if units != "GY" {
         let problem = format!("its Dose Units are {units:?}, not GY");
-        let remedy = "export the absolute dose; per cent of a prescription cannot be mapped or summed without knowing it";
+        let remedy =
+            "export the absolute dose; per cent of a prescription cannot be mapped or summed without knowing it";
         return refuse("dose-units", problem, remedy);
     }
     let kind = text(set, tags::DOSE_TYPE);
     if kind == "ERROR" {
-        return refuse("dose-units", "it is the error of a dose (Dose Type ERROR), no dose".into(), "give the dose itself");
+        return refuse(
+            "dose-units",
+            "it is the error of a dose (Dose Type ERROR), no dose".into(),
+            "give the dose itself",
+        );
     }
     let Some(scaling) = number(set, tags::DOSE_GRID_SCALING).filter(|s| *s > 0.0) else {
         return refuse("dicom-incomplete", "it has no usable Dose Grid Scaling".into(), "export the dose again");
@@ -279,4 +285,12 @@ fn along(offsets: &[f64], position: [f64; 3], normal: &Vector3<f64>, axial: [f64
         ));
     }
     Ok(offsets.iter().map(|z| (z - first) * normal.z.signum()).collect())
+}
+
+/// What a dose is, in words, and its grid, by its header.
+pub(super) fn describe(object: &Object) -> Result<(String, Grid)> {
+    let set: &Item = &object.header;
+    let grid = Planes::of(&object.path, set)?.grid;
+    let all = [tags::DOSE_SUMMATION_TYPE, tags::DOSE_TYPE, tags::DOSE_UNITS].map(|tag| text(set, tag));
+    Ok((all.join(" "), grid))
 }

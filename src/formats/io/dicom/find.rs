@@ -13,7 +13,7 @@ use std::fmt::{self, Debug, Formatter};
 use std::path::{Path, PathBuf};
 
 /// Folders deeper than this are not looked into: a link may lead in a circle.
-const DEEPEST: usize = 16;
+pub(super) const DEEPEST: usize = 16;
 /// Modalities of objects of which something stands behind the place of contours: they are read up to the pixels, as are
 /// objects of several frames.
 const LONG: [&str; 3] = ["RTDOSE", "RTPLAN", "REG"];
@@ -164,9 +164,8 @@ pub fn find<P: AsRef<Path>>(paths: &[P]) -> Result<Catalogue> {
 /// What comes before the pixels, of structure sets before the contours.
 fn header(path: &Path) -> Opened {
     let short = open(path, tags::ROI_CONTOUR_SEQUENCE);
-    let long = |set: &Item| {
-        LONG.contains(&text(set, tags::MODALITY).as_str()) || set.get(tags::NUMBER_OF_FRAMES).is_some()
-    };
+    let long =
+        |set: &Item| LONG.contains(&text(set, tags::MODALITY).as_str()) || set.get(tags::NUMBER_OF_FRAMES).is_some();
     if matches!(&short, Opened::Object(set) if long(set)) { open(path, tags::PIXEL_DATA) } else { short }
 }
 
@@ -199,9 +198,8 @@ impl Catalogue {
     pub fn groups(&self) -> Vec<Group<'_>> {
         let mut groups: Vec<Group<'_>> = Vec::new();
         for object in &self.objects {
-            let own = |g: &&mut Group<'_>| {
-                g.series.uid == object.series.uid && g.series.modality == object.series.modality
-            };
+            let own =
+                |g: &&mut Group<'_>| g.series.uid == object.series.uid && g.series.modality == object.series.modality;
             match groups.iter_mut().find(own) {
                 Some(group) => group.objects.push(object),
                 None => groups.push(Group { series: &object.series, objects: vec![object] }),

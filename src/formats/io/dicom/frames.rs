@@ -99,7 +99,10 @@ fn frame(object: &Object, places: Places<'_>, (at, index): (usize, usize)) -> Re
     };
     let scale = places.group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE);
     if !items(places.set, tags::MODALITY_LUT_SEQUENCE).is_empty() {
-        return Err(refuse(path, "its values are scaled by a table (Modality LUT Sequence), not by slope and intercept"));
+        return Err(refuse(
+            path,
+            "its values are scaled by a table (Modality LUT Sequence), not by slope and intercept",
+        ));
     }
     let (slope, intercept) = number(scale, tags::RESCALE_SLOPE)
         .filter(|s| *s != 0.0)

@@ -27,7 +27,7 @@ enum Start {
 }
 
 fn start(bytes: &[u8]) -> Option<Start> {
-    if bytes.get(128..132) == Some(b"DICM") || bytes.starts_with(b"DICM") {
+    if bytes.get(128..132) == Some(b"DICM") || bytes.starts_with(b"DICM\x02\0") {
         return Some(Start::Marked);
     }
     let head = bytes.get(..8)?;

@@ -19,12 +19,8 @@ const PACKED: [(&str, &str, &str); 6] = [
     (uids::HTJ2K, "High-Throughput JPEG 2000", "dcmdecap and a JPEG 2000 decoder"),
 ];
 /// JPEG syntaxes, whose decoder fills what the data does not tell with zeros.
-const JPEG: [&str; 4] = [
-    uids::JPEG_BASELINE8_BIT,
-    uids::JPEG_EXTENDED12_BIT,
-    uids::JPEG_LOSSLESS,
-    uids::JPEG_LOSSLESS_SV1,
-];
+const JPEG: [&str; 4] =
+    [uids::JPEG_BASELINE8_BIT, uids::JPEG_EXTENDED12_BIT, uids::JPEG_LOSSLESS, uids::JPEG_LOSSLESS_SV1];
 
 /// Decoded pixels of all frames.
 pub(super) struct Pixels {
@@ -57,7 +53,11 @@ impl Pixels {
         let high = bits(tags::HIGH_BIT).unwrap_or(stored.saturating_sub(1));
         let samples = get(tags::SAMPLES_PER_PIXEL).unwrap_or(1);
         let grey = text(set, tags::PHOTOMETRIC_INTERPRETATION).starts_with("MONOCHROME");
-        if !matches!(allocated, 8 | 16 | 32) || stored == 0 || stored > allocated || high + 1 < stored || high >= allocated
+        if !matches!(allocated, 8 | 16 | 32)
+            || stored == 0
+            || stored > allocated
+            || high + 1 < stored
+            || high >= allocated
         {
             let problem = format!("Bits Allocated {allocated}, Bits Stored {stored}, High Bit {high} make no numbers");
             return Err(refuse(path, problem));
@@ -133,7 +133,10 @@ fn decode(path: &Path, object: &DefaultDicomObject, count: usize) -> Result<Vec<
     let half = bytes.len() / 2;
     if jpeg && count == 1 && bytes.get(half..).is_some_and(|rest| rest.iter().all(|b| *b == 0)) {
         // Values of 8 bits where 16 are promised fill half of the room.
-        return Err(refused(&format!("JPEG of fewer bits than it promises (transfer syntax {syntax})"), "dcmdjpeg IN OUT"));
+        return Err(refused(
+            &format!("JPEG of fewer bits than it promises (transfer syntax {syntax})"),
+            "dcmdjpeg IN OUT",
+        ));
     }
     Ok(bytes)
 }

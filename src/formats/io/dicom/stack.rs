@@ -70,11 +70,7 @@ pub(super) fn stack(
     let normal = frames.first().map_or(Vector3::z(), |f| f.axes[0].cross(&f.axes[1]));
     let named = Named { what, files, normal };
     if let Some(first) = localizers.first() {
-        let message = format!(
-            "{what}: {} localizers are left out, the first {}",
-            localizers.len(),
-            named.image(first)
-        );
+        let message = format!("{what}: {} localizers are left out, the first {}", localizers.len(), named.image(first));
         warnings.push(Warning::new("dicom-left-out", message));
     }
     agree(&named, &frames)?;
@@ -116,7 +112,11 @@ fn agree(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
         } else {
             continue;
         };
-        let problem = format!("its images do not belong to one volume: {differs} of {} and {}", named.image(first), named.image(f));
+        let problem = format!(
+            "its images do not belong to one volume: {differs} of {} and {}",
+            named.image(first),
+            named.image(f)
+        );
         let remedy = "move the images that are no slices of the volume elsewhere, or export the series again";
         return Err(named.refuse("dicom-images-differ", problem, remedy));
     }
@@ -153,7 +153,8 @@ fn without_twins(
         }
     }
     if let Some((a, b)) = clash {
-        let told = |f: &Frame| if f.told.is_empty() { named.image(f) } else { format!("{} ({})", named.image(f), f.told) };
+        let told =
+            |f: &Frame| if f.told.is_empty() { named.image(f) } else { format!("{} ({})", named.image(f), f.told) };
         let problem = format!(
             "{clashing} places hold several images that differ, the first at {}: {} and {}",
             named.place(&a),
@@ -190,9 +191,15 @@ fn upright(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     }
     let angle = (aside(last).norm() / whole).atan().to_degrees();
     let problem = if aside(last).norm() > 0.5 * most {
-        format!("its slices are sheared by {angle:.2} degrees (gantry tilt): the last lies {:.1} mm aside of the first", aside(last).norm())
+        format!(
+            "its slices are sheared by {angle:.2} degrees (gantry tilt): the last lies {:.1} mm aside of the first",
+            aside(last).norm()
+        )
     } else {
-        format!("its slices are displaced against each other: the one at {} lies {most:.1} mm aside of the first", named.place(far))
+        format!(
+            "its slices are displaced against each other: the one at {} lies {most:.1} mm aside of the first",
+            named.place(far)
+        )
     };
     let remedy = "resample it to an upright grid first, for example with `dcm2niix` (which corrects gantry tilt), and give \
         that image";
@@ -215,7 +222,10 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
         let missing = whole > 1.5 && (times - whole).abs() <= 0.02 * whole;
         let more = if odd.len() > 1 { format!("; {} gaps are odd in all", odd.len()) } else { String::new() };
         let (problem, remedy) = if missing && whole < 2.5 {
-            (format!("a slice is missing {between} (slices are {usual:.2} mm apart){more}"), "export the whole series again")
+            (
+                format!("a slice is missing {between} (slices are {usual:.2} mm apart){more}"),
+                "export the whole series again",
+            )
         } else if missing {
             let count = whole - 1.0;
             (
@@ -238,7 +248,8 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
             named.place(&frames[n]),
             off(n)
         );
-        let remedy = "export the series again; if it was scanned so, resample it to equal distances and give that image";
+        let remedy =
+            "export the series again; if it was scanned so, resample it to equal distances and give that image";
         return Err(named.refuse("dicom-gap", problem, remedy));
     }
     Ok(())
