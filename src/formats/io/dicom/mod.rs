@@ -19,6 +19,8 @@ mod series;
 mod stack;
 mod structures;
 mod summary;
+#[cfg(test)]
+mod tests;
 
 pub use bones::{BoneLabels, BoneNames, labels_from_structures};
 pub use ct::read_series;
