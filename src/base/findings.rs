@@ -82,7 +82,17 @@ pub const FINDINGS: &[Finding] = &[
         "Less than half of the bones in view, by volume, are found in the fraction CT.",
         "Give two CTs of one patient and region, or place the bones with --bone-landmarks.",
     ),
+    warned(
+        "bones-outside",
+        "A bone of a structure set has no voxel in the planning CT.",
+        "Check that the structure set belongs to this CT; the bone is left out.",
+    ),
     warned("bones-overlap", "Moved bones lie in each other.", "Check labels and fusion images of the two bones."),
+    refused_or_warned(
+        "bones-unnamed",
+        "Structures of a structure set have names that are no bone's: refused where none is a bone or none lies in the image.",
+        "Name them as TG-263 or TotalSegmentator do, or give a TOML file of names with --labels.",
+    ),
     warned(
         "contours-cancel",
         "Contours of a structure cancel each other on a plane: what is enclosed twice counts as outside.",
@@ -103,6 +113,77 @@ pub const FINDINGS: &[Finding] = &[
         "A part of the fraction's grid was not measured: it lies beyond a reconstruction's circle, or is blank.",
         "Out of view bones follow their joints; see the map of uncertainty before contours there are used.",
     ),
+    refused(
+        "dicom-compression",
+        "Pixels of a DICOM object are compressed in a way that is not read.",
+        "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
+    ),
+    refused_or_warned(
+        "dicom-duplicates",
+        "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
+        "Export one phase or reconstruction as a series of its own.",
+    ),
+    refused_or_warned(
+        "dicom-frame",
+        "Objects that are used together lie in different frames of reference; warned of where an object names none.",
+        "Give objects of one frame of reference, or map one to the other first.",
+    ),
+    refused(
+        "dicom-gap",
+        "A slice of a series is missing, or distances between slices vary.",
+        "Export the whole series again; resample one that was scanned with varying distances.",
+    ),
+    refused(
+        "dicom-images-differ",
+        "Images of a series differ in orientation, size, pixel spacing or unit.",
+        "Move the images that are no slices of the volume elsewhere.",
+    ),
+    refused(
+        "dicom-incomplete",
+        "A DICOM object lacks what its geometry or values need, or contradicts itself.",
+        "Export it again, or convert it with a tool that knows the vendor's files.",
+    ),
+    warned(
+        "dicom-left-out",
+        "Localizers, or objects that are no CT images, lie in a series and are left out.",
+        "Nothing, where the count is as expected.",
+    ),
+    warned(
+        "dicom-lossy",
+        "The images of a series were compressed with loss.",
+        "Take the original images where they still exist.",
+    ),
+    refused(
+        "dicom-no-ct",
+        "A CT series is asked for, and what is given is none: MR, PET, a structure set, a plan.",
+        "Give the folder of a CT series.",
+    ),
+    refused("dicom-no-dose", "A dose is asked for, and what is given holds none.", "Give an RTDOSE file."),
+    warned(
+        "dicom-padding",
+        "Voxels that were not measured had values that no CT has; they are air now.",
+        "Nothing, where they lie outside the field of view.",
+    ),
+    refused(
+        "dicom-several",
+        "A folder holds several series, and it is not clear which is meant.",
+        "Choose one: FOLDER#NUMBER or FOLDER#UID.",
+    ),
+    refused(
+        "dicom-tilt",
+        "The slices of a series do not follow each other along their normal: gantry tilt.",
+        "Resample the series to an upright grid first, for example with dcm2niix.",
+    ),
+    refused_or_warned(
+        "dicom-unit",
+        "The values of a series are no HU by their Rescale Type, or of a unit that is not told.",
+        "Give the series in HU of the same scan.",
+    ),
+    warned(
+        "dose-kind",
+        "A dose is no physical dose, for example weighted by biological effect.",
+        "Do not sum it with physical doses.",
+    ),
     warned(
         "dose-negative",
         "Voxels of a dose are below 0 by rounding; they count as 0 Gy.",
@@ -113,9 +194,24 @@ pub const FINDINGS: &[Finding] = &[
         "One of two doses that are compared does not cover the other; what is missing is left out of the figures.",
         "Compute both doses on grids that hold what is to be compared.",
     ),
+    warned(
+        "dose-part",
+        "A dose is not that of a whole plan: of a beam, of a fraction, or a sum of beams.",
+        "Check that it is the dose that is meant.",
+    ),
+    refused(
+        "dose-planes",
+        "The planes of a DICOM dose are not evenly spaced, or are described in a way that is not legal.",
+        "Export the dose again on an even grid, in one file.",
+    ),
+    refused(
+        "dose-sum",
+        "Several doses are given that are not those of the beams of one plan on one grid.",
+        "Give the file of the one dose that is meant.",
+    ),
     refused_or_warned(
         "dose-units",
-        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, questioned above what treatments give.",
+        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, and where DICOM says so; questioned above what treatments give.",
         "Give the dose in Gy: not cGy, no percent, no CT, no difference of doses; check --weights.",
     ),
     refused("doses-apart", "Two doses that are compared have no place in common.", "Give doses of one frame."),
@@ -344,6 +440,31 @@ pub const FINDINGS: &[Finding] = &[
         "structure-volume",
         "The volume sampled for a dose-volume histogram is not that of the contours.",
         "Contours far apart for their size leave the shape between them open: draw more planes.",
+    ),
+    refused_or_warned(
+        "structures-empty",
+        "Structures of a structure set have no closed contour: refused where none has.",
+        "Nothing, where they are meant to be empty.",
+    ),
+    warned(
+        "structures-left-out",
+        "Points, open contours and contours of fewer than three points are left out.",
+        "Nothing, where they mark points; else draw them as closed contours.",
+    ),
+    warned(
+        "structures-names",
+        "A structure set uses a name twice; later structures have their number behind the name.",
+        "Rename one of them in the planning system.",
+    ),
+    refused(
+        "structures-planes",
+        "Contours of a structure set do not lie on parallel planes.",
+        "Leave out the structure, or draw it on the planes of the others.",
+    ),
+    refused(
+        "structures-several",
+        "A folder holds several structure sets, or none.",
+        "Give the file of the one that is meant.",
     ),
     warned(
         "uncertain-field-in-steep-dose",

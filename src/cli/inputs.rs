@@ -6,6 +6,7 @@ use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::geometry::Grid;
+use crate::io::dicom::{Role, check_frames};
 use crate::io::{self, Loaded, checksum::sha256_file};
 use crate::pipeline::{Case, InputFile};
 use crate::runtime::Runtime;
@@ -88,7 +89,9 @@ impl Inputs {
     /// place of a fraction.
     pub(super) fn load(&self, recorded: &[RecordedInput], config: &Config, runtime: &Runtime) -> Result<Case> {
         runtime.stage("read", || {
-            let mut bones = io::read_labels(&self.bones, self.labels.as_deref())?;
+            let planning = io::read_image(&self.planning)?;
+            check_frames((&self.bones, Role::Structures), (&self.planning, Role::Image))?;
+            let mut bones = io::read_bones(&self.bones, self.labels.as_deref(), planning.value.grid())?;
             if let Some(path) = &self.organs {
                 let odd = organs::add(&mut bones.value, path)?;
                 bones.warnings.extend(odd);
@@ -101,7 +104,6 @@ impl Inputs {
                 Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
                 None => None,
             };
-            let planning = io::read_image(&self.planning)?;
             let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
             for (role, path) in [
                 ("labels", &self.labels),

@@ -286,3 +286,11 @@ fn along(offsets: &[f64], position: [f64; 3], normal: &Vector3<f64>, axial: [f64
     }
     Ok(offsets.iter().map(|z| (z - first) * normal.z.signum()).collect())
 }
+
+/// What a dose is, in words, and its grid, by its header.
+pub(super) fn describe(object: &Object) -> Result<(String, Grid)> {
+    let set: &Item = &object.header;
+    let grid = Planes::of(&object.path, set)?.grid;
+    let all = [tags::DOSE_SUMMATION_TYPE, tags::DOSE_TYPE, tags::DOSE_UNITS].map(|tag| text(set, tag));
+    Ok((all.join(" "), grid))
+}

@@ -13,7 +13,7 @@ use std::fmt::{self, Debug, Formatter};
 use std::path::{Path, PathBuf};
 
 /// Folders deeper than this are not looked into: a link may lead in a circle.
-const DEEPEST: usize = 16;
+pub(super) const DEEPEST: usize = 16;
 /// Modalities of objects of which something stands behind the place of contours: they are read up to the pixels, as are
 /// objects of several frames.
 const LONG: [&str; 3] = ["RTDOSE", "RTPLAN", "REG"];

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{DefaultDicomObject, FileMetaTableBuilder, OpenFileOptions};
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
@@ -27,7 +27,7 @@ enum Start {
 }
 
 fn start(bytes: &[u8]) -> Option<Start> {
-    if bytes.get(128..132) == Some(b"DICM") || bytes.starts_with(b"DICM") {
+    if bytes.get(128..132) == Some(b"DICM") || bytes.starts_with(b"DICM\x02\0") {
         return Some(Start::Marked);
     }
     let head = bytes.get(..8)?;
@@ -48,7 +48,8 @@ fn start(bytes: &[u8]) -> Option<Start> {
 /// Whether a file is DICOM by its first bytes.
 pub(in super::super) fn is_dicom(path: &Path) -> bool {
     let mut first = Vec::new();
-    let file = File::open(path).ok().filter(|f| f.metadata().is_ok_and(|m| m.is_file()));
+    // A pipe can be opened once only.
+    let file = std::fs::metadata(path).ok().filter(Metadata::is_file).and_then(|_| File::open(path).ok());
     file.is_some_and(|f| f.take(FIRST as u64).read_to_end(&mut first).is_ok()) && start(&first).is_some()
 }
 

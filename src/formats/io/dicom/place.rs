@@ -1,8 +1,10 @@
 //! Where DICOM lies: a folder, a file of a series, or `FOLDER#NUMBER` and `FOLDER#UID` for one series of several.
 
-use super::find::{Catalogue, Group, Object, find};
-use super::open::is_dicom;
+use super::elements::text;
+use super::find::{Catalogue, DEEPEST, Group, Object, find};
+use super::open::{Opened, is_dicom, open};
 use crate::error::{Error, Result};
+use dicom_dictionary_std::tags;
 use std::path::{Path, PathBuf};
 
 /// SOP classes that are CT images (PS3.4 B.5): CT, Enhanced CT, Legacy Converted Enhanced CT.
@@ -38,9 +40,62 @@ pub(in super::super) fn is_place(path: &Path) -> bool {
     place.choice.is_some() || place.root.is_dir() || is_dicom(&place.root)
 }
 
+/// Whether a path leads to DICOM as [`super::super::read_image`] and [`super::super::read_bones`] understand it: a folder, a
+/// series in one (`FOLDER#NUMBER`), or a DICOM file.
+pub fn is_dicom_path(path: &Path) -> bool {
+    is_place(path)
+}
+
+/// Whether a file is a DICOM structure set.
+pub fn is_structure_set(path: &Path) -> bool {
+    let set = || match open(path, tags::ROI_CONTOUR_SEQUENCE) {
+        Opened::Object(object) => text(&object, tags::MODALITY) == "RTSTRUCT",
+        _ => false,
+    };
+    is_dicom(path) && set()
+}
+
 /// The folder or file that a path means, without what is chosen there.
 pub(in super::super) fn root_of(path: &Path) -> PathBuf {
     Place::of(path).root
+}
+
+/// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is one file.
+pub(in super::super) fn folder_of(path: &Path) -> Option<PathBuf> {
+    let root = root_of(path);
+    if root.is_dir() {
+        return Some(root);
+    }
+    let slice = || match open(&root, tags::ROI_CONTOUR_SEQUENCE) {
+        Opened::Object(object) => CT.contains(&text(&object, tags::SOP_CLASS_UID).as_str()),
+        _ => false,
+    };
+    (is_dicom(&root) && slice()).then(|| parent(&root))
+}
+
+fn parent(file: &Path) -> PathBuf {
+    match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// Refuses a folder without DICOM, and what is not there.
+///
+/// # Errors
+/// [`Error::Read`].
+pub(in super::super) fn require(path: &Path) -> Result<()> {
+    let root = root_of(path);
+    if holds_dicom(&root, DEEPEST) { Ok(()) } else { Err(no_objects(&root, &Catalogue::default())) }
+}
+
+fn holds_dicom(path: &Path, deeper: usize) -> bool {
+    if !path.is_dir() {
+        return is_dicom(path);
+    }
+    let entries: Vec<PathBuf> = std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    entries.iter().any(|p| p.is_file() && is_dicom(p))
+        || deeper > 0 && entries.iter().any(|p| p.is_dir() && holds_dicom(p, deeper - 1))
 }
 
 /// What is read as an image.
@@ -72,10 +127,7 @@ pub(super) fn choose(path: &Path) -> Result<(Chosen, PathBuf)> {
     if !is_slice(group) {
         return Ok((readable(path, group.clone())?, place.root));
     }
-    let folder = match place.root.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
-        _ => PathBuf::from("."),
-    };
+    let folder = parent(&place.root);
     let all = objects(&folder)?;
     let own = all.groups().into_iter().find(|g| g.series.uid == group.series.uid && is_slice(g));
     let mut same = folder.into_os_string();
@@ -94,7 +146,7 @@ fn no_objects(path: &Path, found: &Catalogue) -> Error {
         return super::open::damaged(file, why);
     }
     if path.is_dir() {
-        let problem = format!("it is a folder without DICOM ({} other files)", found.other_files);
+        let problem = "it is a folder without DICOM";
         return Error::read(path, problem, "name one file, or the folder of a DICOM series");
     }
     Error::read(path, "it is no DICOM object", "name a file of a series, or its folder")
@@ -129,7 +181,9 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
             Err(Error::refused("dicom-no-ct", path.display().to_string(), problem, "give the folder of a CT series"))
         }
         n => {
-            let example = ct.iter().find_map(|g| g.series.number).map_or("UID".into(), |n| n.to_string());
+            let alone = |g: &&Group<'_>| ct.iter().filter(|o| o.series.number == g.series.number).count() == 1;
+            let number = ct.iter().filter(alone).find_map(|g| g.series.number);
+            let example = number.map_or_else(|| ct[0].series.uid.clone(), |n| n.to_string());
             let remedy = format!("choose one by its number or its UID: {}#{example}", path.display());
             let problem = format!("it holds {n} CT series:{}", list(&ct));
             Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))

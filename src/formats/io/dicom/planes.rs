@@ -1,5 +1,6 @@
 //! Contours of a structure set on common parallel planes.
 
+use super::keyhole::opened;
 use crate::error::{Error, Result};
 use crate::volume::contour::{Contours, Polygon, Structure};
 use nalgebra::{Matrix3, Vector3};
@@ -75,7 +76,7 @@ pub(super) fn planes(what: &str, drawings: &[Drawing]) -> Result<Contours> {
             if points.len() > 3 && points.first() == points.last() {
                 points.pop();
             }
-            polygons.push(Polygon { height, points });
+            polygons.extend(opened(points).into_iter().map(|points| Polygon { height, points }));
         }
         structures.push(Structure { name: d.name.clone(), colour: d.colour, polygons });
     }

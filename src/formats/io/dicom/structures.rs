@@ -1,6 +1,7 @@
 //! Structure sets (PS3.3 C.8.8.5, C.8.8.6, C.8.8.8): closed planar contours with the names of their structures.
 
 use super::super::checksum::{read_bytes, sha256};
+use super::super::raster::{GeometrySource, HeaderNotes};
 use super::elements::{Item, items, numbers, text, whole};
 use super::find::{Object, series};
 use super::open;
@@ -8,6 +9,7 @@ use super::place::{objects, root_of};
 use super::planes::{Drawing, planes};
 use super::series::{Patient, Study};
 use crate::error::{Error, Result};
+use crate::geometry::Grid;
 use crate::volume::contour::{Contours, Structure};
 use crate::warning::Warning;
 use dicom_dictionary_std::tags;
@@ -273,4 +275,29 @@ impl StructureSet {
     pub fn drawn(&self) -> impl Iterator<Item = (&Roi, &Structure)> {
         self.rois.iter().zip(&self.contours.structures).filter(|(roi, _)| !roi.empty)
     }
+}
+
+/// What a label map drawn from a structure set says of its file.
+pub(in super::super) fn structure_notes(grid: &Grid, label: &str) -> HeaderNotes {
+    HeaderNotes {
+        format: "DICOM RT Structure Set".into(),
+        sizes: grid.size().to_vec(),
+        datatype: "contours".into(),
+        big_endian: false,
+        compressed: false,
+        scaling: None,
+        geometry: GeometrySource::Header,
+        sform_code: None,
+        qform_code: None,
+        disagreement_mm: None,
+        intent_code: None,
+        intent_name: String::new(),
+        description: label.into(),
+        extensions: Vec::new(),
+    }
+}
+
+/// Structures that a header names.
+pub(super) fn count(set: &Item) -> usize {
+    items(set, tags::STRUCTURE_SET_ROI_SEQUENCE).len()
 }

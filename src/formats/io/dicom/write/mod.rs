@@ -6,7 +6,6 @@ mod common;
 mod ct;
 mod dose;
 pub(super) mod element;
-mod keyhole;
 mod plane;
 mod structures;
 mod uid;

@@ -1,10 +1,10 @@
 //! Structure sets: contours with the series that they are drawn on (PS3.3 A.19, C.8.8.5, C.8.8.6, C.8.8.8).
 
+use super::super::keyhole::keyholes;
 use super::super::series::{Series, Slice};
 use super::super::structures::Roi;
 use super::common::{NewSeries, Origin, frame, put, references, save};
 use super::element::{decimal, empty, integer, item, reference, sequence, text};
-use super::keyhole::keyholes;
 use crate::error::{Error, Result};
 use crate::volume::contour::{Contours, Polygon, Structure};
 use dicom_core::value::PrimitiveValue;

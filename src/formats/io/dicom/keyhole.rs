@@ -5,6 +5,7 @@
 //! what the polygons enclose by the even-odd rule, since its line counts twice.
 
 use crate::volume::contour::Polygon;
+use std::collections::HashMap;
 
 /// Planes closer than this are one, mm.
 const SAME_PLANE_MM: f64 = 0.05;
@@ -14,6 +15,38 @@ pub(super) fn keyholes(polygons: &[Polygon]) -> Vec<Polygon> {
     let mut sorted: Vec<&Polygon> = polygons.iter().collect();
     sorted.sort_by(|a, b| a.height.total_cmp(&b.height));
     sorted.chunk_by(|a, b| b.height - a.height <= SAME_PLANE_MM).flat_map(of_plane).collect()
+}
+
+/// The polygons that a keyhole joins, without its lines: edges that are walked there and back. Distances to the surface would
+/// be wrong beside such a line. A polygon without them stays as it is.
+pub(super) fn opened(points: Vec<[f64; 2]>) -> Vec<Vec<[f64; 2]>> {
+    let (mut open, mut waiting) = (Vec::new(), vec![points]);
+    while let Some(points) = waiting.pop() {
+        match there_and_back(&points) {
+            Some([there, back]) => {
+                // Edge `there` begins with that point and edge `back` ends with it.
+                let outer = [&points[..=there], points.get(back + 2..).unwrap_or_default()].concat();
+                let inner = points[there + 1..back].to_vec();
+                waiting.extend([inner, outer]);
+            }
+            None if points.len() > 2 => open.push(points),
+            None => {}
+        }
+    }
+    open
+}
+
+/// The first edge that is walked the other way later, and that later edge; an edge has the number of its first point.
+fn there_and_back(points: &[[f64; 2]]) -> Option<[usize; 2]> {
+    let key = |p: &[f64; 2]| p.map(|c| (c + 0.0).to_bits());
+    let mut walked: HashMap<[[u64; 2]; 2], usize> = HashMap::with_capacity(points.len());
+    for (n, (a, b)) in edges(points).enumerate() {
+        if let Some(there) = walked.get(&[key(b), key(a)]) {
+            return Some([*there, n]);
+        }
+        walked.entry([key(a), key(b)]).or_insert(n);
+    }
+    None
 }
 
 /// The same for one plane.
@@ -131,6 +164,24 @@ mod tests {
                 assert!(out.iter().filter(|q| q.height < 5.0 && encloses(&q.points, p)).count() < 2, "{p:?}");
             }
         }
+    }
+
+    #[test]
+    fn keyholes_are_opened_again() {
+        let all = [square([0.0, 0.0], 10.0, false), square([-6.0, 5.0], 1.0, false), square([1.0, 0.0], 2.0, true)];
+        for first in 0..16 {
+            let mut joined = keyholes(&all).remove(0).points;
+            // Wherever the walk begins, and with the first point repeated.
+            joined.rotate_left(first);
+            if first % 2 == 1 {
+                joined.push(joined[0]);
+            }
+            let mut out: Vec<f64> = opened(joined).iter().map(|p| area(p).abs()).collect();
+            out.sort_by(f64::total_cmp);
+            assert_eq!(out, [4.0, 16.0, 400.0], "{first}");
+        }
+        let plain = square([0.0, 0.0], 1.0, false).points;
+        assert_eq!(opened(plain.clone()), [plain]);
     }
 
     #[test]

@@ -1,0 +1,11 @@
+//! Tests of this room: objects are made in memory and written into a temporary folder.
+
+mod bones;
+mod ct;
+mod dose;
+mod find;
+mod make;
+mod multi;
+mod pixels;
+mod places;
+mod structures;
