@@ -124,6 +124,7 @@ fn contours_come_back_with_their_holes() {
             let share = |k: f64| 8.0 * (f64::from(at) * k).fract();
             let place = grid.world(&Vector3::new(share(0.618), share(0.754_877), 0.7 * share(0.569_84)));
             // Distances are sampled along axes that each chooses for itself.
+            let depths = [inside.depth(&place), again.depth(&place)];
             let near = depths.iter().any(|d| d.abs() < 1.0);
             assert!(!near || (depths[0] - depths[1]).abs() < 0.08, "{}: {depths:?}", roi.name);
             assert!(near || depths[0].signum() * depths[1].signum() > 0.0, "{}: {depths:?}", roi.name);
