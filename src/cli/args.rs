@@ -1,5 +1,6 @@
 //! The command line: verbs, options and their help.
 
+use super::clinic::ClinicArgs;
 use super::links::{LinkArg, frame};
 use super::organs::OrganArgs;
 use crate::field::FieldFormat;
@@ -139,6 +140,9 @@ pub struct RegisterArgs {
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Options for planning systems.
+    #[command(flatten)]
+    pub clinic: ClinicArgs,
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,

@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod bench;
+pub mod clinic;
 pub mod curve;
 mod demo;
 pub mod dose;

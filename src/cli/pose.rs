@@ -140,7 +140,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         }
     }
     let (case, outcome) = pose(case, &motion, args.margin, &config, &runtime)?;
-    write_run(&case, outcome, &config, &runtime, (folder, &args.out), args.run.json)
+    write_run(&case, outcome, &config, &runtime, (folder, &args.out, None), args.run.json)
 }
 
 fn no_motion() -> Error {
