@@ -190,7 +190,7 @@ fn floats(source: &Source<'_>, item: &InMemDicomObject, grid: &Grid) -> Result<V
         Some(PrimitiveValue::U8(bytes)) => bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
         _ => Vec::new(),
     };
-    if values.len() / 3 != grid.len() || values.len() % 3 != 0 {
+    if values.len() / 3 != grid.len() || !values.len().is_multiple_of(3) {
         let problem = format!("its vector grid has {} numbers, not 3 for each of {:?}", values.len(), grid.size());
         return Err(source.damaged(problem));
     }

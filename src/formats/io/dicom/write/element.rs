@@ -88,7 +88,6 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    #[expect(clippy::approx_constant, reason = "digits that fit, not constants")]
     fn numbers_fit_and_keep_their_digits() {
         for (value, expected) in [
             (0.0, "0"),
