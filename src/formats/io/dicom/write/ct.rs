@@ -86,8 +86,7 @@ pub fn write_ct(folder: &Path, ct: &Volume<f32>, about: &DerivedCt<'_>, origin: 
         let mut object = frame(origin, &new, &slice.uid);
         put(&mut object, of_kind(about));
         put(&mut object, of_place(grid, k));
-        // Rounded after the shift, which is whole.
-        let stored = values.iter().map(|v| (f64::from(*v) - intercept).round() as i16).collect();
+        let stored = values.iter().map(|v| (f64::from(*v).round() - intercept) as i16).collect();
         put(
             &mut object,
             [
@@ -166,7 +165,7 @@ fn intercept(path: &Path, ct: &Volume<f32>) -> Result<f64> {
     let [low, high] = ct.extremes().map(f64::from);
     let fits = |intercept: &f64| {
         let room = f64::from(i16::MIN)..=f64::from(i16::MAX);
-        room.contains(&(low - intercept).round()) && room.contains(&(high - intercept).round())
+        room.contains(&(low.round() - intercept)) && room.contains(&(high.round() - intercept))
     };
     [USUAL_INTERCEPT, 0.0].into_iter().find(fits).ok_or_else(|| {
         let problem = format!("its values from {low} to {high} do not fit 16-bit HU, -32768 to 32767");
