@@ -61,9 +61,7 @@ fn padding_stays_where_it_could_be_a_measurement_and_is_air_elsewhere() {
 #[test]
 fn every_uncompressed_syntax_gives_the_same_values() {
     let expected = read_image(series(|_, _| ()).path()).unwrap().value;
-    for syntax in
-        [uids::IMPLICIT_VR_LITTLE_ENDIAN, BIG_ENDIAN, uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN]
-    {
+    for syntax in [uids::IMPLICIT_VR_LITTLE_ENDIAN, BIG_ENDIAN, uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN] {
         let dir = tempfile::tempdir().unwrap();
         (0..SIZE[2]).for_each(|k| drop(write_as(dir.path(), &k.to_string(), &slice(k), syntax)));
         assert_eq!(read_image(dir.path()).unwrap().value, expected, "{syntax}");
