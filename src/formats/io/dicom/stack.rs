@@ -75,7 +75,7 @@ pub(super) fn stack(
     let frames = without_twins(&named, frames, same, &mut warnings)?;
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
         let remedy = "give the folder of the whole series, not of its localizer";
-        return Err(Error::refused("dicom-incomplete", named.what, "it has no image but localizers".into(), remedy));
+        return Err(Error::refused("dicom-incomplete", named.what, "it has no image but localizers", remedy));
     };
     if frames.len() < 2 {
         let problem = "it has one slice, which makes no volume".to_owned();
