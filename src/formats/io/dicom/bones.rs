@@ -240,7 +240,7 @@ fn around(all: &Contours, s: &Structure, grid: &Grid, spacing: f64) -> Option<[R
     let range = |a: usize| {
         let last = grid.size()[a] as f64 - 1.0;
         let (from, to) = (low[a].floor().max(0.0), high[a].ceil().min(last));
-        (from <= to).then(|| from as usize..=to as usize)
+        (from <= to).then_some(from as usize..=to as usize)
     };
     Some([range(0)?, range(1)?, range(2)?])
 }
