@@ -15,8 +15,8 @@ const PACKED: [(&str, &str, &str); 6] = [
     (uids::JPEGLS_NEAR_LOSSLESS, "JPEG-LS, near lossless", "dcmdjpls IN OUT"),
     (uids::JPEG2000_LOSSLESS, "JPEG 2000, lossless", "gdcmconv --raw IN OUT"),
     (uids::JPEG2000, "JPEG 2000", "gdcmconv --raw IN OUT"),
-    (uids::HTJ2K_LOSSLESS, "High-Throughput JPEG 2000, lossless", "dcmdecap and a JPEG 2000 decoder"),
-    (uids::HTJ2K, "High-Throughput JPEG 2000", "dcmdecap and a JPEG 2000 decoder"),
+    (uids::HTJ2K_LOSSLESS, "High-Throughput JPEG 2000, lossless", "Dataset.decompress() of pydicom with pylibjpeg"),
+    (uids::HTJ2K, "High-Throughput JPEG 2000", "Dataset.decompress() of pydicom with pylibjpeg"),
 ];
 /// JPEG syntaxes, whose decoder fills what the data does not tell with zeros.
 const JPEG: [&str; 4] =
