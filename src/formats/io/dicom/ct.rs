@@ -37,14 +37,16 @@ pub(super) struct Planned {
     header: Box<DefaultDicomObject>,
 }
 
-/// Reads a CT series in HU, LPS mm, from its folder, from the file of one of its slices, or from `FOLDER#SERIES_NUMBER` or
-/// `FOLDER#UID` where the folder holds several. The grid's axes are columns, rows and slices, right-handed; slices are ordered
-/// by position. The SHA-256 is that of the sorted SHA-256 of the files used, one a line.
+/// Reads a CT series in HU, LPS mm, from its folder, from the file of one of its slices, or from
+/// `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's axes are
+/// columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of
+/// the sorted SHA-256 of the files used, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which series is meant; when it is
-/// no CT; when slices are missing, differ at one place, are tilted or do not make one volume; when pixels are compressed in a
-/// way that is not read; when values are no HU.
+/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which
+/// series is meant; when it is no CT; when slices are missing, differ at one place, are tilted or
+/// do not make one volume; when pixels are compressed in a way that is not read; when values are no
+/// HU.
 pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series)>> {
     let path = path.as_ref();
     match choose(path)? {
@@ -72,7 +74,8 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
     let Some(first) = objects.iter().find(|o| !localizer(o)).or(objects.first()).cloned() else {
         return Err(Error::refused("dicom-no-ct", what, "it holds no CT image", "give the folder of a CT series"));
     };
-    // Localizers often lie in the same series and have a frame of reference, but no position that could be used.
+    // Localizers often lie in the same series and have a frame of reference, but no position that
+    // could be used.
     let all = objects.len();
     objects.retain(|o| !localizer(o) || all == 1);
     if objects.len() < all {
@@ -157,7 +160,8 @@ impl Padding {
     }
 }
 
-/// A frame's values in HU; returns how many that were not measured are air now, since no CT has such values.
+/// A frame's values in HU; returns how many that were not measured are air now, since no CT has
+/// such values.
 fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f32]) -> usize {
     let [slope, intercept] = frame.scale;
     let mut replaced = 0;

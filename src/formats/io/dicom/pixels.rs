@@ -9,7 +9,8 @@ use dicom_object::DefaultDicomObject;
 use dicom_pixeldata::PixelDecoder as _;
 use std::path::Path;
 
-/// Transfer syntaxes whose pixels cannot be decoded here, and what unpacks them. Others are named by their UID.
+/// Transfer syntaxes whose pixels cannot be decoded here, and what unpacks them. Others are named
+/// by their UID.
 const PACKED: [(&str, &str, &str); 6] = [
     (uids::JPEGLS_LOSSLESS, "JPEG-LS", "dcmdjpls IN OUT"),
     (uids::JPEGLS_NEAR_LOSSLESS, "JPEG-LS, near lossless", "dcmdjpls IN OUT"),
@@ -39,8 +40,8 @@ impl Pixels {
     /// Decodes the pixels of an object.
     ///
     /// # Errors
-    /// [`Error::Input`] for compression that is not read, and for pixels that are no grey values of 8, 16 or 32 bits;
-    /// [`Error::Read`] when pixels are missing or damaged.
+    /// [`Error::Input`] for compression that is not read, and for pixels that are no grey values of
+    /// 8, 16 or 32 bits; [`Error::Read`] when pixels are missing or damaged.
     pub(super) fn of(path: &Path, object: &DefaultDicomObject) -> Result<Self> {
         let set: &Item = object;
         let get = |tag| whole(set, tag).and_then(|n| usize::try_from(n).ok());

@@ -9,12 +9,14 @@ use std::path::PathBuf;
 
 /// Positions closer than this are one place, mm: they are written with two decimals and more.
 const SAME_PLACE_MM: f64 = 0.01;
-/// Slices may lie this far from the line along the normal, mm, and distances between them differ by this much: rounding.
+/// Slices may lie this far from the line along the normal, mm, and distances between them differ by
+/// this much: rounding.
 const ASIDE_MM: f64 = 0.2;
 const ROUNDED_MM: f64 = 0.02;
 /// Distances between slices may differ by this share of their median.
 const UNEVEN: f64 = 0.01;
-/// No slice may lie farther from its place in the grid than this share of the distance between slices.
+/// No slice may lie farther from its place in the grid than this share of the distance between
+/// slices.
 const OFF_PLACE: f64 = 0.05;
 /// Direction cosines of the slices of a series agree within this.
 const SAME_AXES: f64 = 5e-4;
