@@ -4,6 +4,10 @@
 //! code; `tests/findings.rs` proves that every code raised is in this table and that the table holds no others, and makes
 //! `docs/refusals.md` from it.
 
+mod dicom;
+
+use dicom::DICOM;
+
 /// How a finding is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Told {
@@ -41,7 +45,25 @@ const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'s
 }
 
 /// All findings, by code.
-pub const FINDINGS: &[Finding] = &[
+pub const FINDINGS: &[Finding] = &joined::<{ BEFORE.len() + DICOM.len() + BEHIND.len() }>([BEFORE, DICOM, BEHIND]);
+
+/// The parts of the table as one.
+const fn joined<const N: usize>(parts: [&[Finding]; 3]) -> [Finding; N] {
+    let mut all = [DICOM[0]; N];
+    let (mut n, mut part) = (0, 0);
+    while part < parts.len() {
+        let mut at = 0;
+        while at < parts[part].len() {
+            all[n] = parts[part][at];
+            (n, at) = (n + 1, at + 1);
+        }
+        part += 1;
+    }
+    all
+}
+
+/// Before those of DICOM.
+const BEFORE: &[Finding] = &[
     warned(
         "bone-in-pieces",
         "A bone's label lies in several pieces.",
@@ -113,72 +135,10 @@ pub const FINDINGS: &[Finding] = &[
         "A part of the fraction's grid was not measured: it lies beyond a reconstruction's circle, or is blank.",
         "Out of view bones follow their joints; see the map of uncertainty before contours there are used.",
     ),
-    refused(
-        "dicom-compression",
-        "Pixels of a DICOM object are compressed in a way that is not read.",
-        "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
-    ),
-    refused_or_warned(
-        "dicom-duplicates",
-        "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
-        "Export one phase or reconstruction as a series of its own.",
-    ),
-    refused_or_warned(
-        "dicom-frame",
-        "Objects that are used together lie in different frames of reference; warned of where an object names none.",
-        "Give objects of one frame of reference, or map one to the other first.",
-    ),
-    refused(
-        "dicom-gap",
-        "A slice of a series is missing, or distances between slices vary.",
-        "Export the whole series again; resample one that was scanned with varying distances.",
-    ),
-    refused(
-        "dicom-images-differ",
-        "Images of a series differ in orientation, size, pixel spacing or unit.",
-        "Move the images that are no slices of the volume elsewhere.",
-    ),
-    refused(
-        "dicom-incomplete",
-        "A DICOM object lacks what its geometry or values need, or contradicts itself.",
-        "Export it again, or convert it with a tool that knows the vendor's files.",
-    ),
-    warned(
-        "dicom-left-out",
-        "Localizers, or objects that are no CT images, lie in a series and are left out.",
-        "Nothing, where the count is as expected.",
-    ),
-    warned(
-        "dicom-lossy",
-        "The images of a series were compressed with loss.",
-        "Take the original images where they still exist.",
-    ),
-    refused(
-        "dicom-no-ct",
-        "A CT series is asked for, and what is given is none: MR, PET, a structure set, a plan.",
-        "Give the folder of a CT series.",
-    ),
-    refused("dicom-no-dose", "A dose is asked for, and what is given holds none.", "Give an RTDOSE file."),
-    warned(
-        "dicom-padding",
-        "Voxels that were not measured had values that no CT has; they are air now.",
-        "Nothing, where they lie outside the field of view.",
-    ),
-    refused(
-        "dicom-several",
-        "A folder holds several series, and it is not clear which is meant.",
-        "Choose one: FOLDER#NUMBER or FOLDER#UID.",
-    ),
-    refused(
-        "dicom-tilt",
-        "The slices of a series do not follow each other along their normal: gantry tilt.",
-        "Resample the series to an upright grid first, for example with dcm2niix.",
-    ),
-    refused_or_warned(
-        "dicom-unit",
-        "The values of a series are no HU by their Rescale Type, or of a unit that is not told.",
-        "Give the series in HU of the same scan.",
-    ),
+];
+
+/// Behind those of DICOM.
+const BEHIND: &[Finding] = &[
     warned(
         "dose-kind",
         "A dose is no physical dose, for example weighted by biological effect.",

@@ -48,10 +48,12 @@ pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> 
     if !dicom::is_place(path) {
         return read_labels(path, names);
     }
-    let set = read_structure_set(path)?;
     let names = names.map(BoneNames::read).transpose()?.unwrap_or_default();
+    let mut set = read_structure_set(path)?;
+    // What is drawn twice would be empty.
+    let tidied = set.contours.tidy();
     let drawn = labels_from_structures(&set, grid, &names)?;
-    let warnings = [set.warnings.as_slice(), &drawn.warnings].concat();
+    let warnings = [set.warnings, tidied, drawn.warnings].concat();
     let header = dicom::structure_notes(grid, &set.label);
     Ok(Loaded { value: drawn.map, path: set.path, sha256: set.sha256, header, warnings })
 }

@@ -1,4 +1,5 @@
-//! Names of structures to names of bones: ours are TotalSegmentator's, clinics use TG-263's (AAPM report 263) and their own.
+//! Names of structures to names of bones: ours are TotalSegmentator's, clinics use TG-263's (AAPM
+//! report 263) and their own.
 
 use super::structures::{StructureSet, some_names};
 use crate::error::{Error, Result};
@@ -24,7 +25,8 @@ const MIDDLE: [(&str, &[&str]); 5] = [
     ("sacrum", &["sacrum", "ossacrum", "kreuzbein"]),
     ("skull", &["skull", "cranium", "schädel", "schaedel"]),
 ];
-/// Spellings of bones of which there are two; of some only the end next to the trunk is usually drawn.
+/// Spellings of bones of which there are two; of some only the end next to the trunk is usually
+/// drawn.
 const PAIRED: [(&str, &[&str]); 7] = [
     ("clavicula", &["clavicula", "clavicle", "schlüsselbein", "schluesselbein"]),
     ("scapula", &["scapula", "shoulderblade", "schulterblatt"]),
@@ -56,11 +58,12 @@ struct File {
 }
 
 impl BoneNames {
-    /// Reads names from a TOML file: under `[bones]` the structure's name and TotalSegmentator's name of the bone, which is
-    /// empty for a structure that is no bone.
+    /// Reads names from a TOML file: under `[bones]` the structure's name and TotalSegmentator's
+    /// name of the bone, which is empty for a structure that is no bone.
     ///
     /// # Errors
-    /// [`Error::Read`] when it is no such file; [`Error::Input`] for a bone that the skeleton does not know.
+    /// [`Error::Read`] when it is no such file; [`Error::Input`] for a bone that the skeleton does
+    /// not know.
     pub fn read(path: &Path) -> Result<Self> {
         let text = super::super::text::read_text(path)?;
         let file: File = toml::from_str(&text).map_err(|e| {
@@ -80,7 +83,8 @@ impl BoneNames {
         Ok(Self(names))
     }
 
-    /// The bone of a structure's name: by these names, else by common spellings; `None` for what is no bone.
+    /// The bone of a structure's name: by these names, else by common spellings; `None` for what is
+    /// no bone.
     pub fn bone(&self, name: &str) -> Option<String> {
         if let Some(own) = self.0.get(&plain(name)) {
             return own.clone();
@@ -142,8 +146,8 @@ fn sided(name: &str) -> Option<String> {
 /// Bones of a structure set on a grid.
 #[derive(Debug, Clone)]
 pub struct BoneLabels {
-    /// The bones, by TotalSegmentator's names. Where two are drawn over each other, a voxel is of the one whose surface is
-    /// farther.
+    /// The bones, by TotalSegmentator's names. Where two are drawn over each other, a voxel is of
+    /// the one whose surface is farther.
     pub map: LabelMap,
     /// Structures with contours whose names are no bone's.
     pub unrecognised: Vec<String>,
@@ -151,7 +155,8 @@ pub struct BoneLabels {
     pub warnings: Vec<Warning>,
 }
 
-/// The bones of a structure set on `grid`, LPS mm: a voxel is in a bone when its centre is in its contours.
+/// The bones of a structure set on `grid`, LPS mm: a voxel is in a bone when its centre is in its
+/// contours.
 ///
 /// # Errors
 /// [`Error::Input`] when no structure is a bone, or no voxel of the grid lies in one.
@@ -240,7 +245,7 @@ fn around(all: &Contours, s: &Structure, grid: &Grid, spacing: f64) -> Option<[R
     let range = |a: usize| {
         let last = grid.size()[a] as f64 - 1.0;
         let (from, to) = (low[a].floor().max(0.0), high[a].ceil().min(last));
-        (from <= to).then(|| from as usize..=to as usize)
+        (from <= to).then_some(from as usize..=to as usize)
     };
     Some([range(0)?, range(1)?, range(2)?])
 }

@@ -37,14 +37,16 @@ pub(super) struct Planned {
     header: Box<DefaultDicomObject>,
 }
 
-/// Reads a CT series in HU, LPS mm, from its folder, from the file of one of its slices, or from `FOLDER#SERIES_NUMBER` or
-/// `FOLDER#UID` where the folder holds several. The grid's axes are columns, rows and slices, right-handed; slices are ordered
-/// by position. The SHA-256 is that of the sorted SHA-256 of the files used, one a line.
+/// Reads a CT series in HU, LPS mm, from its folder, from the file of one of its slices, or from
+/// `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's axes are
+/// columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of
+/// the sorted SHA-256 of the files used, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which series is meant; when it is
-/// no CT; when slices are missing, differ at one place, are tilted or do not make one volume; when pixels are compressed in a
-/// way that is not read; when values are no HU.
+/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which
+/// series is meant; when it is no CT; when slices are missing, differ at one place, are tilted or
+/// do not make one volume; when pixels are compressed in a way that is not read; when values are no
+/// HU.
 pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series)>> {
     let path = path.as_ref();
     match choose(path)? {
@@ -72,7 +74,8 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
     let Some(first) = objects.iter().find(|o| !localizer(o)).or(objects.first()).cloned() else {
         return Err(Error::refused("dicom-no-ct", what, "it holds no CT image", "give the folder of a CT series"));
     };
-    // Localizers often lie in the same series and have a frame of reference, but no position that could be used.
+    // Localizers often lie in the same series and have a frame of reference, but no position that
+    // could be used.
     let all = objects.len();
     objects.retain(|o| !localizer(o) || all == 1);
     if objects.len() < all {
@@ -144,8 +147,6 @@ fn same_values(files: &[PathBuf], a: &Frame, b: &Frame) -> Result<bool> {
 struct Padding {
     from: i64,
     to: i64,
-    /// Voxels that were replaced.
-    replaced: AtomicUsize,
 }
 
 impl Padding {
@@ -155,12 +156,13 @@ impl Padding {
         let stored = |v: i64| if signed { i64::from(v as u16 as i16) } else { i64::from(v as u16) };
         let value = stored(whole(set, tags::PIXEL_PADDING_VALUE)?);
         let limit = whole(set, tags::PIXEL_PADDING_RANGE_LIMIT).map_or(value, stored);
-        Some(Self { from: value.min(limit), to: value.max(limit), replaced: AtomicUsize::new(0) })
+        Some(Self { from: value.min(limit), to: value.max(limit) })
     }
 }
 
-/// A frame's values in HU.
-fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f32]) {
+/// A frame's values in HU; returns how many that were not measured are air now, since no CT has
+/// such values.
+fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f32]) -> usize {
     let [slope, intercept] = frame.scale;
     let mut replaced = 0;
     pixels.each(frame.index, |n, stored| {
@@ -174,9 +176,7 @@ fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f3
             *out = hu as f32;
         }
     });
-    if let Some(padding) = padding.filter(|_| replaced > 0) {
-        padding.replaced.fetch_add(replaced, Ordering::Relaxed);
-    }
+    replaced
 }
 
 /// Reads the pixels of a series.
@@ -191,17 +191,19 @@ pub(super) fn read(path: &Path, objects: Vec<Object>) -> Result<Loaded<(Volume<f
             own.push((frame, part));
         }
     }
-    let padding = Padding::of(&header);
+    let replaced = AtomicUsize::new(0);
     let one = |(file, parts): (&PathBuf, Vec<(&Frame, &mut [f32])>)| -> Result<String> {
         let bytes = read_bytes(file)?;
         let object = open::whole(file, &bytes)?;
         let pixels = Pixels::of(file, &object)?;
-        parts.into_par_iter().for_each(|(frame, out)| fill(&pixels, frame, padding.as_ref(), out));
+        let padding = Padding::of(&object);
+        let air = parts.into_par_iter().map(|(frame, out)| fill(&pixels, frame, padding.as_ref(), out)).sum();
+        replaced.fetch_add(air, Ordering::Relaxed);
         Ok(sha256(&bytes))
     };
     let used = files.par_iter().zip(parts).with_max_len(1).filter(|(_, parts)| !parts.is_empty());
     let sums = used.map(one).collect::<Result<Vec<_>>>()?;
-    let replaced = padding.map_or(0, |p| p.replaced.into_inner());
+    let replaced = replaced.into_inner();
     if replaced > 0 {
         let message = format!(
             "{}: {replaced} voxels that were not measured (Pixel Padding Value) had values that no CT has; they are {AIR_HU} HU",

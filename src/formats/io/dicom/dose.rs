@@ -48,8 +48,8 @@ pub struct Dose {
 /// Reads one RT Dose object, or the one in a folder.
 ///
 /// # Errors
-/// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no RT Dose, when it is relative, when its planes
-/// are not evenly spaced, and when a folder holds several.
+/// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no RT Dose, when it
+/// is relative, when its planes are not evenly spaced, and when a folder holds several.
 pub fn read_dose(path: impl AsRef<Path>) -> Result<Loaded<Dose>> {
     read_doses(&[path])
 }
@@ -270,8 +270,8 @@ impl Planes {
     }
 }
 
-/// Offsets of the frames along the normal from the first: relative ones as they are, absolute ones, which are z of axial
-/// planes, less the first.
+/// Offsets of the frames along the normal from the first: relative ones as they are, absolute ones,
+/// which are z of axial planes, less the first.
 fn along(offsets: &[f64], position: [f64; 3], normal: &Vector3<f64>, axial: [f64; 2]) -> Result<Vec<f64>, String> {
     let first = offsets.first().copied().unwrap_or_default();
     if first.abs() < 1e-6 {

@@ -1,4 +1,5 @@
-//! What DICOM objects files and folders hold, by their headers: nothing is read of pixels and contours.
+//! What DICOM objects files and folders hold, by their headers: nothing is read of pixels and
+//! contours.
 
 use super::elements::{Item, items, text, texts, whole};
 use super::open::{Opened, open};
@@ -14,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// Folders deeper than this are not looked into: a link may lead in a circle.
 pub(super) const DEEPEST: usize = 16;
-/// Modalities of objects of which something stands behind the place of contours: they are read up to the pixels, as are
-/// objects of several frames.
+/// Modalities of objects of which something stands behind the place of contours: they are read up
+/// to the pixels, as are objects of several frames.
 const LONG: [&str; 3] = ["RTDOSE", "RTPLAN", "REG"];
 
 /// One object: what its header says.
@@ -124,7 +125,8 @@ pub struct Catalogue {
     pub damaged: Vec<(PathBuf, String)>,
 }
 
-/// Looks at files, and at all files in folders and the folders in them. Directories of media (DICOMDIR) count as other files.
+/// Looks at files, and at all files in folders and the folders in them. Directories of media
+/// (DICOMDIR) count as other files.
 ///
 /// # Errors
 /// [`Error::Read`] when a path does not exist or a folder cannot be read.

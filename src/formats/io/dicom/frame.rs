@@ -1,4 +1,5 @@
-//! Frames of reference: positions of two objects can be compared only where it is the same (PS3.3 C.7.4.1).
+//! Frames of reference: positions of two objects can be compared only where it is the same (PS3.3
+//! C.7.4.1).
 
 use super::place::{Chosen, choose, is_place, objects, root_of};
 use crate::error::{Error, Result};
@@ -59,8 +60,8 @@ pub fn frame_of(path: &Path, role: Role) -> Result<Option<String>> {
     Ok(frame.filter(|f| !f.is_empty()))
 }
 
-/// Refuses two things of DICOM that are used together and lie in different frames of reference. What is no DICOM, or names no
-/// frame, passes: its reader says so.
+/// Refuses two things of DICOM that are used together and lie in different frames of reference.
+/// What is no DICOM, or names no frame, passes: its reader says so.
 ///
 /// # Errors
 /// [`Error::Input`] with both frames.

@@ -1,5 +1,5 @@
-//! The images of a CT series with their geometry and scale, from single-slice objects (PS3.3 C.7.6.2, C.8.2.1) and from
-//! enhanced multi-frame ones (C.7.6.16, C.8.15).
+//! The images of a CT series with their geometry and scale, from single-slice objects (PS3.3
+//! C.7.6.2, C.8.2.1) and from enhanced multi-frame ones (C.7.6.16, C.8.15).
 
 use super::elements::{Item, first, items, number, some, text, texts, whole};
 use super::find::Object;
@@ -66,7 +66,8 @@ pub(super) fn frames(at: usize, object: &Object) -> Result<Vec<Frame>> {
     own.iter().enumerate().map(one).collect()
 }
 
-/// Where an element of a frame may stand: in its functional groups, in those shared by all, or in the object itself.
+/// Where an element of a frame may stand: in its functional groups, in those shared by all, or in
+/// the object itself.
 #[derive(Clone, Copy)]
 struct Places<'a> {
     set: &'a Item,

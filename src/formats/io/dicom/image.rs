@@ -101,8 +101,8 @@ pub(in super::super) fn load<T>(path: &Path, take: impl FnOnce(&mut Raster<'_>) 
     Ok(Loaded { value, path, sha256, header: notes, warnings })
 }
 
-/// SHA-256 of the image that a folder, or a choice in it, means: that of the sorted SHA-256 of its files, one a line. Of a
-/// folder without an image the DICOM files are all counted.
+/// SHA-256 of the image that a folder, or a choice in it, means: that of the sorted SHA-256 of its
+/// files, one a line. Of a folder without an image the DICOM files are all counted.
 ///
 /// # Errors
 /// As for reading the image, but for its pixels.

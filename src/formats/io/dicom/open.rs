@@ -1,6 +1,8 @@
-//! Telling DICOM from other files by the first bytes, and parsing a file, whole or before its pixels.
+//! Telling DICOM from other files by the first bytes, and parsing a file, whole or before its
+//! pixels.
 //!
-//! Files of PS3.10 have a preamble; older ones begin with the meta information, or with the data set itself.
+//! Files of PS3.10 have a preamble; older ones begin with the meta information, or with the data
+//! set itself.
 
 use crate::error::{Error, Result};
 use dicom_core::Tag;

@@ -9,14 +9,15 @@ use dicom_object::DefaultDicomObject;
 use dicom_pixeldata::PixelDecoder as _;
 use std::path::Path;
 
-/// Transfer syntaxes whose pixels cannot be decoded here, and what unpacks them. Others are named by their UID.
+/// Transfer syntaxes whose pixels cannot be decoded here, and what unpacks them. Others are named
+/// by their UID.
 const PACKED: [(&str, &str, &str); 6] = [
     (uids::JPEGLS_LOSSLESS, "JPEG-LS", "dcmdjpls IN OUT"),
     (uids::JPEGLS_NEAR_LOSSLESS, "JPEG-LS, near lossless", "dcmdjpls IN OUT"),
     (uids::JPEG2000_LOSSLESS, "JPEG 2000, lossless", "gdcmconv --raw IN OUT"),
     (uids::JPEG2000, "JPEG 2000", "gdcmconv --raw IN OUT"),
-    (uids::HTJ2K_LOSSLESS, "High-Throughput JPEG 2000, lossless", "dcmdecap and a JPEG 2000 decoder"),
-    (uids::HTJ2K, "High-Throughput JPEG 2000", "dcmdecap and a JPEG 2000 decoder"),
+    (uids::HTJ2K_LOSSLESS, "High-Throughput JPEG 2000, lossless", "Dataset.decompress() of pydicom with pylibjpeg"),
+    (uids::HTJ2K, "High-Throughput JPEG 2000", "Dataset.decompress() of pydicom with pylibjpeg"),
 ];
 /// JPEG syntaxes, whose decoder fills what the data does not tell with zeros.
 const JPEG: [&str; 4] =
@@ -39,8 +40,8 @@ impl Pixels {
     /// Decodes the pixels of an object.
     ///
     /// # Errors
-    /// [`Error::Input`] for compression that is not read, and for pixels that are no grey values of 8, 16 or 32 bits;
-    /// [`Error::Read`] when pixels are missing or damaged.
+    /// [`Error::Input`] for compression that is not read, and for pixels that are no grey values of
+    /// 8, 16 or 32 bits; [`Error::Read`] when pixels are missing or damaged.
     pub(super) fn of(path: &Path, object: &DefaultDicomObject) -> Result<Self> {
         let set: &Item = object;
         let get = |tag| whole(set, tag).and_then(|n| usize::try_from(n).ok());

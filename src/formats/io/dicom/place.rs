@@ -1,4 +1,5 @@
-//! Where DICOM lies: a folder, a file of a series, or `FOLDER#NUMBER` and `FOLDER#UID` for one series of several.
+//! Where DICOM lies: a folder, a file of a series, or `FOLDER#NUMBER` and `FOLDER#UID` for one
+//! series of several.
 
 use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Group, Object, find};
@@ -40,8 +41,8 @@ pub(in super::super) fn is_place(path: &Path) -> bool {
     place.choice.is_some() || place.root.is_dir() || is_dicom(&place.root)
 }
 
-/// Whether a path leads to DICOM as [`super::super::read_image`] and [`super::super::read_bones`] understand it: a folder, a
-/// series in one (`FOLDER#NUMBER`), or a DICOM file.
+/// Whether a path leads to DICOM as [`super::super::read_image`] and [`super::super::read_bones`]
+/// understand it: a folder, a series in one (`FOLDER#NUMBER`), or a DICOM file.
 pub fn is_dicom_path(path: &Path) -> bool {
     is_place(path)
 }
@@ -60,7 +61,8 @@ pub(in super::super) fn root_of(path: &Path) -> PathBuf {
     Place::of(path).root
 }
 
-/// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is one file.
+/// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is
+/// one file.
 pub(in super::super) fn folder_of(path: &Path) -> Option<PathBuf> {
     let root = root_of(path);
     if root.is_dir() {
@@ -106,11 +108,12 @@ pub(super) enum Chosen {
     Dose(Vec<Object>),
 }
 
-/// The images that a path means, and the path that means the same ones: of a slice's file it is `FOLDER#UID`.
+/// The images that a path means, and the path that means the same ones: of a slice's file it is
+/// `FOLDER#UID`.
 ///
 /// # Errors
-/// [`Error::Read`] when there is no DICOM; [`Error::Input`] when it is not clear which series is meant, listing them, and
-/// when it is none that can be read.
+/// [`Error::Read`] when there is no DICOM; [`Error::Input`] when it is not clear which series is
+/// meant, listing them, and when it is none that can be read.
 pub(super) fn choose(path: &Path) -> Result<(Chosen, PathBuf)> {
     let place = Place::of(path);
     if place.root.is_dir() {

@@ -48,7 +48,8 @@ fn axes(drawings: &[Drawing]) -> Matrix3<f64> {
 /// Contours with common planes.
 ///
 /// # Errors
-/// [`Error::Input`] naming a structure whose contours do not lie on planes parallel to those of the others.
+/// [`Error::Input`] naming a structure whose contours do not lie on planes parallel to those of the
+/// others.
 pub(super) fn planes(what: &str, drawings: &[Drawing]) -> Result<Contours> {
     let axes = axes(drawings);
     let to_plane = axes.transpose();

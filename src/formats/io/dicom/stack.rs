@@ -9,12 +9,14 @@ use std::path::PathBuf;
 
 /// Positions closer than this are one place, mm: they are written with two decimals and more.
 const SAME_PLACE_MM: f64 = 0.01;
-/// Slices may lie this far from the line along the normal, mm, and distances between them differ by this much: rounding.
+/// Slices may lie this far from the line along the normal, mm, and distances between them differ by
+/// this much: rounding.
 const ASIDE_MM: f64 = 0.2;
 const ROUNDED_MM: f64 = 0.02;
 /// Distances between slices may differ by this share of their median.
 const UNEVEN: f64 = 0.01;
-/// No slice may lie farther from its place in the grid than this share of the distance between slices.
+/// No slice may lie farther from its place in the grid than this share of the distance between
+/// slices.
 const OFF_PLACE: f64 = 0.05;
 /// Direction cosines of the slices of a series agree within this.
 const SAME_AXES: f64 = 5e-4;
@@ -34,10 +36,6 @@ struct Named<'a> {
 }
 
 impl Named<'_> {
-    fn refuse(&self, code: &'static str, problem: String, remedy: &str) -> Error {
-        Error::refused(code, self.what, problem, remedy)
-    }
-
     /// The image's file, and the frame in it.
     fn image(&self, f: &Frame) -> String {
         let file = self.files.get(f.object).map_or(String::new(), |p| p.display().to_string());
@@ -79,11 +77,16 @@ pub(super) fn stack(
     let frames = without_twins(&named, frames, same, &mut warnings)?;
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
         let remedy = "give the folder of the whole series, not of its localizer";
-        return Err(named.refuse("dicom-incomplete", "it has no image but localizers".into(), remedy));
+        return Err(Error::refused("dicom-incomplete", named.what, "it has no image but localizers", remedy));
     };
     if frames.len() < 2 {
         let problem = "it has one slice, which makes no volume".to_owned();
-        return Err(named.refuse("dicom-incomplete", problem, "export all slices of the series into one folder"));
+        return Err(Error::refused(
+            "dicom-incomplete",
+            named.what,
+            problem,
+            "export all slices of the series into one folder",
+        ));
     }
     upright(&named, &frames)?;
     even(&named, &frames)?;
@@ -118,7 +121,7 @@ fn agree(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
             named.image(f)
         );
         let remedy = "move the images that are no slices of the volume elsewhere, or export the series again";
-        return Err(named.refuse("dicom-images-differ", problem, remedy));
+        return Err(Error::refused("dicom-images-differ", named.what, problem, remedy));
     }
     Ok(())
 }
@@ -163,7 +166,7 @@ fn without_twins(
         );
         let remedy = "it holds several phases, acquisitions or reconstructions: move all but one elsewhere, or export them \
             as series of their own";
-        return Err(named.refuse("dicom-duplicates", problem, remedy));
+        return Err(Error::refused("dicom-duplicates", named.what, problem, remedy));
     }
     if let Some(first) = dropped.first() {
         let message = format!(
@@ -203,7 +206,7 @@ fn upright(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     };
     let remedy = "resample it to an upright grid first, for example with `dcm2niix` (which corrects gantry tilt), and give \
         that image";
-    Err(named.refuse("dicom-tilt", problem, remedy))
+    Err(Error::refused("dicom-tilt", named.what, problem, remedy))
 }
 
 /// Refuses slices that are missing, and distances that vary.
@@ -238,7 +241,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
                 "export the series again; if it was scanned so, resample it to equal distances and give that image",
             )
         };
-        return Err(named.refuse("dicom-gap", problem, remedy));
+        return Err(Error::refused("dicom-gap", named.what, problem, remedy));
     }
     let step = (heights[heights.len() - 1] - heights[0]) / gaps.len() as f64;
     let off = |n: usize| (heights[n] - heights[0] - step * n as f64).abs();
@@ -250,7 +253,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
         );
         let remedy =
             "export the series again; if it was scanned so, resample it to equal distances and give that image";
-        return Err(named.refuse("dicom-gap", problem, remedy));
+        return Err(Error::refused("dicom-gap", named.what, problem, remedy));
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! Structure sets (PS3.3 C.8.8.5, C.8.8.6, C.8.8.8): closed planar contours with the names of their structures.
+//! Structure sets (PS3.3 C.8.8.5, C.8.8.6, C.8.8.8): closed planar contours with the names of their
+//! structures.
 
 use super::super::checksum::{read_bytes, sha256};
 use super::super::raster::{GeometrySource, HeaderNotes};
@@ -66,12 +67,13 @@ pub struct StructureSet {
 
 /// Reads a structure set, or the one in a folder.
 ///
-/// Contours of one plane follow the even-odd rule (as in [`crate::volume::contour`]), which is what both inner contours and
-/// CLOSEDPLANAR_XOR mean; keyhole contours come out right by it, too.
+/// Contours of one plane follow the even-odd rule (as in [`crate::volume::contour`]), which is what
+/// both inner contours and CLOSEDPLANAR_XOR mean; keyhole contours come out right by it, too.
 ///
 /// # Errors
-/// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no structure set, when a folder holds several,
-/// when structures lie in several frames of reference, and when contours do not lie on parallel planes.
+/// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no structure set,
+/// when a folder holds several, when structures lie in several frames of reference, and when
+/// contours do not lie on parallel planes.
 pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     let path = path.as_ref();
     let object = the_one(path)?;

@@ -1,4 +1,5 @@
-//! What a folder of DICOM holds, for people and machines: series and objects, their geometry, what refers to what.
+//! What a folder of DICOM holds, for people and machines: series and objects, their geometry, what
+//! refers to what.
 
 use super::elements::text;
 use super::find::{Catalogue, Group, Object, day, find};
@@ -75,7 +76,8 @@ pub struct Summary {
     pub anonymous: bool,
 }
 
-/// Describes a folder or file of DICOM; with `anonymous` the patient's name, number and date of birth are left out.
+/// Describes a folder or file of DICOM; with `anonymous` the patient's name, number and date of
+/// birth are left out.
 ///
 /// # Errors
 /// [`Error::Read`] when it cannot be read or holds no DICOM.
@@ -239,7 +241,13 @@ impl std::fmt::Display for Summary {
             let frame = if e.frame.is_empty() { "none" } else { &e.frame };
             let description = if e.description.is_empty() { String::new() } else { format!(", {}", e.description) };
             let (entry, modality, date, content) = (e.entry, &e.modality, day(&e.date), &e.content);
-            writeln!(f, "  {entry:>5}  {number:>6}  {modality:<8}  {date:<10}  {frame:<5}  {content}{description}")?;
+            let file = e.path.as_deref().and_then(|p| p.strip_prefix(&self.path).ok());
+            let file = file.filter(|p| !p.as_os_str().is_empty());
+            let file = file.map_or(String::new(), |p| format!(", {}", p.display()));
+            writeln!(
+                f,
+                "  {entry:>5}  {number:>6}  {modality:<8}  {date:<10}  {frame:<5}  {content}{description}{file}"
+            )?;
             if !e.refers_to.is_empty() {
                 let to = e.refers_to.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                 writeln!(f, "  {:>5}  refers to entry {to}", "")?;

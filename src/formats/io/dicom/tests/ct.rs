@@ -54,7 +54,8 @@ fn slices_are_ordered_by_position_and_scaled_one_by_one() {
 
 #[test]
 fn any_position_of_the_patient_comes_out_right() {
-    // Prone, feet first, decubitus, sagittal and oblique: rows and columns as they lie in the patient.
+    // Prone, feet first, decubitus, sagittal and oblique: rows and columns as they lie in the
+    // patient.
     let (s, c) = 0.3f64.sin_cos();
     for o in [
         [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0],

@@ -74,7 +74,8 @@ pub(super) fn pixels(set: &mut Set, values: Vec<u16>) {
     set.put(DataElement::new(tags::PIXEL_DATA, VR::OW, PrimitiveValue::U16(values.into())));
 }
 
-/// Slice `k` of a series with 3 mm between slices, 2 mm between rows and 1.5 mm between columns; slope 2, intercept -1024.
+/// Slice `k` of a series with 3 mm between slices, 2 mm between rows and 1.5 mm between columns;
+/// slope 2, intercept -1024.
 pub(super) fn slice(k: usize) -> Set {
     let mut set = base(CT, &format!("1.5.{k}"), "1.7.2", "CT");
     put(&mut set, tags::IMAGE_TYPE, VR::CS, "ORIGINAL\\PRIMARY\\AXIAL");
