@@ -1,3 +1,5 @@
+//! Spatial Registrations: written, and read back by the text of the standard.
+
 use super::*;
 use crate::geometry::about as turn_about;
 use crate::io::dicom::fixture::{items, numbers, oblique, open, origin, series_in, string};

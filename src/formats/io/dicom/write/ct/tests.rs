@@ -1,3 +1,5 @@
+//! CT series: every voxel, place and identity as it is written.
+
 use super::*;
 use crate::io::dicom::fixture::{ct_of, items, numbers, oblique, open, origin, series_in, string};
 use nalgebra::{Matrix3, Point3};

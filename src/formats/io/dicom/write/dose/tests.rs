@@ -1,3 +1,5 @@
+//! Doses: every value and place as it is written.
+
 use super::*;
 use crate::geometry::Grid;
 use crate::io::dicom::fixture::{items, numbers, oblique, open, origin, string};

@@ -1,3 +1,5 @@
+//! Structure sets: every structure, point and reference as it is written.
+
 use super::*;
 use crate::geometry::Grid;
 use crate::io::dicom::fixture::{items, numbers, oblique, open, origin, series_in, string};
