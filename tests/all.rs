@@ -9,6 +9,7 @@ mod accuracy;
 mod capture;
 mod cli;
 mod curve;
+mod dicom;
 mod dose;
 mod evaluate;
 mod files;

@@ -4,6 +4,10 @@
 //! code; `tests/findings.rs` proves that every code raised is in this table and that the table holds no others, and makes
 //! `docs/refusals.md` from it.
 
+mod dicom;
+
+use dicom::DICOM;
+
 /// How a finding is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Told {
@@ -41,7 +45,25 @@ const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'s
 }
 
 /// All findings, by code.
-pub const FINDINGS: &[Finding] = &[
+pub const FINDINGS: &[Finding] = &joined::<{ BEFORE.len() + DICOM.len() + BEHIND.len() }>([BEFORE, DICOM, BEHIND]);
+
+/// The parts of the table as one.
+const fn joined<const N: usize>(parts: [&[Finding]; 3]) -> [Finding; N] {
+    let mut all = [DICOM[0]; N];
+    let (mut n, mut part) = (0, 0);
+    while part < parts.len() {
+        let mut at = 0;
+        while at < parts[part].len() {
+            all[n] = parts[part][at];
+            (n, at) = (n + 1, at + 1);
+        }
+        part += 1;
+    }
+    all
+}
+
+/// Before those of DICOM.
+const BEFORE: &[Finding] = &[
     warned(
         "bone-in-pieces",
         "A bone's label lies in several pieces.",
@@ -82,7 +104,17 @@ pub const FINDINGS: &[Finding] = &[
         "Less than half of the bones in view, by volume, are found in the fraction CT.",
         "Give two CTs of one patient and region, or place the bones with --bone-landmarks.",
     ),
+    warned(
+        "bones-outside",
+        "A bone of a structure set has no voxel in the planning CT.",
+        "Check that the structure set belongs to this CT; the bone is left out.",
+    ),
     warned("bones-overlap", "Moved bones lie in each other.", "Check labels and fusion images of the two bones."),
+    refused_or_warned(
+        "bones-unnamed",
+        "Structures of a structure set have names that are no bone's: refused where none is a bone or none lies in the image.",
+        "Name them as TG-263 or TotalSegmentator do, or give a TOML file of names with --labels.",
+    ),
     warned(
         "contours-cancel",
         "Contours of a structure cancel each other on a plane: what is enclosed twice counts as outside.",
@@ -103,6 +135,15 @@ pub const FINDINGS: &[Finding] = &[
         "A part of the fraction's grid was not measured: it lies beyond a reconstruction's circle, or is blank.",
         "Out of view bones follow their joints; see the map of uncertainty before contours there are used.",
     ),
+];
+
+/// Behind those of DICOM.
+const BEHIND: &[Finding] = &[
+    warned(
+        "dose-kind",
+        "A dose is no physical dose, for example weighted by biological effect.",
+        "Do not sum it with physical doses.",
+    ),
     warned(
         "dose-negative",
         "Voxels of a dose are below 0 by rounding; they count as 0 Gy.",
@@ -113,9 +154,24 @@ pub const FINDINGS: &[Finding] = &[
         "One of two doses that are compared does not cover the other; what is missing is left out of the figures.",
         "Compute both doses on grids that hold what is to be compared.",
     ),
+    warned(
+        "dose-part",
+        "A dose is not that of a whole plan: of a beam, of a fraction, or a sum of beams.",
+        "Check that it is the dose that is meant.",
+    ),
+    refused(
+        "dose-planes",
+        "The planes of a DICOM dose are not evenly spaced, or are described in a way that is not legal.",
+        "Export the dose again on an even grid, in one file.",
+    ),
+    refused(
+        "dose-sum",
+        "Several doses are given that are not those of the beams of one plan on one grid.",
+        "Give the file of the one dose that is meant.",
+    ),
     refused_or_warned(
         "dose-units",
-        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, questioned above what treatments give.",
+        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, and where DICOM says so; questioned above what treatments give.",
         "Give the dose in Gy: not cGy, no percent, no CT, no difference of doses; check --weights.",
     ),
     refused("doses-apart", "Two doses that are compared have no place in common.", "Give doses of one frame."),
@@ -344,6 +400,31 @@ pub const FINDINGS: &[Finding] = &[
         "structure-volume",
         "The volume sampled for a dose-volume histogram is not that of the contours.",
         "Contours far apart for their size leave the shape between them open: draw more planes.",
+    ),
+    refused_or_warned(
+        "structures-empty",
+        "Structures of a structure set have no closed contour: refused where none has.",
+        "Nothing, where they are meant to be empty.",
+    ),
+    warned(
+        "structures-left-out",
+        "Points, open contours and contours of fewer than three points are left out.",
+        "Nothing, where they mark points; else draw them as closed contours.",
+    ),
+    warned(
+        "structures-names",
+        "A structure set uses a name twice; later structures have their number behind the name.",
+        "Rename one of them in the planning system.",
+    ),
+    refused(
+        "structures-planes",
+        "Contours of a structure set do not lie on parallel planes.",
+        "Leave out the structure, or draw it on the planes of the others.",
+    ),
+    refused(
+        "structures-several",
+        "A folder holds several structure sets, or none.",
+        "Give the file of the one that is meant.",
     ),
     warned(
         "uncertain-field-in-steep-dose",

@@ -1,5 +1,6 @@
 //! The command line: verbs, options and their help.
 
+use super::clinic::ClinicArgs;
 use super::links::{LinkArg, frame};
 use super::organs::OrganArgs;
 use crate::field::FieldFormat;
@@ -97,10 +98,10 @@ Examples:
 /// Options of `register`.
 #[derive(Debug, Args)]
 pub struct RegisterArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file
+    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
     /// Fraction CT in HU; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
@@ -110,7 +111,8 @@ pub struct RegisterArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
+    /// a TOML file of names that are not recognised: [bones], then "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Organs and their change of volume.
@@ -139,6 +141,9 @@ pub struct RegisterArgs {
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Options for planning systems.
+    #[command(flatten)]
+    pub clinic: ClinicArgs,
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
@@ -222,8 +227,8 @@ pub struct WarpArgs {
     /// Frame that the result lies in
     #[arg(long, value_name = "FRAME", value_parser = frame)]
     pub to: String,
-    /// What to carry: image, label map or dose (.nii.gz, .mha, .nrrd); points (.csv, .mrk.json, .fcsv, .txt); contours
-    /// (.json); mesh (.obj, .stl)
+    /// What to carry: image, label map or dose (.nii.gz, .mha, .nrrd, DICOM); points (.csv, .mrk.json, .fcsv, .txt); contours
+    /// (.json, DICOM structure set); mesh (.obj, .stl)
     #[arg(long, value_name = "FILE", requires = "out", conflicts_with = "out_field")]
     pub input: Option<PathBuf>,
     /// The result

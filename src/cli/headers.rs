@@ -4,6 +4,7 @@ use crate::chainmail::organ_label;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
+use crate::io::dicom::is_dicom_path;
 use crate::io::{read_grid, read_image, read_label_map};
 use crate::pipeline::{check_grids, check_size, memory_estimate};
 use crate::skeleton;
@@ -21,7 +22,9 @@ pub(super) fn judge(planning: &Path, bones: &Path, fractions: &[&Path], config: 
     let file = planning;
     let planning = grid(file)?;
     check_size("planning CT", &planning)?;
-    if let Err(elsewhere) = check_grids(&planning, &grid(bones)?) {
+    // Contours are drawn on the planning grid.
+    let labels = if is_dicom_path(bones) { planning.clone() } else { grid(bones)? };
+    if let Err(elsewhere) = check_grids(&planning, &labels) {
         // That a file cannot be read or used at all is the first thing to tell.
         read_image(file)?;
         read_label_map(bones, None)?;

@@ -6,10 +6,11 @@ use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::geometry::Grid;
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::{self, Loaded, checksum::sha256_file};
 use crate::pipeline::{Case, InputFile};
 use crate::runtime::Runtime;
-use crate::volume::Volume;
+use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
@@ -84,11 +85,21 @@ impl Inputs {
         self.bone_landmarks.is_some()
     }
 
+    /// Labels before the CT's values: names are judged by them. A structure set is drawn on the CT's grid.
+    fn read_bones(&self) -> Result<Loaded<LabelMap>> {
+        let names = self.labels.as_deref();
+        if !is_dicom_path(&self.bones) {
+            return io::read_labels(&self.bones, names);
+        }
+        check_frames((&self.bones, Role::Structures), (&self.planning, Role::Image))?;
+        io::read_bones(&self.bones, names, &io::read_grid(&self.planning)?.0)
+    }
+
     /// Reads the files; those that a report recorded are checked against its checksums, and the settings against the labels. The case has an empty image in
     /// place of a fraction.
     pub(super) fn load(&self, recorded: &[RecordedInput], config: &Config, runtime: &Runtime) -> Result<Case> {
         runtime.stage("read", || {
-            let mut bones = io::read_labels(&self.bones, self.labels.as_deref())?;
+            let mut bones = self.read_bones()?;
             if let Some(path) = &self.organs {
                 let odd = organs::add(&mut bones.value, path)?;
                 bones.warnings.extend(odd);

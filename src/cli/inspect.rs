@@ -1,7 +1,8 @@
-//! `aventail inspect PATH...`: what files hold, whether they lie on one grid, and whether folders hold what their reports
+//! `aventail inspect PATH...`: what files and folders of DICOM hold, whether they lie on one grid, and whether folders hold what their reports
 //! say.
 
 use crate::error::Result;
+use crate::io::dicom::{Summary, is_structure_set, summary};
 use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, inspect};
 use clap::Args;
 use serde::Serialize;
@@ -11,13 +12,16 @@ use std::path::{Path, PathBuf};
 /// Options of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Images, label maps or displacement fields; or folders of runs (of a single result the JSON beside it), whose files are
-    /// checked against their reports
+    /// Images, label maps or displacement fields; folders or files of DICOM, whose content is listed; or folders of runs (of a
+    /// single result the JSON beside it), whose files are checked against their reports
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    /// Leave out the patient's name, number and date of birth in what is told of DICOM
+    #[arg(long)]
+    pub anonymous: bool,
 }
 
 /// What `--json` prints.
@@ -27,6 +31,32 @@ struct Report<'a> {
     grids: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     folders: Vec<FolderCheck>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    dicom: Vec<Summary>,
+}
+
+/// What a path is described as.
+enum Kind {
+    Run(Vec<FolderCheck>),
+    Dicom(Summary),
+    File,
+}
+
+/// A folder of runs is one, whatever else it holds; other folders are described by their DICOM.
+fn kind(path: &Path, anonymous: bool) -> Result<Kind> {
+    if is_record(path) {
+        return check_folder(path).map(Kind::Run);
+    }
+    if is_structure_set(path) {
+        return summary(path, anonymous).map(Kind::Dicom);
+    }
+    if !path.is_dir() {
+        return Ok(Kind::File);
+    }
+    match check_folder(path) {
+        Err(error) if error.code() == "no-run" => summary(path, anonymous).map(Kind::Dicom).map_err(|_| error),
+        checked => checked.map(Kind::Run),
+    }
 }
 
 /// Whether a file is JSON by its name: the record of a run.
@@ -38,18 +68,24 @@ fn is_record(path: &Path) -> bool {
 ///
 /// # Errors
 /// When a file cannot be read or its geometry cannot be used, and when a folder does not hold what its report says.
-pub fn run(files: &[PathBuf], json: bool) -> Result<String> {
-    let (folders, files): (Vec<&PathBuf>, Vec<&PathBuf>) =
-        files.iter().partition(|path| path.is_dir() || is_record(path));
-    let folders = folders.into_iter().map(|path| check_folder(path)).collect::<Result<Vec<_>>>()?.concat();
+pub fn run(files: &[PathBuf], json: bool, anonymous: bool) -> Result<String> {
+    let (mut folders, mut dicom, mut plain) = (Vec::new(), Vec::new(), Vec::new());
+    for path in files {
+        match kind(path, anonymous)? {
+            Kind::Run(checks) => folders.extend(checks),
+            Kind::Dicom(summary) => dicom.push(summary),
+            Kind::File => plain.push(path),
+        }
+    }
     folders.iter().try_for_each(FolderCheck::require)?;
-    let files = files.into_iter().map(inspect).collect::<Result<Vec<_>>>()?;
+    let files = plain.into_iter().map(inspect).collect::<Result<Vec<_>>>()?;
     let grids = compare_grids(&files);
     if json {
-        let report = Report { files: &files, grids, folders };
+        let report = Report { files: &files, grids, folders, dicom };
         return crate::io::json(&report);
     }
-    let shown = folders.iter().map(ToString::to_string).chain(files.iter().map(ToString::to_string));
+    let shown = folders.iter().map(ToString::to_string).chain(dicom.iter().map(ToString::to_string));
+    let shown = shown.chain(files.iter().map(ToString::to_string));
     let mut text = shown.collect::<Vec<_>>().join("\n");
     if !grids.is_empty() {
         text.push('\n');

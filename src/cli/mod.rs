@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod bench;
+pub mod clinic;
 pub mod curve;
 mod demo;
 pub mod dose;
@@ -61,7 +62,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Dose(verb) => dose::run(verb),
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
-        Verb::Inspect(args) => inspect::run(&args.files, args.json),
+        Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "aventail", &mut out);

@@ -34,7 +34,7 @@ Examples:
 /// Options of `pose`.
 #[derive(Debug, Args)]
 pub struct PoseArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD)
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series)
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
     /// Bone labels on the planning grid
@@ -140,7 +140,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         }
     }
     let (case, outcome) = pose(case, &motion, args.margin, &config, &runtime)?;
-    write_run(&case, outcome, &config, &runtime, (folder, &args.out), args.run.json)
+    write_run(&case, outcome, &config, &runtime, (folder, &args.out, None), args.run.json)
 }
 
 fn no_motion() -> Error {

@@ -1,6 +1,7 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
+use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
 use super::outputs::{planned, write_outputs};
@@ -12,9 +13,10 @@ use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
 use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, register_fraction};
 use crate::progress::{Progress, Silent};
-use crate::report::{self, Run};
+use crate::report::{self, OutputFile, Run};
 use crate::runtime::Runtime;
 use crate::volume::region::RegionOptions;
+use crate::warning::Warning;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -47,6 +49,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
+    let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
     let mut side = PlanningSide::new(inputs.load(&recorded, &config, &runtime)?);
     let mut planning = None;
     let mut texts = Vec::new();
@@ -70,8 +73,10 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         // The next one is read meanwhile: disks and networks take their time.
         let text;
+        let more = clinic.as_ref().map(|c| |outcome: &Outcome| c.write(n, outcome, &config, &out));
+        let more = more.as_ref().map(|m| m as &More<'_>);
         (text, ahead) = runtime.beside(
-            || write_run(&side.case, outcome, &config, &runtime, (folder, &out), args.run.json),
+            || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), args.run.json),
             || fractions.get(n + 1).map(Fraction::read),
         );
         texts.push(text?);
@@ -96,7 +101,9 @@ fn hold(args: &RegisterArgs, config: &Config, inputs: &Inputs, fractions: &[Frac
     let mut files = inputs.files();
     files.extend(args.config.as_deref());
     files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
-    let planned = planned(config);
+    files.extend(args.clinic.files());
+    let mut planned = planned(config);
+    planned.names.extend(args.clinic.names());
     fractions.iter().map(|one| run_folder(&folder_of(args, fractions, one), &planned, &files)).collect()
 }
 
@@ -187,8 +194,11 @@ pub(super) fn finish(
     json: bool,
 ) -> Result<String> {
     let outcome = register(case, config, runtime)?;
-    write_run(case, outcome, config, runtime, out, json)
+    write_run(case, outcome, config, runtime, (out.0, out.1, None), json)
 }
+
+/// Writes more files of an outcome; returns them, and what is to be known.
+pub(super) type More<'a> = dyn Fn(&Outcome) -> Result<(Vec<OutputFile>, Vec<Warning>)> + Sync + 'a;
 
 /// Writes an outcome with its report into `out`; shared with `pose`.
 pub(super) fn write_run(
@@ -196,7 +206,7 @@ pub(super) fn write_run(
     outcome: Outcome,
     config: &Config,
     runtime: &Runtime,
-    (mut folder, out): (RunFolder, &Path),
+    (mut folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
     json: bool,
 ) -> Result<String> {
     folder.begin()?;
@@ -205,7 +215,13 @@ pub(super) fn write_run(
     let settings = config.value()?;
     let (outputs, pictures) = runtime
         .stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), || report::draw(case, &outcome)));
-    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs: outputs? };
+    let (mut outputs, mut outcome) = (outputs?, outcome);
+    if let Some(more) = more {
+        let (files, warnings) = runtime.stage("write DICOM", || more(&outcome))?;
+        outputs.extend(files);
+        outcome.warnings.extend(warnings);
+    }
+    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs };
     let outcome = Outcome { stages: runtime.times(), ..outcome };
     let report = runtime.stage("report", || report::write(out, case, &outcome, &run, pictures?))?;
     folder.finish();

@@ -2,6 +2,7 @@
 
 use super::args::SkeletonArgs;
 use crate::error::{Error, Result};
+use crate::io::dicom::is_dicom_path;
 use crate::io::skeleton::{load_override, write_skeleton};
 use crate::io::{check_files, check_place, read_labels};
 use crate::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
@@ -36,6 +37,11 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
     let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
     check_files(&files, args.out.as_slice())?;
     args.out.as_deref().map_or(Ok(()), check_place)?;
+    if is_dicom_path(&args.bones) {
+        let remedy =
+            "draw it on the planning CT's grid first: `aventail register --bones` and `pose --bones` take it as it is";
+        return Err(Error::usage(format!("{}: a label map is needed", args.bones.display()), remedy));
+    }
     let labels = read_labels(&args.bones, args.labels.as_deref())?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
     shown.warnings.splice(0..0, labels.warnings);

@@ -148,7 +148,7 @@ pub struct DvhArgs {
     /// Doses in Gy
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
-    /// Structures in the doses' frame: a label map, or contours (JSON), which may overlap
+    /// Structures in the doses' frame: a label map, or contours (JSON, DICOM structure set), which may overlap
     #[arg(long, value_name = "FILE")]
     pub structures: PathBuf,
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none

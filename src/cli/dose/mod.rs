@@ -18,7 +18,8 @@ use crate::dose::{
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::geometry::Grid;
-use crate::io::{self, Stored, WriteOptions, write_json};
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::{self, ContourFile, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
@@ -258,7 +259,7 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
-    let mut dose = ledger.take("dose", io::read_image(path)?);
+    let mut dose = ledger.take("dose", io::read_dose(path)?);
     ledger.warnings.extend(intake::judge(&path.display().to_string(), &mut dose)?);
     Ok(dose)
 }
@@ -271,9 +272,14 @@ enum Structures {
 
 impl Structures {
     fn read(ledger: &mut Ledger, args: &DvhArgs) -> Result<Self> {
-        if args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-            let mut contours = io::read_contours(&args.structures)?.0;
-            ledger.inputs.push(record::input("structures", &args.structures)?);
+        let json = args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        if json || is_dicom_path(&args.structures) {
+            for dose in &args.dose {
+                check_frames((&args.structures, Role::Structures), (dose, Role::Dose))?;
+            }
+            let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(&args.structures)?;
+            ledger.inputs.push(record::input("structures", &path)?);
+            ledger.warnings.extend(warnings);
             ledger.warnings.extend(contours.tidy());
             return Ok(Self::Contours(contours));
         }

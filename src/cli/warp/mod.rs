@@ -13,7 +13,8 @@ use crate::field::{
     scale_by_volume,
 };
 use crate::geometry::Grid;
-use crate::io::{self, Stored, WriteOptions, points};
+use crate::io::dicom::is_structure_set;
+use crate::io::{self, ContourFile, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
@@ -62,7 +63,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
                 refuse_volume_options(args, input)?;
                 let chain = chain(&args.from, &args.to)?;
                 runtime.stage("map the points", || map_points(args, &chain, input, out, &mut report))?;
-            } else if is_json(input) {
+            } else if is_json(input) || is_structure_set(input) {
                 let (forward, back) = (chain(&args.from, &args.to)?, chain(&args.to, &args.from)?);
                 runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
             } else {
@@ -90,7 +91,10 @@ fn check_paths(args: &WarpArgs) -> Result<()> {
     let inputs = fields.iter().chain([&args.input, &args.grid, &args.labels].into_iter().flatten());
     let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
     io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
-    let volume = args.input.as_deref().is_some_and(|i| points::point_extension(i).is_none() && !is_json(i));
+    let volume = args
+        .input
+        .as_deref()
+        .is_some_and(|i| points::point_extension(i).is_none() && !is_json(i) && !is_structure_set(i));
     if let Some(out) = args.out.as_deref().filter(|_| volume) {
         FieldFormat::of(out)?;
     }
@@ -201,7 +205,8 @@ fn map_contours(
             "leave them out",
         );
     }
-    let (mut contours, frame) = io::read_contours(input)?;
+    let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(input)?;
+    report.warnings.extend(warnings);
     report.warnings.extend(contours.tidy());
     if let Some(frame) = frame.filter(|f| *f != args.from) {
         return refuse(format!("{} lies in frame {frame:?}, not in {}", input.display(), args.from), "correct --from");
@@ -261,7 +266,8 @@ fn map_volume(
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
-        let mut image = runtime.stage("read the input", || io::read_image(input))?;
+        let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_image };
+        let mut image = runtime.stage("read the input", || read(input))?;
         report.warnings.append(&mut image.warnings);
         let mut greatest = None;
         if kind == VolumeKind::Dose {

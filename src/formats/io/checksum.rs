@@ -1,5 +1,6 @@
 //! SHA-256 of files, and reading a file's bytes with errors that say what to do.
 
+use super::dicom;
 use crate::error::{Error, Result};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
@@ -14,23 +15,33 @@ const SLACK: u64 = 1 << 26;
 /// Longest text or mesh.
 const MOST_TEXT: u64 = 1 << 31;
 
-/// SHA-256 of a file's bytes, as 64 hexadecimal digits. The file is streamed, not loaded.
+/// SHA-256 of a file's bytes, as 64 hexadecimal digits. The file is streamed, not loaded. Of the folder of a DICOM series, or
+/// a series in it (`FOLDER#NUMBER`), it is that of the sorted SHA-256 of the files that the series is read from, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when the file is missing, a folder or unreadable.
+/// [`Error::Read`] when the file is missing or unreadable, or a folder without DICOM; as for reading a series.
 pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
     let path = path.as_ref();
+    if is_folder(path) {
+        return dicom::checksum(path);
+    }
     let mut hash = Sha256::new();
     io::copy(&mut open(path)?, &mut hash).map_err(|e| unreadable(path, &e))?;
     Ok(hex(&hash.finalize()))
 }
 
-/// Whether a file can be opened, for those that are read long after the work has begun.
+/// Whether a file, or the folder of a DICOM series, can be opened, for those that are read long after the work has begun.
 ///
 /// # Errors
-/// [`Error::Read`] when the file is missing, a folder or unreadable.
+/// [`Error::Read`] when the file is missing or unreadable, or a folder without DICOM.
 pub fn require_file(path: impl AsRef<Path>) -> Result<()> {
-    open(path.as_ref()).map(drop)
+    let path = path.as_ref();
+    if is_folder(path) { dicom::require(path) } else { open(path).map(drop) }
+}
+
+/// Whether a path is a folder, or names a series in one.
+fn is_folder(path: &Path) -> bool {
+    dicom::root_of(path).is_dir()
 }
 
 /// SHA-256 of bytes, as 64 hexadecimal digits.
@@ -78,7 +89,7 @@ pub(super) fn read_bytes_of(path: &Path, most: &dyn Fn(&[u8]) -> Result<u64>) ->
 
 fn open(path: &Path) -> Result<File> {
     if path.is_dir() {
-        let remedy = "name one file; a DICOM series must first be converted to NIfTI, for example with dcm2niix";
+        let remedy = "name one file";
         return Err(Error::read(path, "it is a folder", remedy));
     }
     File::open(path).map_err(|e| unreadable(path, &e))

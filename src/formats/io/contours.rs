@@ -1,11 +1,13 @@
-//! Contours as JSON (docs/formats.md): closed planar polygons per structure, LPS mm.
+//! Contours: closed planar polygons per structure, LPS mm, as JSON (docs/formats.md) or from a DICOM structure set.
 
+use super::dicom;
 use super::text::read_text;
 use crate::error::{Error, Result};
 use crate::volume::contour::{Contours, Polygon, Structure};
+use crate::warning::Warning;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Version of the format.
 const VERSION: u32 = 1;
@@ -37,13 +39,44 @@ fn axial() -> [f64; 6] {
     [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 }
 
-/// Reads contours; also the frame that the file says they lie in.
+/// Contours with what their file says of them.
+#[derive(Debug, Clone)]
+pub struct ContourFile {
+    /// The contours, LPS mm.
+    pub contours: Contours,
+    /// The frame that they lie in by a contour JSON: `planning`, `fraction`.
+    pub frame: Option<String>,
+    /// What the file is, or the one in the folder that was given.
+    pub path: PathBuf,
+    /// What was left out, and what is missing.
+    pub warnings: Vec<Warning>,
+}
+
+/// Reads contours from a contour JSON, from a DICOM structure set, or from a folder with one structure set.
+///
+/// # Errors
+/// As [`read_contours`], and as [`dicom::read_structure_set`]. Structures without contours are left out of the result.
+pub fn read_contour_file(path: impl AsRef<Path>) -> Result<ContourFile> {
+    let path = path.as_ref();
+    if dicom::is_place(path) {
+        let mut set = dicom::read_structure_set(path)?;
+        set.contours.structures.retain(|s| !s.polygons.is_empty());
+        return Ok(ContourFile { contours: set.contours, frame: None, path: set.path, warnings: set.warnings });
+    }
+    let (contours, frame) = read_json(path)?;
+    Ok(ContourFile { contours, frame, path: path.into(), warnings: Vec::new() })
+}
+
+/// Reads contours; also the frame that the file says they lie in. [`read_contour_file`] also tells what was left out.
 ///
 /// # Errors
 /// [`Error::Read`] when it is no such JSON; [`Error::Input`], naming structure and contour, for fewer than three points,
 /// numbers that are not finite, points off their plane, names that repeat, and when there is no contour at all.
 pub fn read_contours(path: impl AsRef<Path>) -> Result<(Contours, Option<String>)> {
-    let path = path.as_ref();
+    read_contour_file(path).map(|file| (file.contours, file.frame))
+}
+
+fn read_json(path: &Path) -> Result<(Contours, Option<String>)> {
     let file: File = serde_json::from_str(&read_text(path)?).map_err(|e| {
         let remedy = "give aventail's contour JSON, as docs/formats.md describes it";
         Error::read(path, format!("it is no contour file ({e})"), remedy)

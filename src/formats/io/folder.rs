@@ -18,8 +18,19 @@ use std::time::Duration;
 
 /// The file that is locked.
 pub(super) const LOCK: &str = ".aventail-run";
-/// Folders in a run's folder that hold files of the run.
-pub(super) const PARTS: [&str; 4] = ["report", "pictures", "stages", "fraction_2"];
+/// Folders in a run's folder that hold files of the run, the inner ones first.
+pub(super) const PARTS: [&str; 10] = [
+    "report",
+    "pictures",
+    "stages",
+    "fraction_2",
+    "dicom/planning",
+    "dicom/fraction",
+    "dicom/fraction_2",
+    "dicom/registration",
+    "dicom/ct",
+    "dicom",
+];
 /// Files that tell in `outputs` what a run has written.
 pub(super) const REPORTS: [&str; 8] = [
     "report.json",

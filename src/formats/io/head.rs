@@ -1,5 +1,6 @@
 //! The headers of image files, for what must be known before values are read.
 
+use super::dicom;
 use super::gzip::Content;
 use super::raster::{load, parse};
 use crate::error::Result;
@@ -26,6 +27,9 @@ const PACKED: [(&[u8], &[u8]); 4] = [
 /// As [`super::read_image`], but for the values.
 pub fn read_grid(path: impl AsRef<Path>) -> Result<(Grid, Vec<Warning>)> {
     let path = path.as_ref();
+    if dicom::is_place(path) {
+        return dicom::read_grid(path);
+    }
     if let Some((grid, warnings)) = head(path) {
         return Ok((grid, warnings));
     }

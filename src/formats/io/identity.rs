@@ -1,6 +1,7 @@
 //! Which file a path leads to, whether a result would overwrite an input, and where a file lies seen from a folder.
 
 use super::checksum::require_file;
+use super::dicom;
 use crate::error::{Error, Result};
 use std::fs::Metadata;
 use std::path::{Component, Path, PathBuf};
@@ -59,17 +60,31 @@ pub(super) fn has_other_names(open: &Metadata) -> bool {
 pub fn check_files(inputs: &[&Path], outputs: &[PathBuf]) -> Result<()> {
     for input in inputs {
         // Opening a pipe would wait for its writer.
-        if std::fs::metadata(input).map_or(true, |m| m.is_file() || m.is_dir()) {
+        if std::fs::metadata(dicom::root_of(input)).map_or(true, |m| m.is_file() || m.is_dir()) {
             require_file(input)?;
         }
     }
     outputs.iter().try_for_each(|output| spare(inputs, output))
 }
 
+/// Whether a file that exists is, or belongs to, an input: of a DICOM series all DICOM files in its folder
+/// do.
+fn belongs(file: &Path, own: &Identity, input: &Path) -> bool {
+    let root = dicom::root_of(input);
+    if identity(&root).as_ref() == Some(own) {
+        return true;
+    }
+    let inside = || {
+        let folder = std::fs::canonicalize(dicom::folder_of(input)?).ok()?;
+        Some(std::fs::canonicalize(file).ok()?.starts_with(folder))
+    };
+    file.is_file() && dicom::is_place(file) && inside().unwrap_or(false)
+}
+
 /// Refuses a result that is one of the inputs.
 pub(super) fn spare<P: AsRef<Path>>(inputs: &[P], output: &Path) -> Result<()> {
     let Some(own) = identity(output) else { return Ok(()) };
-    match inputs.iter().find(|input| identity(input.as_ref()).as_ref() == Some(&own)) {
+    match inputs.iter().find(|input| belongs(output, &own, input.as_ref())) {
         None => Ok(()),
         Some(input) => {
             let (input, output) = (input.as_ref().display().to_string(), output.display().to_string());
@@ -119,7 +134,7 @@ pub fn recorded_file(folder: &Path, path: &Path, written_into: Option<&Path>) ->
         .into_iter()
         .flatten()
         .collect();
-    let there = places.iter().find(|p| p.exists()).cloned();
+    let there = places.iter().find(|p| dicom::root_of(p).exists()).cloned();
     there.or_else(|| places.iter().find_map(|p| alike(p))).unwrap_or_else(|| path.to_owned())
 }
 

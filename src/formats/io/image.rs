@@ -4,7 +4,7 @@ use super::gzip::Payload;
 use super::raster::{load, require_finite};
 use super::values::{Contents, Meaning, Values};
 use super::voxels::Layout;
-use super::{Loaded, atomic, metaimage, nifti, nrrd};
+use super::{Loaded, atomic, dicom, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::volume::{Mask, Spans, Volume};
@@ -35,18 +35,32 @@ impl Default for WriteOptions {
     }
 }
 
-/// Reads a 3-D scalar image, LPS mm, with slope and offset applied.
+/// Reads a 3-D scalar image, LPS mm, with slope and offset applied: a file, a DICOM CT series in HU by its folder, by a slice
+/// or by `FOLDER#NUMBER`, or a DICOM dose in Gy.
 ///
 /// # Errors
 /// [`Error::Read`] when the file is missing, damaged or of an unknown format; [`Error::Input`] when it is not 3-D and
 /// scalar, when its geometry cannot be used, or when voxels are NaN or infinite: such a CT has no value that would be
-/// right everywhere, so the user chooses one.
+/// right everywhere, so the user chooses one; of DICOM also as [`super::dicom::read_series`] and
+/// [`super::dicom::read_doses`].
 pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
     let path = path.as_ref();
+    if dicom::is_place(path) {
+        return dicom::read_image(path);
+    }
     load(path, |raster| {
         let (image, odd) = raster.scalar(path)?;
         require_finite(path, image, odd, f32::is_finite)
     })
+}
+
+/// Reads a dose: as [`read_image`], but of DICOM only an RT Dose, the one in a folder, or those of a plan's beams, summed.
+///
+/// # Errors
+/// As [`read_image`] and [`super::dicom::read_doses`].
+pub fn read_dose(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
+    let path = path.as_ref();
+    if dicom::is_place(path) { dicom::read_dose_image(path) } else { read_image(path) }
 }
 
 /// Writes a scalar image; the extension of `path` chooses the format.

@@ -24,7 +24,7 @@ const fn kind(what: &'static str, remedy: &'static str, at: usize, mark: &'stati
 
 const KINDS: [Kind; 20] = [
     kind(COMPOSITE, FROM_COMPOSITE, 0, b"\x89HDF\r\n\x1a\n"),
-    kind("a DICOM file", "convert the whole series, for example with dcm2niix", 128, b"DICM"),
+    kind("a DICOM file", "name a CT series, a dose or a structure set where one is asked for", 128, b"DICM"),
     kind("a zip archive", UNPACK, 0, b"PK\x03\x04"),
     kind("a 7z archive", UNPACK, 0, b"7z\xbc\xaf\x27\x1c"),
     kind("a bzip2 file", UNPACK, 0, b"BZh"),

@@ -1,11 +1,13 @@
 //! Label maps and the names of their labels: TotalSegmentator's NIfTI header extension, or a JSON file.
 
 use super::Loaded;
+use super::dicom::{self, BoneNames, labels_from_structures, read_structure_set};
 use super::image::{WriteOptions, write};
 use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster, load};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
+use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use quick_xml::escape::escape;
@@ -34,6 +36,26 @@ pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loade
         return Err(Error::input(path.display().to_string(), problem, remedy));
     }
     Ok(read)
+}
+
+/// Reads bones on the planning CT's grid: a label map as [`read_labels`], or a DICOM structure set whose structures have names
+/// of bones, drawn on `grid`; then `names` is a TOML file of further names ([`BoneNames::read`]).
+///
+/// # Errors
+/// As [`read_labels`], or as [`read_structure_set`] and [`labels_from_structures`].
+pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    if !dicom::is_place(path) {
+        return read_labels(path, names);
+    }
+    let names = names.map(BoneNames::read).transpose()?.unwrap_or_default();
+    let mut set = read_structure_set(path)?;
+    // What is drawn twice would be empty.
+    let tidied = set.contours.tidy();
+    let drawn = labels_from_structures(&set, grid, &names)?;
+    let warnings = [set.warnings, tidied, drawn.warnings].concat();
+    let header = dicom::structure_notes(grid, &set.label);
+    Ok(Loaded { value: drawn.map, path: set.path, sha256: set.sha256, header, warnings })
 }
 
 /// Labels that occur and have the name of a lesser one, with that one.

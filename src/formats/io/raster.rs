@@ -3,7 +3,7 @@
 use super::Loaded;
 use super::checksum::{read_bytes_of, sha256};
 use super::voxels::{Element, Layout, Voxels};
-use super::{metaimage, nifti, nrrd};
+use super::{dicom, metaimage, nifti, nrrd};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::volume::Volume;
@@ -24,7 +24,7 @@ pub enum GeometrySource {
     Qform,
     /// Voxel sizes alone: position and orientation are unknown.
     Pixdim,
-    /// The one geometry of a MetaImage or NRRD header.
+    /// The one geometry of a MetaImage, NRRD or DICOM header.
     Header,
 }
 
@@ -101,8 +101,11 @@ pub(super) struct Raster<'a> {
     pub(super) warnings: Vec<Warning>,
 }
 
-/// Reads and parses a file, then gives its raster to `take`; the checksum is computed meanwhile.
+/// Reads and parses a file, or a DICOM series, then gives its raster to `take`; the checksum is computed meanwhile.
 pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> Result<T> + Send) -> Result<Loaded<T>> {
+    if dicom::is_place(path) {
+        return dicom::load(path, take);
+    }
     let raw = read_bytes_of(path, &|head| promised(path, head))?;
     let (sha256, taken) = rayon::join(
         || sha256(&raw),

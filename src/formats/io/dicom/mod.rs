@@ -1,8 +1,45 @@
 //! DICOM: CT series, structure sets, dose and registrations, read and written. One file per object.
 //!
-//! Parsing and encoding is dicom-rs's; here is what the objects mean (DICOM PS3.3). DICOM's patient coordinates are LPS mm,
-//! as everywhere inside the library, so positions pass through unchanged.
+//! Parsing and encoding is dicom-rs's; here is what the objects mean (DICOM PS3.3). DICOM's patient
+//! coordinates are LPS mm, as everywhere inside the library, so positions pass through unchanged.
 
+mod bones;
+mod ct;
+mod dose;
+mod elements;
+mod find;
+mod frame;
+mod frames;
+mod image;
+mod keyhole;
+mod open;
+mod pixels;
+mod place;
+mod planes;
+pub mod registration;
 mod series;
+mod stack;
+mod structures;
+mod summary;
+pub mod write;
 
+#[cfg(test)]
+mod fixture;
+#[cfg(test)]
+mod round_trip;
+#[cfg(test)]
+mod tests;
+
+pub use bones::{BoneLabels, BoneNames, labels_from_structures};
+pub use ct::read_series;
+pub use dose::{Dose, read_dose, read_doses};
+pub use find::{Catalogue, Group, Object, find};
+pub use frame::{Role, check_frames, frame_of, same_frame};
+pub(super) use image::read_dose as read_dose_image;
+pub(super) use image::{checksum, load, read_grid, read_image};
+pub(super) use place::{folder_of, is_place, require, root_of};
+pub use place::{is_dicom_path, is_structure_set};
 pub use series::{Patient, Series, Slice, Study};
+pub(super) use structures::structure_notes;
+pub use structures::{Roi, StructureSet, read_structure_set};
+pub use summary::{Entry, Summary, summary};

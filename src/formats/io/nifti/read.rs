@@ -97,8 +97,8 @@ pub(in super::super) fn promised(path: &Path, raw: &[u8]) -> Result<u64> {
 
 fn header(path: &Path, bytes: &[u8]) -> Result<NiftiHeader> {
     let not_nifti = |problem: &str| {
-        let remedy = "give a NIfTI-1 file (.nii, .nii.gz), a MetaImage (.mha) or an NRRD (.nrrd); \
-            a DICOM series must first be converted, for example with dcm2niix";
+        let remedy = "give a NIfTI-1 file (.nii, .nii.gz), a MetaImage (.mha) or an NRRD (.nrrd), or the \
+            folder of a DICOM series";
         Error::read(path, problem, remedy)
     };
     if let Some(other) = kinds::told(bytes) {

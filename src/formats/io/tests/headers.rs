@@ -70,7 +70,7 @@ fn files_of_other_kinds_are_named() {
     dicom.extend(b"DICM");
     let cases: [(&[u8], &str); 8] = [
         (&analyze, "ANALYZE 7.5"),
-        (&dicom, "dcm2niix"),
+        (&dicom, "damaged, or no DICOM"),
         (b"\x89HDF\r\n\x1a\nrest", "composite transforms"),
         (b"PK\x03\x04", "zip"),
         (b"\x93NUMPY\x01", "NumPy"),

@@ -1,10 +1,13 @@
 //! `aventail phantom`: phantoms as files, with everything that is true about them.
 
+mod dicom;
+
 use super::{record, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::field::{FieldFormat, PushField};
 use crate::geometry::Rigid;
+use crate::io::dicom::Series;
 use crate::io::{self, Planned, RunFolder, Stored, WriteOptions};
 use crate::phantom::{
     Breathing, BreathingOptions, CbctOptions, Formula, Phantom, PhantomOptions, Posture, TestObject, degrade,
@@ -27,6 +30,8 @@ what lies below them have slid along the chest wall; points of landmarks.csv fac
 With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading, noise, streaks, a round and short
 field of view with a bright rim where the patient is cut, blank end slices. The truth is what it is without. Beside the image lie
 measured.nii.gz (1 where the machine saw anything) and cbct.toml, the settings, any of which FILE may change.
+With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for the head RS.dcm and RD.dcm),
+fraction, and in registration the true motion as Deformable Spatial Registration, and that of one bone as Spatial Registration.
 With --field it holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
 exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
 
@@ -60,6 +65,9 @@ pub struct PhantomArgs {
     /// A test object with an exact answer instead of the anatomy
     #[arg(long, value_enum, conflicts_with_all = ["pose", "breathing", "cbct"])]
     pub field: Option<FormulaName>,
+    /// Write the folder `dicom` too: CT series, structure set, dose and the true registrations
+    #[arg(long, conflicts_with = "field")]
+    pub dicom: bool,
     /// Threads; 0 takes one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
@@ -134,7 +142,14 @@ fn chest(
     let chest = runtime.stage("make the phantom", || Breathing::new(options))?;
     let fraction = seen(&chest.fraction, cbct, options.seed)?;
     folder.begin()?;
-    runtime.stage("write", || write_chest(&chest, &fraction, &args.out))?;
+    runtime.stage("write", || {
+        let truth = write_chest(&chest, &fraction, &args.out)?;
+        if args.dicom {
+            let planning = dicom::write_planning(&chest.planning, None, &args.out)?;
+            dicom::write_fraction(("fraction", 1), &fraction.image, &planning, (&truth, None), &args.out)?;
+        }
+        Ok::<_, Error>(())
+    })?;
     Ok(text(&args.out, &chest.bones, chest.landmarks.len(), [&chest.planning, &fraction.image]))
 }
 
@@ -149,9 +164,10 @@ fn patient(
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
     let fraction = seen(&phantom.fraction, cbct, options.seed)?;
     folder.begin()?;
-    runtime.stage("write", || {
-        write_planning(&phantom, &args.out)?;
-        write_fraction(&phantom, &fraction, &args.out)
+    let series = runtime.stage("write", || {
+        let series = write_planning(&phantom, args, &args.out)?;
+        write_fraction(&phantom, &fraction, ("fraction", 1, series.as_ref()), &args.out, &args.out)?;
+        Ok::<_, Error>(series)
     })?;
     if args.pose.is_none() {
         let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
@@ -160,7 +176,8 @@ fn patient(
             .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
         let made = runtime.stage("make the second fraction", || Phantom::new(&second))?;
         let fraction = seen(&made.fraction, cbct, second.seed)?;
-        runtime.stage("write", || write_fraction(&made, &fraction, &second_folder))?;
+        let own = ("fraction_2", 2, series.as_ref());
+        runtime.stage("write", || write_fraction(&made, &fraction, own, &second_folder, &args.out))?;
     }
     Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
 }
@@ -190,11 +207,12 @@ fn names(args: &PhantomArgs) -> Vec<String> {
     if args.field.is_some() {
         return [own(&object), own(&deformed)].concat();
     }
+    let of_dicom = if args.dicom { dicom::names(args.breathing.is_none()) } else { Vec::new() };
     if args.breathing.is_some() {
-        return [own(&chest), own(&fraction)].concat();
+        return [own(&chest), own(&fraction), of_dicom].concat();
     }
     let second = fraction.iter().map(|name| format!("fraction_2/{name}")).filter(|_| args.pose.is_none()).collect();
-    [own(&patient), own(&fraction), second].concat()
+    [own(&patient), own(&fraction), second, of_dicom].concat()
 }
 
 /// A posture that the phantom refuses is a fault of the file it came from.
@@ -280,7 +298,7 @@ fn described(text: &str) -> WriteOptions {
 }
 
 /// Writes what belongs to the planning CT.
-fn write_planning(phantom: &Phantom, out: &Path) -> Result<()> {
+fn write_planning(phantom: &Phantom, args: &PhantomArgs, out: &Path) -> Result<Option<Series>> {
     let ct = described("aventail phantom, planning CT");
     io::write_image(out.join("planning_ct.nii.gz"), &phantom.planning, Stored::Int16, &ct)?;
     io::write_labels(out.join("bones.nii.gz"), &phantom.bones, &described("aventail phantom, bones"))?;
@@ -288,25 +306,38 @@ fn write_planning(phantom: &Phantom, out: &Path) -> Result<()> {
     let plan = phantom.plan()?;
     io::write_contours(out.join("contours.json"), &plan.contours, "planning")?;
     let dose = described("aventail phantom, planned dose, Gy");
-    io::write_image(out.join("dose.nii.gz"), &plan.dose, Stored::Float32, &dose)
+    io::write_image(out.join("dose.nii.gz"), &plan.dose, Stored::Float32, &dose)?;
+    args.dicom.then(|| dicom::write_planning(&phantom.planning, Some(&plan), out)).transpose()
 }
 
-/// Writes a fraction CT with its truth.
-fn write_fraction(phantom: &Phantom, fraction: &Seen<'_>, out: &Path) -> Result<()> {
+/// Writes a fraction CT with its truth; with the planning series of a DICOM set also as one, into `whole`.
+fn write_fraction(
+    phantom: &Phantom,
+    fraction: &Seen<'_>,
+    (name, number, planning): (&str, u32, Option<&Series>),
+    out: &Path,
+    whole: &Path,
+) -> Result<()> {
     write_seen(fraction, out)?;
-    let transforms = phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
-    write_truth(&phantom.truth()?, transforms, &phantom.landmarks, out)
+    let transforms = || phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
+    let truth = phantom.truth()?;
+    write_truth(&truth, transforms(), &phantom.landmarks, out)?;
+    let Some(planning) = planning else { return Ok(()) };
+    let bone = transforms().find(|(name, _)| *name == "skull");
+    dicom::write_fraction((name, number), &fraction.image, planning, (&truth, bone), whole)
 }
 
 /// Writes the breathing chest.
-fn write_chest(chest: &Breathing, fraction: &Seen<'_>, out: &Path) -> Result<()> {
+fn write_chest(chest: &Breathing, fraction: &Seen<'_>, out: &Path) -> Result<PushField> {
     let ct = described("aventail breathing phantom, planning CT");
     io::write_image(out.join("planning_ct.nii.gz"), &chest.planning, Stored::Int16, &ct)?;
     io::write_labels(out.join("bones.nii.gz"), &chest.bones, &described("aventail breathing phantom, bones"))?;
     io::write_labels(out.join("organs.nii.gz"), &chest.organs, &described("aventail breathing phantom, organs"))?;
     io::write_mask(out.join("body.nii.gz"), &chest.body, &described("aventail breathing phantom, patient"))?;
     write_seen(fraction, out)?;
-    write_truth(&chest.truth()?, chest.transforms(), &chest.landmarks, out)
+    let truth = chest.truth()?;
+    write_truth(&truth, chest.transforms(), &chest.landmarks, out)?;
+    Ok(truth)
 }
 
 /// Writes a fraction's image, and for a cone-beam CT its settings and where it was measured.

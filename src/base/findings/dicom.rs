@@ -1,0 +1,73 @@
+//! Findings of DICOM objects.
+
+use super::{Finding, refused, refused_or_warned, warned};
+
+/// Those whose code begins with `dicom-`, by code.
+pub(super) const DICOM: &[Finding] = &[
+    refused(
+        "dicom-compression",
+        "Pixels of a DICOM object are compressed in a way that is not read.",
+        "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
+    ),
+    refused_or_warned(
+        "dicom-duplicates",
+        "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
+        "Export one phase or reconstruction as a series of its own.",
+    ),
+    refused_or_warned(
+        "dicom-frame",
+        "Objects that are used together lie in different frames of reference; warned of where an object names none.",
+        "Give objects of one frame of reference, or map one to the other first.",
+    ),
+    refused(
+        "dicom-gap",
+        "A slice of a series is missing, or distances between slices vary.",
+        "Export the whole series again; resample one that was scanned with varying distances.",
+    ),
+    refused(
+        "dicom-images-differ",
+        "Images of a series differ in orientation, size, pixel spacing or unit.",
+        "Move the images that are no slices of the volume elsewhere.",
+    ),
+    refused(
+        "dicom-incomplete",
+        "A DICOM object lacks what its geometry or values need, or contradicts itself.",
+        "Export it again, or convert it with a tool that knows the vendor's files.",
+    ),
+    warned(
+        "dicom-left-out",
+        "Localizers, or objects that are no CT images, lie in a series and are left out.",
+        "Nothing, where the count is as expected.",
+    ),
+    warned(
+        "dicom-lossy",
+        "The images of a series were compressed with loss.",
+        "Take the original images where they still exist.",
+    ),
+    refused(
+        "dicom-no-ct",
+        "A CT series is asked for, and what is given is none: MR, PET, a structure set, a plan.",
+        "Give the folder of a CT series.",
+    ),
+    refused("dicom-no-dose", "A dose is asked for, and what is given holds none.", "Give an RTDOSE file."),
+    warned(
+        "dicom-padding",
+        "Voxels that were not measured had values that no CT has; they are air now.",
+        "Nothing, where they lie outside the field of view.",
+    ),
+    refused(
+        "dicom-several",
+        "A folder holds several series, and it is not clear which is meant.",
+        "Choose one: FOLDER#NUMBER or FOLDER#UID.",
+    ),
+    refused(
+        "dicom-tilt",
+        "The slices of a series do not follow each other along their normal: gantry tilt.",
+        "Resample the series to an upright grid first, for example with dcm2niix.",
+    ),
+    refused_or_warned(
+        "dicom-unit",
+        "The values of a series are no HU by their Rescale Type, or of a unit that is not told.",
+        "Give the series in HU of the same scan.",
+    ),
+];

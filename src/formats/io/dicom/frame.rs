@@ -1,0 +1,82 @@
+//! Frames of reference: positions of two objects can be compared only where it is the same (PS3.3
+//! C.7.4.1).
+
+use super::place::{Chosen, choose, is_place, objects, root_of};
+use crate::error::{Error, Result};
+use std::path::Path;
+
+/// As what a path is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// A CT series.
+    Image,
+    /// A structure set.
+    Structures,
+    /// A dose.
+    Dose,
+}
+
+impl Role {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Structures => "structure set",
+            Self::Dose => "dose",
+        }
+    }
+}
+
+/// Whether two frames of reference are known and the same.
+pub fn same_frame(a: &str, b: &str) -> bool {
+    !a.is_empty() && a == b
+}
+
+/// The Frame of Reference UID of what a path means; `None` where it is no DICOM or does not say.
+///
+/// # Errors
+/// As for reading it.
+pub fn frame_of(path: &Path, role: Role) -> Result<Option<String>> {
+    if !is_place(path) {
+        return Ok(None);
+    }
+    let of = |modality: &str| {
+        let mut frames = Vec::new();
+        for object in objects(&root_of(path))?.objects {
+            if object.series.modality == modality {
+                frames.push(object.series.frame_of_reference);
+            }
+        }
+        Ok::<_, Error>(frames.into_iter().next())
+    };
+    let frame = match role {
+        Role::Structures => of("RTSTRUCT")?,
+        Role::Dose => of("RTDOSE")?,
+        Role::Image => match choose(path)?.0 {
+            Chosen::Ct(objects) | Chosen::Dose(objects) => {
+                objects.into_iter().next().map(|o| o.series.frame_of_reference)
+            }
+        },
+    };
+    Ok(frame.filter(|f| !f.is_empty()))
+}
+
+/// Refuses two things of DICOM that are used together and lie in different frames of reference.
+/// What is no DICOM, or names no frame, passes: its reader says so.
+///
+/// # Errors
+/// [`Error::Input`] with both frames.
+pub fn check_frames(a: (&Path, Role), b: (&Path, Role)) -> Result<()> {
+    let (Some(one), Some(other)) = (frame_of(a.0, a.1)?, frame_of(b.0, b.1)?) else { return Ok(()) };
+    if same_frame(&one, &other) {
+        return Ok(());
+    }
+    let problem = format!(
+        "this {} lies in another frame of reference ({one}) than the {} {} ({other}): their positions cannot be compared",
+        a.1.name(),
+        b.1.name(),
+        b.0.display()
+    );
+    let remedy =
+        format!("give the {} that belongs to this {}, or map it first with a registration", a.1.name(), b.1.name());
+    Err(Error::refused("dicom-frame", a.0.display().to_string(), problem, remedy))
+}

@@ -1,0 +1,165 @@
+//! The images of a CT series with their geometry and scale, from single-slice objects (PS3.3
+//! C.7.6.2, C.8.2.1) and from enhanced multi-frame ones (C.7.6.16, C.8.15).
+
+use super::elements::{Item, first, items, number, some, text, texts, whole};
+use super::find::Object;
+use crate::error::{Error, Result};
+use dicom_core::Tag;
+use dicom_dictionary_std::tags;
+use nalgebra::{Point3, Vector3};
+use std::path::Path;
+
+/// How far direction cosines may be from unit length and from a right angle: what rounding leaves.
+const UNIT: f64 = 1e-3;
+
+/// One image.
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    /// Which of the series' objects holds it.
+    pub(super) object: usize,
+    /// Its place in an object of several frames, from 0.
+    pub(super) index: usize,
+    /// Whether that object is of several frames.
+    pub(super) multi: bool,
+    /// SOP Instance UID of the object.
+    pub(super) uid: String,
+    /// Centre of the first pixel, LPS mm.
+    pub(super) position: Point3<f64>,
+    /// Directions in which the column index and the row index grow, orthonormal.
+    pub(super) axes: [Vector3<f64>; 2],
+    /// Distances between columns and between rows, mm.
+    pub(super) spacing: [f64; 2],
+    /// Columns and rows.
+    pub(super) size: [usize; 2],
+    /// Slope and intercept to HU.
+    pub(super) scale: [f64; 2],
+    /// What values are in after scaling; empty where the object does not say.
+    pub(super) unit: String,
+    /// Whether it is a localizer (PS3.3 C.8.2.1.1.1).
+    pub(super) localizer: bool,
+    /// What tells images at one place apart: acquisition, number and time.
+    pub(super) told: String,
+}
+
+/// The images of an object.
+///
+/// # Errors
+/// [`Error::Input`] naming the element that is missing or cannot be used.
+pub(super) fn frames(at: usize, object: &Object) -> Result<Vec<Frame>> {
+    let set: &Item = &object.header;
+    let own = items(set, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE);
+    let shared = first(set, tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE);
+    if own.is_empty() {
+        let count = whole(set, tags::NUMBER_OF_FRAMES).unwrap_or(1);
+        if count != 1 {
+            let problem = format!("it has {count} frames, and no positions of them");
+            return Err(refuse(&object.path, problem));
+        }
+        return Ok(vec![frame(object, Places { set, own: None, shared: None }, (at, 0))?]);
+    }
+    let count = whole(set, tags::NUMBER_OF_FRAMES);
+    if count != i64::try_from(own.len()).ok() {
+        let count = count.map_or("no".into(), |n| n.to_string());
+        return Err(refuse(&object.path, format!("it says {count} frames, and describes {}", own.len())));
+    }
+    let one = |(n, item)| frame(object, Places { set, own: Some(item), shared }, (at, n));
+    own.iter().enumerate().map(one).collect()
+}
+
+/// Where an element of a frame may stand: in its functional groups, in those shared by all, or in
+/// the object itself.
+#[derive(Clone, Copy)]
+struct Places<'a> {
+    set: &'a Item,
+    own: Option<&'a Item>,
+    shared: Option<&'a Item>,
+}
+
+impl<'a> Places<'a> {
+    fn group(self, sequence: Tag) -> &'a Item {
+        let of = |places: Option<&'a Item>| places.and_then(|item| first(item, sequence));
+        of(self.own).or_else(|| of(self.shared)).unwrap_or(self.set)
+    }
+}
+
+fn frame(object: &Object, places: Places<'_>, (at, index): (usize, usize)) -> Result<Frame> {
+    let path = &object.path;
+    let missing = |name: &str| refuse(path, format!("it has no usable {name}"));
+    let position = some::<3>(places.group(tags::PLANE_POSITION_SEQUENCE), tags::IMAGE_POSITION_PATIENT)
+        .ok_or_else(|| missing("Image Position (Patient)"))?;
+    let orientation = some::<6>(places.group(tags::PLANE_ORIENTATION_SEQUENCE), tags::IMAGE_ORIENTATION_PATIENT)
+        .ok_or_else(|| missing("Image Orientation (Patient)"))?;
+    // The first value is the distance between rows, so between voxels along a column.
+    let [rows_apart, columns_apart] = some::<2>(places.group(tags::PIXEL_MEASURES_SEQUENCE), tags::PIXEL_SPACING)
+        .filter(|s| s.iter().all(|v| *v > 0.0))
+        .ok_or_else(|| missing("Pixel Spacing"))?;
+    let size = |tag| whole(places.set, tag).and_then(|n| usize::try_from(n).ok()).filter(|n| *n > 0);
+    let size = match (size(tags::COLUMNS), size(tags::ROWS)) {
+        (Some(columns), Some(rows)) => [columns, rows],
+        _ => return Err(missing("Rows and Columns")),
+    };
+    let scale = places.group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE);
+    if !items(places.set, tags::MODALITY_LUT_SEQUENCE).is_empty() {
+        return Err(refuse(
+            path,
+            "its values are scaled by a table (Modality LUT Sequence), not by slope and intercept",
+        ));
+    }
+    let (slope, intercept) = number(scale, tags::RESCALE_SLOPE)
+        .filter(|s| *s != 0.0)
+        .zip(number(scale, tags::RESCALE_INTERCEPT))
+        .ok_or_else(|| missing("Rescale Slope and Rescale Intercept"))?;
+    let kind = match places.group(tags::CT_IMAGE_FRAME_TYPE_SEQUENCE) {
+        group if group.get(tags::FRAME_TYPE).is_some() => texts(group, tags::FRAME_TYPE),
+        _ => texts(places.set, tags::IMAGE_TYPE),
+    };
+    Ok(Frame {
+        object: at,
+        index,
+        multi: places.own.is_some(),
+        uid: object.uid.clone(),
+        position: position.into(),
+        axes: axes(path, orientation)?,
+        spacing: [columns_apart, rows_apart],
+        size,
+        scale: [slope, intercept],
+        unit: text(scale, tags::RESCALE_TYPE),
+        localizer: kind.iter().any(|k| k == "LOCALIZER"),
+        told: told(places),
+    })
+}
+
+/// Directions of columns and rows, made exactly orthonormal.
+pub(super) fn axes(path: &Path, o: [f64; 6]) -> Result<[Vector3<f64>; 2]> {
+    let (row, column) = (Vector3::new(o[0], o[1], o[2]), Vector3::new(o[3], o[4], o[5]));
+    let off = (row.norm() - 1.0).abs().max((column.norm() - 1.0).abs()).max(row.dot(&column).abs());
+    if off.is_nan() || off > UNIT {
+        let problem = format!("its Image Orientation (Patient) {o:?} is no pair of perpendicular unit vectors");
+        return Err(refuse(path, problem));
+    }
+    let row = row.normalize();
+    Ok([row, (column - row * row.dot(&column)).normalize()])
+}
+
+/// What tells images at one place apart, in words.
+fn told(places: Places<'_>) -> String {
+    let content = places.group(tags::FRAME_CONTENT_SEQUENCE);
+    let named = [
+        ("acquisition", text(places.set, tags::ACQUISITION_NUMBER)),
+        ("instance", text(places.set, tags::INSTANCE_NUMBER)),
+        ("stack", text(content, tags::STACK_ID)),
+        ("time", text(places.set, tags::CONTENT_TIME)),
+        ("phase", text(places.set, tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE)),
+    ];
+    named.into_iter().filter(|n| !n.1.is_empty()).map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", ")
+}
+
+/// The refusal of an object that lacks something.
+pub(super) fn refuse(path: &Path, problem: impl Into<String>) -> Error {
+    Error::refused(
+        "dicom-incomplete",
+        path.display().to_string(),
+        problem,
+        "export the series again, or convert it with a tool that knows the vendor's files, for example dcm2niix",
+    )
+}

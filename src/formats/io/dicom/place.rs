@@ -1,0 +1,240 @@
+//! Where DICOM lies: a folder, a file of a series, or `FOLDER#NUMBER` and `FOLDER#UID` for one
+//! series of several.
+
+use super::elements::text;
+use super::find::{Catalogue, DEEPEST, Group, Object, find};
+use super::open::{Opened, is_dicom, open};
+use crate::error::{Error, Result};
+use dicom_dictionary_std::tags;
+use std::path::{Path, PathBuf};
+
+/// SOP classes that are CT images (PS3.4 B.5): CT, Enhanced CT, Legacy Converted Enhanced CT.
+pub(super) const CT: [&str; 3] =
+    ["1.2.840.10008.5.1.4.1.1.2", "1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.2.2"];
+
+/// A path with what is chosen there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Place {
+    /// Folder or file.
+    pub(super) root: PathBuf,
+    /// Series number or Series Instance UID.
+    pub(super) choice: Option<String>,
+}
+
+impl Place {
+    /// A path that exists means itself; else what follows the last `#` chooses in what precedes it.
+    pub(super) fn of(path: &Path) -> Self {
+        let split = || {
+            let text = path.to_str()?;
+            let (root, choice) = text.rsplit_once('#')?;
+            let root = PathBuf::from(root);
+            root.exists().then(|| Self { root, choice: Some(choice.to_owned()) })
+        };
+        let whole = Self { root: path.into(), choice: None };
+        if path.exists() { whole } else { split().unwrap_or(whole) }
+    }
+}
+
+/// Whether a path is for this room to read: a folder, a choice in one, or a DICOM file.
+pub(in super::super) fn is_place(path: &Path) -> bool {
+    let place = Place::of(path);
+    place.choice.is_some() || place.root.is_dir() || is_dicom(&place.root)
+}
+
+/// Whether a path leads to DICOM as [`super::super::read_image`] and [`super::super::read_bones`]
+/// understand it: a folder, a series in one (`FOLDER#NUMBER`), or a DICOM file.
+pub fn is_dicom_path(path: &Path) -> bool {
+    is_place(path)
+}
+
+/// Whether a file is a DICOM structure set.
+pub fn is_structure_set(path: &Path) -> bool {
+    let set = || match open(path, tags::ROI_CONTOUR_SEQUENCE) {
+        Opened::Object(object) => text(&object, tags::MODALITY) == "RTSTRUCT",
+        _ => false,
+    };
+    is_dicom(path) && set()
+}
+
+/// The folder or file that a path means, without what is chosen there.
+pub(in super::super) fn root_of(path: &Path) -> PathBuf {
+    Place::of(path).root
+}
+
+/// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is
+/// one file.
+pub(in super::super) fn folder_of(path: &Path) -> Option<PathBuf> {
+    let root = root_of(path);
+    if root.is_dir() {
+        return Some(root);
+    }
+    let slice = || match open(&root, tags::ROI_CONTOUR_SEQUENCE) {
+        Opened::Object(object) => CT.contains(&text(&object, tags::SOP_CLASS_UID).as_str()),
+        _ => false,
+    };
+    (is_dicom(&root) && slice()).then(|| parent(&root))
+}
+
+fn parent(file: &Path) -> PathBuf {
+    match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// Refuses a folder without DICOM, and what is not there.
+///
+/// # Errors
+/// [`Error::Read`].
+pub(in super::super) fn require(path: &Path) -> Result<()> {
+    let root = root_of(path);
+    if holds_dicom(&root, DEEPEST) { Ok(()) } else { Err(no_objects(&root, &Catalogue::default())) }
+}
+
+fn holds_dicom(path: &Path, deeper: usize) -> bool {
+    if !path.is_dir() {
+        return is_dicom(path);
+    }
+    let entries: Vec<PathBuf> = std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    entries.iter().any(|p| p.is_file() && is_dicom(p))
+        || deeper > 0 && entries.iter().any(|p| p.is_dir() && holds_dicom(p, deeper - 1))
+}
+
+/// What is read as an image.
+pub(super) enum Chosen {
+    /// The objects of a CT series.
+    Ct(Vec<Object>),
+    /// A dose, or the doses of a series.
+    Dose(Vec<Object>),
+}
+
+/// The images that a path means, and the path that means the same ones: of a slice's file it is
+/// `FOLDER#UID`.
+///
+/// # Errors
+/// [`Error::Read`] when there is no DICOM; [`Error::Input`] when it is not clear which series is
+/// meant, listing them, and when it is none that can be read.
+pub(super) fn choose(path: &Path) -> Result<(Chosen, PathBuf)> {
+    let place = Place::of(path);
+    if place.root.is_dir() {
+        let found = objects(&place.root)?;
+        let group = match &place.choice {
+            Some(choice) => named(&found, path, choice)?,
+            None => only_ct(&found, path)?,
+        };
+        return Ok((readable(path, group)?, path.into()));
+    }
+    let found = objects(&place.root)?;
+    let groups = found.groups();
+    let Some(group) = groups.first() else { return Err(no_objects(path, &found)) };
+    if !is_slice(group) {
+        return Ok((readable(path, group.clone())?, place.root));
+    }
+    let folder = parent(&place.root);
+    let all = objects(&folder)?;
+    let own = all.groups().into_iter().find(|g| g.series.uid == group.series.uid && is_slice(g));
+    let mut same = folder.into_os_string();
+    same.push(format!("#{}", group.series.uid));
+    Ok((readable(path, own.unwrap_or_else(|| group.clone()))?, same.into()))
+}
+
+/// The objects of a folder or file, or a refusal where there is none.
+pub(super) fn objects(root: &Path) -> Result<Catalogue> {
+    let found = find(&[root])?;
+    if found.objects.is_empty() { Err(no_objects(root, &found)) } else { Ok(found) }
+}
+
+fn no_objects(path: &Path, found: &Catalogue) -> Error {
+    if let Some((file, why)) = found.damaged.first() {
+        return super::open::damaged(file, why);
+    }
+    if path.is_dir() {
+        let problem = "it is a folder without DICOM";
+        return Error::read(path, problem, "name one file, or the folder of a DICOM series");
+    }
+    Error::read(path, "it is no DICOM object", "name a file of a series, or its folder")
+}
+
+/// Whether a series is of CT slices or frames.
+fn is_slice(group: &Group<'_>) -> bool {
+    group.objects.iter().any(|o| CT.contains(&o.sop_class.as_str()))
+}
+
+/// Whether a series is nothing but a localizer.
+fn is_localizer(group: &Group<'_>) -> bool {
+    group.objects.iter().all(|o| o.image_type().iter().any(|k| k == "LOCALIZER"))
+}
+
+fn list(groups: &[Group<'_>]) -> String {
+    groups.iter().map(|g| format!("\n    {}; UID {}", g.words(), g.series.uid)).collect()
+}
+
+/// The one CT series of a folder.
+fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
+    let groups = found.groups();
+    let mut ct: Vec<Group<'_>> = groups.iter().filter(|g| is_slice(g) && !is_localizer(g)).cloned().collect();
+    match ct.len() {
+        1 => Ok(ct.remove(0)),
+        0 => {
+            let dose: Vec<&Group<'_>> = groups.iter().filter(|g| g.series.modality == "RTDOSE").collect();
+            if let [one] = dose.as_slice() {
+                return Ok((*one).clone());
+            }
+            let problem = format!("it holds no CT series:{}", list(&groups));
+            Err(Error::refused("dicom-no-ct", path.display().to_string(), problem, "give the folder of a CT series"))
+        }
+        n => {
+            let alone = |g: &&Group<'_>| ct.iter().filter(|o| o.series.number == g.series.number).count() == 1;
+            let number = ct.iter().filter(alone).find_map(|g| g.series.number);
+            let example = number.map_or_else(|| ct[0].series.uid.clone(), |n| n.to_string());
+            let remedy = format!("choose one by its number or its UID: {}#{example}", path.display());
+            let problem = format!("it holds {n} CT series:{}", list(&ct));
+            Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))
+        }
+    }
+}
+
+/// The series of this number or UID.
+fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a>> {
+    let groups = found.groups();
+    let chosen =
+        |g: &&Group<'_>| g.series.uid == choice || g.series.number.is_some_and(|n| choice.parse::<i32>() == Ok(n));
+    let mut matching: Vec<Group<'_>> = groups.iter().filter(chosen).cloned().collect();
+    // Planning systems number structures and doses as the CT that they belong to.
+    if matching.len() > 1 && matching.iter().filter(|g| is_slice(g)).count() == 1 {
+        matching.retain(is_slice);
+    }
+    match matching.len() {
+        1 => Ok(matching.remove(0)),
+        0 => {
+            let problem = format!("it holds no series of number or UID {choice}; there are:{}", list(&groups));
+            Err(Error::refused("dicom-several", path.display().to_string(), problem, "choose one of these"))
+        }
+        n => {
+            let problem = format!("{n} series have the number {choice}:{}", list(&matching));
+            let remedy = "choose by UID: FOLDER#UID";
+            Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))
+        }
+    }
+}
+
+/// A series as something that is read, or a refusal by its modality.
+fn readable(path: &Path, group: Group<'_>) -> Result<Chosen> {
+    let owned = |objects: Vec<&Object>| objects.into_iter().cloned().collect::<Vec<_>>();
+    if is_slice(&group) {
+        return Ok(Chosen::Ct(owned(group.objects)));
+    }
+    let (what, remedy) = match group.series.modality.as_str() {
+        "RTDOSE" => return Ok(Chosen::Dose(owned(group.objects))),
+        "RTSTRUCT" => ("a structure set, no image", "give it where structures, contours or bones are asked for"),
+        "MR" => ("an MR series: its values are no HU", "give a CT; bones and densities cannot be told from MR values"),
+        "PT" => ("a PET series: its values are no HU", "give the CT that was taken with it"),
+        "RTIMAGE" => ("a projection (RT Image), no volume", "give a CT series"),
+        "RTPLAN" => ("a plan, which has no image", "give the CT series, or the RTDOSE of the plan"),
+        "REG" => ("a registration, no image", "give the CT series"),
+        "CT" => ("of modality CT, but no CT image (a screenshot or a report)", "give the series of the slices"),
+        _ => ("no CT series", "give a CT series"),
+    };
+    let problem = format!("it is {what} (modality {:?})", group.series.modality);
+    Err(Error::refused("dicom-no-ct", path.display().to_string(), problem, remedy))
+}

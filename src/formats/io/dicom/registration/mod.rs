@@ -1,0 +1,76 @@
+//! Registrations: Spatial Registration (rigid) and Deformable Spatial Registration objects, written and read.
+//!
+//! The two point opposite ways (PS3.17 O.1). A Spatial Registration's matrix takes points of the *source* frame to the
+//! *registered* frame, the frame of reference of the object itself. A Deformable Spatial Registration's grid lies in the
+//! registered frame and takes its points to the source frame, where data are sampled: a pull field of the source's images.
+
+mod deformable;
+mod element;
+mod rigid;
+
+pub use deformable::{Deformable, read_deformable, write_pull, write_push};
+pub use rigid::{RigidRegistration, read_rigid, write_rigid};
+
+use super::series::Series;
+use super::write::{NewSeries, Origin, frame, instances, put};
+use crate::error::Result;
+use dicom_core::VR;
+use dicom_dictionary_std::tags;
+use dicom_object::InMemDicomObject;
+use element::{empty, integer, text};
+use std::path::Path;
+
+/// What a new registration says of itself.
+#[derive(Debug, Clone, Copy)]
+pub struct DerivedRegistration<'a> {
+    /// What it is among the objects of one [`Origin`], for its UIDs: `couch shift`.
+    pub role: &'a str,
+    /// Series Description, and Content Description; at most 64 characters.
+    pub description: &'a str,
+    /// Series Number.
+    pub number: i32,
+    /// The images of the frame where it starts: for points, the frame whose points it takes.
+    pub from: &'a Series,
+    /// The images of the frame where it ends.
+    pub to: &'a Series,
+}
+
+/// SOP Class UID and SOP Instance UID of an object, for those that refer to it.
+pub type Written = [String; 2];
+
+/// The elements that both kinds have (PS3.3 C.20.1, C.12.2, Table 10-12). `registered` are the images of the registered frame.
+fn begun(
+    path: &Path,
+    class: &str,
+    about: &DerivedRegistration<'_>,
+    registered: &Series,
+    origin: &Origin,
+) -> Result<(InMemDicomObject, Written)> {
+    let uid = origin.uid(&[about.role, "series"]);
+    let instance = origin.uid(&[about.role, "object"]);
+    let new = NewSeries {
+        uid: &uid,
+        class,
+        modality: "REG",
+        number: about.number,
+        description: about.description,
+        frame_of_reference: &registered.frame_of_reference,
+    };
+    let mut object = frame(origin, &new, &instance);
+    let (date, time) = origin.dated(path)?;
+    put(
+        &mut object,
+        [
+            text(tags::CONTENT_DATE, VR::DA, date),
+            text(tags::CONTENT_TIME, VR::TM, time),
+            integer(tags::INSTANCE_NUMBER, 1),
+            text(tags::CONTENT_LABEL, VR::CS, "REGISTRATION"),
+            text(tags::CONTENT_DESCRIPTION, VR::LO, about.description),
+            empty(tags::CONTENT_CREATOR_NAME, VR::PN),
+            // Enhanced General Equipment wants a serial number; a program has none.
+            text(tags::DEVICE_SERIAL_NUMBER, VR::LO, "none"),
+        ],
+    );
+    put(&mut object, instances(&origin.study_uid(), &[about.from, about.to]));
+    Ok((object, [class.to_owned(), instance]))
+}

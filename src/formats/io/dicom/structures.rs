@@ -1,0 +1,305 @@
+//! Structure sets (PS3.3 C.8.8.5, C.8.8.6, C.8.8.8): closed planar contours with the names of their
+//! structures.
+
+use super::super::checksum::{read_bytes, sha256};
+use super::super::raster::{GeometrySource, HeaderNotes};
+use super::elements::{Item, items, numbers, text, whole};
+use super::find::{Object, series};
+use super::open;
+use super::place::{objects, root_of};
+use super::planes::{Drawing, planes};
+use super::series::{Patient, Study};
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::volume::contour::{Contours, Structure};
+use crate::warning::Warning;
+use dicom_dictionary_std::tags;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Structures that a message names.
+const NAMED: usize = 12;
+
+/// What a structure set says of one structure.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Roi {
+    /// ROI Number.
+    pub number: i64,
+    /// Name, made unique where the set uses it twice.
+    pub name: String,
+    /// RT ROI Interpreted Type: `ORGAN`, `PTV`, `EXTERNAL`, ...; empty where it does not say.
+    pub interpreted_type: String,
+    /// ROI Display Color.
+    pub colour: Option<[u8; 3]>,
+    /// ROI Generation Algorithm: `AUTOMATIC`, `SEMIAUTOMATIC`, `MANUAL`.
+    pub generation_algorithm: String,
+    /// Whether it has no closed contour.
+    pub empty: bool,
+}
+
+/// A structure set.
+#[derive(Debug, Clone)]
+pub struct StructureSet {
+    /// The file.
+    pub path: PathBuf,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// The contours, LPS mm; structures in the order of `rois`, empty ones among them.
+    pub contours: Contours,
+    /// What it says of each structure.
+    pub rois: Vec<Roi>,
+    /// Frame of Reference UID of the contours; empty where it does not say.
+    pub frame_of_reference: String,
+    /// Series Instance UIDs of the images that it was drawn on.
+    pub referenced_series: BTreeSet<String>,
+    /// The patient.
+    pub patient: Patient,
+    /// The study.
+    pub study: Study,
+    /// Structure Set Label.
+    pub label: String,
+    /// SOP Instance UID.
+    pub uid: String,
+    /// What was left out, and what is missing.
+    pub warnings: Vec<Warning>,
+}
+
+/// Reads a structure set, or the one in a folder.
+///
+/// Contours of one plane follow the even-odd rule (as in [`crate::volume::contour`]), which is what
+/// both inner contours and CLOSEDPLANAR_XOR mean; keyhole contours come out right by it, too.
+///
+/// # Errors
+/// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no structure set,
+/// when a folder holds several, when structures lie in several frames of reference, and when
+/// contours do not lie on parallel planes.
+pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
+    let path = path.as_ref();
+    let object = the_one(path)?;
+    let bytes = read_bytes(&object.path)?;
+    let set = open::whole(&object.path, &bytes)?;
+    let set: &Item = &set;
+    let what = object.path.display().to_string();
+    let mut warnings = Vec::new();
+    let mut rois = rois(&what, set, &mut warnings);
+    let frame_of_reference = frame(&what, set, &mut warnings)?;
+    let drawings = drawings(&what, set, &rois, &mut warnings)?;
+    let contours = planes(&what, &drawings)?;
+    for (roi, structure) in rois.iter_mut().zip(&contours.structures) {
+        roi.empty = structure.polygons.is_empty();
+    }
+    let empty: Vec<&str> = rois.iter().filter(|r| r.empty).map(|r| r.name.as_str()).collect();
+    if !empty.is_empty() {
+        let message = format!("{what}: structures without a closed contour: {}", some_names(&empty));
+        warnings.push(Warning::new("structures-empty", message));
+    }
+    if rois.iter().all(|r| r.empty) {
+        let problem = "no structure has a closed contour";
+        return Err(Error::refused("structures-empty", what, problem, "export the structure set with its contours"));
+    }
+    let series = series(set);
+    Ok(StructureSet {
+        sha256: sha256(&bytes),
+        contours,
+        rois,
+        frame_of_reference,
+        referenced_series: referenced_series(set),
+        patient: series.patient,
+        study: series.study,
+        label: text(set, tags::STRUCTURE_SET_LABEL),
+        uid: text(set, tags::SOP_INSTANCE_UID),
+        path: object.path,
+        warnings,
+    })
+}
+
+/// The structure set that a path means.
+fn the_one(path: &Path) -> Result<Object> {
+    let found = objects(&root_of(path))?;
+    let mut sets: Vec<Object> = found.objects.into_iter().filter(|o| o.series.modality == "RTSTRUCT").collect();
+    if sets.len() == 1
+        && let Some(one) = sets.pop()
+    {
+        return Ok(one);
+    }
+    let list: String = sets
+        .iter()
+        .map(|o| format!("\n    {}: {:?}", o.path.display(), text(&o.header, tags::STRUCTURE_SET_LABEL)))
+        .collect();
+    let (problem, remedy) = if sets.is_empty() {
+        ("it holds no structure set".to_owned(), "give an RTSTRUCT file")
+    } else {
+        (format!("it holds {} structure sets:{list}", sets.len()), "give the file of the one that is meant")
+    };
+    Err(Error::refused("structures-several", path.display().to_string(), problem, remedy))
+}
+
+/// Numbers, names and kinds; names that repeat get the number of the structure behind them.
+fn rois(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Vec<Roi> {
+    let kinds: BTreeMap<i64, String> = items(set, tags::RTROI_OBSERVATIONS_SEQUENCE)
+        .iter()
+        .filter_map(|o| Some((whole(o, tags::REFERENCED_ROI_NUMBER)?, text(o, tags::RTROI_INTERPRETED_TYPE))))
+        .collect();
+    let mut seen: BTreeSet<String> = BTreeSet::new();
+    let mut twice = Vec::new();
+    let mut rois = Vec::new();
+    for (n, item) in items(set, tags::STRUCTURE_SET_ROI_SEQUENCE).iter().enumerate() {
+        let number = whole(item, tags::ROI_NUMBER).unwrap_or(-1 - n as i64);
+        let given = text(item, tags::ROI_NAME);
+        let mut name = if given.is_empty() { format!("ROI {number}") } else { given };
+        if seen.contains(&name) {
+            twice.push(name.clone());
+            while seen.contains(&name) {
+                name = format!("{name} ({number})");
+            }
+        }
+        seen.insert(name.clone());
+        rois.push(Roi {
+            number,
+            name,
+            interpreted_type: kinds.get(&number).cloned().unwrap_or_default(),
+            generation_algorithm: text(item, tags::ROI_GENERATION_ALGORITHM),
+            ..Roi::default()
+        });
+    }
+    if !twice.is_empty() {
+        twice.dedup();
+        let message = format!(
+            "{what}: names are used twice: {}; the later structures have their number behind the name",
+            some_names(&twice)
+        );
+        warnings.push(Warning::new("structures-names", message));
+    }
+    let colours = items(set, tags::ROI_CONTOUR_SEQUENCE).iter().filter_map(|c| {
+        let colour: [f64; 3] = numbers(c, tags::ROI_DISPLAY_COLOR)?.try_into().ok()?;
+        Some((whole(c, tags::REFERENCED_ROI_NUMBER)?, colour.map(|v| v.clamp(0.0, 255.0) as u8)))
+    });
+    let colours: BTreeMap<i64, [u8; 3]> = colours.collect();
+    rois.iter_mut().for_each(|r| r.colour = colours.get(&r.number).copied());
+    rois
+}
+
+/// The frame of reference of all structures.
+fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Result<String> {
+    let drawn: BTreeSet<i64> = items(set, tags::ROI_CONTOUR_SEQUENCE)
+        .iter()
+        .filter(|c| !items(c, tags::CONTOUR_SEQUENCE).is_empty())
+        .filter_map(|c| whole(c, tags::REFERENCED_ROI_NUMBER))
+        .collect();
+    let own = items(set, tags::STRUCTURE_SET_ROI_SEQUENCE)
+        .iter()
+        .filter(|r| whole(r, tags::ROI_NUMBER).is_some_and(|n| drawn.contains(&n)));
+    let frames: BTreeSet<String> =
+        own.map(|r| text(r, tags::REFERENCED_FRAME_OF_REFERENCE_UID)).filter(|f| !f.is_empty()).collect();
+    if frames.len() > 1 {
+        let list = frames.into_iter().collect::<Vec<_>>().join(", ");
+        let problem = format!("its structures lie in several frames of reference ({list})");
+        let remedy = "export the structures of each image as a set of their own";
+        return Err(Error::refused("dicom-frame", what, problem, remedy));
+    }
+    let listed = || {
+        let all = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
+        let all: BTreeSet<String> = all.map(|f| text(f, tags::FRAME_OF_REFERENCE_UID)).collect();
+        if all.len() == 1 { all.into_iter().next() } else { None }
+    };
+    let one = frames.into_iter().next().or_else(listed).unwrap_or_else(|| text(set, tags::FRAME_OF_REFERENCE_UID));
+    if one.is_empty() {
+        let message =
+            format!("{what}: it names no frame of reference: whether it belongs to an image cannot be checked");
+        warnings.push(Warning::new("dicom-frame", message));
+    }
+    Ok(one)
+}
+
+/// The closed contours of each structure.
+fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -> Result<Vec<Drawing>> {
+    let mut all: Vec<Drawing> =
+        rois.iter().map(|r| Drawing { name: r.name.clone(), colour: r.colour, contours: Vec::new() }).collect();
+    let mut left: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for item in items(set, tags::ROI_CONTOUR_SEQUENCE) {
+        let number = whole(item, tags::REFERENCED_ROI_NUMBER);
+        let Some(at) = rois.iter().position(|r| Some(r.number) == number) else {
+            let name = format!("number {}", number.unwrap_or_default());
+            *left.entry(name).or_default().entry("of no structure".into()).or_default() += 1;
+            continue;
+        };
+        for contour in items(item, tags::CONTOUR_SEQUENCE) {
+            let kind = text(contour, tags::CONTOUR_GEOMETRIC_TYPE);
+            let flat: Vec<f64> = numbers(contour, tags::CONTOUR_DATA).unwrap_or_default();
+            let (points, rest) = flat.as_chunks::<3>();
+            let stated = whole(contour, tags::NUMBER_OF_CONTOUR_POINTS);
+            if !rest.is_empty() || stated.is_some_and(|n| usize::try_from(n) != Ok(points.len())) {
+                let problem = format!(
+                    "structure {:?} has a contour of {} points and {} numbers",
+                    rois[at].name,
+                    stated.unwrap_or_default(),
+                    flat.len()
+                );
+                return Err(Error::refused("dicom-incomplete", what, problem, "export the structure set again"));
+            }
+            let closed = matches!(kind.as_str(), "CLOSED_PLANAR" | "CLOSEDPLANAR_XOR" | "CLOSED_PLANAR_XOR");
+            if closed && points.len() > 2 {
+                all[at].contours.push(points.to_vec());
+            } else {
+                let why = if closed { format!("of {} points", points.len()) } else { kind };
+                *left.entry(rois[at].name.clone()).or_default().entry(why).or_default() += 1;
+            }
+        }
+    }
+    if !left.is_empty() {
+        let one = |(name, kinds): (&String, &BTreeMap<String, usize>)| {
+            let kinds = kinds.iter().map(|(kind, n)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ");
+            format!("{name} ({kinds})")
+        };
+        let named: Vec<String> = left.iter().map(one).collect();
+        let message = format!("{what}: contours that enclose nothing are left out: {}", some_names(&named));
+        warnings.push(Warning::new("structures-left-out", message));
+    }
+    Ok(all)
+}
+
+fn referenced_series(set: &Item) -> BTreeSet<String> {
+    let frames = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
+    let studies = frames.flat_map(|f| items(f, tags::RT_REFERENCED_STUDY_SEQUENCE));
+    let series = studies.flat_map(|s| items(s, tags::RT_REFERENCED_SERIES_SEQUENCE));
+    series.map(|s| text(s, tags::SERIES_INSTANCE_UID)).filter(|uid| !uid.is_empty()).collect()
+}
+
+/// The first of many names.
+pub(super) fn some_names<S: AsRef<str>>(names: &[S]) -> String {
+    let shown = names.iter().take(NAMED).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
+    if names.len() > NAMED { format!("{shown} and {} more", names.len() - NAMED) } else { shown }
+}
+
+impl StructureSet {
+    /// Structures with contours, with what the set says of them.
+    pub fn drawn(&self) -> impl Iterator<Item = (&Roi, &Structure)> {
+        self.rois.iter().zip(&self.contours.structures).filter(|(roi, _)| !roi.empty)
+    }
+}
+
+/// What a label map drawn from a structure set says of its file.
+pub(in super::super) fn structure_notes(grid: &Grid, label: &str) -> HeaderNotes {
+    HeaderNotes {
+        format: "DICOM RT Structure Set".into(),
+        sizes: grid.size().to_vec(),
+        datatype: "contours".into(),
+        big_endian: false,
+        compressed: false,
+        scaling: None,
+        geometry: GeometrySource::Header,
+        sform_code: None,
+        qform_code: None,
+        disagreement_mm: None,
+        intent_code: None,
+        intent_name: String::new(),
+        description: label.into(),
+        extensions: Vec::new(),
+    }
+}
+
+/// Structures that a header names.
+pub(super) fn count(set: &Item) -> usize {
+    items(set, tags::STRUCTURE_SET_ROI_SEQUENCE).len()
+}

@@ -1,0 +1,271 @@
+//! What a folder of DICOM holds, for people and machines: series and objects, their geometry, what
+//! refers to what.
+
+use super::elements::text;
+use super::find::{Catalogue, Group, Object, day, find};
+use super::place::CT;
+use super::series::Patient;
+use super::{ct, dose, structures};
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use dicom_dictionary_std::tags;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// One series of images, or one object of another kind.
+#[derive(Debug, Clone, Serialize)]
+pub struct Entry {
+    /// Its place in the list, from 1.
+    pub entry: usize,
+    /// The patient; empty where it is to be hidden.
+    pub patient: Patient,
+    /// Study date, `YYYYMMDD`.
+    pub study_date: String,
+    /// Study Instance UID.
+    pub study: String,
+    /// Series Number.
+    pub number: Option<i32>,
+    /// Series Instance UID.
+    pub series: String,
+    /// `CT`, `RTSTRUCT`, ...
+    pub modality: String,
+    /// Series Description, or label of a structure set.
+    pub description: String,
+    /// `YYYYMMDD`.
+    pub date: String,
+    /// Objects: slices of a series of single-slice images.
+    pub objects: usize,
+    /// What it holds, in words.
+    pub content: String,
+    /// The grid of a CT series or dose.
+    pub grid: Option<Grid>,
+    /// Frame of reference: entries of one letter can be compared; empty where none is told.
+    pub frame: String,
+    /// Frame of Reference UID.
+    pub frame_of_reference: String,
+    /// Entries that it refers to.
+    pub refers_to: Vec<usize>,
+    /// The file of a single object.
+    #[serde(serialize_with = "path_or_none")]
+    pub path: Option<PathBuf>,
+    /// Why it cannot be read, or what is odd about it.
+    pub problems: Vec<String>,
+}
+
+fn path_or_none<S: serde::Serializer>(path: &Option<PathBuf>, serializer: S) -> Result<S::Ok, S::Error> {
+    match path {
+        Some(path) => serializer.serialize_some(&path.to_string_lossy()),
+        None => serializer.serialize_none(),
+    }
+}
+
+/// What a folder or file of DICOM holds. `Display` renders it for people.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    /// The folder or file.
+    #[serde(serialize_with = "super::super::path_as_text")]
+    pub path: PathBuf,
+    /// Its series and objects, by patient, study and modality.
+    pub entries: Vec<Entry>,
+    /// Files that are not DICOM.
+    pub other_files: usize,
+    /// DICOM files that cannot be parsed, and why.
+    pub damaged: Vec<String>,
+    /// Whether names of patients are hidden.
+    pub anonymous: bool,
+}
+
+/// Describes a folder or file of DICOM; with `anonymous` the patient's name, number and date of
+/// birth are left out.
+///
+/// # Errors
+/// [`Error::Read`] when it cannot be read or holds no DICOM.
+pub fn summary(path: impl AsRef<Path>, anonymous: bool) -> Result<Summary> {
+    let path = path.as_ref();
+    let found = find(&[path])?;
+    if found.objects.is_empty() && found.damaged.is_empty() {
+        return Err(Error::read(path, "it holds no DICOM", "name a folder with DICOM files"));
+    }
+    let units = units(&found);
+    let frames = letters(&units);
+    let entries = units.iter().enumerate().map(|(n, unit)| entry(n, unit, &units, &frames, anonymous)).collect();
+    let damaged = found.damaged.iter().map(|(file, why)| format!("{}: {why}", file.display())).collect();
+    Ok(Summary { path: path.into(), entries, other_files: found.other_files, damaged, anonymous })
+}
+
+/// Series of images whole, objects of other kinds one by one.
+fn units(found: &Catalogue) -> Vec<Group<'_>> {
+    found.groups().into_iter().flat_map(split).collect()
+}
+
+fn split(group: Group<'_>) -> Vec<Group<'_>> {
+    if matches!(group.series.modality.as_str(), "CT" | "MR" | "PT") {
+        return vec![group];
+    }
+    group.objects.into_iter().map(|o| Group { series: &o.series, objects: vec![o] }).collect()
+}
+
+/// A letter for each frame of reference, in the order of the list.
+fn letters(units: &[Group<'_>]) -> BTreeMap<String, String> {
+    let mut letters = BTreeMap::new();
+    for frame in units.iter().map(|g| &g.series.frame_of_reference).filter(|f| !f.is_empty()) {
+        let n = letters.len();
+        letters.entry(frame.clone()).or_insert_with(|| {
+            let letter = char::from(b'A' + (n % 26) as u8);
+            if n < 26 { letter.to_string() } else { format!("{letter}{}", n / 26) }
+        });
+    }
+    letters
+}
+
+fn entry(
+    n: usize,
+    unit: &Group<'_>,
+    units: &[Group<'_>],
+    letters: &BTreeMap<String, String>,
+    anonymous: bool,
+) -> Entry {
+    let s = unit.series;
+    let refers: BTreeSet<&String> = unit.objects.iter().flat_map(|o| &o.refers_to).collect();
+    let meant = |g: &Group<'_>| refers.contains(&g.series.uid) || g.objects.iter().any(|o| refers.contains(&o.uid));
+    let targets: Vec<usize> = (0..units.len()).filter(|&m| m != n && meant(&units[m])).collect();
+    let mut problems = Vec::new();
+    for m in &targets {
+        let other = &units[*m].series.frame_of_reference;
+        if !other.is_empty() && !s.frame_of_reference.is_empty() && *other != s.frame_of_reference {
+            problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
+        }
+    }
+    if targets.is_empty() && matches!(s.modality.as_str(), "RTSTRUCT" | "RTDOSE") && !refers.is_empty() {
+        problems.push("what it refers to is not here".into());
+    }
+    let (content, grid) = match content(unit) {
+        Ok((content, grid, odd)) => {
+            problems.extend(odd);
+            (content, grid)
+        }
+        Err(error) => {
+            problems.push(reason(&error));
+            (String::new(), None)
+        }
+    };
+    let label = || unit.objects.first().map_or(String::new(), |o| text(&o.header, tags::STRUCTURE_SET_LABEL));
+    let description = if s.description.is_empty() { label() } else { s.description.clone() };
+    Entry {
+        entry: n + 1,
+        patient: if anonymous { Patient::default() } else { s.patient.clone() },
+        study_date: s.study.date.clone(),
+        study: s.study.uid.clone(),
+        number: s.number,
+        series: s.uid.clone(),
+        modality: s.modality.clone(),
+        description,
+        date: s.date.clone(),
+        objects: unit.objects.len(),
+        content,
+        grid,
+        frame: letters.get(&s.frame_of_reference).cloned().unwrap_or_default(),
+        frame_of_reference: s.frame_of_reference.clone(),
+        refers_to: targets.into_iter().map(|m| m + 1).collect(),
+        path: if unit.objects.len() == 1 { unit.objects.first().map(|o| o.path.clone()) } else { None },
+        problems,
+    }
+}
+
+/// What an entry holds, its grid, and what is odd about it.
+fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
+    let Some(first) = unit.objects.first() else { return Ok((String::new(), None, Vec::new())) };
+    let images = |word: &str| match unit.objects.len() {
+        1 => format!("1 {word}"),
+        n => format!("{n} {word}s"),
+    };
+    match unit.series.modality.as_str() {
+        "CT" if unit.objects.iter().any(|o| CT.contains(&o.sop_class.as_str())) => {
+            let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
+            let planned = ct::plan(Path::new("series"), objects)?;
+            let grid = planned.stack.grid;
+            let odd = planned.warnings.into_iter().map(|w| w.message).collect();
+            Ok((format!("{} slices, {}", grid.size()[2], geometry(&grid)), Some(grid), odd))
+        }
+        "RTDOSE" => {
+            let (words, grid) = dose::describe(first)?;
+            Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
+        }
+        "RTSTRUCT" => Ok((format!("{} structures", structures::count(&first.header)), None, Vec::new())),
+        "MR" | "PT" => Ok((images("slice"), None, Vec::new())),
+        _ => Ok((images("object"), None, Vec::new())),
+    }
+}
+
+fn geometry(grid: &Grid) -> String {
+    let size = grid.size().map(|n| n.to_string()).join(" x ");
+    let spacing = grid.spacing().map(|s| format!("{:.4}", s).trim_end_matches('0').trim_end_matches('.').to_owned());
+    format!("{size}, {} mm", spacing.join(" x "))
+}
+
+/// The reason of a refusal on one line.
+fn reason(error: &Error) -> String {
+    match error {
+        Error::Input { problem, code, .. } if !code.is_empty() => format!("{problem} [{code}]"),
+        Error::Input { problem, .. } | Error::Read { problem, .. } => problem.clone(),
+        other => other.to_string(),
+    }
+}
+
+impl std::fmt::Display for Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{}", self.path.display())?;
+        let (mut patient, mut study) = (None, None);
+        for e in &self.entries {
+            if patient != Some(&e.patient) {
+                let p = &e.patient;
+                let or = |text: &str| if text.is_empty() { "none".to_owned() } else { text.to_owned() };
+                if self.anonymous {
+                    writeln!(f, "  patient hidden")?;
+                } else {
+                    writeln!(f, "  patient {}, number {}, born {}", or(&p.name), or(&p.id), day(&p.birth_date))?;
+                }
+                (patient, study) = (Some(&e.patient), None);
+            }
+            if study != Some(&e.study) {
+                writeln!(f, "  study of {}", day(&e.study_date))?;
+                writeln!(
+                    f,
+                    "  {:>5}  {:>6}  {:<8}  {:<10}  {:<5}  content",
+                    "entry", "series", "modality", "date", "frame"
+                )?;
+                study = Some(&e.study);
+            }
+            let number = e.number.map_or("none".into(), |n| n.to_string());
+            let frame = if e.frame.is_empty() { "none" } else { &e.frame };
+            let description = if e.description.is_empty() { String::new() } else { format!(", {}", e.description) };
+            let (entry, modality, date, content) = (e.entry, &e.modality, day(&e.date), &e.content);
+            let file = e.path.as_deref().and_then(|p| p.strip_prefix(&self.path).ok());
+            let file = file.filter(|p| !p.as_os_str().is_empty());
+            let file = file.map_or(String::new(), |p| format!(", {}", p.display()));
+            writeln!(
+                f,
+                "  {entry:>5}  {number:>6}  {modality:<8}  {date:<10}  {frame:<5}  {content}{description}{file}"
+            )?;
+            if !e.refers_to.is_empty() {
+                let to = e.refers_to.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+                writeln!(f, "  {:>5}  refers to entry {to}", "")?;
+            }
+            for problem in &e.problems {
+                writeln!(f, "  {:>5}  problem: {problem}", "")?;
+            }
+        }
+        let frames: BTreeSet<&String> = self.entries.iter().map(|e| &e.frame).filter(|f| !f.is_empty()).collect();
+        if frames.len() > 1 {
+            writeln!(f, "  {} frames of reference: positions can be compared within one letter only", frames.len())?;
+        }
+        if self.other_files > 0 {
+            writeln!(f, "  {} other files", self.other_files)?;
+        }
+        for damaged in &self.damaged {
+            writeln!(f, "  damaged: {damaged}")?;
+        }
+        Ok(())
+    }
+}

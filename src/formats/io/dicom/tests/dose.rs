@@ -1,0 +1,104 @@
+//! Doses in Gy.
+
+use super::super::{Role, check_frames, read_dose, read_doses};
+use super::make::*;
+use crate::io::{read_dose as read_any, read_image};
+use dicom_core::{DataElement, PrimitiveValue, VR};
+use dicom_dictionary_std::tags;
+
+const PLANE: usize = SIZE[0] * SIZE[1];
+
+#[test]
+fn planes_ascend_whatever_their_offsets_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |offsets: &[f64]| write(dir.path(), "d", &dose("1.5.60", offsets, |n| n as u16));
+    for offsets in [[0.0, 4.0, 8.0], [30.0, 34.0, 38.0]] {
+        let read = read_dose(write(&offsets)).unwrap();
+        let volume = &read.value.volume;
+        assert_eq!((volume.grid().size(), volume.grid().spacing()), ([5, 4, 3], [1.5, 2.0, 4.0]));
+        assert_eq!(volume.grid().origin(), [-10.0, -20.0, 30.0].into());
+        assert!((volume.data()[PLANE + 3] - 0.23).abs() < 1e-6);
+        assert_eq!((read.value.summation.as_str(), read.value.plans.first().unwrap().as_str()), ("PLAN", "1.6.1"));
+        assert!(read.warnings.is_empty());
+    }
+    for offsets in [[0.0, -4.0, -8.0], [30.0, 26.0, 22.0]] {
+        let volume = read_image(write(&offsets)).unwrap().value;
+        assert_eq!(volume.grid().origin(), [-10.0, -20.0, 22.0].into());
+        assert!(volume.grid().direction().determinant() > 0.9);
+        assert!((volume.data()[PLANE + 3] - 0.23).abs() < 1e-6 && (volume.data()[3] - 0.43).abs() < 1e-6);
+    }
+    for (offsets, word) in [
+        (vec![0.0, 4.0, 9.0], "not evenly spaced"),
+        (vec![29.0, 33.0, 37.0], "begins with 29"),
+        (vec![0.0], "one plane"),
+    ] {
+        let error = read_dose(write(&offsets)).unwrap_err();
+        assert!(error.code() == "dose-planes" && error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
+fn thirty_two_bits_are_read_and_relative_doses_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut set = dose("1.5.60", &[0.0, 4.0], |_| 0);
+    put_u16(&mut set, tags::BITS_ALLOCATED, 32);
+    put_u16(&mut set, tags::BITS_STORED, 32);
+    put_u16(&mut set, tags::HIGH_BIT, 31);
+    put(&mut set, tags::DOSE_GRID_SCALING, VR::DS, "1e-8");
+    // As 16-bit words, the low one first: 4 000 000 000.
+    let words = [0x2800u16, 0xee6b].repeat(2 * PLANE);
+    set.put(DataElement::new(tags::PIXEL_DATA, VR::OW, PrimitiveValue::U16(words.into())));
+    let path = write(dir.path(), "d", &set);
+    assert!(read_image(&path).unwrap().value.data().iter().all(|d| (d - 40.0).abs() < 1e-4));
+    for (tag, text, word) in [(tags::DOSE_UNITS, "RELATIVE", "RELATIVE"), (tags::DOSE_TYPE, "ERROR", "ERROR")] {
+        let mut set = dose("1.5.60", &[0.0, 4.0], |_| 0);
+        put(&mut set, tag, VR::CS, text);
+        let error = read_image(write(dir.path(), "d", &set)).unwrap_err();
+        assert!(error.code() == "dose-units" && error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
+fn beams_of_one_plan_are_summed_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let beam = |uid: &str, plan: &str, kind: &str| {
+        let mut set = dose(uid, &[0.0, 4.0], |_| 300);
+        put(&mut set, tags::DOSE_SUMMATION_TYPE, VR::CS, kind);
+        let mut item = Set::new_empty();
+        put(&mut item, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, plan);
+        put_items(&mut set, tags::REFERENCED_RT_PLAN_SEQUENCE, vec![item]);
+        set
+    };
+    let one = write(dir.path(), "a", &beam("1.5.1", "1.6.1", "BEAM"));
+    let alone = read_dose(&one).unwrap();
+    assert_eq!(alone.warnings[0].code, "dose-part");
+    let two = write(dir.path(), "b", &beam("1.5.2", "1.6.1", "BEAM"));
+    let sum = read_doses(&[&one, &two]).unwrap();
+    assert!(sum.value.volume.data().iter().all(|d| (d - 6.0).abs() < 1e-5));
+    assert!(sum.warnings.len() == 1 && sum.warnings[0].message.contains("2 beams are summed"), "{:?}", sum.warnings);
+    assert_eq!(read_any(dir.path()).unwrap().value, sum.value.volume);
+    for (plan, kind, word) in
+        [("1.6.2", "BEAM", "do not refer to one plan"), ("1.6.1", "PLAN", "not all doses of single beams")]
+    {
+        write(dir.path(), "b", &beam("1.5.2", plan, kind));
+        let error = read_doses(&[&one, &two]).unwrap_err();
+        assert!(error.code() == "dose-sum" && error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
+fn other_frames_of_reference_are_refused() {
+    let (dir, ct) = (tempfile::tempdir().unwrap(), series(|_, _| ()));
+    let mut set = dose("1.5.60", &[0.0, 4.0], |_| 0);
+    let path = write(dir.path(), "d", &set);
+    check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap();
+    put(&mut set, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.88");
+    write(dir.path(), "d", &set);
+    let error = check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap_err();
+    assert!(error.code() == "dicom-frame" && error.to_string().contains("1.88"), "{error}");
+    set.remove_element(tags::FRAME_OF_REFERENCE_UID);
+    write(dir.path(), "d", &set);
+    check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap();
+    // Where a dose is asked for a folder's CT is none.
+    assert_eq!(read_any(ct.path()).unwrap_err().code(), "dicom-no-dose");
+}

@@ -1,0 +1,93 @@
+//! Structure sets.
+
+use super::super::read_structure_set;
+use super::make::*;
+use crate::io::{read_contour_file, read_contours};
+use dicom_core::VR;
+use dicom_dictionary_std::tags;
+
+const PLANAR: &str = "CLOSED_PLANAR";
+
+fn closed(polygons: Vec<Vec<[f64; 3]>>) -> Vec<(&'static str, Vec<[f64; 3]>)> {
+    polygons.into_iter().map(|p| (PLANAR, p)).collect()
+}
+
+#[test]
+fn contours_come_with_names_and_what_is_left_out_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let (outer, inner) = (square(4.0, 33.0), square(2.0, 33.0));
+    let reversed: Vec<[f64; 3]> = inner.iter().rev().copied().collect();
+    // Along the outer contour, over a bridge, around the inner one and back.
+    let keyhole = [outer.as_slice(), &outer[..1], &reversed[3..], &reversed[..]].concat();
+    let tilted = vec![("POINT", vec![[1.0, 2.0, 3.0]]), ("OPEN_PLANAR", square(1.0, 33.0))];
+    let path = write(
+        dir.path(),
+        "rs",
+        &structure_set(&[
+            Roi { name: "Kiefer links ä", contours: closed(vec![outer.clone(), square(4.0, 36.0)]) },
+            Roi { name: "ring", contours: closed(vec![outer.clone(), inner.clone()]) },
+            Roi { name: "ring", contours: closed(vec![keyhole]) },
+            Roi { name: "iso", contours: tilted },
+            Roi { name: "empty", contours: vec![] },
+            // Between the slices of the CT.
+            Roi { name: "between", contours: closed(vec![square(1.0, 34.4), vec![[0.0, 0.0, 34.4]; 2]]) },
+        ]),
+    );
+    let set = read_structure_set(&path).unwrap();
+    let names: Vec<&str> = set.rois.iter().map(|r| r.name.as_str()).collect();
+    assert_eq!(names, ["Kiefer links ä", "ring", "ring (3)", "iso", "empty", "between"]);
+    let areas: Vec<f64> = set.contours.structures.iter().map(|s| s.area(33.0)).collect();
+    assert!((areas[0] - 64.0).abs() < 1e-9 && (areas[1] - 48.0).abs() < 1e-9, "{areas:?}");
+    assert!((areas[2] - 48.0).abs() < 1e-6, "the keyhole's {areas:?}");
+    assert!((set.contours.structures[5].area(34.4) - 4.0).abs() < 1e-9);
+    assert_eq!(set.rois.iter().map(|r| r.empty).collect::<Vec<_>>(), [false, false, false, true, true, false]);
+    let roi = &set.rois[0];
+    assert_eq!(
+        (roi.interpreted_type.as_str(), roi.colour, roi.generation_algorithm.as_str()),
+        ("ORGAN", Some([1, 2, 3]), "MANUAL")
+    );
+    assert_eq!((set.frame_of_reference.as_str(), set.label.as_str()), ("1.8", "bones"));
+    assert!(set.referenced_series.contains("1.7.2"));
+    let codes: Vec<&str> = set.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert_eq!(codes, ["structures-names", "structures-left-out", "structures-empty"]);
+    assert!(set.warnings[1].message.contains("iso (1 OPEN_PLANAR, 1 POINT)"), "{:?}", set.warnings);
+    assert!(set.warnings[1].message.contains("between (1 of 2 points)"), "{:?}", set.warnings);
+    assert!(set.warnings[2].message.contains("iso, empty"), "{:?}", set.warnings);
+    let file = read_contour_file(dir.path()).unwrap();
+    assert_eq!((file.contours.structures.len(), &file.path, file.frame), (4, &path, None));
+    assert_eq!(read_contours(&path).unwrap().0, file.contours);
+}
+
+#[test]
+fn sets_without_a_frame_are_told_and_several_or_mixed_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut set = structure_set(&[Roi { name: "a", contours: closed(vec![square(1.0, 0.0)]) }]);
+    let mut item = Set::new_empty();
+    put(&mut item, tags::ROI_NUMBER, VR::IS, "1");
+    put_items(&mut set, tags::STRUCTURE_SET_ROI_SEQUENCE, vec![item]);
+    set.remove_element(tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE);
+    write(dir.path(), "rs", &set);
+    let read = read_structure_set(dir.path()).unwrap();
+    assert!(read.frame_of_reference.is_empty() && read.rois[0].name == "ROI 1");
+    assert!(read.warnings[0].code == "dicom-frame", "{:?}", read.warnings);
+    write(dir.path(), "rs2", &set);
+    let error = read_structure_set(dir.path()).unwrap_err();
+    assert!(error.code() == "structures-several" && error.to_string().contains("rs2"), "{error}");
+    let sagittal: Vec<[f64; 3]> = square(3.0, 5.0).iter().map(|[x, y, z]| [*z, *y, *x]).collect();
+    let both = [
+        Roi { name: "axial", contours: closed(vec![square(4.0, 0.0)]) },
+        Roi { name: "sagittal", contours: closed(vec![sagittal.clone()]) },
+    ];
+    let error = read_structure_set(write(dir.path(), "rs", &structure_set(&both))).unwrap_err();
+    let text = error.to_string();
+    assert!(error.code() == "structures-planes" && text.contains("\"sagittal\"") && text.contains("90.0"), "{text}");
+    let alone = structure_set(&[Roi { name: "sagittal", contours: closed(vec![sagittal.clone()]) }]);
+    let read = read_structure_set(write(dir.path(), "rs", &alone)).unwrap();
+    let polygon = &read.contours.structures[0].polygons[0];
+    assert!((read.contours.structures[0].area(5.0) - 36.0).abs() < 1e-9);
+    let back = read.contours.world(polygon.points[1], polygon.height);
+    assert!((back.coords - nalgebra::Vector3::from(sagittal[1])).norm() < 1e-9);
+    assert!(read.contours.axes.determinant() > 0.99);
+    let nothing = structure_set(&[Roi { name: "iso", contours: vec![("POINT", vec![[0.0; 3]])] }]);
+    assert_eq!(read_structure_set(write(dir.path(), "rs", &nothing)).unwrap_err().code(), "structures-empty");
+}

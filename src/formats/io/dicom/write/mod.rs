@@ -1,0 +1,21 @@
+//! Writing: derived CT series, structure sets and doses as planning systems import them.
+//!
+//! Nothing here asks a clock or draws a number at random: the same input gives the same files.
+
+mod common;
+mod ct;
+mod dose;
+pub(super) mod element;
+mod plane;
+mod structures;
+mod uid;
+
+pub use common::{Origin, When};
+pub use ct::{DerivedCt, ct_series, write_ct};
+pub use dose::{DerivedDose, write_dose};
+pub use structures::{DerivedStructures, write_structures};
+pub use uid::uid_of;
+
+pub(super) use common::{NewSeries, frame, instances, put, references, save};
+pub(super) use element::decimals;
+pub(super) use plane::{Frames, orientation};
