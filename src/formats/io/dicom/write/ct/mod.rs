@@ -62,8 +62,8 @@ pub fn ct_series(grid: &Grid, about: &DerivedCt<'_>, origin: &Origin) -> Series 
 
 /// Writes an image in HU as `CT.0001.dcm` and so on into a folder, in the order of the grid's third axis; returns the series.
 ///
-/// Values are rounded to whole HU, as in the other formats. They are stored as signed 16-bit integers with the intercept -1024 as scanners have it, or
-/// without one where that leaves too little room.
+/// Values are rounded to whole HU, as in the other formats. They are stored as signed 16-bit integers with the intercept
+/// -1024 as scanners have it, or without one where that leaves too little room.
 ///
 /// # Errors
 /// [`Error::Write`] when a value is not finite or does not fit, the grid has too many rows or columns, or a file cannot be
