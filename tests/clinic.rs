@@ -1,7 +1,5 @@
 //! From a planning system and back: the phantom as DICOM, and what a registration of it writes as DICOM.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
-
 use crate::support::{aventail, folder, quick_settings};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
