@@ -8,6 +8,7 @@
 mod accuracy;
 mod capture;
 mod cli;
+mod clinic;
 mod curve;
 mod dicom;
 mod dose;

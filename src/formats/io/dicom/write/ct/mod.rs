@@ -62,8 +62,8 @@ pub fn ct_series(grid: &Grid, about: &DerivedCt<'_>, origin: &Origin) -> Series 
 
 /// Writes an image in HU as `CT.0001.dcm` and so on into a folder, in the order of the grid's third axis; returns the series.
 ///
-/// Values are rounded to whole HU. They are stored as signed 16-bit integers with the intercept -1024 as scanners have it, or
-/// without one where that leaves too little room.
+/// Values are rounded to whole HU, as in the other formats. They are stored as signed 16-bit integers with the intercept
+/// -1024 as scanners have it, or without one where that leaves too little room.
 ///
 /// # Errors
 /// [`Error::Write`] when a value is not finite or does not fit, the grid has too many rows or columns, or a file cannot be
@@ -86,7 +86,7 @@ pub fn write_ct(folder: &Path, ct: &Volume<f32>, about: &DerivedCt<'_>, origin: 
         let mut object = frame(origin, &new, &slice.uid);
         put(&mut object, of_kind(about));
         put(&mut object, of_place(grid, k));
-        let stored = values.iter().map(|v| (f64::from(*v).round() - intercept) as i16).collect();
+        let stored = values.iter().map(|v| (f64::from(*v).round_ties_even() - intercept) as i16).collect();
         put(
             &mut object,
             [
@@ -165,7 +165,7 @@ fn intercept(path: &Path, ct: &Volume<f32>) -> Result<f64> {
     let [low, high] = ct.extremes().map(f64::from);
     let fits = |intercept: &f64| {
         let room = f64::from(i16::MIN)..=f64::from(i16::MAX);
-        room.contains(&(low.round() - intercept)) && room.contains(&(high.round() - intercept))
+        room.contains(&(low.round_ties_even() - intercept)) && room.contains(&(high.round_ties_even() - intercept))
     };
     [USUAL_INTERCEPT, 0.0].into_iter().find(fits).ok_or_else(|| {
         let problem = format!("its values from {low} to {high} do not fit 16-bit HU, -32768 to 32767");
