@@ -11,17 +11,21 @@ use std::path::Path;
 
 /// Transfer syntaxes whose pixels cannot be decoded here, and what unpacks them. Others are named
 /// by their UID.
-const PACKED: [(&str, &str, &str); 6] = [
+const PACKED: [(&str, &str, &str); 4] = [
     (uids::JPEGLS_LOSSLESS, "JPEG-LS", "dcmdjpls IN OUT"),
     (uids::JPEGLS_NEAR_LOSSLESS, "JPEG-LS, near lossless", "dcmdjpls IN OUT"),
-    (uids::JPEG2000_LOSSLESS, "JPEG 2000, lossless", "gdcmconv --raw IN OUT"),
-    (uids::JPEG2000, "JPEG 2000", "gdcmconv --raw IN OUT"),
     (uids::HTJ2K_LOSSLESS, "High-Throughput JPEG 2000, lossless", "Dataset.decompress() of pydicom with pylibjpeg"),
     (uids::HTJ2K, "High-Throughput JPEG 2000", "Dataset.decompress() of pydicom with pylibjpeg"),
 ];
 /// JPEG syntaxes, whose decoder fills what the data does not tell with zeros.
-const JPEG: [&str; 4] =
-    [uids::JPEG_BASELINE8_BIT, uids::JPEG_EXTENDED12_BIT, uids::JPEG_LOSSLESS, uids::JPEG_LOSSLESS_SV1];
+const JPEG: [&str; 6] = [
+    uids::JPEG_BASELINE8_BIT,
+    uids::JPEG_EXTENDED12_BIT,
+    uids::JPEG_LOSSLESS,
+    uids::JPEG_LOSSLESS_SV1,
+    uids::JPEG2000_LOSSLESS,
+    uids::JPEG2000,
+];
 
 /// Decoded pixels of all frames.
 pub(super) struct Pixels {

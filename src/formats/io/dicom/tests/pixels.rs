@@ -72,7 +72,7 @@ fn every_uncompressed_syntax_gives_the_same_values() {
 fn compression_that_is_not_read_is_named_with_its_tool() {
     for (syntax, words) in [
         (uids::JPEGLS_LOSSLESS, ["JPEG-LS", "1.2.840.10008.1.2.4.80", "dcmdjpls"]),
-        (uids::JPEG2000_LOSSLESS, ["JPEG 2000", "1.2.840.10008.1.2.4.90", "gdcmconv --raw"]),
+        (uids::HTJ2K_LOSSLESS, ["High-Throughput", "1.2.840.10008.1.2.4.201", "pydicom"]),
     ] {
         let dir = tempfile::tempdir().unwrap();
         for k in 0..SIZE[2] {
