@@ -29,12 +29,14 @@ const RIGID_MM: f64 = 0.001;
 const FOLDED_PERCENT: f64 = 0.05;
 /// Mean error of soft tissue by fraction, mm: half of what plastimatch leaves.
 const SOFT_MM: [(&str, f64); 4] = [("small", 0.33), ("moderate", 0.36), ("change", 0.52), ("spline", 0.35)];
+/// The same for other fractions.
+const SOFT_OTHER_MM: f64 = 1.7;
 /// Planning to fraction and back away from bone contact, mean and worst, mm.
 const BACK_MM: (f64, f64) = (0.05, 0.5);
 /// Least rank correlation of the map of uncertainty with the true error.
 const TRUST: f64 = 0.4;
-/// The same for other fractions.
-const SOFT_OTHER_MM: f64 = 1.7;
+/// Share of errors below the map: one standard deviation, which twice or half of it is not.
+const BELOW: (f64, f64) = (0.55, 0.92);
 
 /// The planning side of the cases, read once.
 struct Planning {
@@ -121,6 +123,8 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
         ("there and back, mean, mm", back.mean, BACK_MM.0),
         ("there and back, worst, mm", back.max, BACK_MM.1),
         ("uncertainty, 1 - rank correlation", 1.0 - ranked, 1.0 - TRUST),
+        ("errors above the uncertainty", 1.0 - below, 1.0 - BELOW.0),
+        ("errors below the uncertainty", below, BELOW.1),
     ];
     let beyond = bounds.into_iter().filter(|(_, value, bound)| value.is_nan() || value > bound);
     beyond.map(|(what, value, bound)| format!("{what}: {value:.4} is above {bound}")).collect()

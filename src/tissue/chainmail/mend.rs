@@ -120,3 +120,46 @@ fn settle(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+    use crate::volume::{LabelMap, Mask, Volume};
+
+    #[test]
+    fn a_fold_in_soft_tissue_is_unfolded_and_bones_stay() {
+        let grid = Grid::axis_aligned([20, 18, 16], [2.0, 2.0, 3.0], [0.0; 3]).unwrap();
+        let bone = |l: usize| grid.voxel(l)[0] < 4;
+        let ct = Volume::from_fn(grid.clone(), |l| if bone(l) { 700.0 } else { 20.0 });
+        let body = Mask::filled(grid.clone(), true);
+        let labels = LabelMap {
+            volume: Volume::from_fn(grid.clone(), |l| u16::from(bone(l))),
+            names: [(1, "skull".to_owned())].into(),
+        };
+        let bone_of_label: Vec<Option<u16>> = (0..=u16::MAX).map(|l| (l == 1).then_some(0)).collect();
+        let tissue = Tissue {
+            ct: &ct,
+            body: &body,
+            labels: &labels,
+            bone_of_label: &bone_of_label,
+            lung: None,
+            sliding: None,
+            least_hu: -500.0,
+        };
+        // One voxel runs through its neighbours.
+        let torn = |mend: usize| {
+            let mut u = Volume::filled(grid.clone(), [0.0f32; 3]);
+            *u.data_mut().get_mut(grid.linear([10, 9, 8])).unwrap() = [5.0, 0.0, 0.0];
+            let mut push = PushField { displacement: u, computed: body.clone() };
+            let options = ChainmailOptions { mend, ..ChainmailOptions::default() };
+            super::mend(&tissue, &[Matrix3::identity()], &options, &Organs::default(), &mut push);
+            push
+        };
+        assert!(!folded(&tissue, &torn(0)).is_empty(), "left alone it stays folded");
+        let mended = torn(ChainmailOptions::default().mend);
+        assert!(folded(&tissue, &mended).is_empty(), "{:?}", folded(&tissue, &mended));
+        let moved = mended.displacement.data().iter().enumerate().filter(|(l, _)| bone(*l));
+        assert!(moved.into_iter().all(|(_, u)| u.iter().all(|c| c.abs() <= 0.0)));
+    }
+}

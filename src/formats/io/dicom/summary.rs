@@ -49,6 +49,8 @@ pub struct Entry {
     /// The file of a single object.
     #[serde(serialize_with = "path_or_none")]
     pub path: Option<PathBuf>,
+    /// What is worth knowing, and no fault.
+    pub notes: Vec<String>,
     /// Why it cannot be read, or what is odd about it.
     pub problems: Vec<String>,
 }
@@ -137,8 +139,14 @@ fn entry(
             problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
         }
     }
-    if targets.is_empty() && matches!(s.modality.as_str(), "RTSTRUCT" | "RTDOSE") && !refers.is_empty() {
-        problems.push("what it refers to is not here".into());
+    let mut notes = Vec::new();
+    if targets.is_empty() && !refers.is_empty() {
+        match s.modality.as_str() {
+            "RTSTRUCT" => problems.push("the images that it was drawn on are not here".into()),
+            // A dose is whole without its plan.
+            "RTDOSE" => notes.push("its plan is not here".into()),
+            _ => {}
+        }
     }
     let (content, grid) = match content(unit) {
         Ok((content, grid, odd)) => {
@@ -169,6 +177,7 @@ fn entry(
         frame_of_reference: s.frame_of_reference.clone(),
         refers_to: targets.into_iter().map(|m| m + 1).collect(),
         path: if unit.objects.len() == 1 { unit.objects.first().map(|o| o.path.clone()) } else { None },
+        notes,
         problems,
     }
 }
@@ -176,10 +185,7 @@ fn entry(
 /// What an entry holds, its grid, and what is odd about it.
 fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
     let Some(first) = unit.objects.first() else { return Ok((String::new(), None, Vec::new())) };
-    let images = |word: &str| match unit.objects.len() {
-        1 => format!("1 {word}"),
-        n => format!("{n} {word}s"),
-    };
+    let images = |word: &str| many(unit.objects.len(), word);
     match unit.series.modality.as_str() {
         "CT" if unit.objects.iter().any(|o| CT.contains(&o.sop_class.as_str())) => {
             let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
@@ -192,10 +198,15 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
             let (words, grid) = dose::describe(first)?;
             Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
         }
-        "RTSTRUCT" => Ok((format!("{} structures", structures::count(&first.header)), None, Vec::new())),
+        "RTSTRUCT" => Ok((many(structures::count(&first.header), "structure"), None, Vec::new())),
         "MR" | "PT" => Ok((images("slice"), None, Vec::new())),
         _ => Ok((images("object"), None, Vec::new())),
     }
+}
+
+/// So many of something.
+fn many(count: usize, word: &str) -> String {
+    if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
 fn geometry(grid: &Grid) -> String {
@@ -251,6 +262,9 @@ impl std::fmt::Display for Summary {
             if !e.refers_to.is_empty() {
                 let to = e.refers_to.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                 writeln!(f, "  {:>5}  refers to entry {to}", "")?;
+            }
+            for note in &e.notes {
+                writeln!(f, "  {:>5}  note: {note}", "")?;
             }
             for problem in &e.problems {
                 writeln!(f, "  {:>5}  problem: {problem}", "")?;

@@ -38,14 +38,14 @@ fn the_summary_tells_what_refers_to_what_and_hides_names() {
         "Müller^Jürgen",
         "1950-06-07",
         "6 slices, 5 x 4 x 6, 1.5 x 2 x 3 mm",
-        "1 structures",
+        "1 structure,",
         "refers to entry 1",
         "1 other files",
         "PLAN PHYSICAL GY",
     ] {
         assert!(text.contains(word), "{word}: {text}");
     }
-    assert!(text.contains("what it refers to is not here"), "the plan of the dose: {text}");
+    assert!(text.contains("note: its plan is not here"), "the plan of the dose: {text}");
     let entry = told.entries.iter().find(|e| e.modality == "RTSTRUCT").unwrap();
     assert_eq!((entry.frame.as_str(), &entry.refers_to, entry.description.as_str()), ("A", &vec![1], "bones"));
     let hidden = summary(dir.path(), true).unwrap();
