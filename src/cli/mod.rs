@@ -8,6 +8,7 @@ mod demo;
 pub mod dose;
 pub mod evaluate;
 mod fields;
+mod frames;
 mod headers;
 mod inputs;
 mod inspect;

@@ -146,9 +146,17 @@ fn carry(
         Direction::PlanningToFraction => ["planning", "fraction"],
         Direction::FractionToPlanning => ["fraction", "planning"],
     };
-    let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
-    let mut all = vec![known(frames[0], dose_name, dose.grid()), known(frames[1], to_name, to)];
-    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), grid: ct.grid() }));
+    let known = |frame, path, role, grid| Known {
+        frame,
+        name: Path::display(path).to_string(),
+        place: Some((path, role)),
+        grid,
+    };
+    let mut all = vec![
+        known(frames[0], dose_name.as_path(), Role::Dose, dose.grid()),
+        known(frames[1], to_name.as_path(), Role::Image, to),
+    ];
+    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
     let grids = match direction {
         Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
         Direction::FractionToPlanning => [Some(to), Some(dose.grid())],

@@ -5,6 +5,7 @@ mod report;
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
 use super::dose;
 use super::fields;
+use super::frames::{Names, role_of};
 use super::links::LinkArg;
 use super::register::progress;
 use crate::error::{Error, Result};
@@ -13,7 +14,7 @@ use crate::field::{
     scale_by_volume,
 };
 use crate::geometry::Grid;
-use crate::io::dicom::is_structure_set;
+use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
@@ -33,8 +34,9 @@ pub fn run(args: &WarpArgs) -> Result<String> {
     let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
         let (mut links, mut silent) = (Vec::new(), Vec::new());
+        let mut names = names(args)?;
         for arg in &args.field {
-            let (link, told, odd) = arg.read(args.space.map(Into::into))?;
+            let (link, told, odd) = arg.read(args.space.map(Into::into), &mut names)?;
             links.push(link);
             silent.push(!told);
             warnings.extend(odd);
@@ -83,6 +85,16 @@ pub fn run(args: &WarpArgs) -> Result<String> {
         return io::json(&report);
     }
     Ok(report.text())
+}
+
+/// The names that the command line has for the frames of reference of what is DICOM.
+fn names(args: &WarpArgs) -> Result<Names> {
+    let input = |path: &PathBuf| role_of(path, args.kind == Some(VolumeKind::Dose));
+    let here = args.input.as_ref().map(|p| (args.from.as_str(), p.as_path(), input(p)));
+    let lies_in = if args.out_field.is_some() { &args.from } else { &args.to };
+    let there = args.grid.as_ref().map(|p| (lies_in.as_str(), p.as_path(), Role::Image));
+    let things: Vec<_> = [here, there].into_iter().flatten().collect();
+    Names::new(&things, (args.field.len() == 1).then_some((args.from.as_str(), args.to.as_str())))
 }
 
 /// Refuses results that would take the place of inputs or cannot be written, before anything is read.
