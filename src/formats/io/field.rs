@@ -1,7 +1,7 @@
 //! Displacement fields as files: float32 LPS mm vectors that ITK, ANTs, greedy, plastimatch and Slicer read alike.
 
-use super::dicom::registration;
 use super::Loaded;
+use super::dicom::registration;
 use super::image::{WriteOptions, write};
 use super::raster::{load, require_finite};
 use super::values::{Contents, Meaning, Values};
@@ -38,7 +38,8 @@ pub fn read_field_between(path: impl AsRef<Path>) -> Result<(Loaded<Volume<[f32;
         }
         Some(registration::Kind::Rigid) => {
             let problem = "it is a Spatial Registration, one rigid transform, and a displacement field is asked for";
-            let remedy = "give a Deformable Spatial Registration, or make a field of it with `aventail warp --out-field`";
+            let remedy =
+                "give a Deformable Spatial Registration, or make a field of it with `aventail warp --out-field`";
             return Err(Error::input(path.display().to_string(), problem, remedy));
         }
     }

@@ -64,7 +64,8 @@ pub fn read_rigid_between(
         Some(entry) => format!("it holds {} transforms from the frame of reference {entry}", all.len()),
         None => format!("it holds {} transforms", all.len()),
     };
-    let remedy = format!("name the frame of reference of one after the file: FILE#UID, with one of {}", sources.join(", "));
+    let remedy =
+        format!("name the frame of reference of one after the file: FILE#UID, with one of {}", sources.join(", "));
     Err(Error::input(path.display().to_string(), problem, remedy))
 }
 

@@ -8,9 +8,9 @@ mod deformable;
 mod element;
 mod rigid;
 
+pub(in super::super) use deformable::read_field;
 pub use deformable::{Deformable, read_deformable, write_pull, write_push};
 pub use rigid::{RigidRegistration, read_rigid, write_rigid};
-pub(in super::super) use deformable::read_field;
 
 use super::open::{Opened, is_dicom, open};
 use super::series::Series;
@@ -42,6 +42,13 @@ pub fn kind_of(path: &Path) -> Option<Kind> {
         uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE => Some(Kind::Deformable),
         _ => None,
     }
+}
+
+/// SOP Class UID and SOP Instance UID of a registration; `None` where a file holds none.
+pub fn reference_of(path: &Path) -> Option<Written> {
+    kind_of(path)?;
+    let Opened::Object(object) = open(path, tags::STUDY_DATE) else { return None };
+    Some([tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(|tag| super::elements::text(&object, tag)))
 }
 
 /// What a new registration says of itself.
