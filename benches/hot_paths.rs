@@ -6,7 +6,7 @@ use aventail::chainmail::{
 use aventail::field::{
     Chain, FieldFormat, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
 };
-use aventail::fit::{BoneSamples, FitOptions, fit_pose};
+use aventail::fit::{BoneSamples, FitOptions, FitStart, fit_pose};
 use aventail::geometry::Grid;
 use aventail::io::{self, Stored, WriteOptions};
 use aventail::phantom::{Phantom, PhantomOptions};
@@ -167,7 +167,7 @@ fn fit(c: &mut Criterion) {
         group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
             b.iter(|| {
                 let samples = BoneSamples::new(&phantom.skeleton, &phantom.planning, &phantom.bones, o);
-                fit_pose(&phantom.skeleton, &samples, &phantom.fraction, None, o, &Silent)
+                fit_pose(&phantom.skeleton, &samples, &phantom.fraction, FitStart::Search, o, &Silent)
             });
         });
     }

@@ -2,7 +2,7 @@
 
 use crate::support::shared::{coarse, fine};
 use aventail::config::{Config, Preset, SoftTissue};
-use aventail::fit::{BoneSamples, FitOptions, FitResult, fit_pose};
+use aventail::fit::{BoneSamples, FitOptions, FitResult, FitStart, fit_pose};
 use aventail::geometry::{Grid, Rigid};
 use aventail::io::pose::read_pose;
 use aventail::io::{read_image, read_labels};
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 fn fitted(skeleton: &Skeleton, planning: &Volume<f32>, bones: &LabelMap, fraction: &Volume<f32>) -> FitResult {
     let options = FitOptions::default();
     let samples = BoneSamples::new(skeleton, planning, bones, &options);
-    fit_pose(skeleton, &samples, fraction, None, &options, &Silent).expect("the bones are found")
+    fit_pose(skeleton, &samples, fraction, FitStart::Search, &options, &Silent).expect("the bones are found")
 }
 
 /// The fit as it comes; what it makes of soft tissue is not looked at here.
@@ -97,6 +97,7 @@ fn case(planning: &Volume<f32>, bones: &LabelMap) -> Case {
         fraction: planning.clone(),
         landmarks: Vec::new(),
         bone_landmarks: Vec::new(),
+        start: None,
         skeleton: None,
         warnings: Vec::new(),
         inputs: Vec::new(),

@@ -3,8 +3,10 @@
 use crate::support::{aventail, folder, quick_settings};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
-use aventail::io::{read_contours, read_field, read_image};
+use aventail::io::{read_bone_transforms, read_contours, read_field, read_image};
 use aventail::volume::Volume;
+use aventail::volume::contour::Polygon;
+use nalgebra::{Vector2, Vector3};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -16,6 +18,86 @@ fn phantom() -> &'static Path {
         aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&out).assert().success();
         out
     })
+}
+
+/// A registration of the first fraction from DICOM folders, given back as DICOM.
+fn day() -> &'static Path {
+    static OUT: OnceLock<PathBuf> = OnceLock::new();
+    OUT.get_or_init(|| {
+        let (dicom, out) = (phantom().join("dicom"), folder().join("day"));
+        let mut run = aventail();
+        run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
+        run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
+        run.arg("--structures").arg(dicom.join("planning/RS.dcm")).arg("--dose").arg(dicom.join("planning/RD.dcm"));
+        run.args(["--dicom", "--quiet", "--out"]).arg(&out).assert().success();
+        out
+    })
+}
+
+/// The same fraction from NIfTI, with more options.
+fn register(name: &str, more: &[&str]) -> PathBuf {
+    let out = folder().join(name);
+    let mut run = aventail();
+    run.arg("register").arg("--config").arg(quick_settings()).args(more).args(["--quiet", "--out"]).arg(&out);
+    for (option, file) in
+        [("--planning", "planning_ct.nii.gz"), ("--bones", "bones.nii.gz"), ("--fraction", "fraction_ct.nii.gz")]
+    {
+        run.arg(option).arg(phantom().join(file));
+    }
+    run.assert().success();
+    out
+}
+
+/// How far the bones of two runs lie apart at most, mm, on a sphere of 100 mm around the middle of the phantom.
+fn bones_apart(a: &Path, b: &Path) -> f64 {
+    let read = |out: &Path| read_bone_transforms(out.join("bone_transforms.json")).unwrap();
+    let (a, b) = (read(a), read(b));
+    assert!(!a.is_empty() && a.keys().eq(b.keys()));
+    let middle = read_image(phantom().join("planning_ct.nii.gz")).unwrap().value;
+    let size = middle.grid().size().map(|n| n as f64 / 2.0);
+    let middle = middle.grid().world(&Vector3::from(size));
+    let sides = (0..3).flat_map(|a| [-100.0, 100.0].map(|d| Vector3::ith(a, d)));
+    let points: Vec<_> = sides.map(|s| middle + s).collect();
+    let apart = |name: &String| points.iter().map(|p| (a[name] * p - b[name] * p).norm()).fold(0.0, f64::max);
+    a.keys().map(apart).fold(0.0, f64::max)
+}
+
+/// Runs a command that must be refused with this exit code; what it says.
+fn refused(code: i32, words: &[&str], paths: &[(&str, &Path)]) -> String {
+    let mut run = aventail();
+    run.args(words);
+    for (option, path) in paths {
+        match option.strip_suffix('=') {
+            Some(head) => run.arg("--field").arg(format!("{head}={}", path.display())),
+            None => run.arg(option).arg(path),
+        };
+    }
+    let done = run.assert().code(code);
+    String::from_utf8_lossy(&done.get_output().stderr).into_owned()
+}
+
+/// Runs a command; what it prints.
+fn done(words: &[&str], paths: &[(&str, &Path)]) -> String {
+    let mut run = aventail();
+    run.args(words);
+    paths.iter().for_each(|(option, path)| _ = run.arg(option).arg(path));
+    let done = run.assert().success();
+    String::from_utf8_lossy(&done.get_output().stdout).into_owned()
+}
+
+const TO_FRACTION: [&str; 6] = ["warp", "--quiet", "--from", "planning", "--to", "fraction"];
+const TO_PLANNING: [&str; 6] = ["warp", "--quiet", "--from", "fraction", "--to", "planning"];
+
+/// Distance of a point to an outline, mm.
+fn to_outline(p: [f64; 2], outline: &[[f64; 2]]) -> f64 {
+    let p = Vector2::from(p);
+    let ends = outline.iter().zip(outline.iter().cycle().skip(1));
+    let each = ends.map(|(a, b)| {
+        let (a, b) = (Vector2::from(*a), Vector2::from(*b));
+        let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared().max(1e-12)).clamp(0.0, 1.0);
+        (p - a - (b - a) * along).norm()
+    });
+    each.fold(f64::MAX, f64::min)
 }
 
 fn greatest_difference(a: &Volume<f32>, b: &Volume<f32>) -> f32 {
@@ -61,12 +143,7 @@ fn the_phantom_as_dicom_is_the_phantom() {
 
 #[test]
 fn a_registration_goes_back_as_dicom() {
-    let (dicom, out) = (phantom().join("dicom"), folder().join("day"));
-    let mut run = aventail();
-    run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
-    run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
-    run.arg("--structures").arg(dicom.join("planning/RS.dcm")).arg("--dose").arg(dicom.join("planning/RD.dcm"));
-    run.args(["--dicom", "--quiet", "--out"]).arg(&out).assert().success();
+    let (dicom, out) = (phantom().join("dicom"), day());
     let (_, planning) = read_series(dicom.join("planning")).unwrap().value;
     let (_, fraction) = read_series(dicom.join("fraction")).unwrap().value;
     let (ct, series) = read_series(out.join("dicom/ct")).unwrap().value;
@@ -110,4 +187,185 @@ fn what_is_no_dicom_cannot_go_back_as_dicom() {
     let done = run.assert().code(2);
     let said = String::from_utf8_lossy(&done.get_output().stderr).into_owned();
     assert!(said.contains("planning_ct.nii.gz") && said.contains("--dicom needs DICOM"), "{said}");
+}
+
+#[test]
+fn a_run_from_dicom_is_the_run_from_nifti() {
+    let (day, dicom) = (day(), phantom().join("dicom"));
+    let nifti = register("day_nifti", &[]);
+    let apart = bones_apart(day, &nifti);
+    assert!(apart < 1e-6, "{apart}");
+    let pull = nifti.join("fraction_to_planning.nii.gz");
+    let push = nifti.join("planning_to_fraction.nii.gz");
+    let contours = folder().join("day_contours.json");
+    let set = dicom.join("planning/RS.dcm");
+    let both: [(&str, &Path); 4] =
+        [("--field", &push), ("--input", &set), ("--out", &contours), ("--grid", &dicom.join("fraction"))];
+    done(&TO_FRACTION, &both);
+    let (expected, _) = read_contours(&contours).unwrap();
+    let carried = read_structure_set(day.join("dicom/RS.dcm")).unwrap().contours;
+    for old in &expected.structures {
+        let new = carried.structures.iter().find(|s| s.name == old.name).unwrap();
+        let at = |height: f64| old.polygons.iter().filter(move |p| (p.height - height).abs() < 0.01);
+        let off = |p: &Polygon, v: &[f64; 2]| at(p.height).map(|o| to_outline(*v, &o.points)).fold(f64::MAX, f64::min);
+        let worst = new.polygons.iter().flat_map(|p| p.points.iter().map(move |v| off(p, v))).fold(0.0, f64::max);
+        // The run maps with both fields, this warp inverts one of them.
+        assert!(worst < 0.01, "{}: {worst} mm", old.name);
+        assert!((old.volume(9.0) / new.volume(9.0) - 1.0).abs() < 1e-3, "{}", old.name);
+    }
+    let warped = folder().join("day_dose.nii.gz");
+    let (plan, given) = (dicom.join("planning/RD.dcm"), day.join("dicom/RD.dcm"));
+    done(
+        &[&TO_FRACTION[..], &["--kind", "dose"]].concat(),
+        &[("--field", &pull), ("--input", &plan), ("--grid", &given), ("--out", &warped)],
+    );
+    let (dose, expected) = (read_dose(&given).unwrap().value.volume, read_image(&warped).unwrap().value);
+    assert!(dose.extremes()[1] > 10.0 && greatest_difference(&dose, &expected) < 1e-5);
+}
+
+#[test]
+fn a_registration_in_dicom_is_a_field() {
+    let (day, dicom) = (day(), phantom().join("dicom"));
+    let (pull, nifti) = (day.join("dicom/REG_fraction_to_planning.dcm"), day.join("fraction_to_planning.nii.gz"));
+    let planning = dicom.join("planning");
+    let dose = [&TO_FRACTION[..], &["--kind", "dose"]].concat();
+    let image = [&TO_FRACTION[..], &["--kind", "image"]].concat();
+    let [a, b] = ["a", "b"].map(|name| folder().join(format!("by_{name}.nii.gz")));
+    let plan = planning.join("RD.dcm");
+    // The frame of reference of the dose is planning's, so that the field needs no FROM:TO.
+    done(&dose, &[("--field", &pull), ("--input", &plan), ("--out", &a)]);
+    done(&dose, &[("--field", &nifti), ("--input", &plan), ("--out", &b)]);
+    let [a, b] = [a, b].map(|path| read_image(path).unwrap().value);
+    assert!(a.extremes()[1] > 10.0 && greatest_difference(&a, &b) < 1e-3);
+    let out = folder().join("never.nii.gz");
+    let wrong = |head: &str, input: &Path| {
+        refused(4, &image, &[(head, pull.as_path()), ("--input", input), ("--out", out.as_path())])
+    };
+    let said = wrong("planning:fraction=", &planning);
+    assert!(said.contains("points the other way"), "{said}");
+    let said = wrong("fraction:planning=", &dicom.join("fraction_2"));
+    assert!(said.contains("joins the frames of reference"), "{said}");
+    // Nobody names its frames.
+    let nowhere = phantom().join("planning_ct.nii.gz");
+    let said = refused(2, &image, &[("--field", &pull), ("--input", &nowhere), ("--out", &out)]);
+    assert!(said.contains("FROM:TO=FILE"), "{said}");
+    let scans: [(&str, &Path); 2] = [("--planning", &planning), ("--fraction", &dicom.join("fraction"))];
+    let judged = folder().join("judged");
+    let all = |option| [&scans[..], &[(option, pull.as_path()), ("--out", judged.as_path())]].concat();
+    done(&["evaluate", "--quiet"], &all("--fraction-to-planning"));
+    let said = refused(4, &["evaluate", "--quiet"], &all("--planning-to-fraction"));
+    assert!(said.contains("points the other way"), "{said}");
+}
+
+#[test]
+fn results_of_the_fraction_come_back_as_dicom() {
+    let (day, dicom) = (day(), phantom().join("dicom"));
+    let (planning, fraction) = (dicom.join("planning"), dicom.join("fraction"));
+    let (_, own) = read_series(&planning).unwrap().value;
+    let (_, other) = read_series(&fraction).unwrap().value;
+    let (push, dose) = (day.join("dicom/REG_planning_to_fraction.dcm"), day.join("dicom/RD.dcm"));
+    let at = |name: &str| folder().join(name);
+    let map = ["dose", "map", "--to", "planning"];
+    let out = at("RD_back.dcm");
+    let [field, like] = [("--planning-to-fraction", push.as_path()), ("--dicom-like", planning.as_path())];
+    let common: [(&str, &Path); 4] = [field, ("--dose", &dose), ("--grid", &planning), ("--out", &out)];
+    done(&map, &[&common[..], &[like]].concat());
+    let back = read_dose(&out).unwrap().value;
+    assert_eq!(back.series.frame_of_reference, own.frame_of_reference);
+    assert_eq!((&back.series.patient, &back.series.study.uid), (&own.patient, &own.study.uid));
+    assert_eq!(back.plans, read_dose(planning.join("RD.dcm")).unwrap().value.plans);
+    let plain = at("RD_back.nii.gz");
+    let images: [(&str, &Path); 4] = [field, ("--dose", &dose), ("--grid", &planning), ("--out", &plain)];
+    done(&map, &images);
+    assert!(greatest_difference(&back.volume, &read_image(&plain).unwrap().value) < 1e-5);
+    let said = refused(2, &map, &common);
+    assert!(said.contains("--dicom-like"), "{said}");
+    let said = refused(4, &map, &[&common[..], &[("--dicom-like", fraction.as_path())]].concat());
+    assert!(said.contains("another frame of reference"), "{said}");
+    // Contours, by the inverse of the push field; the fraction's on planning's slices.
+    let (set, out) = (day.join("dicom/RS.dcm"), at("RS_back.dcm"));
+    done(&TO_PLANNING, &[("--field", &push), ("--input", &set), ("--out", &out), like]);
+    let back = read_structure_set(&out).unwrap();
+    assert!(back.referenced_series.contains(&own.uid) && back.frame_of_reference == own.frame_of_reference);
+    let before = read_structure_set(planning.join("RS.dcm")).unwrap();
+    assert!(before.rois.iter().map(|r| (&r.name, r.number)).eq(back.rois.iter().map(|r| (&r.name, r.number))));
+    let (old, new) = (before.contours.structures[0].volume(9.0), back.contours.structures[0].volume(9.0));
+    assert!(old > 0.0 && (new / old - 1.0).abs() < 0.2, "{old} {new}");
+    // An image, by the couch shift alone.
+    let (couch, out) = (day.join("dicom/REG_couch.dcm"), at("ct_couch"));
+    let image = [&TO_FRACTION[..], &["--kind", "image"]].concat();
+    let carried: [(&str, &Path); 3] = [("--field", &couch), ("--input", &planning), ("--dicom-like", &fraction)];
+    done(&image, &[&carried[..], &[("--out", &out)]].concat());
+    let (moved, series) = read_series(&out).unwrap().value;
+    assert_eq!(series.frame_of_reference, other.frame_of_reference);
+    let plain = at("ct_couch.nii.gz");
+    let images: [(&str, &Path); 4] =
+        [("--field", &couch), ("--input", &planning), ("--grid", &fraction), ("--out", &plain)];
+    done(&image, &images);
+    assert!(greatest_difference(&moved, &read_image(&plain).unwrap().value) < 0.51);
+    let (before, _) = read_series(&planning).unwrap().value;
+    assert_ne!(before.data(), moved.data());
+    let said = refused(2, &image, &[&carried[..], &[("--out", &out)]].concat());
+    assert!(said.contains("alone in its folder"), "{said}");
+}
+
+#[test]
+fn a_dose_without_a_plan_says_so() {
+    let (day, out) = (day(), folder().join("RD_bare.dcm"));
+    let dose = [&TO_FRACTION[..], &["--kind", "dose"]].concat();
+    let field = day.join("fraction_to_planning.nii.gz");
+    let plain = phantom().join("dose.nii.gz");
+    let like = phantom().join("dicom/fraction");
+    let said = done(&dose, &[("--field", &field), ("--input", &plain), ("--dicom-like", &like), ("--out", &out)]);
+    assert!(said.contains("dicom-no-plan"), "{said}");
+    assert!(read_dose(&out).unwrap().value.plans.is_empty());
+}
+
+#[test]
+fn a_fit_begins_where_it_is_told() {
+    let couch = day().join("dicom/REG_couch.dcm");
+    let near = register("near", &["--start", couch.to_str().unwrap()]);
+    let apart = bones_apart(day(), &near);
+    assert!(apart < 0.05, "{apart} mm");
+    let shift = read_rigid(&couch).unwrap()[0].rigid.translation.vector;
+    let far = folder().join("far.txt");
+    let [x, y, z] = [shift.x, shift.y, shift.z + 60.0];
+    std::fs::write(&far, format!("1 0 0 {x}\n0 1 0 {y}\n0 0 1 {z}\n0 0 0 1\n")).unwrap();
+    let found = register("far", &["--start", &format!("{}#lps", far.display())]);
+    let said = std::fs::read_to_string(found.join("report.json")).unwrap();
+    assert!(said.contains("start-left"), "a start 60 mm off is not told of");
+    // The other way round it is turned: its frames of reference are those of the scans.
+    let strange = phantom().join("dicom/fraction_2");
+    let (planning, bones) = (phantom().join("dicom/planning"), phantom().join("bones.nii.gz"));
+    let said = refused(
+        4,
+        &["register", "--quiet"],
+        &[
+            ("--planning", &planning),
+            ("--bones", &bones),
+            ("--fraction", &strange),
+            ("--start", &couch),
+            ("--out", &folder().join("strange")),
+        ],
+    );
+    assert!(said.contains("joins the frames of reference"), "{said}");
+}
+
+#[test]
+fn a_region_cannot_go_back_as_dicom() {
+    let settings = folder().join("region.toml");
+    std::fs::write(&settings, "[region]\nlabel = \"mandible\"\n").unwrap();
+    let (planning, bones) = (phantom().join("dicom/planning"), phantom().join("bones.nii.gz"));
+    let said = refused(
+        2,
+        &["register", "--quiet", "--dicom"],
+        &[
+            ("--config", &settings),
+            ("--planning", &planning),
+            ("--bones", &bones),
+            ("--fraction", &phantom().join("dicom/fraction")),
+            ("--out", &folder().join("part")),
+        ],
+    );
+    assert!(said.contains("region"), "{said}");
 }

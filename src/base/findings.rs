@@ -387,6 +387,11 @@ const BEHIND: &[Finding] = &[
     ),
     warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
     warned(
+        "start-left",
+        "The bones were found far from the start that --start gives.",
+        "Check that it takes planning to this fraction, and the fusion images.",
+    ),
+    warned(
         "structure-empty",
         "A structure of a dose-volume histogram has no volume.",
         "Check its contours, or the number of its label.",

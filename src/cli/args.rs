@@ -104,7 +104,7 @@ pub struct RegisterArgs {
     /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
-    /// Fraction CT in HU; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
@@ -128,6 +128,10 @@ pub struct RegisterArgs {
     /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
+    /// Rigid motion of the whole patient from planning to the fraction, near which the fit begins instead of searching: a DICOM
+    /// Spatial Registration, ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
+    #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
+    pub start: Option<PathBuf>,
     /// Whether bone landmarks start the fit to the image or replace it
     #[arg(long, value_enum)]
     pub bone_landmarks_use: Option<LandmarkUseName>,
@@ -218,7 +222,8 @@ Examples:
 /// Options of `warp`.
 #[derive(Debug, Args)]
 pub struct WarpArgs {
-    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME); repeat it for a chain
+    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME, DICOM registrations); repeat it for a
+    /// chain
     #[arg(long, value_name = "[FROM:TO=]FILE", required = true, value_parser = OsStringValueParser::new().try_map(LinkArg::of))]
     pub field: Vec<LinkArg>,
     /// Frame that the input lies in
@@ -237,9 +242,13 @@ pub struct WarpArgs {
     /// What the voxels of the input are; needed for volumes
     #[arg(long, value_enum)]
     pub kind: Option<VolumeKind>,
-    /// Any image on the grid of the result; default: the grid of a field that lies there
+    /// Any image on the grid of the result, or the folder of a DICOM series; default: the grid of a field that lies there
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
+    /// DICOM series of the scan that the result lies in: the result is DICOM of its patient, study and frame of reference.
+    /// Structures and dose need --out *.dcm, an image a folder
+    #[arg(long, value_name = "SERIES", requires = "out")]
+    pub dicom_like: Option<PathBuf>,
     /// Between voxels of an image or dose
     #[arg(long, value_enum)]
     pub interpolation: Option<InterpolationName>,

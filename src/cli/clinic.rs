@@ -2,6 +2,7 @@
 
 use super::dose::judge;
 use super::fields::{WORTH_OF_LABELS, outside};
+use super::giveback::{CAUTION, no_plan};
 use crate::config::Config;
 use crate::dose::interpolate;
 use crate::error::{Error, Result};
@@ -12,7 +13,8 @@ use crate::io::dicom::write::{
     DerivedCt, DerivedDose, DerivedStructures, Origin, write_ct, write_dose, write_structures,
 };
 use crate::io::dicom::{
-    Dose, Patient, Role, Series, StructureSet, check_frames, is_dicom_path, read_dose, read_series, read_structure_set,
+    Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,
+    read_structure_set,
 };
 use crate::pipeline::Outcome;
 use crate::report::OutputFile;
@@ -23,8 +25,6 @@ use std::path::{Path, PathBuf};
 
 /// Folder in that of the run.
 const FOLDER: &str = "dicom";
-/// Said of everything that is written.
-const CAUTION: &str = "Made by aventail. For research, not for treatment.";
 
 /// Options for planning systems.
 #[derive(Debug, Args)]
@@ -84,12 +84,12 @@ impl Clinic {
                 let problem = format!("{}: --dicom needs DICOM, and this is none", path.display());
                 return Err(Error::usage(problem, "give the folders of the CT series, or leave --dicom out"));
             }
-            let (volume, series) = read_series(path)?.value;
+            let (series, grid) = describe_series(path)?;
             if series.frame_of_reference.is_empty() {
                 let problem = "its images name no frame of reference, so that nothing can be said to lie in it";
                 return Err(Error::input(path.display().to_string(), problem, "export the series again with it"));
             }
-            Ok((series, volume.grid().clone()))
+            Ok((series, grid))
         };
         let (own, _) = series(planning)?;
         let fractions = fractions.iter().map(|path| {
@@ -120,7 +120,9 @@ impl Clinic {
             check_frames((path, Role::Dose), (planning, Role::Image))?;
             let mut read = read_dose(path)?;
             warnings.append(&mut read.warnings);
-            warnings.extend(judge(&path.display().to_string(), &mut read.value.volume)?);
+            let what = path.display().to_string();
+            warnings.extend(judge(&what, &mut read.value.volume)?);
+            warnings.extend(no_plan(&what, &read.value.plans));
             dose = Some(read.value);
         }
         Ok(Some(Self { planning: own, fractions, structures, dose, anonymous: args.anonymous, warnings }))
@@ -283,7 +285,7 @@ impl Set<'_> {
             kind: &dose.kind,
             summation: &dose.summation,
             plans: &dose.plans,
-            carried_by: Some([class, instance]),
+            carried_by: Some(&[[class, instance]]),
         };
         let path = self.path("RD.dcm", "dose of the plan carried to the fraction, Gy, DICOM RTDOSE");
         write_dose(&path, &mapped, &about, &self.origin)

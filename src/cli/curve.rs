@@ -147,6 +147,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         skeleton: &None,
         landmarks: &None,
         bone_landmarks: &None,
+        start: &None,
     };
     let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], &Config::default(), runtime)?);
     let read = || FractionSide::read(fraction, args.landmarks.as_deref());

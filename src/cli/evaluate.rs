@@ -1,6 +1,7 @@
 //! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
 
 use super::fields::{self, Known, Role};
+use super::frames::place;
 use super::register::progress;
 use super::{command_line, planned, run_folder};
 use crate::error::{Error, Result};
@@ -8,7 +9,7 @@ use crate::evaluate::landmark::Landmark;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::Outside;
 use crate::geometry::Grid;
-use crate::io::{self, Loaded, Planned};
+use crate::io::{self, Loaded, Planned, dicom};
 use crate::pipeline::InputFile;
 use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
@@ -123,6 +124,8 @@ type FieldFiles = (String, Option<PathBuf>, Option<PathBuf>);
 
 /// Everything that the fields are measured with.
 struct Inputs {
+    /// The files of both CTs.
+    files: [Option<PathBuf>; 2],
     planning: Option<Volume<f32>>,
     fraction: Option<Volume<f32>>,
     mask: Option<Mask>,
@@ -297,8 +300,9 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     }
     let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
     let triangle = None;
+    let files = [args.planning.clone(), args.fraction.clone()];
     let mut inputs =
-        Inputs { planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle };
+        Inputs { files, planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle };
     if let (Some(then), Some(direct)) = (&args.then, &args.direct) {
         let remedy = "give the field of the other direction";
         let known = inputs.known();
@@ -321,8 +325,14 @@ impl Inputs {
             ("fraction", "the fraction CT", self.fraction.as_ref().map(Volume::grid)),
             ("fraction", "the fraction's structures", self.structures_fraction.as_ref().map(|b| b.volume.grid())),
         ];
+        let [planning, fraction] = &self.files;
+        let place = |name: &str| match name {
+            "the planning CT" => place(planning, dicom::Role::Image),
+            "the fraction CT" => place(fraction, dicom::Role::Image),
+            _ => None,
+        };
         let known = |(frame, name, grid): (&'static str, &str, Option<_>)| {
-            grid.map(|grid| Known { frame, name: name.to_owned(), grid })
+            grid.map(|grid| Known { frame, name: name.to_owned(), place: place(name), grid })
         };
         all.into_iter().filter_map(known).collect()
     }

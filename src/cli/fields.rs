@@ -1,14 +1,16 @@
 //! The one gate through which every verb takes a field: its direction must not contradict its role.
 //!
 //! aventail's own fields tell their direction in the header. Another tool's field does not; of it is known on which image's
-//! grid it lies, and a field belongs on a grid of the frame that it starts from.
+//! grid it lies, and a field belongs on a grid of the frame that it starts from. A Deformable Spatial Registration names the
+//! frames of reference that it joins, which scans in DICOM confirm or contradict.
 
 use super::evaluate::Ledger;
+use super::frames::{Uids, confirmed, uid_of};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
 use crate::geometry::Grid;
-use crate::io::{self, Loaded};
+use crate::io::{self, Loaded, dicom};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -63,6 +65,8 @@ pub(super) struct Known<'a> {
     pub frame: &'a str,
     /// File or thing, for messages.
     pub name: String,
+    /// Where it was read, which tells its frame of reference where it is DICOM.
+    pub place: Option<(&'a Path, dicom::Role)>,
     /// Its grid.
     pub grid: &'a Grid,
 }
@@ -72,11 +76,11 @@ type FieldFile = Loaded<Volume<[f32; 3]>>;
 /// Frame whose points a field takes, and frame where they arrive.
 type Frames = (String, String);
 
-/// A field from its file, with the frames that its header tells.
-pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<Frames>)> {
-    let field = io::read_field(path)?;
+/// A field from its file, with the frames that its header tells, and the frames of reference of a registration.
+pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<Frames>, Option<Uids>)> {
+    let (field, uids) = io::read_field_between(path)?;
     let own = io::frames_of(&field.header.description);
-    Ok((field, own))
+    Ok((field, own, uids))
 }
 
 /// Whether a header contradicts what is said of a field: names may differ, but none may stand at the other end.
@@ -87,11 +91,16 @@ pub(super) fn contradicts(said: (&str, &str), own: &Frames) -> bool {
 /// Reads the field of a role and judges it by its header, or by the grids that are known.
 ///
 /// # Errors
-/// [`Error::Input`] when its header tells the other direction; else as [`io::read_field`].
+/// [`Error::Input`] when its header tells the other direction, or it is a registration of other frames of reference; else as
+/// [`io::read_field`].
 pub(super) fn take(path: &Path, role: &Role<'_>, known: &[Known<'_>], ledger: &mut Ledger) -> Result<Volume<[f32; 3]>> {
-    let (field, own) = open(path)?;
+    let (field, own, uids) = open(path)?;
     let file = path.display().to_string();
     let Role { option, from, to, .. } = role;
+    let sure = match &uids {
+        Some(uids) => confirmed(&file, uids, role, with_uids(known)?.into_iter())?,
+        None => false,
+    };
     // A field onward from the fraction comes of a run of its own, in which the fraction was one of the two images.
     let onward = *option == "--then" && own.as_ref().is_some_and(|(a, b)| of_a_run(a) && of_a_run(b));
     match &own {
@@ -108,9 +117,19 @@ pub(super) fn take(path: &Path, role: &Role<'_>, known: &[Known<'_>], ledger: &m
             ledger.warnings.push(Warning::new("field-direction", message));
         }
         Some(_) if !onward => {}
+        _ if sure => {}
         _ => ledger.warnings.extend(doubt(&file, (from, to), field.value.grid(), known)),
     }
     Ok(ledger.take(option.trim_start_matches("--"), field))
+}
+
+/// Frame, name and frame of reference of what is DICOM.
+fn with_uids(known: &[Known<'_>]) -> Result<Vec<(String, String, String)>> {
+    let mut all = Vec::new();
+    for k in known {
+        all.extend(uid_of(k.place)?.map(|uid| (k.frame.to_owned(), k.name.clone(), uid)));
+    }
+    Ok(all)
 }
 
 /// Whether a name is that of an image in one of aventail's runs.
@@ -214,6 +233,7 @@ mod tests {
         [("planning", planning), ("fraction", fraction)].map(|(frame, grid)| Known {
             frame,
             name: format!("{frame}.nii"),
+            place: None,
             grid,
         })
     }

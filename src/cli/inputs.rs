@@ -1,7 +1,7 @@
 //! Input files of a run: from the flags, else from the report that is run again.
 
 use super::headers::judge_names;
-use super::organs;
+use super::{organs, start};
 use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
@@ -23,6 +23,7 @@ pub(super) struct Inputs {
     skeleton: Option<PathBuf>,
     landmarks: Option<PathBuf>,
     bone_landmarks: Option<PathBuf>,
+    start: Option<PathBuf>,
 }
 
 /// The flags that name inputs; a role without a flag is `None`.
@@ -34,6 +35,7 @@ pub(super) struct Flags<'a> {
     pub skeleton: &'a Option<PathBuf>,
     pub landmarks: &'a Option<PathBuf>,
     pub bone_landmarks: &'a Option<PathBuf>,
+    pub start: &'a Option<PathBuf>,
 }
 
 /// The flag's file, else the recorded one of the same role.
@@ -62,12 +64,13 @@ impl Inputs {
             skeleton: either(flags.skeleton, "skeleton", recorded),
             landmarks: either(flags.landmarks, "landmarks", recorded),
             bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
+            start: either(flags.start, "start", recorded),
         })
     }
 
     /// All files, in the order in which they are asked for.
     pub(super) fn files(&self) -> Vec<&Path> {
-        let more = [&self.labels, &self.organs, &self.skeleton, &self.landmarks, &self.bone_landmarks];
+        let more = [&self.labels, &self.organs, &self.skeleton, &self.landmarks, &self.bone_landmarks, &self.start];
         let more = more.into_iter().filter_map(|p| p.as_deref());
         [self.planning.as_path(), &self.bones].into_iter().chain(more).collect()
     }
@@ -78,6 +81,11 @@ impl Inputs {
 
     pub(super) fn bones(&self) -> &Path {
         &self.bones
+    }
+
+    /// The motion that the fit begins with, `FILE#NAME` too.
+    pub(super) fn start(&self) -> Option<&Path> {
+        self.start.as_deref()
     }
 
     /// Whether there are landmarks on bones.
@@ -123,6 +131,7 @@ impl Inputs {
             ] {
                 inputs.extend(path.as_deref().map(|p| named(role, p)).transpose()?);
             }
+            inputs.extend(self.start.as_deref().map(|p| named("start", &start::split(p).0)).transpose()?);
             let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings].concat();
             warnings.extend(changed(&inputs, recorded));
             let nothing = Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0);
@@ -132,6 +141,7 @@ impl Inputs {
                 fraction: nothing,
                 landmarks,
                 bone_landmarks,
+                start: None,
                 skeleton,
                 warnings,
                 inputs,

@@ -4,6 +4,7 @@
 //! speak they must not contradict each other, so that no field is used the wrong way round unnoticed.
 
 use super::fields;
+use super::frames::Names;
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
 use crate::io::{points::Space, transform};
@@ -44,6 +45,12 @@ impl LinkArg {
             }
             _ => exact(),
         }
+    }
+
+    /// How the frames and the entry were said, without the folder of the file.
+    pub(super) fn said(&self) -> String {
+        let entry = self.place().1.unwrap_or_default().to_owned();
+        format!("{:?} {entry}", self.frames)
     }
 
     /// The file.
@@ -102,22 +109,45 @@ pub(super) fn frame(text: &str) -> Result<String, String> {
 
 impl LinkArg {
     /// Reads the field or transform; also whether it tells its direction itself, and what is worth knowing of it. `space` is what
-    /// the user says of matrices that do not tell their coordinates.
+    /// the user says of matrices that do not tell their coordinates; `names` are those of frames of reference, by which the
+    /// direction of a registration in DICOM is known.
     ///
     /// # Errors
-    /// [`Error::Usage`] when its direction is unknown or said twice and differently; else as [`io::read_field`] and
-    /// [`transform::read_rigid`].
-    pub(super) fn read(&self, space: Option<Space>) -> Result<(Link, bool, Vec<Warning>)> {
+    /// [`Error::Usage`] when its direction is unknown or said twice and differently; [`Error::Input`] when the frames of reference
+    /// of a registration are not those of the scans; else as [`io::read_field`] and [`transform::read_rigid`].
+    pub(super) fn read(&self, space: Option<Space>, names: &mut Names) -> Result<(Link, bool, Vec<Warning>)> {
         let (path, entry) = self.place();
-        let (motion, own, warnings) = if transform::is_transform(&path) {
-            (Motion::Rigid(transform::read_rigid(&path, entry, space)?), None, Vec::new())
+        let (motion, own, uids, warnings) = if transform::is_transform(&path) {
+            let (rigid, uids) = transform::read_rigid_between(&path, entry, space)?;
+            (Motion::Rigid(rigid), None, uids, Vec::new())
         } else {
-            let (field, own) = fields::open(&path)?;
-            (Motion::Field(Box::new(field.value)), own, field.warnings)
+            let (field, own, uids) = fields::open(&path)?;
+            (Motion::Field(Box::new(field.value)), own, uids, field.warnings)
         };
-        let told = own.is_some();
-        let (from, to) = self.agreed(own)?;
+        let by_uids = match &uids {
+            Some(uids) => names.of(&self.file, uids, self.frames.as_ref())?,
+            None => None,
+        };
+        let ((from, to), told) = match (by_uids, uids) {
+            (Some(known), _) => known,
+            (None, Some([a, b])) => return Err(self.unnamed(&a, &b)),
+            (None, None) => {
+                let told = own.is_some();
+                (self.agreed(own)?, told)
+            }
+        };
         Ok((Link { name: self.file.clone(), from, to, motion }, told, warnings))
+    }
+
+    /// A registration whose frames of reference have no names.
+    fn unnamed(&self, a: &str, b: &str) -> Error {
+        Error::usage(
+            format!(
+                "{}: it takes points of the frame of reference {a} to {b}, and it is not known which frames these are",
+                self.file
+            ),
+            "give it as FROM:TO=FILE with your names of these two frames",
+        )
     }
 
     /// Whether it is a matrix that `--space` speaks of.

@@ -106,6 +106,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         skeleton: &args.skeleton,
         landmarks: &args.landmarks,
         bone_landmarks: &args.motion.bone_landmarks,
+        start: &None,
     };
     let inputs = Inputs::new(&flags, &file.inputs)?;
     let by_hand = either(&args.motion.pose, "pose", &file.inputs);

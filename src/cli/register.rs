@@ -6,7 +6,7 @@ use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
 use super::outputs::{planned, write_outputs};
 use super::terminal::Terminal;
-use super::{command_line, run_folder};
+use super::{command_line, run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
@@ -36,7 +36,14 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         // Read with their fraction.
         landmarks: &None,
         bone_landmarks: &args.bone_landmarks,
+        start: &args.start,
     };
+    if args.clinic.dicom && config.region.is_some() {
+        return Err(Error::usage(
+            "--dicom writes what the whole scan needs, and the settings choose a region",
+            "leave --dicom out, or remove [region] from the settings",
+        ));
+    }
     let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
     let fractions = fractions(args, &file)?;
@@ -50,7 +57,9 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         io::read_landmarks(path)?;
     }
     let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
-    let mut side = PlanningSide::new(inputs.load(&recorded, &config, &runtime)?);
+    let begin = inputs.start().zip(scans.first());
+    let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
+    let mut side = PlanningSide::new(Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? });
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;
@@ -160,9 +169,9 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
             ));
         }
     };
-    if files.len() > 1 && args.bone_landmarks.is_some() {
+    if files.len() > 1 && (args.bone_landmarks.is_some() || args.start.is_some()) {
         return Err(Error::usage(
-            "--bone-landmarks belong to one fraction, and several are given",
+            "--bone-landmarks and --start belong to one fraction, and several are given",
             "register the fractions one by one",
         ));
     }

@@ -178,6 +178,7 @@ impl Moved {
                 fraction: io::read_image(fraction)?.value,
                 landmarks: file("landmarks").map(io::read_landmarks).transpose()?.unwrap_or_default(),
                 bone_landmarks: Vec::new(),
+                start: None,
                 skeleton,
                 warnings: Vec::new(),
                 inputs: report.inputs,

@@ -51,6 +51,11 @@ pub(super) const DICOM: &[Finding] = &[
     ),
     refused("dicom-no-dose", "A dose is asked for, and what is given holds none.", "Give an RTDOSE file."),
     warned(
+        "dicom-no-plan",
+        "A dose that is written as DICOM names no plan, because its source names none.",
+        "Give the dose object that belongs to a plan, where the planning system refuses the result.",
+    ),
+    warned(
         "dicom-padding",
         "Voxels that were not measured had values that no CT has; they are air now.",
         "Nothing, where they lie outside the field of view.",

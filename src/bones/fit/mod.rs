@@ -4,6 +4,7 @@ pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
 pub use planning::BoneSamples;
 pub use schedule::fit_pose;
 pub use similarity::Measure;
+pub use start::FitStart;
 
 use crate::geometry::Rigid;
 use crate::skeleton::Pose;

@@ -1,7 +1,7 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
 use super::accept::{LEAST_FOUND, accept, found_share, not_found};
-use super::given::{GivenMotion, given};
+use super::given::given;
 use super::level::Level;
 use super::planning::BoneSamples;
 use super::prior::{limit_excess, relative};
@@ -11,7 +11,7 @@ use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
-use super::start::common_motions;
+use super::start::{FitStart, WEAK_START, common_motions, left, near_motions};
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -39,9 +39,6 @@ const WHOLE: f64 = 0.9;
 const AROUND_MM: f64 = 12.0;
 const AROUND_DEG: f64 = 12.0;
 
-/// Explained share of the couch shift below which the user should look twice.
-const WEAK_START: f64 = 0.4;
-
 /// A bone whose position the image and its joints leave open by more than this (standard deviation, mm) follows its joints:
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
@@ -60,8 +57,7 @@ pub(super) struct Fitter<'a> {
 /// Fits the pose of the skeleton to the fraction CT.
 ///
 /// `samples` are the skeleton's bones in the planning CT, drawn with the same options; the two images (HU) may have any
-/// offset. Bones outside the fraction's field of view follow their joints. `start` (one per bone) takes the place of the search for the couch shift and of the
-/// first guess of each bone: the image then refines it.
+/// offset. Bones outside the fraction's field of view follow their joints.
 ///
 /// # Errors
 /// [`Error::Registration`] when the images show no common anatomy: no couch shift explains the bones, or no bone is found
@@ -70,7 +66,7 @@ pub fn fit_pose(
     skeleton: &Skeleton,
     samples: &BoneSamples,
     fraction: &Volume<f32>,
-    start: Option<&[Option<GivenMotion>]>,
+    start: FitStart<'_>,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FitResult> {
@@ -78,20 +74,24 @@ pub fn fit_pose(
     progress.step(0, steps, "couch shift");
     let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
     let fitter = Fitter::new(skeleton, options, &level);
-    let starts = match start {
-        Some(known) => {
+    let common = |found: Vec<(Rigid, f64)>| -> Vec<Start> {
+        let of = |(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] };
+        found.into_iter().map(of).collect()
+    };
+    let (all, image) = (&level.drawn.all, &level.fraction);
+    let fresh = !matches!(start, FitStart::Placed(_));
+    let starts = match &start {
+        FitStart::Placed(known) => {
             let placed = given(skeleton, known)?;
             vec![Start { common: placed.common, share: 1.0, transforms: placed.transforms }]
         }
-        None => common_motions(&level.drawn.all, &level.fraction, options.measure)?
-            .into_iter()
-            .map(|(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] })
-            .collect(),
+        FitStart::Near(known) => common(near_motions(known, all, image, options.measure)?),
+        FitStart::Search => common(common_motions(all, image, options.measure)?),
     };
     let mut refused = None;
     for begin in starts {
-        let mut tried = fitter.from(begin, (samples, fraction), start.is_none(), progress)?;
-        if start.is_none() && tried.found >= LEAST_FOUND {
+        let mut tried = fitter.from(begin, (samples, fraction), fresh, progress)?;
+        if fresh && tried.found >= LEAST_FOUND {
             let again = |common| {
                 let share = level.explained(&common, options.measure);
                 let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
@@ -102,7 +102,10 @@ pub fn fit_pose(
         }
         if tried.found >= LEAST_FOUND {
             let Tried { mut fit, found, scale, .. } = tried;
-            accept(&mut fit, (&scale, found), (&level.drawn.all, &level.fraction), options.measure)?;
+            accept(&mut fit, (&scale, found), (all, image), options.measure)?;
+            if let FitStart::Near(known) = &start {
+                fit.warnings.extend(left(known, &fit.common, all, image, options.measure));
+            }
             return Ok(fit);
         }
         // What is said of the best start.
@@ -110,8 +113,7 @@ pub fn fit_pose(
     }
     let Tried { fit, found, scale, .. } = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
     scale.judge()?;
-    let coarse = (&level.drawn.all, &level.fraction);
-    Err(not_found((&fit, found), coarse, (samples, fraction, skeleton), options)?)
+    Err(not_found((&fit, found), (all, image), (samples, fraction, skeleton), options)?)
 }
 
 /// What came of a start.

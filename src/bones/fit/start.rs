@@ -4,6 +4,7 @@
 //! fraction image is scored by the share of bone HU variance that it explains, at coarse resolution; the best are refined
 //! (docs/decisions/0015-start.md).
 
+use super::given::GivenMotion;
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
@@ -12,8 +13,24 @@ use super::tissue::Tissue;
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, vectorised};
 use crate::volume::Volume;
+use crate::warning::Warning;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
+
+/// Where a fit begins.
+#[derive(Debug, Clone, Copy)]
+pub enum FitStart<'a> {
+    /// With a search over all shifts of the bones together.
+    Search,
+    /// Near a common motion of all bones, planning to fraction, that is known. Where it explains little of the bones' contrast
+    /// all shifts are searched.
+    Near(Rigid),
+    /// With each bone where it is given (one per bone); the image refines that.
+    Placed(&'a [Option<GivenMotion>]),
+}
+
+/// Explained share of the couch shift below which the user should look twice.
+pub(super) const WEAK_START: f64 = 0.4;
 
 /// Step of the exhaustive search, mm. Half the width of the blur that the images get for it.
 const STEP_MM: f64 = 10.0;
@@ -207,13 +224,80 @@ pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Mea
     motions(samples, fraction, measure, &[&TURNS[..1]])
 }
 
+/// As [`common_motions`], with a motion that is known: only its neighbourhood is searched, unless nothing there explains
+/// enough of the bones.
+pub(super) fn near_motions(
+    known: &Rigid,
+    samples: &Samples,
+    fraction: &Tissue,
+    measure: Measure,
+) -> Result<Vec<(Rigid, f64)>> {
+    let bones = Together::new(samples, fraction, measure);
+    let steps = (0..3).flat_map(|a| [-STEP_MM, STEP_MM].map(|s| Vector3::ith(a, s)));
+    let shift = known * bones.centre - bones.centre;
+    let candidate = |step| Candidate { evidence: 0.0, turn: known.rotation, shift: shift + step };
+    let candidates: Vec<Candidate> = std::iter::once(Vector3::zeros()).chain(steps).map(candidate).collect();
+    let mut found = bones.refined(candidates)?;
+    if found.iter().all(|f| f.explained < WEAK_START) {
+        let (upright, turned) = TURNS.split_at(1);
+        return motions(samples, fraction, measure, &[upright, turned]);
+    }
+    found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    bones.starts(found)
+}
+
+/// A word about a fit whose common motion lies elsewhere than the start that was given.
+pub(super) fn left(
+    known: &Rigid,
+    found: &Rigid,
+    samples: &Samples,
+    fraction: &Tissue,
+    measure: Measure,
+) -> Option<Warning> {
+    let away = Together::new(samples, fraction, measure).apart(known, found);
+    (away > SAME_MM).then(|| {
+        let message = format!(
+            "the bones were found {away:.0} mm from the start that was given: it belongs to other images, points the other way, or \
+             the bones were found at a wrong place; look at the fusion images"
+        );
+        Warning::new("start-left", message)
+    })
+}
+
 /// The best motions over these sets of turns, one set after the other until a start is clear.
 fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f64; 3]]]) -> Result<Vec<(Rigid, f64)>> {
-    let n = samples.points.len().max(1) as f64;
-    let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
-    let radius = (samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
+    let bones = Together::new(samples, fraction, measure);
     let mut found: Vec<Refined> = Vec::new();
     for turns in sets {
+        found.extend(bones.refined(search(turns, samples, &bones.centre, &fraction.value))?);
+        // The sort is stable: of equal ones the first stays first.
+        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        if found.first().is_some_and(|best| best.explained >= CLEAR && best.visible >= IN_VIEW) {
+            break;
+        }
+    }
+    bones.starts(found)
+}
+
+/// All bones as one, and the image that they are sought in.
+struct Together<'a> {
+    samples: &'a Samples,
+    fraction: &'a Tissue,
+    measure: Measure,
+    centre: Point3<f64>,
+    radius: f64,
+}
+
+impl<'a> Together<'a> {
+    fn new(samples: &'a Samples, fraction: &'a Tissue, measure: Measure) -> Self {
+        let n = samples.points.len().max(1) as f64;
+        let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
+        let radius = (samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n).sqrt().max(1.0);
+        Self { samples, fraction, measure, centre, radius }
+    }
+
+    fn refined(&self, candidates: Vec<Candidate>) -> Result<Vec<Refined>> {
+        let Self { samples, fraction, measure, centre, radius } = *self;
         let refine = |Candidate { turn, shift, .. }| {
             let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
             let problem = || PoseProblem {
@@ -227,33 +311,35 @@ fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f6
             let seen = &problem().similarities(&[t], false)[0];
             Ok(Refined { cost: solution.cost, explained: seen.explained, visible: seen.visible, motion: t })
         };
-        let candidates = search(turns, samples, &centre, &fraction.value);
-        found.extend(candidates.into_par_iter().map(refine).collect::<Result<Vec<_>>>()?);
-        // The sort is stable: of equal ones the first stays first.
-        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        if found.first().is_some_and(|best| best.explained >= CLEAR && best.visible >= IN_VIEW) {
-            break;
+        candidates.into_par_iter().map(refine).collect()
+    }
+
+    /// How far two motions take the bones apart, mm.
+    fn apart(&self, s: &Rigid, t: &Rigid) -> f64 {
+        (s * self.centre - t * self.centre).norm() + self.radius * s.rotation.angle_to(&t.rotation)
+    }
+
+    /// Those that explain enough and differ, of all in the order of their cost.
+    fn starts(&self, found: Vec<Refined>) -> Result<Vec<(Rigid, f64)>> {
+        let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
+        let mut starts: Vec<(Rigid, f64)> = Vec::new();
+        for Refined { explained, motion: t, .. } in found.into_iter().filter(|f| f.explained >= LEAST_EXPLAINED) {
+            if starts.len() < STARTS && starts.iter().all(|s| self.apart(&s.0, &t) > SAME_MM) {
+                starts.push((t, explained));
+            }
         }
-    }
-    let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
-    let mut starts: Vec<(Rigid, f64)> = Vec::new();
-    for Refined { explained, motion: t, .. } in found.into_iter().filter(|f| f.explained >= LEAST_EXPLAINED) {
-        let apart = |s: &Rigid| (s * centre - t * centre).norm() + radius * s.rotation.angle_to(&t.rotation);
-        if starts.len() < STARTS && starts.iter().all(|s| apart(&s.0) > SAME_MM) {
-            starts.push((t, explained));
+        if !starts.is_empty() {
+            return Ok(starts);
         }
+        Err(Error::registration(
+            format!(
+                "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
+                100.0 * best,
+                100.0 * LEAST_EXPLAINED
+            ),
+            "check that both CTs show the same patient and a common body region, in HU",
+        ))
     }
-    if !starts.is_empty() {
-        return Ok(starts);
-    }
-    Err(Error::registration(
-        format!(
-            "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
-            100.0 * best,
-            100.0 * LEAST_EXPLAINED
-        ),
-        "check that both CTs show the same patient and a common body region, in HU",
-    ))
 }
 
 #[cfg(test)]

@@ -87,7 +87,7 @@ pub enum Frame {
 /// Options of `dose map`.
 #[derive(Debug, Args)]
 pub struct MapArgs {
-    /// Dose in Gy
+    /// Dose in Gy: .nii.gz, .mha, .nrrd, or a DICOM RT Dose
     #[arg(long, value_name = "FILE")]
     pub dose: PathBuf,
     /// Where the dose goes
@@ -99,12 +99,16 @@ pub struct MapArgs {
     /// Field on the fraction grid: fraction y shows planning y + v(y)
     #[arg(long, value_name = "FILE")]
     pub fraction_to_planning: Option<PathBuf>,
-    /// Image whose grid the result gets, in the frame that the dose goes to
+    /// Image whose grid the result gets, in the frame that the dose goes to; the folder of a DICOM series too
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
     /// CT in HU in the frame that the dose comes from, for energy-mass
     #[arg(long, value_name = "FILE")]
     pub ct: Option<PathBuf>,
+    /// DICOM series of the scan that the result lies in: the result is an RT Dose of its patient, study and frame of reference;
+    /// needed where --out ends in .dcm
+    #[arg(long, value_name = "SERIES")]
+    pub dicom_like: Option<PathBuf>,
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
@@ -116,7 +120,7 @@ pub struct MapArgs {
 /// Options of `dose accumulate`.
 #[derive(Debug, Args)]
 pub struct AccumulateArgs {
-    /// Dose of each fraction in Gy, in its own frame
+    /// Dose of each fraction in Gy, in its own frame; DICOM RT Doses too
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
     /// Field of each fraction, in the order of the doses
@@ -128,12 +132,16 @@ pub struct AccumulateArgs {
     /// Weight of each dose, for example the number of fractions that it stands for; 1 each without
     #[arg(long, value_name = "W", num_args = 1..)]
     pub weights: Vec<f64>,
-    /// Image whose grid the result gets, in the planning frame
+    /// Image whose grid the result gets, in the planning frame; the folder of a DICOM series too
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
     /// CT of each fraction in HU, for energy-mass
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub ct: Vec<PathBuf>,
+    /// DICOM series of the scan that the result lies in: the result is an RT Dose of its patient, study and frame of reference;
+    /// needed where --out ends in .dcm
+    #[arg(long, value_name = "SERIES")]
+    pub dicom_like: Option<PathBuf>,
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

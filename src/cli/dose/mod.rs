@@ -2,12 +2,14 @@
 
 mod args;
 mod intake;
+mod out;
 
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
 pub(super) use intake::judge;
 
 use super::evaluate::{DirectionName, Ledger};
 use super::fields::{self, Known};
+use super::giveback::Made;
 use super::record::Output;
 use super::register::progress;
 use super::{command_line, planned, record, run_folder};
@@ -26,6 +28,7 @@ use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
+use out::{GiveBack, beside, check_out, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -59,8 +62,10 @@ struct Sidecar<'a> {
 fn map(args: &MapArgs) -> Result<String> {
     let method = method(&args.how)?;
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
-    let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]);
-    check_out(&args.out, &files.map(PathBuf::as_path).collect::<Vec<_>>())?;
+    let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).map(PathBuf::as_path);
+    let files: Vec<&Path> = files.collect();
+    let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
+    check_out(&args.out, back.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
     let (dose, to, ct) = runtime.stage("read", || {
@@ -74,10 +79,12 @@ fn map(args: &MapArgs) -> Result<String> {
         Frame::Planning => Direction::FractionToPlanning,
     };
     let fields = (args.planning_to_fraction.as_deref(), args.fraction_to_planning.as_deref());
-    let names = [&args.dose, &args.grid];
+    let names = [&args.dose, args.dicom_like.as_ref().unwrap_or(&args.grid)];
     let (mapped, report) =
         carry((&dose, &to, names), fields, None, direction, &method, ct.as_ref(), &mut ledger, &runtime)?;
-    finish(&args.out, &mapped, vec![1.0], vec![report], ledger, args.how.json)
+    let fields: Vec<&Path> = [fields.0, fields.1].into_iter().flatten().collect();
+    let made = Made { files, fields, settings: format!("{:?} {:?}", args.to, args.how) };
+    finish(&back, &mapped, vec![1.0], vec![report], ledger, (&[&args.dose], &made))
 }
 
 fn sum(args: &AccumulateArgs) -> Result<String> {
@@ -97,7 +104,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         return Err(Error::usage(format!("--weights {w} is negative or not finite"), "give numbers of fractions"));
     }
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
-    check_out(&args.out, &files.map(PathBuf::as_path).collect::<Vec<_>>())?;
+    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
+    let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
+    check_out(&args.out, out.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
     let to = ledger.take("grid", io::read_image(&args.grid)?).grid().clone();
@@ -116,7 +125,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         };
         let back = Direction::FractionToPlanning;
         let option = Some("--fields");
-        let names = [path, &args.grid];
+        let names = [path, args.dicom_like.as_ref().unwrap_or(&args.grid)];
         let (mapped, report) =
             carry((&dose, &to, names), fields, option, back, &method, ct.as_ref(), &mut ledger, &runtime)?;
         total = Some(match &total {
@@ -126,7 +135,10 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         reports.push(report);
     }
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
-    finish(&args.out, &total, weights, reports, ledger, args.how.json)
+    let fields = args.fields.iter().map(PathBuf::as_path).collect();
+    let made = Made { files, fields, settings: format!("{weights:?} {:?} {:?}", args.direction, args.how) };
+    let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
+    finish(&out, &total, weights, reports, ledger, (&doses, &made))
 }
 
 /// Reads the field and carries one dose.
@@ -146,9 +158,17 @@ fn carry(
         Direction::PlanningToFraction => ["planning", "fraction"],
         Direction::FractionToPlanning => ["fraction", "planning"],
     };
-    let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
-    let mut all = vec![known(frames[0], dose_name, dose.grid()), known(frames[1], to_name, to)];
-    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), grid: ct.grid() }));
+    let known = |frame, path, role, grid| Known {
+        frame,
+        name: Path::display(path).to_string(),
+        place: Some((path, role)),
+        grid,
+    };
+    let mut all = vec![
+        known(frames[0], dose_name.as_path(), Role::Dose, dose.grid()),
+        known(frames[1], to_name.as_path(), Role::Image, to),
+    ];
+    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
     let grids = match direction {
         Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
         Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
@@ -159,13 +179,14 @@ fn carry(
 
 /// Writes a dose and what is to be said about it.
 fn finish(
-    out: &Path,
+    back: &GiveBack<'_>,
     dose: &Volume<f32>,
     weights: Vec<f64>,
     parts: Vec<DoseReport>,
     mut ledger: Ledger,
-    json: bool,
+    (sources, made): (&[&Path], &Made<'_>),
 ) -> Result<String> {
+    let (out, json) = (back.out, back.json);
     ledger.warnings.extend(intake::judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
@@ -174,7 +195,10 @@ fn finish(
     {
         return Err(Error::write(beside(out), e.to_string(), "remove it, or give another --out"));
     }
-    io::write_image(out, dose, Stored::Float32, &options)?;
+    match &back.like {
+        Some(like) => ledger.warnings.extend(like.dose(out, dose, sources, made)?),
+        None => io::write_image(out, dose, Stored::Float32, &options)?,
+    }
     let text = table(&parts) + &listed(&ledger.warnings);
     let command = command_line();
     let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
@@ -222,27 +246,6 @@ fn table(parts: &[DoseReport]) -> String {
 /// Warnings for the terminal.
 fn listed(warnings: &[Warning]) -> String {
     warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect()
-}
-
-/// The sidecar's path: the dose's with its extensions replaced.
-fn beside(out: &Path) -> PathBuf {
-    let name = out.file_name().unwrap_or_default().to_string_lossy();
-    let stem = [".nii.gz", ".nii", ".mha", ".nrrd"].iter().find_map(|e| name.strip_suffix(e)).unwrap_or(&name);
-    out.with_file_name(format!("{stem}.json"))
-}
-
-/// Refuses a path that cannot be written before anything long begins.
-fn check_out(out: &Path, inputs: &[&Path]) -> Result<()> {
-    crate::field::FieldFormat::of(out)?;
-    io::check_files(inputs, &[out.to_owned(), beside(out)])?;
-    io::open_folder(parent(out))?;
-    io::check_place(out)?;
-    io::check_place(&beside(out))
-}
-
-/// The folder of a file.
-fn parent(file: &Path) -> &Path {
-    file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// The method with its density table.

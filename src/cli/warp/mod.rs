@@ -1,10 +1,13 @@
 //! `aventail warp`: anything that has a position, from one frame to another.
 
+mod dicom;
 mod report;
 
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
 use super::dose;
 use super::fields;
+use super::frames::{Names, role_of};
+use super::giveback::Like;
 use super::links::LinkArg;
 use super::register::progress;
 use crate::error::{Error, Result};
@@ -13,7 +16,7 @@ use crate::field::{
     scale_by_volume,
 };
 use crate::geometry::Grid;
-use crate::io::dicom::is_structure_set;
+use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
@@ -33,8 +36,9 @@ pub fn run(args: &WarpArgs) -> Result<String> {
     let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
         let (mut links, mut silent) = (Vec::new(), Vec::new());
+        let mut names = names(args)?;
         for arg in &args.field {
-            let (link, told, odd) = arg.read(args.space.map(Into::into))?;
+            let (link, told, odd) = arg.read(args.space.map(Into::into), &mut names)?;
             links.push(link);
             silent.push(!told);
             warnings.extend(odd);
@@ -85,18 +89,34 @@ pub fn run(args: &WarpArgs) -> Result<String> {
     Ok(report.text())
 }
 
+/// The names that the command line has for the frames of reference of what is DICOM.
+fn names(args: &WarpArgs) -> Result<Names> {
+    let input = |path: &PathBuf| role_of(path, args.kind == Some(VolumeKind::Dose));
+    let here = args.input.as_ref().map(|p| (args.from.as_str(), p.as_path(), input(p)));
+    let lies_in = if args.out_field.is_some() { &args.from } else { &args.to };
+    let there = [&args.grid, &args.dicom_like].into_iter().flatten();
+    let there = there.map(|p| (lies_in.as_str(), p.as_path(), Role::Image));
+    let things: Vec<_> = here.into_iter().chain(there).collect();
+    Names::new(&things, (args.field.len() == 1).then_some((args.from.as_str(), args.to.as_str())))
+}
+
 /// Refuses results that would take the place of inputs or cannot be written, before anything is read.
 fn check_paths(args: &WarpArgs) -> Result<()> {
     let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
-    let inputs = fields.iter().chain([&args.input, &args.grid, &args.labels].into_iter().flatten());
+    let more = [&args.input, &args.grid, &args.dicom_like, &args.labels];
+    let inputs = fields.iter().chain(more.into_iter().flatten());
     let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
     io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
-    let volume = args
-        .input
-        .as_deref()
-        .is_some_and(|i| points::point_extension(i).is_none() && !is_json(i) && !is_structure_set(i));
-    if let Some(out) = args.out.as_deref().filter(|_| volume) {
-        FieldFormat::of(out)?;
+    if let (Some(input), Some(out)) = (&args.input, &args.out) {
+        let kind = match input {
+            i if points::point_extension(i).is_some() => dicom::Input::Points,
+            i if is_json(i) || is_structure_set(i) => dicom::Input::Contours,
+            _ => dicom::Input::Volume,
+        };
+        dicom::check(args, kind, out)?;
+        if args.dicom_like.is_none() && kind == dicom::Input::Volume {
+            FieldFormat::of(out)?;
+        }
     }
     outputs.iter().try_for_each(|out| io::check_place(out))
 }
@@ -195,8 +215,10 @@ fn map_contours(
     report: &mut Report,
 ) -> Result<()> {
     let refuse = |problem: String, remedy: &str| Err(Error::usage(problem, remedy));
-    if !is_json(out) {
-        return refuse(format!("{}: contours are written as JSON", out.display()), "name the output *.json");
+    let like = dicom::like(args)?;
+    if like.is_none() && !is_json(out) {
+        let remedy = "name the output *.json, or *.dcm with --dicom-like";
+        return refuse(format!("{}: contours are written as JSON, or as DICOM", out.display()), remedy);
     }
     let given = args.kind.is_some() || args.interpolation.is_some() || args.outside.is_some() || args.labels.is_some();
     if given || args.scale_by_jacobian {
@@ -205,13 +227,16 @@ fn map_contours(
             "leave them out",
         );
     }
-    let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(input)?;
+    let (ContourFile { mut contours, frame, warnings, .. }, rois) = dicom::read(input, like.as_ref())?;
     report.warnings.extend(warnings);
     report.warnings.extend(contours.tidy());
     if let Some(frame) = frame.filter(|f| *f != args.from) {
         return refuse(format!("{} lies in frame {frame:?}, not in {}", input.display(), args.from), "correct --from");
     }
-    let grid = target(args, back, &args.to, &mut report.warnings)?;
+    let grid = match dicom::grid(args, like.as_ref(), input)? {
+        Some(grid) => grid,
+        None => target(args, back, &args.to, &mut report.warnings)?,
+    };
     let (moved, mapped) = resample_contours(&contours, forward, back, &grid);
     let slice = grid.spacing()[2];
     for (old, new) in contours.structures.iter().zip(&moved.structures) {
@@ -225,7 +250,7 @@ fn map_contours(
             volume(new, slice)
         ));
     }
-    io::write_contours(out, &moved, &args.to)?;
+    dicom::write_contours(args, like.as_ref(), rois, &moved, out)?;
     report.kind = "contours";
     let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
     report.warnings.extend(fields::outside("the contours", "a field", share, fields::WORTH_OF_LABELS));
@@ -248,7 +273,11 @@ fn map_volume(
         ));
     };
     refuse_for_kind(args, kind)?;
-    let grid = target(args, back, &args.to, &mut report.warnings)?;
+    let like: Option<Like> = dicom::like(args)?;
+    let grid = match dicom::grid(args, like.as_ref(), input)? {
+        Some(grid) => grid,
+        None => target(args, back, &args.to, &mut report.warnings)?,
+    };
     let description = format!("aventail warp {} to {}", args.from, args.to);
     let options = WriteOptions { description, ..WriteOptions::default() };
     let mapped = if kind == VolumeKind::Labels {
@@ -290,7 +319,10 @@ fn map_volume(
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
         let stored = if whole { Stored::Int16 } else { Stored::Float32 };
-        runtime.stage("write", || io::write_image(out, &warped, stored, &options))?;
+        runtime.stage("write", || match &like {
+            Some(like) => dicom::write_volume(args, like, &warped, (input, out), report),
+            None => io::write_image(out, &warped, stored, &options),
+        })?;
         mapped
     };
     report.finish(back, mapped, out);

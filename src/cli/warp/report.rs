@@ -31,7 +31,7 @@ impl Report {
     /// A word about fields of unknown direction that lie on the grid of the wrong frame.
     pub(super) fn doubt(&mut self, args: &WarpArgs, unsure: &[&Link], input: &Grid, target: &Grid) {
         let Some(path) = &args.grid else { return };
-        let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), grid };
+        let known = |frame, path: &Path, grid| Known { frame, name: path.display().to_string(), place: None, grid };
         let input_path = args.input.as_deref().unwrap_or(Path::new(""));
         let known = [known(args.from.as_str(), input_path, input), known(args.to.as_str(), path, target)];
         for link in unsure {

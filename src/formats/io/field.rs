@@ -1,6 +1,7 @@
 //! Displacement fields as files: float32 LPS mm vectors that ITK, ANTs, greedy, plastimatch and Slicer read alike.
 
 use super::Loaded;
+use super::dicom::registration;
 use super::image::{WriteOptions, write};
 use super::raster::{load, require_finite};
 use super::values::{Contents, Meaning, Values};
@@ -13,17 +14,40 @@ use std::path::Path;
 /// Reads a displacement field, LPS mm.
 ///
 /// NIfTI of intent 1007 is LPS and 1006 is RAS, as ITK has it; NiftyReg's displacement and deformation fields are known by
-/// their `NREG_TRANS`. MetaImage and NRRD vectors are LPS. The file does not tell which way a field points.
+/// their `NREG_TRANS`. MetaImage and NRRD vectors are LPS. The file does not tell which way a field points. A DICOM
+/// Deformable Spatial Registration is read as well; it joins frames of reference, see [`read_field_between`].
 ///
 /// # Errors
 /// [`Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
 /// and when a component is NaN or infinite. [`Error::Read`] when the file cannot be read.
 pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
+    read_field_between(path).map(|(field, _)| field)
+}
+
+/// [`read_field`], also with the frames of reference (DICOM UIDs) whose points it takes and where they arrive, where the
+/// file is a Deformable Spatial Registration.
+///
+/// # Errors
+/// As [`read_field`], and [`registration::read_deformable`].
+pub fn read_field_between(path: impl AsRef<Path>) -> Result<(Loaded<Volume<[f32; 3]>>, Option<[String; 2]>)> {
     let path = path.as_ref();
-    load(path, |raster| {
+    match registration::kind_of(path) {
+        None => {}
+        Some(registration::Kind::Deformable) => {
+            return registration::read_field(path).map(|(field, frames)| (field, Some(frames)));
+        }
+        Some(registration::Kind::Rigid) => {
+            let problem = "it is a Spatial Registration, one rigid transform, and a displacement field is asked for";
+            let remedy =
+                "give a Deformable Spatial Registration, or make a field of it with `aventail warp --out-field`";
+            return Err(Error::input(path.display().to_string(), problem, remedy));
+        }
+    }
+    let field = load(path, |raster| {
         let (field, odd) = raster.displacements(path)?;
         require_finite(path, field, odd, |v: [f32; 3]| v.iter().all(|c| c.is_finite()))
-    })
+    })?;
+    Ok((field, None))
 }
 
 /// Writes a displacement field, LPS mm, in the layout of `format`. `options.description` should tell the direction, as

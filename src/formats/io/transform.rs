@@ -1,5 +1,6 @@
-//! Rigid transforms: ITK's text files (`.tfm`, `.txt`), a plain 4x4, or JSON as `bone_transforms.json`. LPS mm.
+//! Rigid transforms: ITK's text files (`.tfm`, `.txt`), a plain 4x4, JSON as `bone_transforms.json`, or DICOM. LPS mm.
 
+use super::dicom::registration;
 use super::points::Space;
 use super::text::read_text;
 use crate::error::{Error, Result};
@@ -12,9 +13,13 @@ use std::path::Path;
 /// Extensions of transform files.
 const ENDS: [&str; 4] = ["tfm", "txt", "mat", "json"];
 
-/// Whether a path's extension is that of a transform, not of a field.
+/// Whether a path is a transform, not a field: by its extension, or a DICOM Spatial Registration.
 pub fn is_transform(path: &Path) -> bool {
-    path.extension().is_some_and(|e| ENDS.iter().any(|end| e.eq_ignore_ascii_case(end)))
+    path.extension().is_some_and(|e| ENDS.iter().any(|end| e.eq_ignore_ascii_case(end))) || is_registration(path)
+}
+
+fn is_registration(path: &Path) -> bool {
+    registration::kind_of(path) == Some(registration::Kind::Rigid)
 }
 
 /// Reads a rigid transform that takes points (LPS mm, column vectors) of one frame to another.
@@ -23,13 +28,48 @@ pub fn is_transform(path: &Path) -> bool {
 ///   to its *moving* image;
 /// - `.txt`, `.mat`: sixteen numbers, rows of a 4x4, of points in the coordinates `space`, which the file does not tell;
 /// - `.json`: a 4x4 in the coordinates `space`, or `{"name": [[4], [4], [4], [4]], ...}`, LPS as `bone_transforms.json`;
-///   `entry` chooses one where there are several.
+///   `entry` chooses one where there are several;
+/// - a DICOM Spatial Registration (PS3.3 C.20.2); `entry` is a source Frame of Reference UID where it holds several.
 ///
 /// # Errors
 /// [`Error::Read`] when the file cannot be parsed; [`Error::Input`] when it holds several transforms, an unknown kind, a
 /// matrix that is not rigid, or one whose space nobody tells.
 pub fn read_rigid(path: impl AsRef<Path>, entry: Option<&str>, space: Option<Space>) -> Result<Rigid> {
+    read_rigid_between(path, entry, space).map(|(rigid, _)| rigid)
+}
+
+/// [`read_rigid`], also with the frames of reference (DICOM UIDs) whose points it takes and where they arrive, where the
+/// file is a Spatial Registration.
+///
+/// # Errors
+/// As [`read_rigid`].
+pub fn read_rigid_between(
+    path: impl AsRef<Path>,
+    entry: Option<&str>,
+    space: Option<Space>,
+) -> Result<(Rigid, Option<[String; 2]>)> {
     let path = path.as_ref();
+    if !is_registration(path) {
+        return of_text(path, entry, space).map(|rigid| (rigid, None));
+    }
+    let mut all = registration::read_rigid(path)?;
+    all.retain(|r| entry.is_none_or(|e| r.from == e));
+    if let [_] = all.as_slice()
+        && let Some(one) = all.pop()
+    {
+        return Ok((one.rigid, Some([one.from, one.to])));
+    }
+    let sources: Vec<String> = registration::read_rigid(path)?.into_iter().map(|r| r.from).collect();
+    let problem = match entry {
+        Some(entry) => format!("it holds {} transforms from the frame of reference {entry}", all.len()),
+        None => format!("it holds {} transforms", all.len()),
+    };
+    let remedy =
+        format!("name the frame of reference of one after the file: FILE#UID, with one of {}", sources.join(", "));
+    Err(Error::input(path.display().to_string(), problem, remedy))
+}
+
+fn of_text(path: &Path, entry: Option<&str>, space: Option<Space>) -> Result<Rigid> {
     match parsed(path, entry)? {
         Parsed::Lps(rigid) => Ok(rigid),
         Parsed::Bare(matrix) => {
@@ -60,6 +100,9 @@ pub fn read_rigid(path: impl AsRef<Path>, entry: Option<&str>, space: Option<Spa
 /// As [`read_rigid`].
 pub fn is_bare(path: impl AsRef<Path>) -> Result<bool> {
     let path = path.as_ref();
+    if is_registration(path) {
+        return Ok(false);
+    }
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = read_text(path)?;
     Ok(if json { matches!(parse_json(path, &text)?, Json::One(_)) } else { !is_itk(&text) })

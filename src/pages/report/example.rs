@@ -167,6 +167,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         fraction,
         landmarks,
         bone_landmarks: Vec::new(),
+        start: None,
         skeleton: None,
         warnings: Vec::new(),
         inputs: inputs.into(),

@@ -2,6 +2,7 @@
 
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
+use crate::geometry::Rigid;
 use crate::phantom::Phantom;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
@@ -34,6 +35,8 @@ pub struct Case {
     pub landmarks: Vec<Landmark>,
     /// Landmarks on bones, which place the skeleton; see [`crate::fit::LandmarkUse`].
     pub bone_landmarks: Vec<BoneLandmark>,
+    /// Motion of all bones together, planning to fraction, near which the fit begins; bone landmarks come before it.
+    pub start: Option<Rigid>,
     /// Skeleton given by the user instead of the built one.
     pub skeleton: Option<Skeleton>,
     /// What reading the files found.
@@ -51,6 +54,7 @@ impl Case {
             fraction,
             landmarks: Vec::new(),
             bone_landmarks: Vec::new(),
+            start: None,
             skeleton: None,
             warnings: Vec::new(),
             inputs: Vec::new(),

@@ -53,6 +53,7 @@ pub(super) fn cut(
         fraction: part(&case.fraction, &there)?,
         landmarks,
         bone_landmarks: Vec::new(),
+        start: None,
         skeleton: None,
         warnings: Vec::new(),
         inputs: case.inputs.clone(),

@@ -7,7 +7,7 @@ use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::fit::{BoneFit, FitResult, fit_pose, from_landmarks, given};
+use crate::fit::{BoneFit, FitResult, FitStart, fit_pose, from_landmarks, given};
 use crate::geometry::Grid;
 use crate::plausibility::in_hounsfield;
 use crate::runtime::Runtime;
@@ -42,7 +42,12 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     let known = view.known(&case.fraction);
     let fit = || match (&planning.samples, &placed) {
         (Some(samples), start) => {
-            fit_pose(skeleton, samples, &known, start.as_deref(), &config.fit, runtime.progress())
+            let start = match (start, case.start) {
+                (Some(placed), _) => FitStart::Placed(placed),
+                (None, Some(common)) => FitStart::Near(common),
+                (None, None) => FitStart::Search,
+            };
+            fit_pose(skeleton, samples, &known, start, &config.fit, runtime.progress())
         }
         (None, Some(known)) => given(skeleton, known),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),

@@ -51,13 +51,14 @@ pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series
     let path = path.as_ref();
     match choose(path)? {
         (Chosen::Ct(objects), same) => read(&same, objects),
-        (Chosen::Dose(_), _) => Err(Error::refused(
-            "dicom-no-ct",
-            path.display().to_string(),
-            "it is a dose, no CT series",
-            "give the folder of the CT series",
-        )),
+        (Chosen::Dose(_), _) => Err(no_ct(path)),
     }
+}
+
+/// The refusal of a dose where a CT is asked for.
+pub(super) fn no_ct(path: &Path) -> Error {
+    let what = path.display().to_string();
+    Error::refused("dicom-no-ct", what, "it is a dose, no CT series", "give the folder of the CT series")
 }
 
 /// Puts the images of a series in order.

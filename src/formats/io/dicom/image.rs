@@ -5,7 +5,7 @@ use super::super::checksum::sha256_file;
 use super::super::raster::Raster;
 use super::super::voxels::{Element, Layout};
 use super::place::{Chosen, Place, choose, objects};
-use super::{ct, dose};
+use super::{Dose, Series, ct, dose};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::volume::Volume;
@@ -41,17 +41,24 @@ pub(in super::super) fn read_image(path: &Path) -> Result<Loaded<Volume<f32>>> {
 /// # Errors
 /// As [`super::read_doses`].
 pub(in super::super) fn read_dose(path: &Path) -> Result<Loaded<Volume<f32>>> {
+    let Loaded { value, path, sha256, header, warnings } = dose_at(path)?;
+    Ok(Loaded { value: value.volume, path, sha256, header, warnings })
+}
+
+/// The same with what the object says of itself: of an object, a folder with one, or `FOLDER#NUMBER`.
+///
+/// # Errors
+/// As [`super::read_doses`].
+pub fn dose_at(path: &Path) -> Result<Loaded<Dose>> {
     let place = Place::of(path);
-    let read = if place.choice.is_none() {
-        dose::read_dose(path)?
+    if place.choice.is_none() {
+        dose::read_dose(path)
     } else if let (Chosen::Dose(objects), same) = choose(path)? {
-        dose::read(&same, &objects)?
+        dose::read(&same, &objects)
     } else {
         let problem = "this series is no RT Dose";
-        return Err(Error::refused("dicom-no-dose", path.display().to_string(), problem, "choose the RTDOSE series"));
-    };
-    let Loaded { value, path, sha256, header, warnings } = read;
-    Ok(Loaded { value: value.volume, path, sha256, header, warnings })
+        Err(Error::refused("dicom-no-dose", path.display().to_string(), problem, "choose the RTDOSE series"))
+    }
 }
 
 /// The grid of a CT series, without its pixels, or of a dose.
@@ -68,6 +75,20 @@ pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
             let read = dose::read(&same, &objects)?;
             Ok((read.value.volume.grid().clone(), read.warnings))
         }
+    }
+}
+
+/// What a CT series says of itself, and its grid, without its pixels.
+///
+/// # Errors
+/// As [`super::read_series`], but for the pixels.
+pub fn describe_series(path: &Path) -> Result<(Series, Grid)> {
+    match choose(path)? {
+        (Chosen::Ct(objects), same) => {
+            let planned = ct::plan(&same, objects)?;
+            Ok((planned.series, planned.stack.grid))
+        }
+        (Chosen::Dose(_), _) => Err(ct::no_ct(path)),
     }
 }
 

@@ -30,7 +30,12 @@ pub(super) struct Source<'a> {
 impl Source<'_> {
     /// The data set of an object of class `class`, called `kind` in errors.
     pub fn open(&self, class: &str, kind: &str) -> Result<Item> {
-        let object = open::whole(self.path, &read_bytes(self.path)?)?.into_inner();
+        self.parse(&read_bytes(self.path)?, class, kind)
+    }
+
+    /// The same of bytes that are read.
+    pub fn parse(&self, bytes: &[u8], class: &str, kind: &str) -> Result<Item> {
+        let object = open::whole(self.path, bytes)?.into_inner();
         let found = self.text(&object, tags::SOP_CLASS_UID, "SOP Class UID")?;
         if found == class {
             return Ok(object);

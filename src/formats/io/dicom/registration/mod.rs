@@ -8,17 +8,48 @@ mod deformable;
 mod element;
 mod rigid;
 
+pub(in super::super) use deformable::read_field;
 pub use deformable::{Deformable, read_deformable, write_pull, write_push};
 pub use rigid::{RigidRegistration, read_rigid, write_rigid};
 
+use super::open::{Opened, is_dicom, open};
 use super::series::Series;
 use super::write::{NewSeries, Origin, frame, instances, put};
 use crate::error::Result;
 use dicom_core::VR;
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use dicom_object::InMemDicomObject;
 use element::{empty, integer, text};
 use std::path::Path;
+
+/// Kinds of registrations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Spatial Registration: matrices.
+    Rigid,
+    /// Deformable Spatial Registration: a field.
+    Deformable,
+}
+
+/// What kind of registration a file holds; `None` where it holds none.
+pub fn kind_of(path: &Path) -> Option<Kind> {
+    if !is_dicom(path) {
+        return None;
+    }
+    let Opened::Object(object) = open(path, tags::STUDY_DATE) else { return None };
+    match super::elements::text(&object, tags::SOP_CLASS_UID).as_str() {
+        uids::SPATIAL_REGISTRATION_STORAGE => Some(Kind::Rigid),
+        uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE => Some(Kind::Deformable),
+        _ => None,
+    }
+}
+
+/// SOP Class UID and SOP Instance UID of a registration; `None` where a file holds none.
+pub fn reference_of(path: &Path) -> Option<Written> {
+    kind_of(path)?;
+    let Opened::Object(object) = open(path, tags::STUDY_DATE) else { return None };
+    Some([tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(|tag| super::elements::text(&object, tag)))
+}
 
 /// What a new registration says of itself.
 #[derive(Debug, Clone, Copy)]

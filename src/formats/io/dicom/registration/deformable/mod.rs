@@ -8,8 +8,10 @@ use super::{DerivedRegistration, Written, begun};
 use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
+use crate::io::checksum::{read_bytes, sha256};
 use crate::io::dicom::series::Series;
 use crate::io::dicom::write::{Frames, Origin, decimals, orientation, put, references, save};
+use crate::io::{GeometrySource, HeaderNotes, Loaded};
 use crate::volume::Volume;
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
@@ -105,8 +107,42 @@ fn vectors(field: &Volume<[f32; 3]>) -> InMemDicomObject {
 /// [`Error::Read`] when the file cannot be read or lacks what it must hold; [`Error::Input`] when it is of another class,
 /// holds several registrations, or vectors that are undefined.
 pub fn read_deformable(path: impl AsRef<Path>) -> Result<Deformable> {
-    let source = Source { path: path.as_ref() };
-    let object = source.open(uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE, "Deformable Spatial Registration")?;
+    let path = path.as_ref();
+    parse(path, &read_bytes(path)?)
+}
+
+/// The same with what is told of a field's file, and the frames of reference that it joins.
+///
+/// # Errors
+/// As [`read_deformable`].
+pub(in super::super::super) fn read_field(path: &Path) -> Result<(Loaded<Volume<[f32; 3]>>, [String; 2])> {
+    let bytes = read_bytes(path)?;
+    let (sha256, parsed) = rayon::join(|| sha256(&bytes), || parse(path, &bytes));
+    let Deformable { from, to, displacement } = parsed?;
+    let header = HeaderNotes {
+        format: "DICOM Deformable Spatial Registration".into(),
+        sizes: displacement.grid().size().to_vec(),
+        datatype: "float32".into(),
+        big_endian: false,
+        compressed: false,
+        scaling: None,
+        geometry: GeometrySource::Header,
+        sform_code: None,
+        qform_code: None,
+        disagreement_mm: None,
+        intent_code: None,
+        intent_name: String::new(),
+        description: String::new(),
+        extensions: Vec::new(),
+    };
+    let loaded = Loaded { value: displacement, path: path.to_owned(), sha256, header, warnings: Vec::new() };
+    Ok((loaded, [from, to]))
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<Deformable> {
+    let source = Source { path };
+    let class = uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE;
+    let object = source.parse(bytes, class, "Deformable Spatial Registration")?;
     let from = source.text(&object, tags::FRAME_OF_REFERENCE_UID, "Frame of Reference UID")?;
     let item = the_one(&source, &object)?;
     let to = source.text(item, tags::SOURCE_FRAME_OF_REFERENCE_UID, "Source Frame of Reference UID")?;

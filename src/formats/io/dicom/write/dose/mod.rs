@@ -41,9 +41,9 @@ pub struct DerivedDose<'a> {
     /// SOP Instance UIDs of the plans that the source refers to. Without one the object lacks what the standard demands of
     /// all summation types, and systems may refuse it.
     pub plans: &'a BTreeSet<String>,
-    /// The registration that carried the dose: SOP Class UID and SOP Instance UID. None for a dose that is where it was
-    /// computed.
-    pub carried_by: Option<[&'a str; 2]>,
+    /// The registrations that carried the dose, SOP Class UID and SOP Instance UID of each that is an object of DICOM. None for
+    /// a dose that is where it was computed.
+    pub carried_by: Option<&'a [[&'a str; 2]]>,
 }
 
 /// Writes a dose in Gy as unsigned 32-bit integers, frames ascending along the normal of the slices.
@@ -123,8 +123,10 @@ fn of_dose(about: &DerivedDose<'_>) -> Vec<dicom_object::mem::InMemElement> {
     }
     let carried = if about.carried_by.is_some() { "NON_RIGID" } else { "NONE" };
     elements.push(text(tags::SPATIAL_TRANSFORM_OF_DOSE, VR::CS, carried));
-    if let Some([class, instance]) = about.carried_by {
-        elements.push(sequence(tags::REFERENCED_SPATIAL_REGISTRATION_SEQUENCE, vec![reference(class, instance)]));
+    if let Some(registrations) = about.carried_by {
+        // Of type 2C: empty where the field is no object of DICOM.
+        let items = registrations.iter().map(|[class, instance]| reference(class, instance)).collect();
+        elements.push(sequence(tags::REFERENCED_SPATIAL_REGISTRATION_SEQUENCE, items));
     }
     elements
 }

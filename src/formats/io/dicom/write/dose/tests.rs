@@ -15,7 +15,7 @@ fn about(plans: &BTreeSet<String>) -> DerivedDose<'_> {
         kind: "PHYSICAL",
         summation: "PLAN",
         plans,
-        carried_by: Some([uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE, "2.25.5"]),
+        carried_by: Some(&[[uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE, "2.25.5"]]),
     }
 }
 

@@ -1,0 +1,49 @@
+//! Where a dose is written, and what lies beside it.
+
+use super::super::giveback::{self, Like};
+use crate::error::Result;
+use crate::field::FieldFormat;
+use crate::io;
+use crate::io::dicom::{Role, check_frames};
+use std::path::{Path, PathBuf};
+
+/// Where a dose goes.
+pub(super) struct GiveBack<'a> {
+    pub(super) out: &'a Path,
+    /// The scan that an RT Dose refers to.
+    pub(super) like: Option<Like>,
+    pub(super) json: bool,
+}
+
+impl<'a> GiveBack<'a> {
+    pub(super) fn new(like: Option<&Path>, out: &'a Path, grid: &Path, json: bool) -> Result<Self> {
+        giveback::check(out, like, false)?;
+        if let Some(like) = like {
+            check_frames((grid, Role::Image), (like, Role::Image))?;
+        }
+        Ok(Self { out, like: like.map(Like::read).transpose()?, json })
+    }
+}
+
+/// The sidecar's path: the dose's with its extensions replaced.
+pub(super) fn beside(out: &Path) -> PathBuf {
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    let stem = [".nii.gz", ".nii", ".mha", ".nrrd", ".dcm"].iter().find_map(|e| name.strip_suffix(e)).unwrap_or(&name);
+    out.with_file_name(format!("{stem}.json"))
+}
+
+/// Refuses a path that cannot be written before anything long begins.
+pub(super) fn check_out(out: &Path, dicom: bool, inputs: &[&Path]) -> Result<()> {
+    if !dicom {
+        FieldFormat::of(out)?;
+    }
+    io::check_files(inputs, &[out.to_owned(), beside(out)])?;
+    io::open_folder(parent(out))?;
+    io::check_place(out)?;
+    io::check_place(&beside(out))
+}
+
+/// The folder of a file.
+pub(super) fn parent(file: &Path) -> &Path {
+    file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}

@@ -1,0 +1,80 @@
+//! `register --start`: a motion of all bones that is known from elsewhere, planning to fraction.
+
+use super::frames::{Uids, uid_of};
+use crate::error::{Error, Result};
+use crate::geometry::Rigid;
+use crate::io::dicom::Role;
+use crate::io::transform;
+use std::path::{Path, PathBuf};
+
+/// The file, and the name of its entry: `FILE`, `FILE#NAME`.
+pub(super) fn split(path: &Path) -> (PathBuf, Option<&str>) {
+    let parts = path.to_str().filter(|_| !path.exists()).and_then(|text| text.rsplit_once('#'));
+    parts.map_or((path.to_owned(), None), |(file, entry)| (file.into(), Some(entry)))
+}
+
+/// Reads the start of a fit. A registration in DICOM is turned where its frames of reference say that it takes the fraction to
+/// planning; everything else takes planning to the fraction.
+///
+/// # Errors
+/// [`Error::Input`] when a registration joins other frames of reference than those of the scans; else as
+/// [`transform::read_rigid`].
+pub(super) fn read(path: &Path, planning: &Path, fraction: &Path) -> Result<Rigid> {
+    let (file, entry) = split(path);
+    if !transform::is_transform(&file) {
+        let problem = "it is no rigid transform by its extension, and no Spatial Registration";
+        let remedy = "give a Spatial Registration (DICOM), an ITK .tfm, a 4x4 as .txt#lps or .txt#ras, or .json#NAME";
+        return Err(Error::input(file.display().to_string(), problem, remedy));
+    }
+    let (rigid, uids) = transform::read_rigid_between(&file, entry, None)?;
+    let Some(uids) = uids else { return Ok(rigid) };
+    let frames = [uid_of(Some((planning, Role::Image)))?, uid_of(Some((fraction, Role::Image)))?];
+    Ok(if turned(&file, &uids, &frames)? { rigid.inverse() } else { rigid })
+}
+
+/// Whether a registration takes the fraction to planning.
+fn turned(file: &Path, [a, b]: &Uids, frames: &[Option<String>; 2]) -> Result<bool> {
+    let fits = |own: &Option<String>, uid: &String| own.as_ref().is_none_or(|own| own == uid);
+    let [planning, fraction] = frames;
+    if fits(planning, a) && fits(fraction, b) {
+        return Ok(false);
+    }
+    if fits(planning, b) && fits(fraction, a) {
+        return Ok(true);
+    }
+    let name = |own: &Option<String>| own.clone().unwrap_or_else(|| "no known one".into());
+    let problem = format!(
+        "it joins the frames of reference {a} and {b}, but planning lies in {} and the fraction in {}",
+        name(planning),
+        name(fraction)
+    );
+    let remedy = "give the registration that belongs to these scans";
+    Err(Error::refused("dicom-frame", file.display().to_string(), problem, remedy))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_registration_is_turned_by_its_frames_of_reference() {
+        let uids = ["1.2.3".to_owned(), "1.2.4".to_owned()];
+        let judged = |planning: Option<&str>, fraction: Option<&str>| {
+            turned(Path::new("r.dcm"), &uids, &[planning, fraction].map(|f| f.map(str::to_owned)))
+        };
+        for (planning, fraction, expected) in [
+            (Some("1.2.3"), Some("1.2.4"), false),
+            (Some("1.2.4"), Some("1.2.3"), true),
+            (Some("1.2.4"), None, true),
+            (None, Some("1.2.3"), true),
+            (None, None, false),
+        ] {
+            assert_eq!(judged(planning, fraction).unwrap(), expected, "{planning:?} {fraction:?}");
+        }
+        for (planning, fraction) in
+            [(Some("1.2.3"), Some("1.2.9")), (Some("1.2.9"), None), (Some("1.2.3"), Some("1.2.3"))]
+        {
+            assert!(judged(planning, fraction).is_err(), "{planning:?} {fraction:?}");
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! What a `warp` writes as DICOM.
+
+use super::super::args::{VolumeKind, WarpArgs};
+use super::super::giveback::{self, Like, Made, rois_of};
+use super::super::links::LinkArg;
+use super::report::Report;
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::io::dicom::{Roi, Role, check_frames, describe_series, is_dicom_path, read_structure_set};
+use crate::io::{self, ContourFile};
+use crate::volume::Volume;
+use crate::volume::contour::Contours;
+use std::path::{Path, PathBuf};
+
+/// What an input is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Input {
+    Points,
+    Contours,
+    Volume,
+}
+
+/// Refuses an output that does not fit what is written, before anything is read.
+pub(super) fn check(args: &WarpArgs, input: Input, out: &Path) -> Result<()> {
+    let like = args.dicom_like.as_deref();
+    let labels = args.kind == Some(VolumeKind::Labels);
+    if like.is_some() && (input == Input::Points || input == Input::Volume && labels) {
+        return Err(Error::usage(
+            "--dicom-like has no meaning for points, meshes and labels: they are not written as DICOM",
+            "leave it out, or give contours",
+        ));
+    }
+    if input == Input::Contours && like.is_some() && args.grid.is_some() {
+        return Err(Error::usage(
+            "--grid has no meaning with --dicom-like for contours: they are drawn on the slices of that series",
+            "leave --grid out",
+        ));
+    }
+    if let (Some(like), Some(grid)) = (like, &args.grid) {
+        check_frames((grid, Role::Image), (like, Role::Image))?;
+    }
+    giveback::check(out, like, input == Input::Volume && args.kind == Some(VolumeKind::Image))
+}
+
+/// The scan that the result refers to.
+pub(super) fn like(args: &WarpArgs) -> Result<Option<Like>> {
+    args.dicom_like.as_deref().map(Like::read).transpose()
+}
+
+/// The grid of a result as DICOM where no other is named: the scan's, for a dose as coarse as the dose is.
+pub(super) fn grid(args: &WarpArgs, like: Option<&Like>, input: &Path) -> Result<Option<Grid>> {
+    let Some(like) = like.filter(|_| args.grid.is_none()) else { return Ok(None) };
+    if args.kind != Some(VolumeKind::Dose) {
+        return Ok(Some(like.grid.clone()));
+    }
+    let spacing = io::read_dose(input)?.value.grid().spacing();
+    Ok(Some(like.grid.coarsened(spacing.into_iter().fold(f64::INFINITY, f64::min))))
+}
+
+/// Reads contours, and what a structure set says of them. For a result as DICOM those without a contour keep their place in
+/// the set.
+pub(super) fn read(input: &Path, like: Option<&Like>) -> Result<(ContourFile, Option<Vec<Roi>>)> {
+    let Some(like) = like.filter(|_| is_dicom_path(input)) else {
+        return Ok((io::read_contour_file(input)?, None));
+    };
+    let set = read_structure_set(input)?;
+    like.same_patient(input, &set.patient)?;
+    let file = ContourFile { contours: set.contours, frame: None, path: set.path, warnings: set.warnings };
+    Ok((file, Some(set.rois)))
+}
+
+/// Writes contours as JSON, or as a structure set.
+pub(super) fn write_contours(
+    args: &WarpArgs,
+    like: Option<&Like>,
+    rois: Option<Vec<Roi>>,
+    moved: &Contours,
+    out: &Path,
+) -> Result<()> {
+    let Some(like) = like else { return io::write_contours(out, moved, &args.to) };
+    let rois = rois.unwrap_or_else(|| rois_of(moved));
+    like.structures(out, moved, &rois, &made(args, &paths(args)))
+}
+
+/// Writes an image or a dose as DICOM.
+pub(super) fn write_volume(
+    args: &WarpArgs,
+    like: &Like,
+    warped: &Volume<f32>,
+    (input, out): (&Path, &Path),
+    report: &mut Report,
+) -> Result<()> {
+    let paths = paths(args);
+    let made = made(args, &paths);
+    if args.kind == Some(VolumeKind::Dose) {
+        report.warnings.extend(like.dose(out, warped, &[input], &made)?);
+        return Ok(());
+    }
+    let source = if is_dicom_path(input) { Some(describe_series(input)?.0) } else { None };
+    if let Some(source) = &source {
+        like.same_patient(input, &source.patient)?;
+    }
+    like.image(out, warped, source.as_ref(), &made)
+}
+
+fn paths(args: &WarpArgs) -> Vec<PathBuf> {
+    args.field.iter().map(LinkArg::path).collect()
+}
+
+fn made<'a>(args: &'a WarpArgs, fields: &'a [PathBuf]) -> Made<'a> {
+    let names: Vec<String> = args.field.iter().map(LinkArg::said).collect();
+    Made {
+        files: args.input.iter().chain(&args.grid).map(PathBuf::as_path).collect(),
+        fields: fields.iter().map(PathBuf::as_path).collect(),
+        settings: format!(
+            "{names:?} {} {} {:?} {:?} {:?} {} {:?}",
+            args.from, args.to, args.kind, args.interpolation, args.outside, args.scale_by_jacobian, args.space
+        ),
+    }
+}
