@@ -1,6 +1,7 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
+use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
@@ -27,9 +28,12 @@ use std::path::{Path, PathBuf};
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
+    let fractions = fractions(args, &file)?;
+    let mut recorded = file.inputs.clone();
+    let bones = bones_of(args, &mut recorded, &fractions)?;
     let flags = Flags {
         planning: &args.planning,
-        bones: &args.bones,
+        bones: &bones.file,
         labels: &args.labels,
         organs: &args.organs.organs,
         skeleton: &args.skeleton,
@@ -37,9 +41,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         landmarks: &None,
         bone_landmarks: &args.bone_landmarks,
     };
-    let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
-    let fractions = fractions(args, &file)?;
     let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
@@ -50,7 +52,9 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         io::read_landmarks(path)?;
     }
     let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
-    let mut side = PlanningSide::new(inputs.load(&recorded, &config, &runtime)?);
+    let mut case = inputs.load(&recorded, &config, &runtime)?;
+    case.warnings.extend(bones.warnings);
+    let mut side = PlanningSide::new(case);
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;
@@ -89,6 +93,19 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             named.collect::<Vec<_>>().join("\n\n")
         }
     })
+}
+
+/// The bones, by `--bones auto` once the fractions are known to be there.
+fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &[Fraction]) -> Result<Bones> {
+    let ask = Ask {
+        bones: args.bones.as_deref(),
+        labels: args.labels.as_deref(),
+        planning: either(&args.planning, "planning", recorded),
+        needed: fractions.iter().map(|one| one.file.as_path()).collect(),
+        beside: &args.out,
+        quiet: args.run.quiet,
+    };
+    Bones::of(ask, recorded, &*progress(args.run.quiet))
 }
 
 /// The folder of a fraction's results.
