@@ -111,18 +111,19 @@ fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) ->
     let mut tasks = Tasks { program: &program, ct: &ct, work: &work.0, place, progress, commands: Vec::new() };
     let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
     let whole = tasks.run(WHOLE, &names, image.value.grid())?;
-    let whole = whole.ok_or_else(|| place.failed("it found no bone in the planning CT"))?;
+    let mut whole = whole.ok_or_else(|| place.failed("it found no bone in the planning CT"))?;
     let mut merging = Merging::new(true);
-    let mut failed = Vec::new();
+    let (mut failed, mut found) = (Vec::new(), Vec::new());
     let labelled = whole.counts();
-    let seen = |bone: &&str| whole.names.iter().any(|(l, n)| n == *bone && labelled.contains_key(l));
+    let seen: Vec<String> = labelled.keys().filter_map(|l| whole.names.get(l).cloned()).collect();
     for (task, bone, near) in FURTHER {
-        if !near.iter().any(|b| seen(&b)) {
+        if !seen.iter().any(|b| near.contains(&b.as_str())) {
             continue;
         }
         match tasks.run(task, &[], image.value.grid()) {
             Ok(Some(mut map)) => {
                 map.names.retain(|_, n| n == bone);
+                found.push(bone);
                 merging.add(&place.labels, map, true)?;
             }
             Ok(None) => {}
@@ -133,6 +134,7 @@ fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) ->
         }
     }
     let commands = tasks.commands;
+    whole.names.retain(|_, n| !found.contains(&n.as_str()));
     merging.add(&place.labels, whole, true)?;
     let (map, merged) = merging.finish()?;
     let description = "bones by TotalSegmentator".into();

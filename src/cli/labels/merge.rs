@@ -13,6 +13,9 @@ use std::path::{Path, PathBuf};
 /// Number of the first structure that is no bone; bones have their place in the skeleton's anatomy.
 const OTHERS: u16 = 101;
 
+/// Most overlaps that are told one by one.
+const MOST: usize = 10;
+
 /// A label map that grows: the structure that comes first keeps a voxel.
 pub(in super::super) struct Merging {
     only_bones: bool,
@@ -195,9 +198,9 @@ impl Merging {
 }
 
 impl Merged {
-    /// What is to be known of overlaps.
+    /// What is to be known of overlaps, the largest first.
     pub(in super::super) fn warnings(&self) -> Vec<Warning> {
-        let told = |o: &Overlap| {
+        let told = |o: &&Overlap| {
             let left = if o.nothing_left { "; nothing of it is left" } else { "" };
             let message = format!(
                 "{} and {} have {} voxels ({:.2} ml) in common: {} keeps them, {} loses them{left}",
@@ -205,7 +208,17 @@ impl Merged {
             );
             Warning::new("labels-overlap", message)
         };
-        self.overlaps.iter().map(told).collect()
+        let mut all: Vec<&Overlap> = self.overlaps.iter().collect();
+        all.sort_by_key(|o| (!o.nothing_left, std::cmp::Reverse(o.voxels)));
+        let rest = all.split_off(all.len().min(MOST));
+        let mut warnings: Vec<Warning> = all.iter().map(told).collect();
+        if !rest.is_empty() {
+            let ml: f64 = rest.iter().map(|o| o.volume_ml).sum();
+            let message =
+                format!("{} more pairs of structures have {ml:.2} ml in common; --json lists them", rest.len());
+            warnings.push(Warning::new("labels-overlap", message));
+        }
+        warnings
     }
 }
 
@@ -273,8 +286,8 @@ mod tests {
         assert_eq!(names, [(28, "mandible"), (101, "aorta"), (102, "tumour")]);
         assert_eq!(told.renamed, [Renamed { from: "Unterkiefer".into(), to: "mandible".into() }]);
         let texts: Vec<String> = told.warnings().into_iter().map(|w| w.message).collect();
-        assert!(texts[0].contains("2 voxels (4.00 ml)") && texts[0].contains("mandible loses them"), "{texts:?}");
-        assert!(!texts[0].contains("nothing") && texts[1].contains("sacrum loses them; nothing"), "{texts:?}");
+        assert!(texts[0].contains("sacrum loses them; nothing"), "{texts:?}");
+        assert!(texts[1].contains("2 voxels (4.00 ml)") && texts[1].ends_with("mandible loses them"), "{texts:?}");
         assert_eq!(texts.len(), 2);
     }
 

@@ -14,18 +14,22 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
-Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map gives all of its named
-structures. Of a folder every image is taken, by name. NAME=FILE names a mask, or takes the structure NAME alone out of a
-label map. A DICOM structure set gives its bones, drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1,
-Femur_L) become the skeleton's names, unless NAME= says the name.
+Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map
+gives all of its named structures. Of a folder every image is taken, by name. NAME=FILE names a
+mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
+drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
+names, unless NAME= says the name.
 
-Where structures overlap the one named first keeps the voxels. Bones are numbered 1 to 68 by the skeleton's anatomy, the
-same in every map; all others follow from 101 on, by the alphabet.
+Where structures overlap the one named first keeps the voxels. Bones are numbered 1 to 68 by the
+skeleton's anatomy, the same in every map; all others follow from 101 on, by the alphabet.
 
 Examples:
-  aventail labels merge segmentations --only-bones --out bones.nii.gz      # TotalSegmentator's folder of masks
-  aventail labels merge mandible=craniofacial.nii.gz hyoid=headneck.nii.gz total.nii.gz --only-bones --out bones.nii.gz
-  aventail labels merge C1.nii.gz skull=schaedel_final.mha --out bones.nii.gz
+  # TotalSegmentator's folder of masks
+  aventail labels merge segmentations --only-bones --out bones.nii.gz
+  # its further tasks first: what task total calls skull holds the mandible
+  aventail labels merge mandible=craniofacial.nii.gz hyoid=headneck.nii.gz total.nii.gz \\
+                --only-bones --out bones.nii.gz
+  aventail labels merge C1.nii.gz skull=head_bone.mha --out bones.nii.gz
   aventail labels merge RS.dcm hyoid.nii.gz --grid planning_ct --out bones.nii.gz";
 
 /// What `labels` can do.
