@@ -18,6 +18,7 @@ mod fractions;
 mod guide;
 mod images;
 mod invariance;
+mod labels;
 mod phantom;
 mod pose;
 mod real_cases;

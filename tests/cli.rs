@@ -62,7 +62,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 9] = [
+    let verbs: [(&str, &[&str]); 10] = [
         (
             "register",
             &[
@@ -89,7 +89,8 @@ fn help_names_every_option_of_every_verb() {
             "warp",
             &["--field", "--from", "--to", "--input", "--kind", "--grid", "--out-field", "--dvf-format", "Examples:"],
         ),
-        ("skeleton", &["--bones", "--labels", "--out", "--json"]),
+        ("skeleton", &["--bones", "--planning", "--labels", "--out", "--json"]),
+        ("labels", &["merge"]),
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
         ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
@@ -112,6 +113,7 @@ fn help_names_every_option_of_every_verb() {
         "evaluate",
         "dose",
         "skeleton",
+        "labels",
         "inspect",
         "bench",
         "curve",

@@ -5,8 +5,10 @@
 //! `docs/refusals.md` from it.
 
 mod dicom;
+mod labels;
 
 use dicom::DICOM;
+use labels::LABELS;
 
 /// How a finding is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,10 +47,12 @@ const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'s
 }
 
 /// All findings, by code.
-pub const FINDINGS: &[Finding] = &joined::<{ BEFORE.len() + DICOM.len() + BEHIND.len() }>([BEFORE, DICOM, BEHIND]);
+pub const FINDINGS: &[Finding] = &joined::<ALL>([BEFORE, DICOM, BETWEEN, LABELS, BEHIND]);
+
+const ALL: usize = BEFORE.len() + DICOM.len() + BETWEEN.len() + LABELS.len() + BEHIND.len();
 
 /// The parts of the table as one.
-const fn joined<const N: usize>(parts: [&[Finding]; 3]) -> [Finding; N] {
+const fn joined<const N: usize>(parts: [&[Finding]; 5]) -> [Finding; N] {
     let mut all = [DICOM[0]; N];
     let (mut n, mut part) = (0, 0);
     while part < parts.len() {
@@ -83,6 +87,21 @@ const BEFORE: &[Finding] = &[
         "bones-apart",
         "A joint's gap has grown by more than its play.",
         "Check labels and fusion images at that joint.",
+    ),
+    warned(
+        "bones-auto",
+        "The bone labels are TotalSegmentator's, made by `--bones auto`; nobody has looked at them.",
+        "Look at the label map in a viewer; correct it under another name, and give that with --bones.",
+    ),
+    refused(
+        "bones-auto-changed",
+        "Labels that `--bones auto` made are no longer what its record beside them says.",
+        "Give the label map with --bones if it was corrected by hand; else remove both files, and they are made anew.",
+    ),
+    warned(
+        "bones-auto-partial",
+        "A further task of TotalSegmentator failed: the mandible or the hyoid has no label and moves with what is about it.",
+        "Read what TotalSegmentator says when that task is run by hand.",
     ),
     warned(
         "bones-by-label",
@@ -137,8 +156,8 @@ const BEFORE: &[Finding] = &[
     ),
 ];
 
-/// Behind those of DICOM.
-const BEHIND: &[Finding] = &[
+/// Between those of DICOM and of labels.
+const BETWEEN: &[Finding] = &[
     warned(
         "dose-kind",
         "A dose is no physical dose, for example weighted by biological effect.",
@@ -247,32 +266,10 @@ const BEHIND: &[Finding] = &[
         "They show nothing of the planning scan; see the masks.",
     ),
     warned("joint-limit", "A joint lies beyond its soft range.", "Check the label and the fusion images."),
-    warned(
-        "label-doubtful",
-        "A bone's label hardly stands out from what is beside it, or holds air.",
-        "Look at it in a viewer.",
-    ),
-    warned("label-on-wrong-side", "A few labels lie on the other side than their names say.", "Check these labels."),
-    warned(
-        "labels-ignored",
-        "Labels that are no bones of the skeleton were ignored.",
-        "Rename them if they are bones.",
-    ),
-    warned(
-        "labels-joined",
-        "Several labels have one name; they are taken as one structure with the least of their numbers.",
-        "Give each label its own name if they are different structures.",
-    ),
-    refused(
-        "labels-mirrored",
-        "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
-        "Write labels and CT anew from the DICOM series, and check the side of a known structure.",
-    ),
-    refused(
-        "labels-off-bone",
-        "The bone labels do not lie on the bones of the planning CT.",
-        "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
-    ),
+];
+
+/// Behind those of labels.
+const BEHIND: &[Finding] = &[
     warned(
         "landmarks-outside",
         "Landmarks lie where no displacement was computed: in air, or outside the patient.",

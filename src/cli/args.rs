@@ -51,6 +51,9 @@ pub enum Verb {
     Warp(Box<WarpArgs>),
     /// Build the joint tree from bone labels, check it and show it
     Skeleton(SkeletonArgs),
+    /// Make one named label map of masks, label maps and structure sets
+    #[command(subcommand)]
+    Labels(super::labels::LabelsVerb),
     /// Measure any displacement field, ours or another tool's, or several side by side
     #[command(after_help = super::evaluate::AFTER)]
     Evaluate(Box<super::evaluate::EvaluateArgs>),
@@ -101,8 +104,9 @@ pub struct RegisterArgs {
     /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set; or `auto`:
+    /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
+    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
     /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
@@ -354,9 +358,13 @@ impl From<FormatName> for FieldFormat {
 /// Options of `skeleton`.
 #[derive(Debug, Args)]
 pub struct SkeletonArgs {
-    /// Bone labels, for example TotalSegmentator's multi-label file
-    #[arg(long, value_name = "FILE")]
+    /// Bone labels, for example TotalSegmentator's multi-label file; with --planning also a DICOM structure set, or `auto` as
+    /// in `register`
+    #[arg(long, value_name = "FILE|auto")]
     pub bones: PathBuf,
+    /// Planning CT: a structure set is drawn on its grid, and `auto` labels it
+    #[arg(long, value_name = "FILE")]
+    pub planning: Option<PathBuf>,
     /// Names of the labels, {"labels": {"1": "skull", ...}}
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,

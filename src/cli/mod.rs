@@ -1,6 +1,7 @@
 //! Rank 9: arguments and terminal. One file per verb.
 
 pub mod args;
+mod auto;
 pub mod bench;
 pub mod clinic;
 pub mod curve;
@@ -13,6 +14,7 @@ mod giveback;
 mod headers;
 mod inputs;
 mod inspect;
+pub mod labels;
 mod links;
 mod organs;
 mod outputs;
@@ -60,6 +62,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Phantom(args) => phantom::run(args),
         Verb::Warp(args) => warp::run(args),
         Verb::Skeleton(args) => skeleton::run(args),
+        Verb::Labels(verb) => labels::run(verb),
         Verb::Study(args) => study::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),

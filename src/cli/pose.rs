@@ -1,6 +1,7 @@
 //! `aventail pose`: move the skeleton by hand and make the artificial CT.
 
 use super::args::RunArgs;
+use super::auto::{Ask, Bones};
 use super::headers::judge;
 use super::inputs::{Flags, Inputs, changed, config_file, either, named};
 use super::organs::OrganArgs;
@@ -37,8 +38,8 @@ pub struct PoseArgs {
     /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series)
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    /// Bone labels on the planning grid; a DICOM structure set; or `auto`, as in `register`
+    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
     /// How the bones move.
     #[command(flatten)]
@@ -98,9 +99,19 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let mut config = settings(&file, &args.run)?;
     args.organs.apply(&mut config)?;
+    let mut recorded = file.inputs.clone();
+    let ask = Ask {
+        bones: args.bones.as_deref(),
+        labels: args.labels.as_deref(),
+        planning: either(&args.planning, "planning", &recorded),
+        needed: Vec::new(),
+        beside: &args.out,
+        quiet: args.run.quiet,
+    };
+    let bones = Bones::of(ask, &mut recorded, &*progress(args.run.quiet))?;
     let flags = Flags {
         planning: &args.planning,
-        bones: &args.bones,
+        bones: &bones.file,
         labels: &args.labels,
         organs: &args.organs.organs,
         skeleton: &args.skeleton,
@@ -108,7 +119,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         bone_landmarks: &args.motion.bone_landmarks,
         start: &None,
     };
-    let inputs = Inputs::new(&flags, &file.inputs)?;
+    let inputs = Inputs::new(&flags, &recorded)?;
     let by_hand = either(&args.motion.pose, "pose", &file.inputs);
     let transforms = either(&args.motion.transforms, "transforms", &file.inputs);
     if by_hand.is_none() && transforms.is_none() && !inputs.has_bone_landmarks() {
@@ -119,7 +130,8 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let folder = run_folder(&args.out, &planned(&config), &files)?;
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     judge(inputs.planning(), inputs.bones(), &[], &config)?;
-    let mut case = inputs.load(&file.inputs, &config, &runtime)?;
+    let mut case = inputs.load(&recorded, &config, &runtime)?;
+    case.warnings.extend(bones.warnings);
     let motion = match (&by_hand, &transforms) {
         (Some(path), _) => {
             // The pose names bones and joints of the very skeleton that it is given to.

@@ -1,6 +1,7 @@
 //! `aventail register`: load, run, write.
 
 use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
+use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
@@ -27,9 +28,12 @@ use std::path::{Path, PathBuf};
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
+    let fractions = fractions(args, &file)?;
+    let mut recorded = file.inputs.clone();
+    let bones = bones_of(args, &mut recorded, &fractions)?;
     let flags = Flags {
         planning: &args.planning,
-        bones: &args.bones,
+        bones: &bones.file,
         labels: &args.labels,
         organs: &args.organs.organs,
         skeleton: &args.skeleton,
@@ -38,15 +42,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         bone_landmarks: &args.bone_landmarks,
         start: &args.start,
     };
-    if args.clinic.dicom && config.region.is_some() {
-        return Err(Error::usage(
-            "--dicom writes what the whole scan needs, and the settings choose a region",
-            "leave --dicom out, or remove [region] from the settings",
-        ));
-    }
-    let mut recorded = file.inputs.clone();
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
-    let fractions = fractions(args, &file)?;
     let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
@@ -59,7 +55,9 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
-    let mut side = PlanningSide::new(Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? });
+    let mut case = Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? };
+    case.warnings.extend(bones.warnings);
+    let mut side = PlanningSide::new(case);
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;
@@ -100,6 +98,19 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     })
 }
 
+/// The bones, by `--bones auto` once the fractions are known to be there.
+fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &[Fraction]) -> Result<Bones> {
+    let ask = Ask {
+        bones: args.bones.as_deref(),
+        labels: args.labels.as_deref(),
+        planning: either(&args.planning, "planning", recorded),
+        needed: fractions.iter().map(|one| one.file.as_path()).collect(),
+        beside: &args.out,
+        quiet: args.run.quiet,
+    };
+    Bones::of(ask, recorded, &*progress(args.run.quiet))
+}
+
 /// The folder of a fraction's results.
 fn folder_of(args: &RegisterArgs, all: &[Fraction], one: &Fraction) -> PathBuf {
     if all.len() > 1 { args.out.join(&one.name) } else { args.out.clone() }
@@ -134,6 +145,12 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
         if let Some(problem) = config.region.problem() {
             return Err(Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1"));
         }
+    }
+    if args.clinic.dicom && config.region.is_some() {
+        return Err(Error::usage(
+            "--dicom writes what the whole scan needs, and the settings choose a region",
+            "leave --dicom out, or remove [region] from the settings",
+        ));
     }
     Ok(config)
 }

@@ -1,10 +1,13 @@
 //! `aventail skeleton`: build, check and show the joint tree of a label map.
 
 use super::args::SkeletonArgs;
+use super::auto::{Ask, Bones};
+use super::register::progress;
 use crate::error::{Error, Result};
-use crate::io::dicom::is_dicom_path;
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::skeleton::{load_override, write_skeleton};
-use crate::io::{check_files, check_place, read_labels};
+use crate::io::{Loaded, check_files, check_place, read_bones, read_grid, read_labels};
+use crate::pipeline::check_grids;
 use crate::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
@@ -33,22 +36,46 @@ struct Shown {
 /// When the labels cannot be read, when none is a bone, when the override does not fit, or when the result cannot be
 /// written.
 pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
-    let files = [Some(&args.bones), args.labels.as_ref(), args.skeleton.as_ref()];
+    // Without a folder of results labels are kept beside the result, else here.
+    let ask = Ask {
+        bones: Some(&args.bones),
+        labels: args.labels.as_deref(),
+        planning: args.planning.clone(),
+        needed: Vec::new(),
+        beside: args.out.as_deref().unwrap_or(Path::new("skeleton")),
+        quiet: args.json,
+    };
+    let bones = Bones::of(ask, &mut Vec::new(), &*progress(args.json))?;
+    let file = bones.file.as_ref().unwrap_or(&args.bones);
+    let files = [Some(file), args.labels.as_ref(), args.skeleton.as_ref(), args.planning.as_ref()];
     let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
     check_files(&files, args.out.as_slice())?;
     args.out.as_deref().map_or(Ok(()), check_place)?;
-    if is_dicom_path(&args.bones) {
-        let remedy =
-            "draw it on the planning CT's grid first: `aventail register --bones` and `pose --bones` take it as it is";
-        return Err(Error::usage(format!("{}: a label map is needed", args.bones.display()), remedy));
-    }
-    let labels = read_labels(&args.bones, args.labels.as_deref())?;
+    let labels = read(file, args)?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
-    shown.warnings.splice(0..0, labels.warnings);
+    shown.warnings.splice(0..0, labels.warnings.into_iter().chain(bones.warnings));
     // Nothing is registered yet: what would be refused then is told here.
     shown.warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&labels.value))?);
     shown.warnings.extend(levels_by_landmarks(&labels.value));
     if args.json { shown.json() } else { Ok(shown.text()) }
+}
+
+/// Reads the labels; a structure set is drawn on the planning CT's grid.
+fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
+    let Some(planning) = &args.planning else {
+        if is_dicom_path(bones) {
+            let problem = format!("{}: a structure set is drawn on a grid, and none is given", bones.display());
+            return Err(Error::usage(problem, "name the planning CT with --planning"));
+        }
+        return read_labels(bones, args.labels.as_deref());
+    };
+    let grid = read_grid(planning)?.0;
+    if is_dicom_path(bones) {
+        check_frames((bones, Role::Structures), (planning, Role::Image))?;
+    }
+    let labels = read_bones(bones, args.labels.as_deref(), &grid)?;
+    check_grids(&grid, labels.value.volume.grid())?;
+    Ok(labels)
 }
 
 /// Builds the skeleton of a label map, lays a `skeleton.toml` over it where given, and writes the result to `out`

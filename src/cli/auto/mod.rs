@@ -1,0 +1,212 @@
+//! `--bones auto`: labels that TotalSegmentator, installed by the user, makes of the planning CT, kept for the next run.
+
+mod place;
+mod record;
+mod segmentator;
+
+use super::inputs::missing;
+use super::labels::merge::Merging;
+use crate::config::RecordedInput;
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::io::{
+    Loaded, Stored, WriteOptions, check_files, check_place, open_folder, read_image, read_label_map, write_image,
+    write_json, write_labels,
+};
+use crate::progress::Progress;
+use crate::skeleton::anatomy::Kind;
+use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
+use place::Place;
+use record::Record;
+use segmentator::Segmentator;
+use std::path::{Path, PathBuf};
+
+/// What `--bones` says that is no file; a file of this name is `./auto`.
+const AUTO: &str = "auto";
+/// The task that finds the whole skeleton but for what hangs on the skull.
+const WHOLE: &str = "total";
+/// Further tasks, the bone that each finds, and the bones of which one must be in view. They come first: what `total` calls
+/// skull holds the mandible.
+const FURTHER: [(&str, &str, &[&str]); 2] = [
+    ("craniofacial_structures", "mandible", &["skull"]),
+    ("headneck_bones_vessels", "hyoid", &["skull", "vertebrae_C2", "vertebrae_C3", "vertebrae_C4", "vertebrae_C5"]),
+];
+/// Bones of the skeleton that no open task finds with their side.
+const LICENSED: [&str; 4] = ["ulna_left", "ulna_right", "radius_left", "radius_right"];
+
+/// What the command line says that matters here.
+pub(super) struct Ask<'a> {
+    pub bones: Option<&'a Path>,
+    pub labels: Option<&'a Path>,
+    pub planning: Option<PathBuf>,
+    /// Other files that the run will read: known to be there before minutes are spent.
+    pub needed: Vec<&'a Path>,
+    /// The result beside which the labels are kept.
+    pub beside: &'a Path,
+    pub quiet: bool,
+}
+
+/// The bones of a run.
+pub(super) struct Bones {
+    /// The file as the command line names it, or of `auto`; `None` where neither says it.
+    pub file: Option<PathBuf>,
+    /// What is to be known of labels that were made.
+    pub warnings: Vec<Warning>,
+}
+
+impl Bones {
+    /// The file that `--bones` names; of `auto` the label map that TotalSegmentator makes now, or made of the same planning CT
+    /// before. Bones and names that a report recorded do not count then.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when TotalSegmentator is not there; [`Error::Read`] when it fails; [`Error::Input`] when labels are no
+    /// longer those that were made; [`Error::Write`] when the labels cannot be kept.
+    pub(super) fn of(ask: Ask<'_>, recorded: &mut Vec<RecordedInput>, progress: &dyn Progress) -> Result<Self> {
+        if ask.bones != Some(Path::new(AUTO)) {
+            return Ok(Self { file: ask.bones.map(Path::to_owned), warnings: Vec::new() });
+        }
+        recorded.retain(|i| i.role != "bones" && i.role != "labels");
+        if let Some(names) = ask.labels {
+            let problem =
+                format!("--bones auto and --labels {}: labels that are made have their names", names.display());
+            return Err(Error::usage(problem, "leave --labels out, or name a label map with --bones"));
+        }
+        let planning = ask.planning.ok_or_else(|| missing("planning"))?;
+        let files: Vec<&Path> = std::iter::once(planning.as_path()).chain(ask.needed).collect();
+        check_files(&files, &[])?;
+        let place = Place::of(ask.beside, &planning)?;
+        let record = match Record::read(&place)? {
+            Some(record) => {
+                progress.note(&format!("bones: {}, made of this planning CT before", place.labels.display()));
+                record
+            }
+            None => make(&planning, &place, ask.quiet, progress)?,
+        };
+        Ok(Self { warnings: record.warnings(&place), file: Some(place.labels) })
+    }
+}
+
+/// A folder that is gone when the work is done, or has failed.
+struct Work(PathBuf);
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Has the labels made, joins them and keeps them with their record.
+fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) -> Result<Record> {
+    let program = Segmentator::find(quiet)?;
+    let folder = if place.folder.as_os_str().is_empty() { Path::new(".") } else { &place.folder };
+    open_folder(folder)?;
+    check_place(&place.labels)?;
+    let name = place.labels.file_name().unwrap_or_default().to_string_lossy().replace(".nii.gz", "");
+    let work = Work(folder.join(format!("{name}_work_{}", std::process::id())));
+    open_folder(&work.0)?;
+    progress.note(&program.told());
+    let image = read_image(planning)?;
+    let ct = ct_file(planning, &image, &work.0)?;
+    let mut tasks = Tasks { program: &program, ct: &ct, work: &work.0, place, progress, commands: Vec::new() };
+    let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
+    let whole = tasks.run(WHOLE, &names, image.value.grid())?;
+    let mut whole = whole.ok_or_else(|| place.failed("it found no bone in the planning CT"))?;
+    let mut merging = Merging::new(true);
+    let (mut failed, mut found) = (Vec::new(), Vec::new());
+    let labelled = whole.counts();
+    let seen: Vec<String> = labelled.keys().filter_map(|l| whole.names.get(l).cloned()).collect();
+    for (task, bone, near) in FURTHER {
+        if !seen.iter().any(|b| near.contains(&b.as_str())) {
+            continue;
+        }
+        match tasks.run(task, &[], image.value.grid()) {
+            Ok(Some(mut map)) => {
+                map.names.retain(|_, n| n == bone);
+                found.push(bone);
+                merging.add(&place.labels, map, true)?;
+            }
+            Ok(None) => {}
+            Err(error) => {
+                progress.note(&format!("task {task} failed; {bone} has no label"));
+                failed.push(record::Failed { task: task.into(), bone: bone.into(), problem: error.to_string() });
+            }
+        }
+    }
+    let commands = tasks.commands;
+    whole.names.retain(|_, n| !found.contains(&n.as_str()));
+    merging.add(&place.labels, whole, true)?;
+    let (map, merged) = merging.finish()?;
+    let description = "bones by TotalSegmentator".into();
+    write_labels(&place.labels, &map, &WriteOptions { description, ..WriteOptions::default() })?;
+    let bones = merged.structures.into_iter().map(|s| s.name).collect();
+    let record = Record::new(place, &program, (commands, bones, failed))?;
+    write_json(&place.record, &record)?;
+    progress.note(&format!("bones: {}", place.labels.display()));
+    Ok(record)
+}
+
+/// Whether the task `total` has a class of this name.
+fn is_in_total(bone: &str) -> bool {
+    !LICENSED.contains(&bone) && FURTHER.iter().all(|(_, own, _)| *own != bone)
+}
+
+/// The planning CT as TotalSegmentator reads it: NIfTI as it is, all else as NIfTI of what is read here.
+fn ct_file(planning: &Path, image: &Loaded<Volume<f32>>, work: &Path) -> Result<PathBuf> {
+    let name = planning.file_name().unwrap_or_default().to_string_lossy();
+    if planning.is_file() && (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
+        return Ok(planning.to_owned());
+    }
+    let file = work.join("planning.nii.gz");
+    let description = "planning CT, HU".into();
+    write_image(&file, &image.value, Stored::Int16, &WriteOptions { description, ..WriteOptions::default() })?;
+    Ok(file)
+}
+
+/// Tasks that are run one after the other.
+struct Tasks<'a> {
+    program: &'a Segmentator,
+    ct: &'a Path,
+    work: &'a Path,
+    place: &'a Place,
+    progress: &'a dyn Progress,
+    commands: Vec<String>,
+}
+
+impl Tasks<'_> {
+    /// Runs a task, for these classes alone where some are named; `None` when it labels nothing.
+    fn run(&mut self, task: &str, classes: &[String], grid: &Grid) -> Result<Option<LabelMap>> {
+        let out = self.work.join(format!("{task}.nii.gz"));
+        let arguments = segmentator::arguments(self.ct, &out, task, classes);
+        let command = self.program.command_line(&arguments);
+        self.progress.note(&format!("runs {command}"));
+        let failed = |problem: &str| self.place.failed(&format!("`{command}` {problem}"));
+        self.program.run(&arguments).map_err(|problem| failed(&problem))?;
+        if !out.is_file() {
+            return Err(failed("ended well and wrote no label map"));
+        }
+        let map = read_label_map(&out, None).map_err(|e| failed(&format!("wrote what cannot be used: {e}")))?.value;
+        let tolerance = 0.1 * grid.spacing().into_iter().fold(f64::MAX, f64::min);
+        if !grid.matches(map.volume.grid(), tolerance) {
+            return Err(failed("wrote labels on another grid than the planning CT's"));
+        }
+        let counts = map.counts();
+        if let Some(nameless) = counts.keys().find(|l| !map.names.contains_key(l)) {
+            return Err(failed(&format!("wrote label {nameless} without a name")));
+        }
+        self.commands.push(command);
+        Ok(Some(map).filter(|_| !counts.is_empty()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn total_is_asked_for_all_bones_that_it_knows() {
+        let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
+        assert_eq!(names.len(), 62);
+        assert!(names.iter().any(|n| n == "vertebrae_S1") && names.iter().all(|n| n != "mandible" && n != "ulna_left"));
+    }
+}

@@ -1,0 +1,160 @@
+//! `aventail labels merge`: one named label map of masks, label maps and structure sets.
+
+mod inputs;
+pub(super) mod merge;
+
+use crate::error::{Error, Result};
+use crate::io::{WriteOptions, check_files, check_place, json, read_grid, write_labels};
+use crate::warning::Warning;
+use clap::{Args, Subcommand};
+use inputs::Sources;
+use merge::{Merged, Merging};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const HELP: &str = "\
+Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map
+gives all of its named structures. Of a folder every image is taken, by name. NAME=FILE names a
+mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
+drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
+names, unless NAME= says the name.
+
+Where structures overlap the one named first keeps the voxels. Bones are numbered 1 to 68 by the
+skeleton's anatomy, the same in every map; all others follow from 101 on, by the alphabet.
+
+Examples:
+  # TotalSegmentator's folder of masks
+  aventail labels merge segmentations --only-bones --out bones.nii.gz
+  # its further tasks first: what task total calls skull holds the mandible
+  aventail labels merge mandible=craniofacial.nii.gz hyoid=headneck.nii.gz total.nii.gz \\
+                --only-bones --out bones.nii.gz
+  aventail labels merge C1.nii.gz skull=head_bone.mha --out bones.nii.gz
+  aventail labels merge RS.dcm hyoid.nii.gz --grid planning_ct --out bones.nii.gz";
+
+/// What `labels` can do.
+#[derive(Debug, Subcommand)]
+pub enum LabelsVerb {
+    /// Make one named label map of masks, label maps and structure sets on one grid
+    #[command(after_help = HELP)]
+    Merge(MergeArgs),
+}
+
+/// Options of `labels merge`.
+#[derive(Debug, Args)]
+pub struct MergeArgs {
+    /// Masks, label maps with names, folders of them, DICOM structure sets
+    #[arg(required = true, value_name = "[NAME=]FILE")]
+    pub files: Vec<PathBuf>,
+    /// The label map (.nii, .nii.gz: the only format that carries the names)
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Leave out what is no bone of the skeleton
+    #[arg(long)]
+    pub only_bones: bool,
+    /// Planning CT: structure sets are drawn on its grid, and all other files must have it
+    #[arg(long, value_name = "IMAGE")]
+    pub grid: Option<PathBuf>,
+    /// Names in a structure set that are not recognised (TOML): [bones], then "Unterkiefer" = "mandible"
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs a verb of `labels`.
+///
+/// # Errors
+/// Of every kind but failed registration; see [`Error`].
+pub(super) fn run(verb: &LabelsVerb) -> Result<String> {
+    match verb {
+        LabelsVerb::Merge(args) => merge(args),
+    }
+}
+
+/// What is told of a merged label map.
+#[derive(Serialize)]
+struct Told<'a> {
+    out: String,
+    #[serde(flatten)]
+    merged: &'a Merged,
+    /// Masks without a voxel.
+    empty: &'a [String],
+    /// Files of folders that are no images.
+    passed_over: &'a [String],
+    warnings: &'a [Warning],
+}
+
+fn merge(args: &MergeArgs) -> Result<String> {
+    require_names(&args.out)?;
+    let sources = Sources::of(&args.files)?;
+    let more = [&args.grid, &args.labels].into_iter().flatten().map(PathBuf::as_path);
+    let files: Vec<&Path> = sources.all.iter().map(|s| s.path.as_path()).chain(more).collect();
+    check_files(&files, std::slice::from_ref(&args.out))?;
+    check_place(&args.out)?;
+    let mut warnings = Vec::new();
+    let grid = args.grid.as_deref().map(read_grid).transpose()?;
+    let mut merging = Merging::new(args.only_bones);
+    if let (Some(path), Some((grid, found))) = (&args.grid, grid) {
+        warnings.extend(found);
+        merging.on(path, grid);
+    }
+    let mut empty = Vec::new();
+    for source in &sources.all {
+        match source.read(args.grid.as_deref(), args.labels.as_deref(), &mut warnings)? {
+            None => empty.push(source.name()?),
+            Some(map) => merging.add(&source.path, map, source.given.is_none())?,
+        }
+    }
+    let (map, merged) = merging.finish()?;
+    warnings.extend(merged.warnings());
+    warnings.dedup();
+    let description = "label map, names in the header".into();
+    write_labels(&args.out, &map, &WriteOptions { description, ..WriteOptions::default() })?;
+    let told = Told {
+        out: args.out.display().to_string(),
+        merged: &merged,
+        empty: &empty,
+        passed_over: &sources.passed_over,
+        warnings: &warnings,
+    };
+    if args.json { json(&told) } else { Ok(told.text()) }
+}
+
+/// Refuses results in formats that would lose the names.
+fn require_names(out: &Path) -> Result<()> {
+    let name = out.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    if name.ends_with(".nii") || name.ends_with(".nii.gz") {
+        return Ok(());
+    }
+    let problem = format!("--out {}: only NIfTI carries the names of labels", out.display());
+    Err(Error::usage(problem, "name a file that ends in .nii.gz or .nii"))
+}
+
+impl Told<'_> {
+    fn text(&self) -> String {
+        let mut text = String::new();
+        let mut line = |l: String| writeln!(text, "{l}").expect("writing to a String cannot fail");
+        let wide = self.merged.structures.iter().map(|s| s.name.len()).max().unwrap_or(0);
+        for s in &self.merged.structures {
+            line(format!("{:>5}  {:<wide$}  {:>10.1} ml  {}", s.label, s.name, s.volume_ml, s.from));
+        }
+        let renamed: Vec<String> = self.merged.renamed.iter().map(|r| format!("{} is {}", r.from, r.to)).collect();
+        for (what, names) in [
+            ("named as the skeleton does", &renamed),
+            ("no bones, left out", &self.merged.left_out),
+            ("empty masks", &self.empty.to_vec()),
+            ("no images, passed over", &self.passed_over.to_vec()),
+        ] {
+            if !names.is_empty() {
+                line(format!("{what} ({}): {}", names.len(), names.join(", ")));
+            }
+        }
+        for w in self.warnings {
+            line(format!("warning ({}): {}", w.code, w.message));
+        }
+        line(format!("{} structures in {}", self.merged.structures.len(), self.out));
+        text
+    }
+}

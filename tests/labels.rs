@@ -1,0 +1,312 @@
+//! Labels: masks joined to one map, and `--bones auto` with a program that stands in for TotalSegmentator.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
+use crate::support::{aventail, files, folder, small_phantom};
+use aventail::io::read_labels;
+use aventail::volume::{LabelMap, Volume};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// A folder in this file's folder.
+fn place(name: &str) -> PathBuf {
+    let place = folder().join(name);
+    fs::create_dir_all(&place).unwrap();
+    place
+}
+
+/// The phantom's bones.
+fn bones() -> &'static LabelMap {
+    static MAP: OnceLock<LabelMap> = OnceLock::new();
+    MAP.get_or_init(|| read_labels(&small_phantom().bones, None).unwrap().value)
+}
+
+/// Those of its structures that `keep` gives another name or none.
+fn renamed(keep: impl Fn(&str) -> Option<String>) -> LabelMap {
+    let all = bones();
+    let new: BTreeMap<u16, Option<String>> = all.names.iter().map(|(l, n)| (*l, keep(n))).collect();
+    let mut numbers: BTreeMap<&str, u16> = BTreeMap::new();
+    for (label, name) in &new {
+        if let Some(name) = name {
+            numbers.entry(name).or_insert(*label);
+        }
+    }
+    let number = |l: &u16| new.get(l).and_then(Option::as_deref).map_or(0, |n| numbers[n]);
+    let names = numbers.iter().map(|(n, l)| (*l, (*n).to_owned())).collect();
+    LabelMap { volume: all.volume.map(number), names }
+}
+
+/// One structure of the phantom as a mask without a name.
+fn mask(file: &Path, name: &str) -> PathBuf {
+    let one = renamed(|n| (n == name).then(|| n.to_owned()));
+    let volume = one.volume.map(|l| u16::from(*l > 0));
+    files::labels(file, &LabelMap { volume, names: BTreeMap::new() })
+}
+
+/// The name at each voxel.
+fn by_name(map: &LabelMap) -> Vec<&str> {
+    map.volume.data().iter().map(|l| map.names.get(l).map_or("", String::as_str)).collect()
+}
+
+fn refused(arguments: &[&Path], code: i32, words: &[&str]) {
+    let run = aventail().args(["labels", "merge"]).args(arguments).assert().code(code);
+    let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    for word in words {
+        assert!(message.contains(word), "`{word}` is not in\n{message}");
+    }
+    assert!(message.contains("\n  remedy: "), "{message}");
+}
+
+#[test]
+fn a_folder_of_masks_becomes_the_label_map_that_it_came_from() {
+    let masks = place("masks");
+    for name in bones().names.values() {
+        mask(&masks.join(format!("{name}.nii.gz")), name);
+    }
+    mask(&masks.join("spleen.nii.gz"), "no such bone");
+    mask(&masks.join("liver.nii.gz"), "skull");
+    fs::write(masks.join("statistics.json"), "{}").unwrap();
+    let out = folder().join("merged.nii.gz");
+    let mut merge = aventail();
+    merge.args(["labels", "merge", "--only-bones", "--json", "--out"]).args([&out, &masks]);
+    let run = merge.assert().success();
+    let told: Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
+    let merged = read_labels(&out, None).unwrap().value;
+    assert_eq!(by_name(&merged), by_name(bones()));
+    let number = |name: &str| merged.names.iter().find(|n| n.1 == name).map(|n| *n.0);
+    // By the anatomy: sacrum 1, ..., C1 26, skull 27, mandible 28.
+    assert_eq!((number("vertebrae_C1"), number("skull"), number("mandible")), (Some(26), Some(27), Some(28)));
+    assert_eq!((&told["empty"][0], &told["left_out"][0]), (&"spleen".into(), &"liver".into()), "{told}");
+    assert!(told["passed_over"][0].as_str().unwrap().ends_with("statistics.json"), "{told}");
+    assert_eq!((told["warnings"].as_array().unwrap().len(), told["overlaps"].as_array().unwrap().len()), (0, 0));
+    aventail().args(["skeleton", "--bones"]).arg(&out).assert().success();
+}
+
+#[test]
+fn the_first_named_keeps_what_overlaps_and_the_volume_is_told() {
+    let here = place("overlap");
+    let (skull, jaw) = (mask(&here.join("skull.nii.gz"), "skull"), mask(&here.join("bone.nii.gz"), "skull"));
+    let out = here.join("out.nii.gz");
+    let named = |name: &str, file: &Path| format!("{name}={}", file.display());
+    let mut merge = aventail();
+    merge.args(["labels", "merge", &named("mandible", &jaw)]).arg(&skull).arg("--out").arg(&out).arg("--json");
+    let run = merge.assert().success();
+    let told: Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
+    let voxels = bones().counts()[bones().names.iter().find(|n| n.1 == "skull").unwrap().0];
+    let ml = voxels as f64 * 0.729;
+    let overlap = &told["overlaps"][0];
+    assert_eq!((overlap["kept_by"].as_str(), overlap["voxels"].as_u64()), (Some("mandible"), Some(voxels as u64)));
+    assert!((overlap["volume_ml"].as_f64().unwrap() - ml).abs() < 1e-6, "{told}");
+    assert_eq!(told["warnings"][0]["code"], "labels-overlap");
+    assert_eq!(overlap["nothing_left"], true);
+    assert_eq!(read_labels(&out, None).unwrap().value.names.into_values().collect::<Vec<_>>(), ["mandible"]);
+    // One structure of a label map alone.
+    let phantom = &small_phantom().bones;
+    aventail().args(["labels", "merge", &named("skull", phantom), "--out"]).arg(&out).assert().success();
+    let alone = read_labels(&out, None).unwrap().value;
+    assert_eq!(by_name(&alone), by_name(&renamed(|n| (n == "skull").then(|| n.to_owned()))));
+}
+
+#[test]
+fn what_is_not_one_map_is_refused() {
+    let here = place("refused");
+    let bones = small_phantom().bones.as_path();
+    let skull = mask(&here.join("skull.nii.gz"), "skull");
+    let out = here.join("out.nii.gz");
+    let to = |more: &[&'static str], files: &[&Path], code: i32, words: &[&str]| {
+        let mut all: Vec<&Path> = files.to_vec();
+        all.extend(more.iter().map(Path::new));
+        all.extend([Path::new("--out"), &out]);
+        refused(&all, code, words);
+        assert!(!out.exists(), "{words:?}");
+    };
+    to(&[], &[bones, &skull], 4, &["[labels-doubled]", "skull", "bones.nii.gz"]);
+    let plain =
+        files::labels(&here.join("plain.nii.gz"), &LabelMap { names: BTreeMap::new(), ..self::bones().clone() });
+    to(&[], &[&plain], 4, &["[labels-nameless]", "values besides 0"]);
+    to(&[], &[&small_phantom().planning], 4, &["planning_ct.nii.gz", "no integer"]);
+    let coarse = Volume::filled(aventail::geometry::Grid::axis_aligned([3; 3], [2.0; 3], [7.0; 3]).unwrap(), 1);
+    let coarse = files::labels(&here.join("hyoid.nii.gz"), &LabelMap { volume: coarse, names: BTreeMap::new() });
+    to(&[], &[&skull, &coarse], 4, &["[labels-elsewhere]", "size [3, 3, 3]", "spacing [9.000, 9.000, 9.000]"]);
+    let absent = PathBuf::from(format!("tibia={}", bones.display()));
+    to(&[], &[&absent], 4, &["tibia is none of its structures"]);
+    to(&[], &[&here.join("nothing.nii.gz")], 3, &["nothing.nii.gz"]);
+    to(&[], &[&place("refused/empty")], 3, &["no image"]);
+    refused(&[&skull, Path::new("--out"), &skull], 4, &["[input-overwritten]"]);
+    refused(&[&skull, Path::new("--out"), &here.join("out.mha")], 2, &["names of labels"]);
+}
+
+#[test]
+fn structure_sets_are_drawn_on_the_grid() {
+    let here = place("structures");
+    let data = here.join("phantom");
+    aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&data).assert().success();
+    let (set, ct) = (data.join("dicom/planning/RS.dcm"), data.join("dicom/planning"));
+    let names = files::bytes(&here.join("names.toml"), b"[bones]\nspinal_cord = \"sacrum\"\n");
+    let hyoid = mask(&here.join("hyoid.nii.gz"), "hyoid");
+    let out = here.join("out.nii.gz");
+    refused(&[&set, Path::new("--out"), &out], 2, &["--grid"]);
+    let mut merge = aventail();
+    merge.args(["labels", "merge"]).args([&set, &hyoid]).arg("--grid").arg(&ct).arg("--labels").arg(&names);
+    merge.arg("--out").arg(&out).assert().success();
+    let found: Vec<String> = read_labels(&out, None).unwrap().value.names.into_values().collect();
+    assert!(found.contains(&"sacrum".to_owned()) && found.contains(&"hyoid".to_owned()), "{found:?}");
+    // The skeleton takes the set too, once it knows the grid.
+    let mut skeleton = aventail();
+    skeleton.arg("skeleton").arg("--bones").arg(&set).arg("--labels").arg(&names);
+    skeleton.assert().code(2);
+    let run = skeleton.arg("--planning").arg(&ct).assert().success();
+    assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("sacrum"));
+}
+
+/// With a program that does what TotalSegmentator does to its arguments and files.
+#[cfg(unix)]
+mod auto {
+    use super::*;
+    use crate::support::{Register, files_below};
+    use assert_cmd::Command;
+    use std::os::unix::fs::PermissionsExt;
+
+    const STANDS_IN: &str = r#"#!/bin/sh
+here=HERE
+[ "$1" = --version ] && { echo 2.11.0; exit 0; }
+echo "$@" >> "$here/log"
+task=total
+while [ $# -gt 0 ]; do
+  case "$1" in
+    -i) in=$2; shift 2 ;;
+    -o) out=$2; shift 2 ;;
+    --ml) ml=yes; shift ;;
+    --task) task=$2; shift 2 ;;
+    --roi_subset) classes=yes; shift; while [ $# -gt 0 ] && [ "${1#-}" = "$1" ]; do shift; done ;;
+    *) echo "error: unrecognized arguments: $1" >&2; exit 2 ;;
+  esac
+done
+[ "$ml" = yes ] && [ -f "$in" ] || { echo "no input, or no --ml" >&2; exit 2; }
+case "$in" in *.nii|*.nii.gz) ;; *) echo "Unknown file type" >&2; exit 1 ;; esac
+[ "$classes" = yes ] && [ $task != total ] && { echo "ValueError: roi_subset only works with task 'total'" >&2; exit 1; }
+[ -f "$here/fails_$task" ] && { echo "working"; echo "RuntimeError: no memory for $task" >&2; exit 1; }
+echo "Predicting $task" >&2
+cp "$here/$task.nii.gz" "$out"
+"#;
+
+    /// A folder with the program and what it will give: `total` counts mandible and hyoid as skull.
+    fn stand_in(name: &str) -> PathBuf {
+        let here = place(name);
+        let program = files::bytes(
+            &here.join("TotalSegmentator"),
+            STANDS_IN.replace("HERE", &format!("'{}'", here.display())).as_bytes(),
+        );
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let own = |n: &str| if matches!(n, "mandible" | "hyoid") { "skull" } else { n }.to_owned();
+        files::labels(&here.join("total.nii.gz"), &renamed(|n| Some(own(n))));
+        let only = |one: &'static str| move |n: &str| ["skull", one].contains(&n).then(|| n.to_owned());
+        files::labels(&here.join("craniofacial_structures.nii.gz"), &renamed(only("mandible")));
+        files::labels(&here.join("headneck_bones_vessels.nii.gz"), &renamed(only("hyoid")));
+        here
+    }
+
+    /// A command with the stand-in first on its path; with `None` there is no such program.
+    fn on_path(mut command: Command, here: Option<&Path>) -> Command {
+        let path = here.map_or("/usr/bin:/bin".to_owned(), |h| format!("{}:/usr/bin:/bin", h.display()));
+        command.env("PATH", path);
+        command
+    }
+
+    fn skeleton(here: &Path, planning: &Path) -> Command {
+        let mut command = aventail();
+        command.args(["skeleton", "--bones", "auto", "--json", "--planning"]).arg(planning);
+        command.arg("--out").arg(here.join("skeleton.toml"));
+        command
+    }
+
+    fn runs(here: &Path) -> Vec<String> {
+        fs::read_to_string(here.join("log")).unwrap_or_default().lines().map(str::to_owned).collect()
+    }
+
+    /// What `auto` keeps.
+    fn kept(here: &Path) -> Vec<String> {
+        files_below(here).into_iter().filter(|f| f.starts_with("bones_auto")).collect()
+    }
+
+    #[test]
+    fn labels_are_made_once_and_kept_for_the_next_fraction() {
+        let here = stand_in("made");
+        let register = Register { out: here.join("day1"), ..Register::quick("unused").bones("auto") };
+        let run = on_path(register.command(), Some(&here)).assert().success();
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(!message.contains("Predicting"), "--quiet is quiet: {message}");
+        let all = runs(&here);
+        assert_eq!(all.len(), 3, "{all:?}");
+        assert!(all[0].contains("--task total --roi_subset sacrum vertebrae_S1") && !all[0].contains("mandible"));
+        assert!(all[1].ends_with("--task craniofacial_structures") && all[2].ends_with("headneck_bones_vessels"));
+        let files = kept(&here);
+        assert!(files.len() == 2 && files[0].ends_with(".json") && files[1].ends_with(".nii.gz"), "{files:?}");
+        let made = read_labels(here.join(&files[1]), None).unwrap().value;
+        assert_eq!(by_name(&made), by_name(bones()), "mandible and hyoid are taken out of the skull");
+        let report: Value = serde_json::from_slice(&fs::read(here.join("day1/report.json")).unwrap()).unwrap();
+        let warned = report["warnings"].as_array().unwrap().iter().any(|w| w["code"] == "bones-auto");
+        assert!(warned && report.to_string().contains(&files[1]), "{}", report["warnings"]);
+        // The next fraction, on a machine without the program.
+        let next = Register { out: here.join("day2"), ..register };
+        on_path(next.command(), None).assert().success();
+        assert_eq!(runs(&here).len(), 3);
+        // Corrected by hand: no longer what was made.
+        files::labels(&here.join(&files[1]), bones());
+        let run = on_path(skeleton(&here, &small_phantom().planning), Some(&here)).assert().code(4);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(message.contains("[bones-auto-changed]") && message.contains(&files[1]), "{message}");
+        // Another planning CT has labels of its own.
+        on_path(skeleton(&here, &small_phantom().fraction), Some(&here)).assert().code(3);
+    }
+
+    #[test]
+    fn without_the_program_three_ways_are_told() {
+        let here = place("absent");
+        let run = on_path(skeleton(&here, &small_phantom().planning), None).assert().code(2);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        for way in ["aventail labels merge", "RTSTRUCT", "label map", "--task craniofacial_structures"] {
+            assert!(message.contains(way), "{message}");
+        }
+        let mut bare = aventail();
+        bare.args(["skeleton", "--bones", "auto"]).assert().code(2);
+        assert!(files_below(&here).is_empty());
+    }
+
+    #[test]
+    fn failures_leave_nothing_and_say_why() {
+        let here = stand_in("failing");
+        fs::write(here.join("fails_total"), "").unwrap();
+        let run = on_path(skeleton(&here, &small_phantom().planning), Some(&here)).assert().code(3);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        for word in ["--task total", "RuntimeError: no memory for total", "RTSTRUCT"] {
+            assert!(message.contains(word), "{message}");
+        }
+        assert_eq!(kept(&here), [""; 0]);
+        fs::remove_file(here.join("fails_total")).unwrap();
+        // A further task that fails is told, then and later.
+        fs::write(here.join("fails_headneck_bones_vessels"), "").unwrap();
+        for _ in 0..2 {
+            let run = on_path(skeleton(&here, &small_phantom().planning), Some(&here)).assert().success();
+            let told: Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
+            let partial = told["warnings"].as_array().unwrap().iter().find(|w| w["code"] == "bones-auto-partial");
+            assert!(partial.unwrap()["message"].as_str().unwrap().contains("hyoid"), "{told}");
+        }
+        let made = read_labels(here.join(&kept(&here)[1]), None).unwrap().value;
+        assert!(made.names.values().any(|n| n == "mandible") && made.names.values().all(|n| n != "hyoid"));
+    }
+
+    #[test]
+    fn dicom_is_given_as_nifti() {
+        let here = stand_in("dicom");
+        let data = here.join("phantom");
+        aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&data).assert().success();
+        on_path(skeleton(&here, &data.join("dicom/planning")), Some(&here)).assert().success();
+        let all = runs(&here);
+        assert!(all.len() == 3 && all[0].contains("/planning.nii.gz -o "), "{all:?}");
+        assert_eq!(kept(&here).len(), 2, "no working folder stays");
+    }
+}
