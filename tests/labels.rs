@@ -18,6 +18,16 @@ fn place(name: &str) -> PathBuf {
     place
 }
 
+/// The phantom's planning CT and structure set as DICOM.
+fn dicom_planning() -> &'static Path {
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let data = place("dicom_phantom");
+        aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&data).assert().success();
+        data.join("dicom/planning")
+    })
+}
+
 /// The phantom's bones.
 fn bones() -> &'static LabelMap {
     static MAP: OnceLock<LabelMap> = OnceLock::new();
@@ -142,15 +152,14 @@ fn what_is_not_one_map_is_refused() {
 #[test]
 fn structure_sets_are_drawn_on_the_grid() {
     let here = place("structures");
-    let data = here.join("phantom");
-    aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&data).assert().success();
-    let (set, ct) = (data.join("dicom/planning/RS.dcm"), data.join("dicom/planning"));
+    let ct = dicom_planning();
+    let set = ct.join("RS.dcm");
     let names = files::bytes(&here.join("names.toml"), b"[bones]\nspinal_cord = \"sacrum\"\n");
     let hyoid = mask(&here.join("hyoid.nii.gz"), "hyoid");
     let out = here.join("out.nii.gz");
     refused(&[&set, Path::new("--out"), &out], 2, &["--grid"]);
     let mut merge = aventail();
-    merge.args(["labels", "merge"]).args([&set, &hyoid]).arg("--grid").arg(&ct).arg("--labels").arg(&names);
+    merge.args(["labels", "merge"]).args([&set, &hyoid]).arg("--grid").arg(ct).arg("--labels").arg(&names);
     merge.arg("--out").arg(&out).assert().success();
     let found: Vec<String> = read_labels(&out, None).unwrap().value.names.into_values().collect();
     assert!(found.contains(&"sacrum".to_owned()) && found.contains(&"hyoid".to_owned()), "{found:?}");
@@ -158,7 +167,7 @@ fn structure_sets_are_drawn_on_the_grid() {
     let mut skeleton = aventail();
     skeleton.arg("skeleton").arg("--bones").arg(&set).arg("--labels").arg(&names);
     skeleton.assert().code(2);
-    let run = skeleton.arg("--planning").arg(&ct).assert().success();
+    let run = skeleton.arg("--planning").arg(ct).assert().success();
     assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("sacrum"));
 }
 
@@ -302,9 +311,7 @@ cp "$here/$task.nii.gz" "$out"
     #[test]
     fn dicom_is_given_as_nifti() {
         let here = stand_in("dicom");
-        let data = here.join("phantom");
-        aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&data).assert().success();
-        on_path(skeleton(&here, &data.join("dicom/planning")), Some(&here)).assert().success();
+        on_path(skeleton(&here, dicom_planning()), Some(&here)).assert().success();
         let all = runs(&here);
         assert!(all.len() == 3 && all[0].contains("/planning.nii.gz -o "), "{all:?}");
         assert_eq!(kept(&here).len(), 2, "no working folder stays");

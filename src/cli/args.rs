@@ -93,6 +93,8 @@ Writes to OUT:
 Examples:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --fraction fraction_ct.nii.gz --out out
+  aventail register --planning planning_ct.nii.gz --bones auto --fraction fraction_ct.nii.gz --out patient/monday
+                                                              # labels by TotalSegmentator, kept in patient
   aventail register --config out/report.json --out again      # the same run once more
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
                                                               # writes week/monday and week/friday

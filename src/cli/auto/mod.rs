@@ -123,7 +123,8 @@ fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) ->
         match tasks.run(task, &[], image.value.grid()) {
             Ok(Some(mut map)) => {
                 map.names.retain(|_, n| n == bone);
-                found.push(bone);
+                let counts = map.counts();
+                found.extend(map.names.keys().any(|l| counts.contains_key(l)).then_some(bone));
                 merging.add(&place.labels, map, true)?;
             }
             Ok(None) => {}
