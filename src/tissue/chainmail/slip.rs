@@ -117,9 +117,9 @@ impl Slip {
     pub(super) fn part(&self, lattice: &Lattice, n: usize, stiffness: &mut Stencil<f32>) -> Vec<Crossing> {
         let [sy, sz] = [lattice.grid.strides()[1] as isize, lattice.grid.strides()[2] as isize];
         let mut out = Vec::new();
-        for (r, (j, k)) in ROWS.into_iter().enumerate() {
-            for c in 0..3usize {
-                let w = stiffness[r][c];
+        for ((r, row), (j, k)) in stiffness.iter_mut().enumerate().zip(ROWS) {
+            for (c, stiffness) in row.iter_mut().enumerate() {
+                let w = *stiffness;
                 let other = (n as isize + j * sy + k * sz + c as isize - 1) as usize;
                 if w <= 0.0 || self.inside[n] == self.inside[other] {
                     continue;
@@ -129,7 +129,7 @@ impl Slip {
                 if length < 1e-3 {
                     continue;
                 }
-                stiffness[r][c] = self.along * w;
+                *stiffness = self.along * w;
                 let normal = sum.map(|v| v / length);
                 out.push(Crossing { row: r as u8, column: c as u8, held: (1.0 - self.along) * w, normal });
             }
