@@ -80,12 +80,17 @@ pub fn fit_pose(
     };
     let (all, image) = (&level.drawn.all, &level.fraction);
     let fresh = !matches!(start, FitStart::Placed(_));
+    let mut doubt = None;
     let starts = match &start {
         FitStart::Placed(known) => {
             let placed = given(skeleton, known)?;
             vec![Start { common: placed.common, share: 1.0, transforms: placed.transforms }]
         }
-        FitStart::Near(known) => common(near_motions(known, all, image, options.measure)?),
+        FitStart::Near(known) => {
+            let (found, odd) = near_motions(known, all, image, options.measure)?;
+            doubt = odd;
+            common(found)
+        }
         FitStart::Search => common(common_motions(all, image, options.measure)?),
     };
     let mut refused = None;
@@ -104,7 +109,7 @@ pub fn fit_pose(
             let Tried { mut fit, found, scale, .. } = tried;
             accept(&mut fit, (&scale, found), (all, image), options.measure)?;
             if let FitStart::Near(known) = &start {
-                fit.warnings.extend(left(known, &fit.common, all, image, options.measure));
+                fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
             }
             return Ok(fit);
         }

@@ -40,6 +40,8 @@ const CANDIDATES: usize = 16;
 const APART_MM: f64 = 35.0;
 /// Starts that a fit is begun from at most, while none before has led anywhere.
 const STARTS: usize = 4;
+/// Another place that explains this much more of the bones' contrast than a given start is told of.
+const BETTER: f64 = 0.05;
 /// Refined starts that take the bones to places closer than this are one, mm.
 const SAME_MM: f64 = 20.0;
 /// Least explained share of the refined start; below it the images show no common anatomy.
@@ -224,26 +226,47 @@ pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Mea
     motions(samples, fraction, measure, &[&TURNS[..1]])
 }
 
-/// As [`common_motions`], with a motion that is known: only its neighbourhood is searched, unless nothing there explains
-/// enough of the bones.
+/// As [`common_motions`], with a motion that is known: its neighbourhood is searched. Unless that explains the bones clearly all
+/// shifts are looked at too: they are tried where the known one leads nowhere, and a better one is told of. Where the known one
+/// explains hardly anything only the search counts.
 pub(super) fn near_motions(
     known: &Rigid,
     samples: &Samples,
     fraction: &Tissue,
     measure: Measure,
-) -> Result<Vec<(Rigid, f64)>> {
+) -> Result<(Vec<(Rigid, f64)>, Option<Warning>)> {
     let bones = Together::new(samples, fraction, measure);
     let steps = (0..3).flat_map(|a| [-STEP_MM, STEP_MM].map(|s| Vector3::ith(a, s)));
     let shift = known * bones.centre - bones.centre;
     let candidate = |step| Candidate { evidence: 0.0, turn: known.rotation, shift: shift + step };
     let candidates: Vec<Candidate> = std::iter::once(Vector3::zeros()).chain(steps).map(candidate).collect();
     let mut found = bones.refined(candidates)?;
-    if found.iter().all(|f| f.explained < WEAK_START) {
-        let (upright, turned) = TURNS.split_at(1);
-        return motions(samples, fraction, measure, &[upright, turned]);
-    }
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    bones.starts(found)
+    let best = found.first().filter(|f| f.explained >= WEAK_START).map(|f| (f.explained, f.visible));
+    let Some((explained, visible)) = best else {
+        return common_motions(samples, fraction, measure).map(|all| (all, None));
+    };
+    let mut starts = bones.starts(found)?;
+    if explained >= CLEAR && visible >= IN_VIEW {
+        return Ok((starts, None));
+    }
+    let mut doubt = None;
+    for (motion, share) in upright_motions(samples, fraction, measure)? {
+        if starts.iter().all(|(near, _)| bones.apart(near, &motion) > SAME_MM) {
+            if share > explained + BETTER && doubt.is_none() {
+                let message = format!(
+                    "the start that was given explains {:.0} % of the bones' contrast, and a place {:.0} mm from it {:.0} %: look at the \
+                     fusion images",
+                    100.0 * explained,
+                    bones.apart(known, &motion),
+                    100.0 * share
+                );
+                doubt = Some(Warning::new("start-left", message));
+            }
+            starts.push((motion, share));
+        }
+    }
+    Ok((starts, doubt))
 }
 
 /// A word about a fit whose common motion lies elsewhere than the start that was given.
@@ -254,8 +277,10 @@ pub(super) fn left(
     fraction: &Tissue,
     measure: Measure,
 ) -> Option<Warning> {
-    let away = Together::new(samples, fraction, measure).apart(known, found);
-    (away > SAME_MM).then(|| {
+    let bones = Together::new(samples, fraction, measure);
+    let away = (known * bones.centre - found * bones.centre).norm();
+    // A start without a turn is none that is wrong.
+    (away > SAME_MM || bones.apart(known, found) > APART_MM).then(|| {
         let message = format!(
             "the bones were found {away:.0} mm from the start that was given: it belongs to other images, points the other way, or \
              the bones were found at a wrong place; look at the fusion images"
