@@ -1,6 +1,7 @@
 //! From a planning system and back: the phantom as DICOM, and what a registration of it writes as DICOM.
 
 use crate::support::{aventail, folder, quick_settings};
+use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
 use aventail::io::{Stored, WriteOptions, read_bone_transforms, read_contours, read_field, read_image, write_image};
@@ -199,20 +200,21 @@ fn a_run_from_dicom_is_the_run_from_nifti() {
     let apart = bones_apart(day, &nifti);
     assert!(apart < 1e-6, "{apart}");
     let pull = nifti.join("fraction_to_planning.nii.gz");
-    let push = nifti.join("planning_to_fraction.nii.gz");
-    let contours = folder().join("day_contours.json");
-    let set = dicom.join("planning/RS.dcm");
-    let both: [(&str, &Path); 4] =
-        [("--field", &push), ("--input", &set), ("--out", &contours), ("--grid", &dicom.join("fraction"))];
-    done(&TO_FRACTION, &both);
-    let (expected, _) = read_contours(&contours).unwrap();
+    let set = read_structure_set(dicom.join("planning/RS.dcm")).unwrap();
+    let link = |from: &str, to: &str| {
+        let field = read_field(nifti.join(format!("{from}_to_{to}.nii.gz"))).unwrap().value;
+        [Link { name: "it".into(), from: from.into(), to: to.into(), motion: Motion::Field(Box::new(field)) }]
+    };
+    let (push, back) = (link("planning", "fraction"), link("fraction", "planning"));
+    let forward = Chain::between(&push, "planning", "fraction", &InvertOptions::default()).unwrap();
+    let back = Chain::between(&back, "fraction", "planning", &InvertOptions::default()).unwrap();
+    let (expected, _) = resample_contours(&set.contours, &forward, &back, back.grid().unwrap());
     let carried = read_structure_set(day.join("dicom/RS.dcm")).unwrap().contours;
     for old in &expected.structures {
         let new = carried.structures.iter().find(|s| s.name == old.name).unwrap();
         let at = |height: f64| old.polygons.iter().filter(move |p| (p.height - height).abs() < 0.01);
         let off = |p: &Polygon, v: &[f64; 2]| at(p.height).map(|o| to_outline(*v, &o.points)).fold(f64::MAX, f64::min);
         let worst = new.polygons.iter().flat_map(|p| p.points.iter().map(move |v| off(p, v))).fold(0.0, f64::max);
-        // The run maps with both fields, this warp inverts one of them.
         assert!(worst < 0.01, "{}: {worst} mm", old.name);
         assert!((old.volume(9.0) / new.volume(9.0) - 1.0).abs() < 1e-3, "{}", old.name);
     }
@@ -223,7 +225,9 @@ fn a_run_from_dicom_is_the_run_from_nifti() {
         &[("--field", &pull), ("--input", &plan), ("--grid", &given), ("--out", &warped)],
     );
     let (dose, expected) = (read_dose(&given).unwrap().value.volume, read_image(&warped).unwrap().value);
-    assert!(dose.extremes()[1] > 10.0 && greatest_difference(&dose, &expected) < 1e-5);
+    // Both are 32-bit floats, of displacements that were interpolated in another order.
+    let (peak, off) = (dose.extremes()[1], greatest_difference(&dose, &expected));
+    assert!(peak > 10.0 && off < 1e-5 * peak, "{off} of {peak} Gy");
 }
 
 #[test]
