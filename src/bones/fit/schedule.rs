@@ -11,7 +11,7 @@ use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
-use super::start::{FitStart, WEAK_START, common_motions, left, near_motions};
+use super::start::{FitStart, Starts, WEAK_START, common_motions, left, near_motions};
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -74,7 +74,7 @@ pub fn fit_pose(
     progress.step(0, steps, "couch shift");
     let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
     let fitter = Fitter::new(skeleton, options, &level);
-    let common = |found: Vec<(Rigid, f64)>| -> Vec<Start> {
+    let common = |found: Starts| -> Vec<Start> {
         let of = |(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] };
         found.into_iter().map(of).collect()
     };

@@ -17,6 +17,9 @@ use crate::warning::Warning;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
+/// Motions of all bones together, with the share of the bones' contrast that each explains.
+pub(super) type Starts = Vec<(Rigid, f64)>;
+
 /// Where a fit begins.
 #[derive(Debug, Clone, Copy)]
 pub enum FitStart<'a> {
@@ -216,13 +219,13 @@ fn shifts(
 ///
 /// # Errors
 /// [`Error::Registration`] when no shift explains the bones: images without common anatomy.
-pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Vec<(Rigid, f64)>> {
+pub(super) fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Starts> {
     let (upright, turned) = TURNS.split_at(1);
     motions(samples, fraction, measure, &[upright, turned])
 }
 
 /// As [`common_motions`], without a look at turned bones: a seventh of the time.
-pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Vec<(Rigid, f64)>> {
+pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Starts> {
     motions(samples, fraction, measure, &[&TURNS[..1]])
 }
 
@@ -234,7 +237,7 @@ pub(super) fn near_motions(
     samples: &Samples,
     fraction: &Tissue,
     measure: Measure,
-) -> Result<(Vec<(Rigid, f64)>, Option<Warning>)> {
+) -> Result<(Starts, Option<Warning>)> {
     let bones = Together::new(samples, fraction, measure);
     let steps = (0..3).flat_map(|a| [-STEP_MM, STEP_MM].map(|s| Vector3::ith(a, s)));
     let shift = known * bones.centre - bones.centre;
@@ -290,7 +293,7 @@ pub(super) fn left(
 }
 
 /// The best motions over these sets of turns, one set after the other until a start is clear.
-fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f64; 3]]]) -> Result<Vec<(Rigid, f64)>> {
+fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f64; 3]]]) -> Result<Starts> {
     let bones = Together::new(samples, fraction, measure);
     let mut found: Vec<Refined> = Vec::new();
     for turns in sets {
@@ -345,9 +348,9 @@ impl<'a> Together<'a> {
     }
 
     /// Those that explain enough and differ, of all in the order of their cost.
-    fn starts(&self, found: Vec<Refined>) -> Result<Vec<(Rigid, f64)>> {
+    fn starts(&self, found: Vec<Refined>) -> Result<Starts> {
         let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
-        let mut starts: Vec<(Rigid, f64)> = Vec::new();
+        let mut starts = Starts::new();
         for Refined { explained, motion: t, .. } in found.into_iter().filter(|f| f.explained >= LEAST_EXPLAINED) {
             if starts.len() < STARTS && starts.iter().all(|s| self.apart(&s.0, &t) > SAME_MM) {
                 starts.push((t, explained));
