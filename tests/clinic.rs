@@ -1,5 +1,7 @@
 //! From a planning system and back: the phantom as DICOM, and what a registration of it writes as DICOM.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
 use crate::support::{aventail, folder, quick_settings};
 use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
@@ -199,7 +201,6 @@ fn a_run_from_dicom_is_the_run_from_nifti() {
     let nifti = register("day_nifti", quick_settings(), scans.each_ref().map(PathBuf::as_path), &[]);
     let apart = bones_apart(day, &nifti);
     assert!(apart < 1e-6, "{apart}");
-    let pull = nifti.join("fraction_to_planning.nii.gz");
     let set = read_structure_set(dicom.join("planning/RS.dcm")).unwrap();
     let link = |from: &str, to: &str| {
         let field = read_field(nifti.join(format!("{from}_to_{to}.nii.gz"))).unwrap().value;
@@ -220,9 +221,10 @@ fn a_run_from_dicom_is_the_run_from_nifti() {
     }
     let warped = folder().join("day_dose.nii.gz");
     let (plan, given) = (dicom.join("planning/RD.dcm"), day.join("dicom/RD.dcm"));
+    let pull = day.join("fraction_to_planning.nii.gz");
     done(
-        &[&TO_FRACTION[..], &["--kind", "dose"]].concat(),
-        &[("--field", &pull), ("--input", &plan), ("--grid", &given), ("--out", &warped)],
+        &["dose", "map", "--to", "fraction"],
+        &[("--fraction-to-planning", &pull), ("--dose", &plan), ("--grid", &given), ("--out", &warped)],
     );
     let (dose, expected) = (read_dose(&given).unwrap().value.volume, read_image(&warped).unwrap().value);
     // Both are 32-bit floats, of displacements that were interpolated in another order.
