@@ -385,7 +385,7 @@ const BEHIND: &[Finding] = &[
     warned("spine-order", "A vertebra lies against the order of its number.", "Check whether two labels are swapped."),
     warned(
         "start-left",
-        "The bones were found far from the start that --start gives.",
+        "The bones were found far from the start that --start gives, or another place explains more of them.",
         "Check that it takes planning to this fraction, and the fusion images.",
     ),
     warned(

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
 use crate::geometry::Grid;
-use crate::io::{self, Loaded, dicom};
+use crate::io::{self, FieldFile, dicom};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -71,8 +71,6 @@ pub(super) struct Known<'a> {
     pub grid: &'a Grid,
 }
 
-/// A field's file.
-type FieldFile = Loaded<Volume<[f32; 3]>>;
 /// Frame whose points a field takes, and frame where they arrive.
 type Frames = (String, String);
 

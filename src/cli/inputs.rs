@@ -24,6 +24,8 @@ pub(super) struct Inputs {
     landmarks: Option<PathBuf>,
     bone_landmarks: Option<PathBuf>,
     start: Option<PathBuf>,
+    /// The same without the name of its entry.
+    start_file: Option<PathBuf>,
 }
 
 /// The flags that name inputs; a role without a flag is `None`.
@@ -64,13 +66,15 @@ impl Inputs {
             skeleton: either(flags.skeleton, "skeleton", recorded),
             landmarks: either(flags.landmarks, "landmarks", recorded),
             bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
+            start_file: either(flags.start, "start", recorded).map(|path| start::split(&path).0),
             start: either(flags.start, "start", recorded),
         })
     }
 
     /// All files, in the order in which they are asked for.
     pub(super) fn files(&self) -> Vec<&Path> {
-        let more = [&self.labels, &self.organs, &self.skeleton, &self.landmarks, &self.bone_landmarks, &self.start];
+        let more =
+            [&self.labels, &self.organs, &self.skeleton, &self.landmarks, &self.bone_landmarks, &self.start_file];
         let more = more.into_iter().filter_map(|p| p.as_deref());
         [self.planning.as_path(), &self.bones].into_iter().chain(more).collect()
     }
@@ -128,10 +132,10 @@ impl Inputs {
                 ("skeleton", &self.skeleton),
                 ("landmarks", &self.landmarks),
                 ("bone-landmarks", &self.bone_landmarks),
+                ("start", &self.start_file),
             ] {
                 inputs.extend(path.as_deref().map(|p| named(role, p)).transpose()?);
             }
-            inputs.extend(self.start.as_deref().map(|p| named("start", &start::split(p).0)).transpose()?);
             let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings].concat();
             warnings.extend(changed(&inputs, recorded));
             let nothing = Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0);

@@ -11,7 +11,7 @@ use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
-use super::start::{FitStart, WEAK_START, common_motions, left, near_motions};
+use super::start::{FitStart, Starts, WEAK_START, common_motions, left, near_motions};
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -74,18 +74,23 @@ pub fn fit_pose(
     progress.step(0, steps, "couch shift");
     let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
     let fitter = Fitter::new(skeleton, options, &level);
-    let common = |found: Vec<(Rigid, f64)>| -> Vec<Start> {
+    let common = |found: Starts| -> Vec<Start> {
         let of = |(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] };
         found.into_iter().map(of).collect()
     };
     let (all, image) = (&level.drawn.all, &level.fraction);
     let fresh = !matches!(start, FitStart::Placed(_));
+    let mut doubt = None;
     let starts = match &start {
         FitStart::Placed(known) => {
             let placed = given(skeleton, known)?;
             vec![Start { common: placed.common, share: 1.0, transforms: placed.transforms }]
         }
-        FitStart::Near(known) => common(near_motions(known, all, image, options.measure)?),
+        FitStart::Near(known) => {
+            let (found, odd) = near_motions(known, all, image, options.measure)?;
+            doubt = odd;
+            common(found)
+        }
         FitStart::Search => common(common_motions(all, image, options.measure)?),
     };
     let mut refused = None;
@@ -104,7 +109,7 @@ pub fn fit_pose(
             let Tried { mut fit, found, scale, .. } = tried;
             accept(&mut fit, (&scale, found), (all, image), options.measure)?;
             if let FitStart::Near(known) = &start {
-                fit.warnings.extend(left(known, &fit.common, all, image, options.measure));
+                fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
             }
             return Ok(fit);
         }

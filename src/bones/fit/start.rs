@@ -17,6 +17,9 @@ use crate::warning::Warning;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
+/// Motions of all bones together, with the share of the bones' contrast that each explains.
+pub(super) type Starts = Vec<(Rigid, f64)>;
+
 /// Where a fit begins.
 #[derive(Debug, Clone, Copy)]
 pub enum FitStart<'a> {
@@ -40,6 +43,8 @@ const CANDIDATES: usize = 16;
 const APART_MM: f64 = 35.0;
 /// Starts that a fit is begun from at most, while none before has led anywhere.
 const STARTS: usize = 4;
+/// Another place that explains this much more of the bones' contrast than a given start is told of.
+const BETTER: f64 = 0.05;
 /// Refined starts that take the bones to places closer than this are one, mm.
 const SAME_MM: f64 = 20.0;
 /// Least explained share of the refined start; below it the images show no common anatomy.
@@ -214,36 +219,57 @@ fn shifts(
 ///
 /// # Errors
 /// [`Error::Registration`] when no shift explains the bones: images without common anatomy.
-pub fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Vec<(Rigid, f64)>> {
+pub(super) fn common_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Starts> {
     let (upright, turned) = TURNS.split_at(1);
     motions(samples, fraction, measure, &[upright, turned])
 }
 
 /// As [`common_motions`], without a look at turned bones: a seventh of the time.
-pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Vec<(Rigid, f64)>> {
+pub(super) fn upright_motions(samples: &Samples, fraction: &Tissue, measure: Measure) -> Result<Starts> {
     motions(samples, fraction, measure, &[&TURNS[..1]])
 }
 
-/// As [`common_motions`], with a motion that is known: only its neighbourhood is searched, unless nothing there explains
-/// enough of the bones.
+/// As [`common_motions`], with a motion that is known: its neighbourhood is searched. Unless that explains the bones clearly all
+/// shifts are looked at too: they are tried where the known one leads nowhere, and a better one is told of. Where the known one
+/// explains hardly anything only the search counts.
 pub(super) fn near_motions(
     known: &Rigid,
     samples: &Samples,
     fraction: &Tissue,
     measure: Measure,
-) -> Result<Vec<(Rigid, f64)>> {
+) -> Result<(Starts, Option<Warning>)> {
     let bones = Together::new(samples, fraction, measure);
     let steps = (0..3).flat_map(|a| [-STEP_MM, STEP_MM].map(|s| Vector3::ith(a, s)));
     let shift = known * bones.centre - bones.centre;
     let candidate = |step| Candidate { evidence: 0.0, turn: known.rotation, shift: shift + step };
     let candidates: Vec<Candidate> = std::iter::once(Vector3::zeros()).chain(steps).map(candidate).collect();
     let mut found = bones.refined(candidates)?;
-    if found.iter().all(|f| f.explained < WEAK_START) {
-        let (upright, turned) = TURNS.split_at(1);
-        return motions(samples, fraction, measure, &[upright, turned]);
-    }
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    bones.starts(found)
+    let best = found.first().filter(|f| f.explained >= WEAK_START).map(|f| (f.explained, f.visible));
+    let Some((explained, visible)) = best else {
+        return common_motions(samples, fraction, measure).map(|all| (all, None));
+    };
+    let mut starts = bones.starts(found)?;
+    if explained >= CLEAR && visible >= IN_VIEW {
+        return Ok((starts, None));
+    }
+    let mut doubt = None;
+    for (motion, share) in upright_motions(samples, fraction, measure)? {
+        if starts.iter().all(|(near, _)| bones.apart(near, &motion) > SAME_MM) {
+            if share > explained + BETTER && doubt.is_none() {
+                let message = format!(
+                    "the start that was given explains {:.0} % of the bones' contrast, and a place {:.0} mm from it {:.0} %: look at the \
+                     fusion images",
+                    100.0 * explained,
+                    bones.apart(known, &motion),
+                    100.0 * share
+                );
+                doubt = Some(Warning::new("start-left", message));
+            }
+            starts.push((motion, share));
+        }
+    }
+    Ok((starts, doubt))
 }
 
 /// A word about a fit whose common motion lies elsewhere than the start that was given.
@@ -254,8 +280,10 @@ pub(super) fn left(
     fraction: &Tissue,
     measure: Measure,
 ) -> Option<Warning> {
-    let away = Together::new(samples, fraction, measure).apart(known, found);
-    (away > SAME_MM).then(|| {
+    let bones = Together::new(samples, fraction, measure);
+    let away = (known * bones.centre - found * bones.centre).norm();
+    // A start without a turn is none that is wrong.
+    (away > SAME_MM || bones.apart(known, found) > APART_MM).then(|| {
         let message = format!(
             "the bones were found {away:.0} mm from the start that was given: it belongs to other images, points the other way, or \
              the bones were found at a wrong place; look at the fusion images"
@@ -265,7 +293,7 @@ pub(super) fn left(
 }
 
 /// The best motions over these sets of turns, one set after the other until a start is clear.
-fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f64; 3]]]) -> Result<Vec<(Rigid, f64)>> {
+fn motions(samples: &Samples, fraction: &Tissue, measure: Measure, sets: &[&[[f64; 3]]]) -> Result<Starts> {
     let bones = Together::new(samples, fraction, measure);
     let mut found: Vec<Refined> = Vec::new();
     for turns in sets {
@@ -320,9 +348,9 @@ impl<'a> Together<'a> {
     }
 
     /// Those that explain enough and differ, of all in the order of their cost.
-    fn starts(&self, found: Vec<Refined>) -> Result<Vec<(Rigid, f64)>> {
+    fn starts(&self, found: Vec<Refined>) -> Result<Starts> {
         let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
-        let mut starts: Vec<(Rigid, f64)> = Vec::new();
+        let mut starts = Starts::new();
         for Refined { explained, motion: t, .. } in found.into_iter().filter(|f| f.explained >= LEAST_EXPLAINED) {
             if starts.len() < STARTS && starts.iter().all(|s| self.apart(&s.0, &t) > SAME_MM) {
                 starts.push((t, explained));

@@ -11,6 +11,9 @@ use crate::volume::Volume;
 use std::borrow::Cow;
 use std::path::Path;
 
+/// A displacement field and its file.
+pub type FieldFile = Loaded<Volume<[f32; 3]>>;
+
 /// Reads a displacement field, LPS mm.
 ///
 /// NIfTI of intent 1007 is LPS and 1006 is RAS, as ITK has it; NiftyReg's displacement and deformation fields are known by
@@ -20,7 +23,7 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Input`] for anything else, above all 4-D files and intent 0, which other tools read wrongly without a word;
 /// and when a component is NaN or infinite. [`Error::Read`] when the file cannot be read.
-pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
+pub fn read_field(path: impl AsRef<Path>) -> Result<FieldFile> {
     read_field_between(path).map(|(field, _)| field)
 }
 
@@ -29,7 +32,7 @@ pub fn read_field(path: impl AsRef<Path>) -> Result<Loaded<Volume<[f32; 3]>>> {
 ///
 /// # Errors
 /// As [`read_field`], and [`registration::read_deformable`].
-pub fn read_field_between(path: impl AsRef<Path>) -> Result<(Loaded<Volume<[f32; 3]>>, Option<[String; 2]>)> {
+pub fn read_field_between(path: impl AsRef<Path>) -> Result<(FieldFile, Option<[String; 2]>)> {
     let path = path.as_ref();
     match registration::kind_of(path) {
         None => {}

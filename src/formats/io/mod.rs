@@ -43,7 +43,7 @@ mod tests;
 pub use atomic::{check_place, open_folder, write_file};
 pub use contours::{ContourFile, read_contour_file, read_contours, write_contours};
 pub use density::read_density;
-pub use field::{direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
+pub use field::{FieldFile, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
 pub use folder::{Planned, RunFolder};
 pub use head::read_grid;
 pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};

@@ -11,7 +11,7 @@ use crate::geometry::Grid;
 use crate::io::checksum::{read_bytes, sha256};
 use crate::io::dicom::series::Series;
 use crate::io::dicom::write::{Frames, Origin, decimals, orientation, put, references, save};
-use crate::io::{GeometrySource, HeaderNotes, Loaded};
+use crate::io::{FieldFile, GeometrySource, HeaderNotes, Loaded};
 use crate::volume::Volume;
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
@@ -115,7 +115,7 @@ pub fn read_deformable(path: impl AsRef<Path>) -> Result<Deformable> {
 ///
 /// # Errors
 /// As [`read_deformable`].
-pub(in super::super::super) fn read_field(path: &Path) -> Result<(Loaded<Volume<[f32; 3]>>, [String; 2])> {
+pub(in super::super::super) fn read_field(path: &Path) -> Result<(FieldFile, [String; 2])> {
     let bytes = read_bytes(path)?;
     let (sha256, parsed) = rayon::join(|| sha256(&bytes), || parse(path, &bytes));
     let Deformable { from, to, displacement } = parsed?;
