@@ -118,7 +118,7 @@ pub struct RegisterArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
-    /// a TOML file of names that are not recognised: [bones], then "Unterkiefer" = "mandible"
+    /// a TOML file of names that are not recognised: a table `bones` with lines as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Organs and their change of volume.

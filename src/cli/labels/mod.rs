@@ -55,7 +55,7 @@ pub struct MergeArgs {
     /// Planning CT: structure sets are drawn on its grid, and all other files must have it
     #[arg(long, value_name = "IMAGE")]
     pub grid: Option<PathBuf>,
-    /// Names in a structure set that are not recognised (TOML): [bones], then "Unterkiefer" = "mandible"
+    /// Names in a structure set that are not recognised (TOML): a table `bones` with lines as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Print JSON
