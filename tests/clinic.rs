@@ -175,6 +175,32 @@ fn a_registration_goes_back_as_dicom() {
 }
 
 #[test]
+fn the_report_says_whose_series_it_read_unless_that_is_left_out() {
+    let report = |out: &Path| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap()
+    };
+    let own = report(day());
+    let about = |role: &str| {
+        let inputs = own["inputs"].as_array().unwrap();
+        inputs.iter().find(|i| i["role"] == role).unwrap()["about"].clone()
+    };
+    let series = read_series(phantom().join("dicom/fraction")).unwrap().value.1;
+    assert_eq!(about("fraction")["series"], series.uid.as_str());
+    assert_eq!(about("fraction")["patient"]["id"], series.patient.id.as_str());
+    assert!(!series.patient.id.is_empty() && about("bones").is_null(), "labels are a plain file");
+    let page = std::fs::read_to_string(day().join("report.html")).unwrap();
+    assert!(page.contains(&format!("number {}", series.patient.id)));
+    let dicom = phantom().join("dicom");
+    let places = [dicom.join("planning"), dicom.join("fraction")];
+    let hidden = register("hidden", quick_settings(), [&places[0], &places[1]], &["--anonymous"]);
+    let text = std::fs::read_to_string(hidden.join("report.json")).unwrap();
+    for word in [&series.patient.id, &series.patient.name] {
+        assert!(!text.contains(&format!("\"{word}\"")), "{word}");
+    }
+    assert!(text.contains(&series.uid));
+}
+
+#[test]
 fn what_is_no_dicom_cannot_go_back_as_dicom() {
     let file = |name: &str| phantom().join(name);
     let mut run = aventail();

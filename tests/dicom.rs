@@ -142,7 +142,7 @@ fn said(words: &[&str]) -> String {
 fn a_folder_is_listed_and_names_are_hidden() {
     let dir = case().to_str().unwrap();
     let shown = said(&["inspect", dir]);
-    for word in ["Doe^Jane", "10 slices, 16 x 14 x 10, 2 x 2 x 3 mm", "1 structures", "PLAN PHYSICAL GY"] {
+    for word in ["Doe^Jane", "10 slices, 16 x 14 x 10, 2 x 2 x 3 mm", "1 structure,", "PLAN PHYSICAL GY"] {
         assert!(shown.contains(word), "{word}: {shown}");
     }
     for hidden in [said(&["inspect", dir, "--anonymous"]), said(&["inspect", dir, "--anonymous", "--json"])] {

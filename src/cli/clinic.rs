@@ -39,8 +39,8 @@ pub struct ClinicArgs {
     /// Dose of the plan
     #[arg(long, value_name = "RTDOSE", requires = "dicom")]
     pub dose: Option<PathBuf>,
-    /// Leave the patient's identity out of what is written (UIDs of study and series stay)
-    #[arg(long, requires = "dicom")]
+    /// Leave the patient's identity out of the report and of DICOM (UIDs of study and series stay, and names of files)
+    #[arg(long)]
     pub anonymous: bool,
 }
 

@@ -147,7 +147,7 @@ pub(super) struct Ledger {
 impl Ledger {
     /// Takes a file's value and notes the file.
     pub(super) fn take<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
-        self.inputs.push(InputFile { role: role.into(), path: loaded.path, sha256: loaded.sha256 });
+        self.inputs.push(InputFile { role: role.into(), path: loaded.path, sha256: loaded.sha256, about: None });
         self.warnings.extend(loaded.warnings);
         loaded.value
     }
@@ -296,7 +296,7 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
     if let Some(path) = &args.landmarks {
         let sha256 = io::checksum::sha256_file(path)?;
-        ledger.inputs.push(InputFile { role: "landmarks".into(), path: path.clone(), sha256 });
+        ledger.inputs.push(InputFile { role: "landmarks".into(), path: path.clone(), sha256, about: None });
     }
     let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
     let triangle = None;

@@ -6,7 +6,7 @@ use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::geometry::Grid;
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::dicom::{About, Role, check_frames, is_dicom_path};
 use crate::io::{self, Loaded, checksum::sha256_file};
 use crate::pipeline::{Case, InputFile};
 use crate::runtime::Runtime;
@@ -164,12 +164,19 @@ pub(super) struct PlanningSide {
     pub(super) case: Case,
     warnings: Vec<Warning>,
     inputs: Vec<InputFile>,
+    /// Whether reports leave the patient's identity out.
+    anonymous: bool,
 }
 
 impl PlanningSide {
     /// Of a case without a fraction.
     pub(super) fn new(case: Case) -> Self {
-        Self { warnings: case.warnings.clone(), inputs: case.inputs.clone(), case }
+        Self { warnings: case.warnings.clone(), inputs: case.inputs.clone(), anonymous: false, case }
+    }
+
+    /// With the patient's identity in reports, or without.
+    pub(super) fn anonymous(self, anonymous: bool) -> Self {
+        Self { anonymous, ..self }
     }
 
     /// Takes a fraction, and landmarks of planning and this fraction, in place of those before.
@@ -179,6 +186,9 @@ impl PlanningSide {
         self.case.inputs.clone_from(&self.inputs);
         let at = self.case.inputs.len().min(2);
         self.case.inputs.splice(at..at, fraction.inputs);
+        if self.anonymous {
+            self.case.inputs.iter_mut().for_each(|i| i.about = i.about.take().map(About::anonymous));
+        }
         self.case.warnings = [self.warnings.as_slice(), &fraction.image.warnings, &found].concat();
         self.case.fraction = fraction.image.value;
         if let Some(landmarks) = fraction.landmarks {
@@ -208,12 +218,13 @@ impl FractionSide {
 }
 
 fn read<T>(role: &str, file: &Loaded<T>) -> InputFile {
-    InputFile { role: role.into(), path: file.path.clone(), sha256: file.sha256.clone() }
+    let about = About::of(&file.path);
+    InputFile { role: role.into(), path: file.path.clone(), sha256: file.sha256.clone(), about }
 }
 
 /// A further input with its checksum.
 pub(super) fn named(role: &str, path: &Path) -> Result<InputFile> {
-    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)? })
+    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)?, about: None })
 }
 
 /// A warning for each file that is no longer what it was when the report was made.

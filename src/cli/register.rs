@@ -28,6 +28,8 @@ use std::path::{Path, PathBuf};
 pub fn run(args: &RegisterArgs) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
+    // What is missing is told in the order of the help.
+    either(&args.planning, "planning", &file.inputs).ok_or_else(|| missing("planning"))?;
     let fractions = fractions(args, &file)?;
     let mut recorded = file.inputs.clone();
     let bones = bones_of(args, &mut recorded, &fractions)?;
@@ -57,7 +59,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let mut case = Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? };
     case.warnings.extend(bones.warnings);
-    let mut side = PlanningSide::new(case);
+    let mut side = PlanningSide::new(case).anonymous(args.clinic.anonymous);
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;

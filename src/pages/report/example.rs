@@ -160,6 +160,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         role: role.into(),
         path: format!("case/{role}.nii.gz").into(),
         sha256: "0123456789abcdef".repeat(4),
+        about: None,
     });
     let case = Case {
         planning,

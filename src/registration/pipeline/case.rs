@@ -3,6 +3,7 @@
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
+use crate::io::dicom::About;
 use crate::phantom::Phantom;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
@@ -20,6 +21,9 @@ pub struct InputFile {
     pub path: PathBuf,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,
+    /// What it says of itself, where it is a series of a clinic.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub about: Option<About>,
 }
 
 /// Everything a registration needs, loaded and converted to LPS mm.

@@ -3,6 +3,7 @@
 //! Parsing and encoding is dicom-rs's; here is what the objects mean (DICOM PS3.3). DICOM's patient
 //! coordinates are LPS mm, as everywhere inside the library, so positions pass through unchanged.
 
+mod about;
 mod bones;
 mod ct;
 mod dose;
@@ -30,6 +31,7 @@ mod round_trip;
 #[cfg(test)]
 mod tests;
 
+pub use about::About;
 pub use bones::{BoneLabels, BoneNames, labels_from_structures};
 pub use ct::read_series;
 pub use dose::{Dose, read_dose, read_doses};

@@ -1,10 +1,10 @@
 //! What a series of slices says of itself: what objects that are derived from it repeat, and refer to.
 
 use nalgebra::Point3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The patient, as DICOM's Patient module names them (PS3.3 C.7.1.1); empty where the source says nothing.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Patient {
     /// Name, in DICOM's form `family^given`.
     pub name: String,

@@ -145,7 +145,11 @@ fn provenance(report: &Report) -> Markup {
             thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
             tbody {
                 @for input in &report.inputs {
-                    tr { td { (input.role) } td.wide { (input.path.display()) } td.mono { (input.sha256) } }
+                    tr {
+                        td { (input.role) }
+                        td.wide { (input.path.display()) @if let Some(about) = &input.about { br; (about) } }
+                        td.mono { (input.sha256) }
+                    }
                 }
             }
         }
