@@ -175,6 +175,13 @@ fn a_registration_goes_back_as_dicom() {
 }
 
 #[test]
+fn a_set_without_fault_is_listed_without_a_problem() {
+    let run = aventail().arg("inspect").arg(phantom().join("dicom")).assert().success();
+    let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
+    assert!(text.contains("REG") && text.contains("RTSTRUCT") && !text.contains("problem"), "{text}");
+}
+
+#[test]
 fn the_report_says_whose_series_it_read_unless_that_is_left_out() {
     let report = |out: &Path| -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap()

@@ -133,7 +133,8 @@ fn entry(
     let meant = |g: &Group<'_>| refers.contains(&g.series.uid) || g.objects.iter().any(|o| refers.contains(&o.uid));
     let targets: Vec<usize> = (0..units.len()).filter(|&m| m != n && meant(&units[m])).collect();
     let mut problems = Vec::new();
-    for m in &targets {
+    // A registration joins two frames of reference.
+    for m in targets.iter().filter(|_| s.modality != "REG") {
         let other = &units[*m].series.frame_of_reference;
         if !other.is_empty() && !s.frame_of_reference.is_empty() && *other != s.frame_of_reference {
             problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
