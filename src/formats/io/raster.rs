@@ -70,6 +70,28 @@ pub struct HeaderNotes {
     pub extensions: Vec<ExtensionNote>,
 }
 
+impl HeaderNotes {
+    /// Of a format that has none of NIfTI's fields, for values that are neither scaled nor compressed.
+    pub(super) fn plain(format: &str, grid: &Grid, datatype: &str, description: &str) -> Self {
+        Self {
+            format: format.into(),
+            sizes: grid.size().to_vec(),
+            datatype: datatype.into(),
+            big_endian: false,
+            compressed: false,
+            scaling: None,
+            geometry: GeometrySource::Header,
+            sform_code: None,
+            qform_code: None,
+            disagreement_mm: None,
+            intent_code: None,
+            intent_name: String::new(),
+            description: description.into(),
+            extensions: Vec::new(),
+        }
+    }
+}
+
 /// What the components of a stored vector mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum VectorKind {

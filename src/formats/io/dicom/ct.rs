@@ -2,7 +2,7 @@
 
 use super::super::Loaded;
 use super::super::checksum::{read_bytes, sha256};
-use super::super::raster::{GeometrySource, HeaderNotes};
+use super::super::raster::HeaderNotes;
 use super::elements::{Item, text, whole};
 use super::find::Object;
 use super::frames::{Frame, frames};
@@ -241,19 +241,9 @@ pub(super) fn notes(
     let bits = whole(header, tags::BITS_ALLOCATED).unwrap_or_default();
     let syntax = header.meta().transfer_syntax().trim_end_matches('\0');
     HeaderNotes {
-        format: format.into(),
-        sizes: grid.size().to_vec(),
-        datatype: format!("{sign}{bits}"),
         big_endian: syntax == "1.2.840.10008.1.2.2",
         compressed: syntax.starts_with("1.2.840.10008.1.2.4") || syntax == "1.2.840.10008.1.2.5",
         scaling,
-        geometry: GeometrySource::Header,
-        sform_code: None,
-        qform_code: None,
-        disagreement_mm: None,
-        intent_code: None,
-        intent_name: String::new(),
-        description: description.into(),
-        extensions: Vec::new(),
+        ..HeaderNotes::plain(format, grid, &format!("{sign}{bits}"), description)
     }
 }

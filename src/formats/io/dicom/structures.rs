@@ -2,7 +2,7 @@
 //! structures.
 
 use super::super::checksum::{read_bytes, sha256};
-use super::super::raster::{GeometrySource, HeaderNotes};
+use super::super::raster::HeaderNotes;
 use super::elements::{Item, items, numbers, text, whole};
 use super::find::{Object, series};
 use super::open;
@@ -281,22 +281,7 @@ impl StructureSet {
 
 /// What a label map drawn from a structure set says of its file.
 pub(in super::super) fn structure_notes(grid: &Grid, label: &str) -> HeaderNotes {
-    HeaderNotes {
-        format: "DICOM RT Structure Set".into(),
-        sizes: grid.size().to_vec(),
-        datatype: "contours".into(),
-        big_endian: false,
-        compressed: false,
-        scaling: None,
-        geometry: GeometrySource::Header,
-        sform_code: None,
-        qform_code: None,
-        disagreement_mm: None,
-        intent_code: None,
-        intent_name: String::new(),
-        description: label.into(),
-        extensions: Vec::new(),
-    }
+    HeaderNotes::plain("DICOM RT Structure Set", grid, "contours", label)
 }
 
 /// Structures that a header names.

@@ -11,7 +11,7 @@ use crate::geometry::Grid;
 use crate::io::checksum::{read_bytes, sha256};
 use crate::io::dicom::series::Series;
 use crate::io::dicom::write::{Frames, Origin, decimals, orientation, put, references, save};
-use crate::io::{FieldFile, GeometrySource, HeaderNotes, Loaded};
+use crate::io::{FieldFile, HeaderNotes, Loaded};
 use crate::volume::Volume;
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
@@ -119,22 +119,7 @@ pub(in super::super::super) fn read_field(path: &Path) -> Result<(FieldFile, [St
     let bytes = read_bytes(path)?;
     let (sha256, parsed) = rayon::join(|| sha256(&bytes), || parse(path, &bytes));
     let Deformable { from, to, displacement } = parsed?;
-    let header = HeaderNotes {
-        format: "DICOM Deformable Spatial Registration".into(),
-        sizes: displacement.grid().size().to_vec(),
-        datatype: "float32".into(),
-        big_endian: false,
-        compressed: false,
-        scaling: None,
-        geometry: GeometrySource::Header,
-        sform_code: None,
-        qform_code: None,
-        disagreement_mm: None,
-        intent_code: None,
-        intent_name: String::new(),
-        description: String::new(),
-        extensions: Vec::new(),
-    };
+    let header = HeaderNotes::plain("DICOM Deformable Spatial Registration", displacement.grid(), "float32", "");
     let loaded = Loaded { value: displacement, path: path.to_owned(), sha256, header, warnings: Vec::new() };
     Ok((loaded, [from, to]))
 }
