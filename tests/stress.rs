@@ -217,6 +217,9 @@ fn options() -> [ChainmailOptions; 2] {
     [ChainmailOptions::default(), voxelwise]
 }
 
+/// A mesh of which more than one cell in this many is folded has collapsed.
+const COLLAPSED: usize = 5;
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
@@ -236,9 +239,11 @@ proptest! {
         scene.check(&ChainmailOptions::default())?;
     }
 
-    /// Bones turn by up to 178 degrees against each other: at half a circle there are two shortest ways between them, and tissue
-    /// may jump from one to the other. Where bones shift through each other by more than the scene is wide, the mesh between them
-    /// collapses and amplifies the rounding of single precision: a ten-thousandth of the largest displacement is granted.
+    /// Bones turn by up to 178 degrees against each other: at half a circle there are two shortest
+    /// ways between them, and tissue may jump from one to the other. Where bones shift through each
+    /// other by more than the scene is wide, most cells between them are folded: such a mesh has
+    /// collapsed, has no one place to settle in, and may amplify the rounding of single precision
+    /// without bound. Nothing is claimed of it but what the other tests hold.
     #[test]
     fn a_bone_that_moves_by_a_nanometre_more_moves_no_voxel_by_a_micrometre(
         scene in moving_by((axis(), 0.0f64..89.0).prop_map(|(a, t)| a * t.to_radians()), (axis(), 0.0f64..100.0).prop_map(|(a, s)| a * s)),
@@ -251,7 +256,11 @@ proptest! {
             let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
             let most = one.displacement.data().iter().zip(other.displacement.data()).map(apart).fold(0.0, f32::max);
             let largest = one.displacement.data().iter().flatten().fold(0f32, |most, u| most.max(u.abs()));
-            prop_assert!(most < (1e-4 * largest).max(1e-3), "a voxel jumps by {most} mm of {largest}");
+            let folded = digital_folds(&one).data().iter().filter(|f| **f).count();
+            let tissue = scene.inside.iter().filter(|i| **i).count();
+            if COLLAPSED * folded <= tissue {
+                prop_assert!(most < (2e-5 * largest).max(1e-3), "a voxel jumps by {most} mm of {largest}");
+            }
         }
     }
 }
