@@ -36,7 +36,6 @@ INGREDIENTS = [
     ("compressible tissue", "[chainmail]\npoisson = 0"),
     ("one material for all tissue", "[chainmail]\nmaterial = [{ hu = -500, min = 0.7, max = 1.3, shear = 0.3 }, "
      "{ hu = 250, min = 1, max = 1, shear = 0 }]"),
-    ("bones do not slide", "[sliding]\ninterfaces = []"),
     ("without mending", "[chainmail]\nmend = 0"),
     ("fields left as they are", "[consistency]\nrounds = 0"),
     ("no bone by itself first", "[fit]\noutward = []"),

@@ -9,6 +9,7 @@ use crate::volume::components::{Components, Connectivity};
 use crate::volume::morphology::dilate;
 use crate::volume::{Mask, Volume};
 use nalgebra::Point3;
+use ndarray::Axis;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -141,14 +142,12 @@ fn same(a: f32, b: f32) -> bool {
 
 /// Slices of one value, no number included, at both ends of each axis.
 fn blank_ends(ct: &Volume<f32>) -> [[usize; 2]; 3] {
-    let grid = ct.grid();
-    let size = grid.size();
+    let (size, scan) = (ct.grid().size(), ct.view());
     std::array::from_fn(|a| {
-        let (b, c, strides) = ((a + 1) % 3, (a + 2) % 3, grid.strides());
+        let slice = |n: usize| scan.index_axis(Axis(a), n);
         let blank = |n: &usize| {
-            let first = n * strides[a];
-            let rows = (0..size[c]).flat_map(|k| (0..size[b]).map(move |j| (j, k)));
-            rows.map(|(j, k)| ct.data()[first + j * strides[b] + k * strides[c]]).all(|v| same(v, ct.data()[first]))
+            let slice = slice(*n);
+            slice.first().is_none_or(|first| slice.iter().all(|v| same(*v, *first)))
         };
         let low = (0..size[a]).take_while(blank).count();
         if low == size[a] {
@@ -156,14 +155,10 @@ fn blank_ends(ct: &Volume<f32>) -> [[usize; 2]; 3] {
         }
         // Air beyond a patient may be cut off at one value: what is blank cuts him, so that he is as wide in the next slice
         // as some slices on.
-        let tissue = |n: usize| {
-            let rows = (0..size[c]).flat_map(|k| (0..size[b]).map(move |j| (j, k)));
-            let hu = rows.map(|(j, k)| ct.data()[n * strides[a] + j * strides[b] + k * strides[c]]);
-            hu.filter(|hu| *hu > TISSUE_HU).count() as f64
-        };
+        let tissue = |n: usize| slice(n).iter().filter(|hu| **hu > TISSUE_HU).count() as f64;
         let cuts = |next: usize, on: usize| tissue(next) > CUT_SHARE * tissue(on).max(1.0);
         let last = size[a] - 1;
-        let air = |end: usize| AIR_HU.contains(&ct.data()[end * strides[a]]);
+        let air = |end: usize| slice(end).first().is_some_and(|hu| AIR_HU.contains(hu));
         let keep = |count: usize, end: usize, next: usize, on: usize| {
             if count > 0 && air(end) && !cuts(next, on) { 0 } else { count }
         };

@@ -12,6 +12,9 @@ use std::collections::BTreeSet;
 /// Jacobian characteristics of a whole run. Cells are tissue cells: all 8 corners body above -500 HU.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct JacobianReport {
+    /// All tissue cells, contact and interface cells included: what thesis Tab. 2 counts. Earlier reports lack them.
+    #[serde(default)]
+    pub all: JacobianStats,
     /// All tissue cells, contact and interface cells left out.
     pub body: JacobianStats,
     /// Tissue cells with no bone corner, interface cells left out.
@@ -73,7 +76,11 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, Ja
     let Runs { soft, bony, inside, contact, interface } = Runs::of(&map, cells);
     let of_soft = Tally::of(&soft);
     let soft_tissue = of_soft.stats(&soft);
-    let body = of_soft.with(&Tally::of(&bony)).stats(&[soft, bony].concat());
+    let (of_body, body_runs) = (of_soft.with(&Tally::of(&bony)), [soft, bony].concat());
+    let body = of_body.stats(&body_runs);
+    let apart = [contact.as_slice(), &interface].concat();
+    let of_all = of_body.with(&Tally::of(&apart));
+    let all = of_all.stats(&[body_runs, apart].concat());
     let of_bones: Vec<JacobianStats> = inside.par_iter().map(|runs| stats(runs)).collect();
     let folds = |part: fn(&DigitalFolds) -> usize| found.iter().map(|f| part(&f.folds)).sum();
     let folds = DigitalFolds {
@@ -83,6 +90,7 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, Ja
         interface: folds(|f| f.interface),
     };
     let report = JacobianReport {
+        all,
         body,
         soft_tissue,
         contact: stats(&contact),
@@ -235,6 +243,8 @@ mod tests {
         let (_, r) = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[]));
         assert_eq!(r.contact.cells, 1); // between 3 and 4
         assert_eq!(r.body.cells, 9); // cells 0..=9 without the contact cell
+        assert_eq!((r.all.cells, r.all.folded), (10, 0));
+        assert!((r.all.mean - (6.0 + 2.0 + 2.0 + 26.0 + 2.0) / 10.0).abs() < 1e-5);
         assert_eq!(r.soft_tissue.cells, 4); // 6..=9; 0 and 5 touch one bone
         assert_eq!(r.bones.iter().map(|(n, s)| (n.as_str(), s.cells)).collect::<Vec<_>>(), [("a", 2), ("b", 1)]);
         assert!((r.soft_tissue.mean - (2.0 + 2.0 + 26.0 + 2.0) / 4.0).abs() < 1e-5);
@@ -271,6 +281,7 @@ mod tests {
         assert!(without.body.folded > 100 && without.interface.cells == 0);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);
+        assert_eq!(with.all, without.all);
         assert!(with.digital_folded == 0 && without.digital_folded > 0);
     }
     #[test]

@@ -96,7 +96,9 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let rigid = [(1, "skull".to_owned()), (2, "vertebrae_C4".to_owned())];
     let tissue = jacobians::tissue(&body, &planning);
     let (map, mut jacobian_report) = jacobians::evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[]));
-    jacobian_report.contact = jacobians::stats(&[&[0.9, -1.0, 1.1]]);
+    let contact = [0.9, -1.0, 1.1];
+    jacobian_report.contact = jacobians::stats(&[&contact]);
+    jacobian_report.all = jacobians::stats(&[map.to_volume().data(), &contact]);
     let outcome = Outcome {
         part: None,
         skeleton: Skeleton { bones: skeleton() },

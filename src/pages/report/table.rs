@@ -29,12 +29,12 @@ pub fn terminal_table(report: &Report) -> String {
             j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
         ),
     ));
-    if j.contact.cells > 0 {
+    if j.contact.cells + j.interface.cells > 0 {
         rows.push((
             "",
             format!(
-                "bone contact: folded {} of {} cells; sliding interfaces: {} of {}",
-                j.contact.folded, j.contact.cells, j.interface.folded, j.interface.cells
+                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide",
+                j.all.folded, j.all.cells, j.contact.folded, j.interface.folded
             ),
         ));
     }

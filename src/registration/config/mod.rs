@@ -75,7 +75,8 @@ pub enum Preset {
     Fast,
     /// More comparisons of the images and rounds of relaxation.
     Accurate,
-    /// The final model of the thesis (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel.
+    /// The final model of the thesis (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel; nothing
+    /// beyond it changes the field.
     Thesis,
 }
 
@@ -124,6 +125,7 @@ impl Preset {
             Self::Thesis => Config {
                 chainmail: ChainmailOptions::thesis(),
                 refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },
+                consistency: ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() },
                 ..base
             },
         }
@@ -329,6 +331,9 @@ impl Config {
 #[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
     use super::*;
+    use crate::chainmail::{
+        Carry, Combination, Front, LinkTime, Material, MaterialName, Order, SlipOptions, Structures,
+    };
 
     fn resolve(toml: &str) -> Result<Config> {
         let value: Value = toml::from_str(toml).unwrap();
@@ -343,6 +348,44 @@ mod tests {
         assert_eq!(c.chainmail.cutoff, ChainmailOptions::default().cutoff);
         assert_eq!(resolve("preset = \"thesis\"").unwrap().chainmail, ChainmailOptions::thesis());
         assert_eq!(resolve("").unwrap(), Config::default());
+    }
+
+    #[test]
+    fn nothing_beyond_the_thesis_changes_the_field_of_its_preset() {
+        let Config { chainmail, refine, consistency, resampling, soft_tissue, .. } = Preset::Thesis.config();
+        assert!(!refine.pulls() && consistency.rounds == 0);
+        assert_eq!((soft_tissue, resampling), (SoftTissue::ChainMail, Resampling::PullBack));
+        // Every setting by name, so that a new one has to be judged here.
+        let ChainmailOptions {
+            material,
+            organs,
+            volume_change,
+            order,
+            link_time,
+            front,
+            structures,
+            carry,
+            combination,
+            exponent,
+            cutoff,
+            prune_ratio,
+            waves_mm: _,
+            spacing_mm,
+            elasticity: _,
+            poisson: _,
+            relaxation,
+            mend,
+            least_hu,
+            lung,
+            slip,
+        } = chainmail;
+        assert!(organs.is_empty() && volume_change.is_empty() && relaxation.is_empty() && !lung);
+        assert_eq!(slip, SlipOptions::none());
+        assert_eq!((order, link_time, front), (Order::Timestamps, LinkTime::FastInStiff, Front::Rhombus));
+        assert_eq!((structures, carry), (Structures::None, Carry::LinearDecay));
+        assert_eq!((combination, material), (Combination::Superposition, Material::Named(MaterialName::Stiff)));
+        assert_eq!((exponent, cutoff, prune_ratio, spacing_mm), (4.0, 800.0, 0.0, 0.0));
+        assert_eq!((mend, least_hu), (0, -500.0));
     }
 
     #[test]

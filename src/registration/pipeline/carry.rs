@@ -15,7 +15,7 @@ use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
 use crate::evaluate;
-use crate::field::{self, MovedBones, PushField, Resampling};
+use crate::field::{self, ConsistencyOptions, MovedBones, PushField, Resampling};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::progress::Silent;
@@ -142,10 +142,17 @@ pub(super) fn carry_out(
         let bones = MovedBones::new(&case.bones, motions, &there);
         field::invert(&push, &there, Some(&bones), &config.invert)
     })?;
+    // What is compared with stays as it is.
+    let consistency_options = match config.soft_tissue {
+        SoftTissue::ChainMail => config.consistency.clone(),
+        SoftTissue::ThinPlateSplines | SoftTissue::NearestBone => {
+            ConsistencyOptions { rounds: 0, ..config.consistency.clone() }
+        }
+    };
     let consistency = runtime.stage("make consistent", || {
         let bone_of_label = bone_of_label(&skeleton);
         let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
-        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &config.consistency)
+        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &consistency_options)
     });
     let (push, pull) = (couch.push(push), couch.pull(pull));
     let alone = alone.map(|alone| couch.added(alone));

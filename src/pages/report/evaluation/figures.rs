@@ -86,6 +86,13 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
         list.jacobian("regularity", name, &r.jacobian.body);
         list.add("regularity", name, "least positive Jacobian", r.jacobian.body.min, "");
         list.add("regularity", name, "greatest Jacobian", r.jacobian.body.max, "");
+        list.add(
+            "regularity",
+            name,
+            "folded cells, contact and interfaces included",
+            r.jacobian.all.folded as f64,
+            "cells",
+        );
         list.add("regularity", name, "digitally folded cells", r.folds.folded as f64, "cells");
         list.add("regularity", name, "digitally folded volume", r.folds.folded_ml, "ml");
         list.add("regularity", name, "folded cells of bone contact", r.folds.folded_contact as f64, "cells");

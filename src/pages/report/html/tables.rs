@@ -217,7 +217,7 @@ pub(super) fn jacobian(report: &Report) -> Markup {
     let (shown, rigid): (Vec<_>, Vec<_>) = j.bones.iter().partition(|(_, s)| uneven(s));
     html! {
         p.note {
-            "Volume after over before, per cell of the planning grid; tissue is body above -500 HU. J<0 counts all cells, the other figures the "
+            "Volume after over before, per cell of the planning grid; tissue is body above -500 HU. The first row has all of it, as the thesis's Tab. 2; the others are parts. J<0 counts all cells, the other figures the "
             "positive ones. Contact cells have corners in two or more bones: where rigid bones slide or meet, even the truth folds. Interface cells lie where "
             "declared pairs of bones slide on each other."
         }
@@ -229,6 +229,7 @@ pub(super) fn jacobian(report: &Report) -> Markup {
                 }
             }
             tbody {
+                (jacobian_row("All tissue above -500 HU", &j.all))
                 (jacobian_row("Tissue outside contact and interfaces", &j.body))
                 (jacobian_row("Soft tissue", &j.soft_tissue))
                 (jacobian_row("Bone contact", &j.contact))

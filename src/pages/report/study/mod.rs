@@ -77,7 +77,8 @@ pub fn finished_stage(folder: &Path, id: &str, key: &str) -> Option<StageRecord>
     let text = std::fs::read(folder.join("stages").join(format!("{id}.json"))).ok()?;
     let record: StageRecord = serde_json::from_slice(&text).ok()?;
     let drawn = SHOWN.iter().all(|p| folder.join("pictures").join(format!("{id}_{p}")).is_file());
-    (record.key == key && drawn).then_some(record)
+    // Records of before the thesis's set was counted have none of its cells.
+    (record.key == key && drawn && record.jacobian.all.cells > 0).then_some(record)
 }
 
 /// Writes a stage's pictures, then its record, so that a record always has its pictures.

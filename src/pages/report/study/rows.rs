@@ -46,17 +46,15 @@ fn fixed(value: f64, digits: usize) -> String {
 }
 
 fn measured(r: &StageRecord) -> [String; 10] {
-    let (body, contact) = (&r.jacobian.body, &r.jacobian.contact);
-    // As the thesis counts: cells between bones are part of the patient.
-    let cells = (body.cells + contact.cells).max(1);
-    let folded = 100.0 * (body.folded + contact.folded) as f64 / cells as f64;
+    // The set of thesis Tab. 2: bone contact and sliding interfaces are part of the patient.
+    let all = &r.jacobian.all;
     let optional = |v: Option<f64>| v.map_or(String::new(), |v| fixed(v, 2));
     [
-        fixed(folded, 2),
-        fixed(body.above_2_percent, 2),
-        fixed(body.below_half_percent, 2),
-        fixed(body.mean, 3),
-        fixed(body.max.max(contact.max), 1),
+        fixed(all.folded_percent, 2),
+        fixed(all.above_2_percent, 2),
+        fixed(all.below_half_percent, 2),
+        fixed(all.mean, 3),
+        fixed(all.max, 1),
         optional(r.residual.map(|v| v.0)),
         optional(r.residual.map(|v| v.1)),
         optional(r.residual_mm),
