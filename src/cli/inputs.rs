@@ -113,7 +113,10 @@ impl Inputs {
         runtime.stage("read", || {
             let mut bones = self.read_bones()?;
             if let Some(path) = &self.organs {
-                let odd = organs::add(&mut bones.value, path)?;
+                if is_dicom_path(path) {
+                    check_frames((path, Role::Structures), (&self.planning, Role::Image))?;
+                }
+                let odd = organs::add(&mut bones.value, path, config)?;
                 bones.warnings.extend(odd);
             }
             judge_names(&bones.value, config)?;

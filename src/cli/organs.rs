@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 /// Options on organs.
 #[derive(Debug, Args, Clone, Default)]
 pub struct OrganArgs {
-    /// Labels of organs on the planning grid, beside those of the bones: a map with names, or a mask named by its file
+    /// Labels of organs on the planning grid, beside those of the bones: a map with names, a mask named by its file, or a
+    /// DICOM structure set, of which the organs count that the settings name
     #[arg(long, value_name = "FILE")]
     pub organs: Option<PathBuf>,
     /// Volume of an organ in the fraction over that in planning, for example parotid_left=0.8; repeat it for several
@@ -44,12 +45,13 @@ fn parse_change(text: &str) -> Result<VolumeChange, String> {
     change.problem().map_or(Ok(change), Err)
 }
 
-/// Reads organs and adds them to the labels of the bones, which they never replace. Returns what reading found.
+/// Reads organs and adds them to the labels of the bones, which they never replace. Of a DICOM structure set, in which many
+/// structures lie over each other, those that the settings name. Returns what reading found.
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::Input`] for files that are no label map of the bones' grid, and for names that exist already.
-pub(super) fn add(labels: &mut LabelMap, path: &Path) -> Result<Vec<Warning>> {
-    let read = io::read_label_map(path, None)?;
+pub(super) fn add(labels: &mut LabelMap, path: &Path, config: &Config) -> Result<Vec<Warning>> {
+    let read = io::read_organs(path, &config.chainmail.organs_named(), labels.volume.grid())?;
     let mut organs = read.value;
     let refuse = |problem: String, remedy: &str| Err(Error::input(path.display().to_string(), problem, remedy));
     let counts = organs.counts();
@@ -121,12 +123,12 @@ mod tests {
         let path = folder.path().join("parotid_left.nii.gz");
         io::write_labels(&path, &organ, &WriteOptions::default()).unwrap();
         let mut both = bones.clone();
-        add(&mut both, &path).unwrap();
+        add(&mut both, &path, &Config::default()).unwrap();
         assert_eq!(both.names[&6], "parotid_left");
         assert_eq!(&both.volume.data()[..4], &[5, 5, 6, 6]);
-        assert!(add(&mut both, &path).unwrap_err().to_string().contains("parotid_left"));
+        assert!(add(&mut both, &path, &Config::default()).unwrap_err().to_string().contains("parotid_left"));
         let other = Grid::axis_aligned([4, 3, 3], [1.0; 3], [9.0, 0.0, 0.0]).unwrap();
         let mut elsewhere = LabelMap { volume: Volume::filled(other, 5), names: bones.names };
-        assert_eq!(add(&mut elsewhere, &path).unwrap_err().exit_code(), 4);
+        assert_eq!(add(&mut elsewhere, &path, &Config::default()).unwrap_err().exit_code(), 4);
     }
 }

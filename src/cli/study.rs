@@ -147,7 +147,9 @@ impl Moved {
         let path = folder.join("report.json");
         let remedy = "give the --out folder of a finished `aventail register` or `aventail pose`";
         let report = Report::read(&path, remedy)?;
-        let inputs = config_file(&path)?.inputs;
+        let recorded = config_file(&path)?;
+        let settings = recorded.resolve(None)?;
+        let inputs = recorded.inputs;
         let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| i.path.clone());
         let needed = |role: &str| {
             file(role).ok_or_else(|| {
@@ -160,7 +162,7 @@ impl Moved {
         };
         let mut bones = io::read_labels(needed("bones")?, file("labels").as_deref())?.value;
         if let Some(path) = file("organs") {
-            organs::add(&mut bones, &path)?;
+            organs::add(&mut bones, &path, &settings)?;
         }
         let skeleton = match file("skeleton") {
             Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones)?.skeleton)?),

@@ -1,7 +1,7 @@
 //! Label maps and the names of their labels: TotalSegmentator's NIfTI header extension, or a JSON file.
 
 use super::Loaded;
-use super::dicom::{self, BoneNames, labels_from_structures, read_structure_set};
+use super::dicom::{self, BoneNames, labels_from_structures, organs_from_structures, read_structure_set};
 use super::image::{WriteOptions, write};
 use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster, load};
@@ -56,6 +56,24 @@ pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> 
     let warnings = [set.warnings, tidied, drawn.warnings].concat();
     let header = dicom::structure_notes(grid, &set.label);
     Ok(Loaded { value: drawn.map, path: set.path, sha256: set.sha256, header, warnings })
+}
+
+/// Reads organs: a label map or a mask, or of a DICOM structure set those of the names `wanted`, drawn on
+/// `grid`.
+///
+/// # Errors
+/// As [`read_label_map`] and [`organs_from_structures`].
+pub fn read_organs(path: impl AsRef<Path>, wanted: &[String], grid: &Grid) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    if !dicom::is_place(path) {
+        return read_label_map(path, None);
+    }
+    let mut set = read_structure_set(path)?;
+    let tidied = set.contours.tidy();
+    let value = organs_from_structures(&set, grid, wanted)?;
+    let warnings = [set.warnings, tidied].concat();
+    let header = dicom::structure_notes(grid, &set.label);
+    Ok(Loaded { value, path: set.path, sha256: set.sha256, header, warnings })
 }
 
 /// Labels that occur and have the name of a lesser one, with that one.

@@ -49,7 +49,7 @@ pub use head::read_grid;
 pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};
 pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
-pub use labels::{read_bones, read_label_map, read_labels, read_structures, write_labels};
+pub use labels::{read_bones, read_label_map, read_labels, read_organs, read_structures, write_labels};
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 pub use sheet::{Sheet, plain_cell};

@@ -129,7 +129,7 @@ pub(super) fn carry_out(
     runtime: &Runtime,
 ) -> Result<Carried> {
     // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
-    let couch = Couch::of(&fit, case.planning.grid());
+    let couch = Couch::of(&fit, case.planning.grid(), config.chainmail.carry);
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
     let moved = Moved { case, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
     let Propagated { propagation, regions, alone, kind } =

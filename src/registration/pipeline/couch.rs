@@ -3,6 +3,7 @@
 //! A patient is laid down somewhere else, before his joints move. In a frame that goes with him, what neither bones nor images
 //! move stays where it is, and a field that fades with the distance from the patient fades to the couch shift.
 
+use crate::chainmail::Carry;
 use crate::field::{PullField, PushField, in_steps};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid};
@@ -20,10 +21,16 @@ pub(super) fn couch_shift(fit: &FitResult, planning: &Grid) -> Vector3<f64> {
 pub(super) struct Couch([f32; 3]);
 
 impl Couch {
-    /// Of a fit, in the middle of the planning grid.
-    pub(super) fn of(fit: &FitResult, planning: &Grid) -> Self {
-        let shift = couch_shift(fit, planning);
-        Self(in_steps([shift.x as f32, shift.y as f32, shift.z as f32]))
+    /// Of a fit, in the middle of the planning grid. Motion that dies out with the play of the links dies out to none in the
+    /// scanner's frame, as the thesis has it.
+    pub(super) fn of(fit: &FitResult, planning: &Grid, carry: Carry) -> Self {
+        match carry {
+            Carry::Rigid => {
+                let shift = couch_shift(fit, planning);
+                Self(in_steps([shift.x as f32, shift.y as f32, shift.z as f32]))
+            }
+            Carry::Translation | Carry::ConstraintBased | Carry::LinearDecay => Self([0.0; 3]),
+        }
     }
 
     fn back(&self) -> Vector3<f64> {
@@ -72,6 +79,23 @@ mod tests {
     use super::*;
     use crate::field::push_point;
     use nalgebra::{Point3, UnitQuaternion};
+
+    #[test]
+    fn motion_that_dies_out_does_so_in_the_frame_of_the_scanner() {
+        let planning = Grid::axis_aligned([12, 11, 10], [3.0; 3], [5.0, -20.0, 100.0]).unwrap();
+        let fit = FitResult {
+            transforms: Vec::new(),
+            pose: crate::skeleton::Pose::default(),
+            bones: Vec::new(),
+            common: Rigid::translation(30.5, -4.25, 12.0),
+            common_share: 1.0,
+            warnings: Vec::new(),
+        };
+        assert_eq!(Couch::of(&fit, &planning, Carry::Rigid).0, [30.5, -4.25, 12.0]);
+        for carry in [Carry::Translation, Carry::ConstraintBased, Carry::LinearDecay] {
+            assert_eq!(Couch::of(&fit, &planning, carry).0, [0.0; 3]);
+        }
+    }
 
     #[test]
     fn fields_of_the_frame_are_fields_of_the_fraction() {

@@ -7,7 +7,7 @@ use super::material::{Constraint, Material};
 use super::relax::Elasticity;
 use super::slip::SlipOptions;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How the waves of several bones become one displacement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -135,6 +135,13 @@ impl ChainmailOptions {
         self.organs.contains_key(name)
             || self.slip.organs.iter().any(|organ| organ == name)
             || self.volume_change.iter().any(|c| c.organ == name)
+    }
+
+    /// The organs that these settings say something about, each once.
+    pub fn organs_named(&self) -> Vec<String> {
+        let changed = self.volume_change.iter().map(|c| &c.organ);
+        let all = self.organs.keys().chain(&self.slip.organs).chain(changed);
+        all.cloned().collect::<BTreeSet<_>>().into_iter().collect()
     }
 
     /// The first impossible choice in these settings, if any, with its key.

@@ -186,16 +186,7 @@ pub fn labels_from_structures(set: &StructureSet, grid: &Grid, names: &BoneNames
         let message = format!("{what}: several structures are one bone: {}", some_names(&joined));
         warnings.push(Warning::new("labels-joined", message));
     }
-    let mut labels = vec![0u16; grid.len()];
-    let mut deepest = vec![0.0f32; grid.len()];
-    let mut named = BTreeMap::new();
-    for (label, (bone, drawn)) in (1u16..).zip(bones) {
-        for structure in drawn {
-            draw(&set.contours, structure, grid, label, (&mut labels, &mut deepest));
-        }
-        named.insert(label, bone);
-    }
-    let map = LabelMap { volume: Volume::new(grid.clone(), labels)?, names: named };
+    let map = drawn(&set.contours, bones, grid)?;
     let counts = map.counts();
     let gone: Vec<&str> = map.names.iter().filter(|n| !counts.contains_key(n.0)).map(|n| n.1.as_str()).collect();
     if counts.is_empty() {
@@ -207,6 +198,48 @@ pub fn labels_from_structures(set: &StructureSet, grid: &Grid, names: &BoneNames
         warnings.push(Warning::new("bones-outside", message));
     }
     Ok(BoneLabels { map, unrecognised, warnings })
+}
+
+/// Named structures as labels on `grid`: a voxel is of the one in which it lies deepest.
+fn drawn(all: &Contours, named: BTreeMap<String, Vec<&Structure>>, grid: &Grid) -> Result<LabelMap> {
+    let mut labels = vec![0u16; grid.len()];
+    let mut deepest = vec![0.0f32; grid.len()];
+    let mut names = BTreeMap::new();
+    for (label, (name, structures)) in (1u16..).zip(named) {
+        for structure in structures {
+            draw(all, structure, grid, label, (&mut labels, &mut deepest));
+        }
+        names.insert(label, name);
+    }
+    Ok(LabelMap { volume: Volume::new(grid.clone(), labels)?, names })
+}
+
+/// The structures of these names on `grid`, LPS mm, by the names that are asked for: spellings may
+/// differ in case and separators. A voxel belongs to the one in which it lies deepest. Names that no
+/// structure has are left out.
+///
+/// # Errors
+/// [`Error::Input`] when no structure has one of the names.
+pub fn organs_from_structures(set: &StructureSet, grid: &Grid, wanted: &[String]) -> Result<LabelMap> {
+    let mut organs: BTreeMap<String, Vec<&Structure>> = BTreeMap::new();
+    let mut others = Vec::new();
+    for (roi, structure) in set.drawn() {
+        match wanted.iter().find(|w| plain(w) == plain(&roi.name)) {
+            Some(name) => organs.entry(name.clone()).or_default().push(structure),
+            None => others.push(roi.name.clone()),
+        }
+    }
+    if organs.is_empty() {
+        let problem = format!(
+            "none of its structures is an organ that the settings name ({}): {}",
+            some_names(wanted),
+            some_names(&others)
+        );
+        let remedy = "name organs as the structure set does, in --volume-change, chainmail.organs or \
+            chainmail.slip.organs; or leave --organs out";
+        return Err(Error::input(set.path.display().to_string(), problem, remedy));
+    }
+    drawn(&set.contours, organs, grid)
 }
 
 /// Gives the voxels in a structure its label, where none lies deeper in another.

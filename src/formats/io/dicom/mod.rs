@@ -32,7 +32,7 @@ mod round_trip;
 mod tests;
 
 pub use about::About;
-pub use bones::{BoneLabels, BoneNames, labels_from_structures};
+pub use bones::{BoneLabels, BoneNames, labels_from_structures, organs_from_structures};
 pub use ct::read_series;
 pub use dose::{Dose, read_dose, read_doses};
 pub use find::{Catalogue, Group, Object, find};

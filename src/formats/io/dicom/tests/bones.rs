@@ -1,6 +1,6 @@
 //! Structures to bones.
 
-use super::super::{BoneNames, labels_from_structures, read_structure_set};
+use super::super::{BoneNames, labels_from_structures, organs_from_structures, read_structure_set};
 use super::make::*;
 use crate::geometry::Grid;
 use crate::io::read_bones;
@@ -92,4 +92,28 @@ fn bones_are_drawn_on_the_planning_grid() {
     assert_eq!((&read.value, &read.path), (&drawn.map, &path));
     let far = Grid::axis_aligned([5, 4, 3], [1.0; 3], [900.0; 3]).unwrap();
     assert_eq!(read_bones(&path, None, &far).unwrap_err().code(), "bones-unnamed");
+}
+
+#[test]
+fn organs_are_those_that_are_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let tube = |half: f64| {
+        (0..4).map(|k| ("CLOSED_PLANAR", square(half, f64::from(k) * 3.0))).collect::<Vec<(&str, Vec<[f64; 3]>)>>()
+    };
+    let rois = [
+        Roi { name: "BODY", contours: tube(9.0) },
+        Roi { name: "Parotid_L", contours: tube(4.0) },
+        Roi { name: "GTV", contours: tube(2.0) },
+    ];
+    let path = write(dir.path(), "rs", &structure_set(&rois));
+    let set = read_structure_set(&path).unwrap();
+    let grid = Grid::axis_aligned([40, 40, 8], [0.5, 0.5, 1.5], [-9.75, -9.75, -0.75]).unwrap();
+    let wanted = ["parotid l", "liver"].map(str::to_owned);
+    let map = organs_from_structures(&set, &grid, &wanted).unwrap();
+    // Named as asked for; neither what encloses it nor what lies in it takes its voxels.
+    assert_eq!(map.names, [(1, "parotid l".to_owned())].into());
+    let expected = 16 * 16 * 8;
+    assert_eq!(map.counts(), [(1, expected)].into());
+    let error = organs_from_structures(&set, &grid, &["liver".to_owned()]).unwrap_err();
+    assert!(error.exit_code() == 4 && error.to_string().contains("Parotid_L"), "{error}");
 }
