@@ -7,14 +7,17 @@ mod tables;
 
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
+use super::viewer::{View, policy, section};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Head of any of our pages: its title, the common styles and `more` of them.
-pub(super) fn head(title: &str, more: &str) -> Markup {
+/// Head of any of our pages: its title, the common styles and `more` of them, and what the page may do (see [`policy`]).
+pub(super) fn head(title: &str, more: &str, policy: &str) -> Markup {
     html! {
         head {
             meta charset="utf-8";
+            meta http-equiv="Content-Security-Policy" content=(policy);
+            meta name="color-scheme" content="light dark";
             meta name="viewport" content="width=device-width, initial-scale=1";
             title { (title) }
             style { (PreEscaped(include_str!("report.css"))) (PreEscaped(more)) }
@@ -23,18 +26,19 @@ pub(super) fn head(title: &str, more: &str) -> Markup {
 }
 
 /// The page of a run; everything it needs is inside.
-pub fn page(report: &Report, pictures: &[Picture]) -> String {
+pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> String {
     let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
     let title = summary::title(report);
     let has_landmarks = report.landmarks.is_some();
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail: {title}"), ""))
+            (head(&format!("aventail: {title}"), "", &policy(view.is_some())))
             body {
                 (summary::header(report, &title))
                 (summary::cards(report))
                 (warnings(report))
+                @if let Some(view) = view { (section(view)) }
                 h2 { "Fusion" }
                 (colour_key())
                 div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
@@ -204,7 +208,7 @@ mod tests {
         let report = Report::new(&case, &outcome, &run);
         let pictures = draw(&case, &outcome).unwrap();
         assert_eq!(pictures.len(), 6);
-        let page = page(&report, &pictures);
+        let page = page(&report, &pictures, None);
         for outside in ["http:", "https:", "src=\"/", "url(", "<script", "<link"] {
             assert!(!page.contains(outside), "{outside}");
         }
@@ -230,7 +234,7 @@ mod tests {
         let (case, mut outcome, run) = example::small();
         outcome.landmarks = None;
         let pictures = draw(&case, &outcome).unwrap();
-        let page = page(&Report::new(&case, &outcome, &run), &pictures);
+        let page = page(&Report::new(&case, &outcome, &run), &pictures, None);
         assert_eq!(pictures.len(), 4);
         assert!(!page.contains("<h2>Landmarks</h2>"));
     }

@@ -19,6 +19,7 @@ use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
 use rayon::prelude::*;
 use scene::Scene;
+pub(super) use scene::shift_before;
 use std::path::Path;
 
 /// One picture, encoded, with what the page says about it.

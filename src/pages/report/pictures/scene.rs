@@ -40,8 +40,7 @@ const SLAB_MM: f64 = 8.0;
 
 impl<'a> Scene<'a> {
     pub(super) fn new(case: &'a Case, outcome: &'a Outcome) -> Self {
-        let overlap = overlap(case.planning.grid(), case.fraction.grid());
-        let shift_before = (overlap < LEAST_OVERLAP).then_some(outcome.couch_shift);
+        let shift_before = shift_before(case, outcome);
         let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
         // Of a region of interest, the scans hold more than the patient that was carried along.
         let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.grid()))];
@@ -125,6 +124,11 @@ fn focus(outcome: &Outcome, [planning, fraction]: [Option<Region>; 2]) -> Option
     let focus =
         format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
     Some((bone.centroid, to, focus))
+}
+
+/// Shift of the planning CT in what is shown of before the registration; `None` where the scans meet as they are.
+pub(in crate::report) fn shift_before(case: &Case, outcome: &Outcome) -> Option<Vector3<f64>> {
+    (overlap(case.planning.grid(), case.fraction.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.
