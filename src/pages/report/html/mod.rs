@@ -38,12 +38,14 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 (summary::header(report, &title))
                 (summary::cards(report))
                 (warnings(report))
+                // On paper one signs the first page, on the screen after having looked.
+                div.paper { (review()) }
                 @if let Some(view) = view { (section(view)) }
                 h2 { "Fusion" }
                 (colour_key())
-                div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                div.pair.large { (picture("fusion_before.png")) (picture("fusion_after.png")) }
                 @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
-                    div.pair { (picture("fusion_lung.png")) }
+                    div.pair.screen { (picture("fusion_lung.png")) }
                 }
                 h2 { "Deformation" }
                 div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
@@ -71,13 +73,15 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 (tables::volumes(report))
                 h2 { "Inverse and chain mail" }
                 (tables::inverse_and_links(report))
-                div.pair { (picture("material.png")) }
-                h2 { "Time and memory" }
-                (stages(report))
+                div.pair.screen { (picture("material.png")) }
+                div.screen {
+                    h2 { "Time and memory" }
+                    (stages(report))
+                }
                 h2 { "Provenance" }
                 (provenance(report))
                 (limits())
-                (review())
+                div.screen { (review()) }
                 footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
             }
         }
@@ -158,14 +162,14 @@ fn provenance(report: &Report) -> Markup {
             }
         }
         @if !report.outputs.is_empty() {
-            table {
+            table.screen {
                 thead { tr { th { "Output" } th { "What it holds" } } }
                 tbody { @for o in &report.outputs { tr { td.mono { (o.name) } td.wide { (o.what) } } } }
             }
         }
         h3 { "Command" }
         pre { (report.command) }
-        details open { summary { "Settings, defaults resolved" } pre { (settings) } }
+        details.screen open { summary { "Settings, defaults resolved" } pre { (settings) } }
     }
 }
 

@@ -57,8 +57,8 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
         file: "displacement.png",
         title: "Displacement",
         caption: format!(
-            "Where planning tissue goes: in-plane part as arrows, whole magnitude as colour, over the planning CT. Planes \
-             through {}.",
+            "Where planning tissue goes: in-plane part as arrows, whole magnitude as colour, over the planning CT. Planes: \
+             {}.",
             scene.focus
         ),
         canvas,

@@ -76,7 +76,7 @@ pub fn embed(case: &Case, outcome: &Outcome) -> Result<View> {
         "shifted": shift_before.is_some(),
         "top": top,
         "names": case.bones.names,
-        "start": start(outcome, page.grid()),
+        "start": start(case, outcome),
         "places": all(places(case, outcome)),
         "bones": bones(outcome),
         "landmarks": landmarks(outcome),

@@ -1,5 +1,7 @@
 //! Places that are worth a look, and those with names.
 
+use super::super::pictures::focus;
+use super::super::plane::Region;
 use crate::geometry::Grid;
 use crate::pipeline::{Case, Outcome};
 use crate::volume::{LabelMap, Mask, trilinear_vector};
@@ -26,8 +28,6 @@ impl Place {
 const APART_MM: f64 = 15.0;
 /// Places of one kind, at most.
 const MOST: usize = 8;
-/// Bones that are visible by less are not looked at.
-const LEAST_VISIBLE: f64 = 0.5;
 
 /// Where warnings and figures have a place: overlapping bones, folded cells, skin on skin, the least certain tissue.
 pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<Place> {
@@ -90,7 +90,8 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
 fn bones_of(bones: &LabelMap, cell: [usize; 3]) -> BTreeSet<u16> {
     let (grid, data) = (bones.volume.grid(), bones.volume.data());
     let first = grid.linear(cell);
-    let labels = grid.cell_corners().into_iter().filter_map(|by| data.get(first + by).copied()).filter(|label| *label > 0);
+    let labels =
+        grid.cell_corners().into_iter().filter_map(|by| data.get(first + by).copied()).filter(|label| *label > 0);
     let labels: BTreeSet<u16> = labels.collect();
     if labels.len() > 1 { labels } else { BTreeSet::new() }
 }
@@ -134,19 +135,9 @@ pub(super) fn landmarks(outcome: &Outcome) -> Value {
     one.collect()
 }
 
-/// Where the crosshair is first: the worst landmark, else the bone that moves most apart from the couch shift, else the middle.
-pub(super) fn start(outcome: &Outcome, grid: &Grid) -> Value {
-    let inside = |p: &Point3<f64>| grid.contains(&grid.index(p));
-    let each = outcome.landmarks.iter().flat_map(|report| &report.each);
-    let known = each.filter_map(|r| Some((r.after?, r.landmark.fraction)));
-    let fits = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
-    let moved = fits.map(|(bone, fit)| {
-        let to = fit.transform * bone.centroid;
-        ((to - bone.centroid - outcome.couch_shift).norm(), to)
-    });
-    let most = |places: &mut dyn Iterator<Item = (f64, Point3<f64>)>| {
-        places.filter(|(_, p)| inside(p)).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
-    };
-    let at = most(&mut known.into_iter()).or_else(|| most(&mut moved.into_iter())).unwrap_or_else(|| grid.middle());
-    json!(at.coords.as_slice())
+/// Where the crosshair is first: where the pictures' planes meet.
+pub(super) fn start(case: &Case, outcome: &Outcome) -> Value {
+    let grids = [case.planning.grid(), case.fraction.grid()];
+    let focus = focus(outcome, grids.map(|grid| Some(Region::of(grid))), grids.map(Grid::middle));
+    json!(focus.to.coords.as_slice())
 }

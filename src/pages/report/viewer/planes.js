@@ -156,7 +156,7 @@ class Plane {
     this.drawCross(v);
     this.drawLetters();
     this.slider.value = s.pos[this.c];
-    this.told.textContent = `${this.name} ${'xyz'[this.c]} = ${grid.world(s.pos)[this.c].toFixed(1)} mm`;
+    this.told.textContent = `${this.name} ${'xyz'[this.c]} = ${fixed(grid.world(s.pos)[this.c], 1)} mm`;
   }
 
   colours(grey) {
