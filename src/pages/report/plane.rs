@@ -75,7 +75,7 @@ impl Kind {
             Self::Sagittal => [Vector3::y(), -Vector3::z()],
         }
     }
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Axial => "axial",
             Self::Coronal => "coronal",

@@ -37,28 +37,34 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
             body {
                 (summary::header(report, &title))
                 (summary::cards(report))
-                (warnings(report))
                 // On paper one signs the first page, on the screen after having looked.
                 div.paper { (review()) }
+                (warnings(report))
                 @if let Some(view) = view { (section(view)) }
-                h2 { "Fusion" }
-                (colour_key())
-                div.pair.large { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                div.together {
+                    h2 { "Fusion" }
+                    (colour_key())
+                    div.pair.large { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                }
                 @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
                     div.pair.screen { (picture("fusion_lung.png")) }
                 }
-                h2 { "Deformation" }
-                div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
-                @if report.uncertainty.is_some() {
-                    h2 { "Uncertainty" }
-                    div.pair { (picture("uncertainty.png")) (tables::trust(report)) }
+                div.together {
+                    h2 { @if report.uncertainty.is_some() { "Deformation and uncertainty" } @else { "Deformation" } }
+                    div.pair.four {
+                        (picture("displacement.png"))
+                        (picture("jacobian.png"))
+                        @if report.uncertainty.is_some() { (picture("uncertainty.png")) (tables::trust(report)) }
+                    }
                 }
                 @if has_landmarks {
-                    h2 { "Landmarks" }
-                    (colour_key())
-                    div.pair {
-                        (picture("landmarks.png"))
-                        div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                    div.together {
+                        h2 { "Landmarks" }
+                        (colour_key())
+                        div.pair {
+                            (picture("landmarks.png"))
+                            div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                        }
                     }
                     (tables::landmarks(report))
                 }
@@ -124,7 +130,9 @@ fn warnings(report: &Report) -> Markup {
         @if !report.warnings.is_empty() {
             h3 { "Warnings" }
             ul.warnings {
-                @for w in &report.warnings { li { code { (w.code) } (w.message) } }
+                @for of_one_kind in report.warnings.chunk_by(|a, b| a.code == b.code) {
+                    li { code { (of_one_kind[0].code) } @for w in of_one_kind { span { (w.message) } } }
+                }
             }
         }
     }
@@ -167,8 +175,8 @@ fn provenance(report: &Report) -> Markup {
                 tbody { @for o in &report.outputs { tr { td.mono { (o.name) } td.wide { (o.what) } } } }
             }
         }
-        h3 { "Command" }
-        pre { (report.command) }
+        h3.screen { "Command" }
+        pre.screen { (report.command) }
         details.screen open { summary { "Settings, defaults resolved" } pre { (settings) } }
     }
 }

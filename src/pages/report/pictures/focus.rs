@@ -8,7 +8,7 @@ use nalgebra::Point3;
 const LEAST_VISIBLE: f64 = 0.5;
 /// What the bones of the spine are called.
 const SPINE: &str = "vertebrae_";
-/// Least part of the patient's largest section that a plane shows.
+/// Least part of the patient's mean section that a plane shows.
 const LEAST_SHARE: f64 = 1.0 / 3.0;
 
 /// A place in the planning CT, the one that it corresponds to in the fraction, and what it is. Its coordinates need not belong
@@ -88,7 +88,7 @@ fn residual(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point
     })
 }
 
-/// The place nearest to `p` whose planes each show a third of the patient's largest section at least. `points` fill the patient,
+/// The place nearest to `p` whose planes each show a third of the patient's mean section at least. `points` fill the patient,
 /// about `apart` mm from each other.
 pub(super) fn in_the_patient(points: &[Point3<f64>], p: &Point3<f64>, apart: f64) -> Point3<f64> {
     let mut place = *p;
@@ -108,8 +108,8 @@ fn level(points: &[Point3<f64>], kind: Kind, at: f64, apart: f64) -> f64 {
         sections.resize(sections.len().max(n + 1), 0);
         sections[n] += 1;
     }
-    let most = sections.iter().copied().max().unwrap_or(0) as f64;
-    let shows = |n: &usize| sections[*n] as f64 >= LEAST_SHARE * most;
+    let mean = points.len() as f64 / sections.len().max(1) as f64;
+    let shows = |n: &usize| sections[*n] as f64 >= LEAST_SHARE * mean;
     let own = (at - low) / apart;
     if own >= 0.0 && (own as usize) < sections.len() && shows(&(own as usize)) {
         return at;
@@ -171,7 +171,7 @@ mod tests {
         let inside = Point3::new(100.0, 50.0, 20.0);
         assert_eq!(in_the_patient(&points, &inside, 4.0), inside);
         let moved = in_the_patient(&points, &Point3::new(300.0, 50.0, 20.0), 4.0);
-        assert!((moved.x - 198.0).abs() < 1e-9 && moved.y == 50.0 && moved.z == 20.0, "{moved}");
+        assert!((moved - Point3::new(198.0, 50.0, 20.0)).norm() < 1e-9, "{moved}");
         assert!((in_the_patient(&points, &Point3::new(100.0, 900.0, 20.0), 4.0).y - 98.0).abs() < 1e-9);
     }
 }

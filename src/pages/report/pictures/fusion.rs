@@ -201,12 +201,12 @@ mod tests {
         assert_eq!(near.shift_before, None);
         assert!(before(&far).caption.contains("couch shift alone (500.0, -20.0, 300.0 mm)"));
         assert!(before(&near).caption.contains("scanner positions"));
-        // Apart from the numbers written on it, the picture is the same.
+        // Apart from the numbers written on it, the picture is the same, but for a step of brightness.
         let panel = |s: &Scene<'_>| {
             let shift = s.shift_before.unwrap_or_default();
             fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning, &shift), &s.fraction_hu[0])
         };
-        assert!(panel(&far).difference(&panel(&near)) <= 2);
+        assert!(panel(&far).difference(&panel(&near)) <= 5);
     }
 
     #[test]

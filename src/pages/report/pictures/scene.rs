@@ -44,8 +44,11 @@ impl<'a> Scene<'a> {
         // Of a region of interest, the scans hold more than the patient that was carried along.
         let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.grid()))];
         let middles = [case.planning.grid().middle(), case.fraction.grid().middle()];
-        let Focus { from, to, told } = focus(outcome, seen, middles);
-        let (from, to) = (in_the_patient(&body, &from, POINTS_MM), in_the_patient(&moved, &to, POINTS_MM));
+        let Focus { from, to: meant, mut told } = focus(outcome, seen, middles);
+        let (from, to) = (in_the_patient(&body, &from, POINTS_MM), in_the_patient(&moved, &meant, POINTS_MM));
+        for kind in KINDS.into_iter().filter(|kind| (to - meant)[kind.across()].abs() > POINTS_MM) {
+            told.push_str(&format!("; the {} one moved to where more of the patient is", kind.name()));
+        }
         let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
         let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
         let hu = |ct, planes: &[Plane; 3]| planes.each_ref().map(|plane| plane.hu(ct));

@@ -177,7 +177,8 @@ mod tests {
         outcome.contact.overlaps[0].bones[0] = evil.into();
         let text = section(&embed(&case, &outcome).unwrap()).into_string();
         assert!(!text.contains("</script><img") && !text.contains("<!--"));
-        let about = text.split("id=\"view-about\">").nth(1).unwrap().split("</script>").next().unwrap();
+        let about = text.split("id=\"view-about\"").nth(1).and_then(|rest| rest.split_once('>')).unwrap().1;
+        let about = about.split("</script>").next().unwrap();
         let back: serde_json::Value = serde_json::from_str(about).unwrap();
         assert_eq!((&back["names"]["1"], &back["landmarks"][0]["name"]), (&evil.into(), &evil.into()));
     }
