@@ -2,10 +2,12 @@
 
 use super::super::plane::{cell_at, nearest};
 use super::places::{Place, bones, landmarks, places, start};
+use super::structures;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::io::embed::{HU_FIRST, HU_STEP, PageGrid, pack};
 use crate::pipeline::{Case, Outcome};
+use crate::volume::contour::Contours;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -34,11 +36,11 @@ pub struct View {
 type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 
 /// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, at most two million or so; the planning CT
-/// also as it was scanned, or with the couch shift alone where the scans have hardly any volume in common (`shift`).
+/// also as it was scanned, or with the couch shift alone where the scans have hardly any volume in common. `contours`: structures of the planning CT, to be shown before and after.
 ///
 /// # Errors
 /// [`crate::error::Error::Internal`] when a volume cannot be packed.
-pub fn embed(case: &Case, outcome: &Outcome) -> Result<View> {
+pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
     let shift_before = super::super::pictures::shift_before(case, outcome);
     let shift = shift_before.unwrap_or_default();
     let page = PageGrid::of(&[&case.fraction, &outcome.planning_on_fraction])?;
@@ -61,6 +63,11 @@ pub fn embed(case: &Case, outcome: &Outcome) -> Result<View> {
     let mut volumes = volumes?;
     let maps = maps.into_par_iter().map(|(name, values)| Ok((name, pack(&values, size)?)));
     volumes.extend(maps.collect::<Result<Vec<_>>>()?);
+    if let Some(contours) = contours {
+        let [before, after] = structures::bits((case, outcome), contours, &page, &shift)?;
+        volumes.push(("structures_before", pack(&before, page.grid().size())?));
+        volumes.push(("structures_after", pack(&after, page.grid().size())?));
+    }
     let scale = |hu: f32| outcome.kind.as_ref().map_or(hu, |kind| kind.on_plannings_scale(hu));
     let offset = f64::from(scale(0.0));
     let all = |list: Vec<Place>| list.into_iter().map(Place::json).collect::<Vec<_>>();
@@ -76,6 +83,7 @@ pub fn embed(case: &Case, outcome: &Outcome) -> Result<View> {
         "shifted": shift_before.is_some(),
         "top": top,
         "names": case.bones.names,
+        "structures": structures::about(contours),
         "start": start(case, outcome),
         "places": all(places(case, outcome)),
         "bones": bones(outcome),

@@ -70,8 +70,8 @@ fn tools() -> Markup {
         ("fraction", "Fraction"),
     ];
     let flags = [
-        ("bonesBefore", "bones before", "#b0b8c4"),
-        ("bonesAfter", "bones after", "#e8c400"),
+        ("bonesBefore", "outlines before", "#b0b8c4"),
+        ("bonesAfter", "outlines after", "#e8c400"),
         ("arrows", "arrows", ""),
         ("marks", "landmarks", ""),
     ];
@@ -134,7 +134,7 @@ fn panel() -> Markup {
     html! {
         div.panel {
             table { tbody { @for (name, what) in rows { tr { td { (what) } td data-told=(name) {} } } } }
-            @for name in ["places", "landmarks", "bones"] {
+            @for name in ["places", "landmarks", "structures", "bones"] {
                 details data-list=(name) hidden open[name == "places"] { summary {} }
             }
         }
@@ -175,7 +175,7 @@ mod tests {
         outcome.skeleton.bones[0].name = evil.into();
         outcome.landmarks.as_mut().unwrap().each[0].landmark.name = evil.into();
         outcome.contact.overlaps[0].bones[0] = evil.into();
-        let text = section(&embed(&case, &outcome).unwrap()).into_string();
+        let text = section(&embed(&case, &outcome, None).unwrap()).into_string();
         assert!(!text.contains("</script><img") && !text.contains("<!--"));
         let about = text.split("id=\"view-about\"").nth(1).and_then(|rest| rest.split_once('>')).unwrap().1;
         let about = about.split("</script>").next().unwrap();
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn the_policy_names_the_script_that_is_there() {
         let (case, outcome, _) = example::small();
-        let text = section(&embed(&case, &outcome).unwrap()).into_string();
+        let text = section(&embed(&case, &outcome, None).unwrap()).into_string();
         let script = text.rsplit("<script>").next().unwrap().split("</script>").next().unwrap();
         assert!(policy(true).contains(&STANDARD.encode(Sha256::digest(script))));
         assert!(!policy(false).contains("script"));

@@ -4,6 +4,7 @@
 mod data;
 mod markup;
 mod places;
+mod structures;
 
 pub use data::{View, embed};
 pub(super) use markup::{policy, policy_of_files, section};

@@ -14,6 +14,7 @@ const CHECK_MM = 20, SLAB_MM = 4;
 const s = {
   pos: grid.nearest(about.start), moved: true, mode: 'colour', preset: 'both', level: 40, width: 400, zoom: 1,
   curtain: 0.5, flip: false, bonesBefore: true, bonesAfter: true, arrows: false, marks: true, map: '',
+  structures: new Set(about.structures.keys()),
 };
 
 const share = (x, low, high) => clamp((x - low) / (high - low), 0, 1);
@@ -149,8 +150,13 @@ class Plane {
       put(this.paint(0, this.colours(grey)));
     }
     if (s.map && volumes[s.map === 'displacement' ? 'ux' : s.map]) this.drawMap(v);
-    if (s.bonesBefore) this.drawOutline(v, 'bones_before', '#ffffff', [4, 3]);
-    if (s.bonesAfter) this.drawOutline(v, 'bones_after', '#ffe14d', []);
+    if (s.bonesBefore) this.drawOutline(v, 'bones_before', '#ffffff', true);
+    if (s.bonesAfter) this.drawOutline(v, 'bones_after', '#ffe14d', false);
+    for (const bit of s.structures) {
+      const colour = `rgb(${about.structures[bit].colour})`;
+      if (s.bonesBefore) this.drawOutline(v, 'structures_before', colour, true, bit);
+      if (s.bonesAfter) this.drawOutline(v, 'structures_after', colour, false, bit);
+    }
     if (s.arrows) this.drawArrows(v);
     if (s.marks) this.drawMarks(v);
     this.drawCross(v);
@@ -194,12 +200,12 @@ class Plane {
   }
 
   // Borders of labels as pairs of places: between unequal neighbours, corners cut.
-  outline(name) {
-    const key = `${name} ${s.pos[this.c]}`;
+  outline(name, bit) {
+    const key = `${name} ${bit} ${s.pos[this.c]}`;
     if (this.outlines.has(key)) return this.outlines.get(key);
-    if (this.outlines.size > 40) this.outlines.clear();
+    if (this.outlines.size > 200) this.outlines.clear();
     const labels = volumes[name], [wide, high] = this.size, own = new Uint16Array(wide * high), out = [];
-    this.walk((n, at) => { own[n] = labels[at]; });
+    this.walk((n, at) => { own[n] = bit === undefined ? labels[at] : labels[at] >>> bit & 1; });
     for (let j = 0; j + 1 < high; j++) for (let i = 0; i + 1 < wide; i++) {
       const n = i + wide * j, p = own[n], q = own[n + 1], r = own[n + wide], t = own[n + wide + 1];
       if (p === q && q === r && r === t) continue;
@@ -215,15 +221,15 @@ class Plane {
     return out;
   }
 
-  drawOutline(v, name, colour, dash) {
+  drawOutline(v, name, colour, thin, bit) {
     const { context } = this;
     context.beginPath();
-    for (const [[x0, y0], [x1, y1]] of this.outline(name)) {
+    for (const [[x0, y0], [x1, y1]] of this.outline(name, bit)) {
       context.moveTo(v.x(x0), v.y(y0));
       context.lineTo(v.x(x1), v.y(y1));
     }
-    context.lineWidth = (dash.length ? 1 : 1.4) * ratio();
-    context.globalAlpha = dash.length ? 0.75 : 1;
+    context.lineWidth = (thin ? 1 : 1.4) * ratio();
+    context.globalAlpha = thin ? 0.75 : 1;
     context.strokeStyle = colour;
     context.stroke();
     context.globalAlpha = 1;

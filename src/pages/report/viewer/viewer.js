@@ -179,6 +179,27 @@ function list(name, title, lines) {
   }
 }
 
+// A list of structures, each with its colour and whether it is drawn.
+function structures() {
+  const host = $('[data-list=structures]');
+  host.hidden = !about.structures.length;
+  host.querySelector('summary').textContent = `Structures (${about.structures.length})`;
+  about.structures.forEach((structure, bit) => {
+    const label = document.createElement('label'), box = document.createElement('input');
+    box.type = 'checkbox';
+    box.checked = true;
+    box.addEventListener('change', () => {
+      if (box.checked) s.structures.add(bit); else s.structures.delete(bit);
+      draw();
+    });
+    const colour = document.createElement('i');
+    colour.className = 'outline';
+    colour.style.color = `rgb(${structure.colour})`;
+    label.append(box, colour, structure.name);
+    host.append(label);
+  });
+}
+
 async function start() {
   root.hidden = false;
   await load();
@@ -207,6 +228,7 @@ async function start() {
   const worst = about.landmarks.map((mark, n) => ({ ...mark, n })).sort((a, b) => (b.after ?? 1e9) - (a.after ?? 1e9));
   list('places', 'Places to look at', about.places.map(p => [p.what, p.more, p.at]));
   list('landmarks', 'Landmarks, worst first', worst.map(m => [`${m.n + 1} ${m.name}`, after(m), m.fraction]));
+  structures();
   list('bones', 'Bones', about.bones.map(b => [b.name, `moves ${b.mm.toFixed(1)} mm`, b.at]));
   show();
   root.dataset.state = 'ready';

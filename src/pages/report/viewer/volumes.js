@@ -56,7 +56,8 @@ async function load() {
   const whole = ['fraction', 'deformed', 'planning'].map(name => [name, grid.size, Int16Array]);
   const labels = ['bones_before', 'bones_after'].map(name => [name, grid.size, Uint16Array]);
   const maps = ['ux', 'uy', 'uz', 'jacobian', 'uncertainty'].map(name => [name, coarse.size, Int16Array]);
-  for (const [name, size, Kind] of [...whole, ...labels, ...maps]) volumes[name] = await unpack(name, size, Kind);
+  const bits = ['structures_before', 'structures_after'].map(name => [name, grid.size, Int32Array]);
+  for (const [name, size, Kind] of [...whole, ...labels, ...bits, ...maps]) volumes[name] = await unpack(name, size, Kind);
 }
 
 // HU of an embedded number; null: no data; -Infinity: air, below the least that is told.
