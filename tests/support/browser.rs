@@ -1,5 +1,5 @@
-//! A browser without a window, told what to do over Chromium's debugging pipe (the DevTools protocol:
-//! JSON messages, each ended by a zero byte).
+//! A browser without a window, told what to do over Chromium's debugging pipe (the DevTools
+//! protocol: JSON messages, each ended by a zero byte).
 
 use serde_json::{Value, json};
 use std::cell::{Cell, RefCell};
@@ -25,8 +25,8 @@ pub struct Browser {
     events: RefCell<Vec<Value>>,
 }
 
-/// The browser of this machine: the one that `AVENTAIL_BROWSER` names, which must be there, or one on
-/// the path.
+/// The browser of this machine: the one that `AVENTAIL_BROWSER` names, which must be there, or one
+/// on the path.
 fn program() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("AVENTAIL_BROWSER").filter(|v| !v.is_empty()) {
         let named = PathBuf::from(named);
@@ -39,8 +39,9 @@ fn program() -> Option<PathBuf> {
 }
 
 impl Browser {
-    /// Starts a browser with a profile in `folder`; `None`, with a line that says so, where the machine
-    /// has none.
+    /// Starts a browser with a profile in `folder`; `None`, with a line that says so, where the
+    /// machine has none.
+    #[expect(clippy::print_stderr, reason = "whoever runs the tests is to know that these did not run")]
     pub fn start(folder: &Path) -> Option<Self> {
         let Some(program) = program() else {
             eprintln!("skipped: no chromium here; install it, or name one in AVENTAIL_BROWSER");

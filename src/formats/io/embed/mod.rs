@@ -1,4 +1,5 @@
-//! Volumes as a page embeds them: few enough voxels for a file that is sent around, whole numbers, packed.
+//! Volumes as a page embeds them: few enough voxels for a file that is sent around, whole numbers,
+//! packed.
 
 mod grid;
 mod pack;

@@ -6,10 +6,12 @@ use zlib_rs::{DeflateConfig, ReturnCode, Strategy};
 /// Marks a number that does not fit a byte.
 const WIDE: u8 = 255;
 
-/// Values of a volume of this size, storage order, as a zlib stream. In it each value is told by its difference from what its
-/// neighbours in the row before and to the left let expect (the median predictor of LOCO-I, Weinberger et al., IEEE Trans.
-/// Image Process. 9 (2000) 1309), 0 beyond the plane; differences 0, -1, 1, -2, ... are a byte 0, 1, 2, 3, ...; for 255 and
-/// more the byte is 255 and the number follows, 4 bytes little-endian, behind the bytes of all voxels, in their order.
+/// Values of a volume of this size, storage order, as a zlib stream. In it each value is told by
+/// its difference from what its neighbours in the row before and to the left let expect (the median
+/// predictor of LOCO-I, Weinberger et al., IEEE Trans. Image Process. 9 (2000) 1309), 0 beyond the
+/// plane; differences 0, -1, 1, -2, ... are a byte 0, 1, 2, 3, ...; for 255 and more the byte is
+/// 255 and the number follows, 4 bytes little-endian, behind the bytes of all voxels, in their
+/// order.
 ///
 /// # Errors
 /// [`Error::Internal`] when the compressor fails.

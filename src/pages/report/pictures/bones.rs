@@ -16,7 +16,8 @@ const WIDTHS: [f64; 2] = [1.3, 2.2];
 /// Distance of the places whose labels are compared, mm, at least.
 const FINEST_MM: f64 = 1.0;
 
-/// Planning's bones before (thin, white) and after the registration (yellow) on a plane of the fraction.
+/// Planning's bones before (thin, white) and after the registration (yellow) on a plane of the
+/// fraction.
 pub(super) fn outlines(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
     let shift = scene.shift_before.unwrap_or_default();
     outline(&scene.case.bones.volume, plane, &shift, picture, (BEFORE, WIDTHS[0]));
@@ -29,7 +30,8 @@ pub(super) fn legend(legend: &mut Legend<'_>) {
     legend.swatch(AFTER, "bones after");
 }
 
-/// The borders between labels, with corners cut: from the middles between unequal neighbours of a lattice.
+/// The borders between labels, with corners cut: from the middles between unequal neighbours of a
+/// lattice.
 fn outline(
     labels: &Volume<u16>,
     plane: &Plane,

@@ -1,4 +1,5 @@
-//! Which planes matter: the level of the largest residual, the middle of the spine, the bone that moves most.
+//! Which planes matter: the level of the largest residual, the middle of the spine, the bone that
+//! moves most.
 
 use super::super::plane::{KINDS, Kind, Region};
 use crate::pipeline::Outcome;
@@ -11,8 +12,9 @@ const SPINE: &str = "vertebrae_";
 /// Least part of the patient's mean section that a plane shows.
 const LEAST_SHARE: f64 = 1.0 / 3.0;
 
-/// A place in the planning CT, the one that it corresponds to in the fraction, and what it is. Its coordinates need not belong
-/// together: the axial plane takes one, the coronal one another, the sagittal one the third.
+/// A place in the planning CT, the one that it corresponds to in the fraction, and what it is. Its
+/// coordinates need not belong together: the axial plane takes one, the coronal one another, the
+/// sagittal one the third.
 pub(in crate::report) struct Focus {
     pub(super) from: Point3<f64>,
     pub(in crate::report) to: Point3<f64>,
@@ -59,7 +61,8 @@ pub(in crate::report) fn focus(
     Focus { from, to, told: told.join(", ") }
 }
 
-/// Motion of each visible bone apart from the couch shift, mm, its centroid in planning and fraction, and its description.
+/// Motion of each visible bone apart from the couch shift, mm, its centroid in planning and
+/// fraction, and its description.
 fn moved(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point3<f64>, String))> {
     let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
     bones.map(|(bone, fit)| {
@@ -88,8 +91,8 @@ fn residual(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point
     })
 }
 
-/// The place nearest to `p` whose planes each show a third of the patient's mean section at least. `points` fill the patient,
-/// about `apart` mm from each other.
+/// The place nearest to `p` whose planes each show a third of the patient's mean section at least.
+/// `points` fill the patient, about `apart` mm from each other.
 pub(super) fn in_the_patient(points: &[Point3<f64>], p: &Point3<f64>, apart: f64) -> Point3<f64> {
     let mut place = *p;
     for kind in KINDS {

@@ -16,7 +16,8 @@ use serde_json::{Value, json};
 const FIELD_MM: f64 = 5.0;
 /// Steps in which displacement (mm), Jacobian and uncertainty (mm) are told.
 const STEPS: [f64; 3] = [0.1, 0.01, 0.05];
-/// Least Jacobian that is told, so that 0 is free for places outside the patient; folded cells hold -1.
+/// Least Jacobian that is told, so that 0 is free for places outside the patient; folded cells hold
+/// -1.
 const LEAST_JACOBIAN: f64 = -2.0;
 /// Largest number of the script's volumes.
 const MOST: f64 = 32_000.0;
@@ -35,8 +36,10 @@ pub struct View {
 /// Makes the numbers of a volume.
 type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 
-/// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, at most two million or so; the planning CT
-/// also as it was scanned, or with the couch shift alone where the scans have hardly any volume in common. `contours`: structures of the planning CT, to be shown before and after.
+/// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, at most two
+/// million or so; the planning CT also as it was scanned, or with the couch shift alone where the
+/// scans have hardly any volume in common. `contours`: structures of the planning CT, to be shown
+/// before and after.
 ///
 /// # Errors
 /// [`crate::error::Error::Internal`] when a volume cannot be packed.
@@ -96,8 +99,8 @@ fn grid(grid: &Grid) -> Value {
     json!({ "size": grid.size(), "spacing": grid.spacing(), "origin": grid.origin().coords.as_slice() })
 }
 
-/// Displacement, Jacobian and uncertainty at the places of `coarse`, and a motion apart from `shift` that few exceed, mm.
-/// Outside the patient all are 0.
+/// Displacement, Jacobian and uncertainty at the places of `coarse`, and a motion apart from
+/// `shift` that few exceed, mm. Outside the patient all are 0.
 fn maps(outcome: &Outcome, coarse: &PageGrid, shift: &Vector3<f64>) -> (Vec<(&'static str, Vec<i32>)>, f64) {
     let count = |value: f64, step: f64| (value / step).round().clamp(-MOST, MOST) as i32;
     let unsure = outcome.uncertainty.as_ref().map(|u| &u.0);

@@ -16,8 +16,8 @@ const SCRIPT: &str = concat!(
 
 const STYLE: &str = include_str!("viewer.css");
 
-/// What the page may do: show pictures and styles of its own, run the script of the viewer if there is one, and nothing else; no
-/// network.
+/// What the page may do: show pictures and styles of its own, run the script of the viewer if there
+/// is one, and nothing else; no network.
 pub(in crate::report) fn policy(view: bool) -> String {
     let script =
         if view { format!(" script-src 'sha256-{}';", STANDARD.encode(Sha256::digest(SCRIPT))) } else { String::new() };

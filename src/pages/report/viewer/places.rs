@@ -29,7 +29,8 @@ const APART_MM: f64 = 15.0;
 /// Places of one kind, at most.
 const MOST: usize = 8;
 
-/// Where warnings and figures have a place: overlapping bones, folded cells, skin on skin, the least certain tissue.
+/// Where warnings and figures have a place: overlapping bones, folded cells, skin on skin, the
+/// least certain tissue.
 pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<Place> {
     let mut places = Vec::new();
     for o in outcome.contact.overlaps.iter().take(MOST) {
@@ -56,8 +57,8 @@ fn pushed(outcome: &Outcome, p: &Point3<f64>) -> Option<Point3<f64>> {
     trilinear_vector(field, &field.grid().index(p)).map(|u| p + u)
 }
 
-/// Folded cells in the fraction, those of one kind that lie close to each other as one place with their number: first those of
-/// tissue, then those between bones, the largest places first.
+/// Folded cells in the fraction, those of one kind that lie close to each other as one place with
+/// their number: first those of tissue, then those between bones, the largest places first.
 fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
     let (map, grid) = (&outcome.jacobian, outcome.jacobian.grid());
     let [_, nj, nk] = grid.size();

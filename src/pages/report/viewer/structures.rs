@@ -24,8 +24,8 @@ pub(super) fn about(contours: Option<&Contours>) -> Value {
     one.collect()
 }
 
-/// For each voxel of `page` the structures that it lies in, where planning was (moved by `shift`) and
-/// where the registration takes them.
+/// For each voxel of `page` the structures that it lies in, where planning was (moved by `shift`)
+/// and where the registration takes them.
 ///
 /// # Errors
 /// [`crate::error::Error::Internal`] when no grid can be made of the planning CT.
