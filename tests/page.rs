@@ -2,7 +2,7 @@
 //! Chromium these tests say so and do nothing (`AVENTAIL_BROWSER` names the one to take).
 
 use crate::support::browser::Browser;
-use crate::support::{done, folder};
+use crate::support::{Register, done, folder};
 use aventail::io::{read_field, read_image};
 use aventail::volume::{Volume, trilinear_vector};
 use base64::{Engine, engine::general_purpose::STANDARD};
@@ -175,6 +175,19 @@ fn what_it_tells_under_the_crosshair_is_what_the_files_hold() {
         moved += usize::from(v.norm() > 3.0);
     }
     assert!(moved >= 2, "{moved} places moved");
+}
+
+#[test]
+fn without_the_view_the_page_has_no_script() {
+    let bare = Register::quick("bare").flag("--no-view");
+    bare.command().assert().success();
+    let [bare, whole] = [&bare.out, &done().out].map(|out| std::fs::read_to_string(out.join("report.html")).unwrap());
+    assert!(!bare.contains("<script") && bare.contains("default-src 'none'") && !bare.contains("script-src"));
+    // The pictures that need no script are in both.
+    for page in [&bare, &whole] {
+        assert!(page.matches("data:image/png;base64,").count() >= 4);
+    }
+    assert!(whole.contains("script-src 'sha256-") && whole.contains("<section class=\"viewer\" id=\"viewer\" hidden>"));
 }
 
 #[test]

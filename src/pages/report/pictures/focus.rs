@@ -68,7 +68,7 @@ fn moved(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point3<f
     bones.map(|(bone, fit)| {
         let to = fit.transform * bone.centroid;
         let mm = (to - bone.centroid - outcome.couch_shift).norm();
-        let what = format!("the bone that moves most apart from the couch shift, {} ({mm:.1} mm)", bone.name);
+        let what = format!("the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
         (mm, (bone.centroid, to, what))
     })
 }

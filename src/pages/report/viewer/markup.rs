@@ -37,7 +37,7 @@ pub(in crate::report) fn section(view: &View) -> Markup {
             h2 { "Look through" }
             p.failed.note hidden { "This browser cannot show the volumes; the pictures below need no script." }
             (tools())
-            p.key { span.seen {} span.note.window {} }
+            p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
             div.planes {
                 (plane("axial"))
                 (panel())

@@ -50,6 +50,19 @@ function tell() {
   $('.seen').textContent = seen[s.mode];
 }
 
+// What the colours of the map mean, or those of the arrows.
+function scale() {
+  const length = [MAGNITUDE, 'moves 0', `${fixed(about.top, 0)} mm`];
+  const known = {
+    displacement: length, jacobian: [GROWTH, 'volume 0.5', '2'], uncertainty: [HEAT, 'uncertainty 0', '3 mm'],
+  }[s.map] || (s.arrows ? length : null);
+  $('.scale').hidden = !known;
+  if (!known) return;
+  const [low, high] = root.querySelectorAll('.scale b');
+  [low.textContent, high.textContent] = [known[1], known[2]];
+  $('.scale i').style.background = `linear-gradient(to right, ${known[0].map(c => `rgb(${c})`)})`;
+}
+
 function show() {
   for (const button of root.querySelectorAll('[data-mode]')) {
     button.setAttribute('aria-pressed', button.dataset.mode === s.mode);
@@ -61,6 +74,7 @@ function show() {
   $('[data-preset]').value = s.preset;
   $('[data-map]').value = s.map;
   $('.window').textContent = s.preset === 'both' ? '' : `level ${s.level}, width ${s.width} HU`;
+  scale();
   clearInterval(timer);
   if (s.mode === 'blink') timer = setInterval(() => { s.flip = !s.flip; draw(); }, 700);
   draw();
