@@ -183,6 +183,9 @@ pub struct RunArgs {
     /// Threads; 0 takes one per core. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
+    /// Leave the volumes out of report.html: its pictures stay, there is nothing to scroll through, and the file is smaller
+    #[arg(long)]
+    pub no_view: bool,
     /// Print the numbers of the report as JSON instead of the table
     #[arg(long)]
     pub json: bool,

@@ -18,6 +18,7 @@ use crate::io::dicom::{
 };
 use crate::pipeline::Outcome;
 use crate::report::OutputFile;
+use crate::volume::contour::Contours;
 use crate::warning::Warning;
 use clap::Args;
 use nalgebra::Translation3;
@@ -126,6 +127,11 @@ impl Clinic {
             dose = Some(read.value);
         }
         Ok(Some(Self { planning: own, fractions, structures, dose, anonymous: args.anonymous, warnings }))
+    }
+
+    /// The structures of the planning CT.
+    pub(super) fn contours(&self) -> Option<&Contours> {
+        self.structures.as_ref().map(|set| &set.contours)
     }
 
     /// Writes the objects of fraction `n` into the run's folder; returns the files, and what is to be known.

@@ -2,7 +2,7 @@
 
 use super::args::RunArgs;
 use super::outputs::planned;
-use super::register::{finish, progress, settings};
+use super::register::{Told, finish, progress, settings};
 use super::run_folder;
 use crate::config::ConfigFile;
 use crate::error::Result;
@@ -33,5 +33,5 @@ pub fn run(args: &DemoArgs) -> Result<String> {
     let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
     let case = Case::from(phantom);
-    finish(&case, &config, &runtime, (folder, &args.out), args.run.json)
+    finish(&case, &config, &runtime, (folder, &args.out), Told::of(&args.run))
 }

@@ -6,7 +6,7 @@ use super::headers::judge;
 use super::inputs::{Flags, Inputs, changed, config_file, either, named};
 use super::organs::OrganArgs;
 use super::outputs::planned;
-use super::register::{progress, settings, write_run};
+use super::register::{Told, progress, settings, write_run};
 use super::run_folder;
 use crate::error::{Error, Result};
 use crate::io;
@@ -153,7 +153,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         }
     }
     let (case, outcome) = pose(case, &motion, args.margin, &config, &runtime)?;
-    write_run(&case, outcome, &config, &runtime, (folder, &args.out, None), args.run.json)
+    write_run(&case, outcome, &config, &runtime, (folder, &args.out, None), Told::of(&args.run))
 }
 
 fn no_motion() -> Error {

@@ -16,6 +16,7 @@ use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, registe
 use crate::progress::{Progress, Silent};
 use crate::report::{self, OutputFile, Run};
 use crate::runtime::Runtime;
+use crate::volume::contour::Contours;
 use crate::volume::region::RegionOptions;
 use crate::warning::Warning;
 use std::collections::BTreeSet;
@@ -80,12 +81,13 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
         let out = folder_of(args, &fractions, one);
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
+        let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
         // The next one is read meanwhile: disks and networks take their time.
         let text;
         let more = clinic.as_ref().map(|c| |outcome: &Outcome| c.write(n, outcome, &config, &out));
         let more = more.as_ref().map(|m| m as &More<'_>);
         (text, ahead) = runtime.beside(
-            || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), args.run.json),
+            || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), told),
             || fractions.get(n + 1).map(Fraction::read),
         );
         texts.push(text?);
@@ -219,10 +221,28 @@ pub(super) fn finish(
     config: &Config,
     runtime: &Runtime,
     out: (RunFolder, &Path),
-    json: bool,
+    told: Told<'_>,
 ) -> Result<String> {
     let outcome = register(case, config, runtime)?;
-    write_run(case, outcome, config, runtime, (out.0, out.1, None), json)
+    write_run(case, outcome, config, runtime, (out.0, out.1, None), told)
+}
+
+/// How a run is told.
+#[derive(Clone, Copy)]
+pub(super) struct Told<'a> {
+    /// As JSON on the terminal.
+    json: bool,
+    /// With the volumes in the page.
+    view: bool,
+    /// Structures of the planning CT, for the page.
+    contours: Option<&'a Contours>,
+}
+
+impl Told<'_> {
+    /// As the arguments say, without structures.
+    pub(super) fn of(args: &RunArgs) -> Self {
+        Self { json: args.json, view: !args.no_view, contours: None }
+    }
 }
 
 /// Writes more files of an outcome; returns them, and what is to be known.
@@ -235,14 +255,20 @@ pub(super) fn write_run(
     config: &Config,
     runtime: &Runtime,
     (mut folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
-    json: bool,
+    Told { json, view, contours }: Told<'_>,
 ) -> Result<String> {
     folder.begin()?;
     let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
     let case = part.as_deref().unwrap_or(whole);
     let settings = config.value()?;
-    let (outputs, pictures) = runtime
-        .stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), || report::draw(case, &outcome)));
+    let draw = || {
+        rayon::join(
+            || report::draw(case, &outcome),
+            || view.then(|| report::embed(case, &outcome, contours)).transpose(),
+        )
+    };
+    let (outputs, (pictures, view)) =
+        runtime.stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), draw));
     let (mut outputs, mut outcome) = (outputs?, outcome);
     if let Some(more) = more {
         let (files, warnings) = runtime.stage("write DICOM", || more(&outcome))?;
@@ -251,7 +277,7 @@ pub(super) fn write_run(
     }
     let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs };
     let outcome = Outcome { stages: runtime.times(), ..outcome };
-    let report = runtime.stage("report", || report::write(out, case, &outcome, &run, pictures?))?;
+    let report = runtime.stage("report", || report::write(out, case, &outcome, &run, (pictures?, view?)))?;
     folder.finish();
     if json {
         return report.json();

@@ -1,5 +1,6 @@
 //! Vocabulary of the tests: a coarse phantom as files, the program, and what is measured against truth.
 
+pub mod browser;
 pub mod files;
 pub mod score;
 pub mod shared;

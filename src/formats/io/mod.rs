@@ -10,6 +10,7 @@ pub mod checksum;
 mod contours;
 mod density;
 pub mod dicom;
+pub mod embed;
 mod field;
 mod folder;
 mod gaps;

@@ -22,6 +22,7 @@ mod plot;
 mod study;
 mod table;
 mod transforms;
+mod viewer;
 
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
@@ -32,18 +33,25 @@ pub use pictures::{Picture, draw};
 pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};
 pub use table::terminal_table;
 pub use transforms::write_bone_transforms;
+pub use viewer::{View, embed};
 
 use crate::error::{Error, Result};
 use crate::io::{relative_to, write_file, write_json};
 use crate::pipeline::{Case, Outcome};
 use std::path::Path;
 
-/// Writes the report of a run, with the pictures that [`draw`] made of it, into `folder` and returns its numbers; the
+/// Writes the report of a run, with the pictures that [`draw`] made of it and the volumes that [`embed`] did, into `folder` and returns its numbers; the
 /// `report.json` comes last and has the checksums of all that is there.
 ///
 /// # Errors
 /// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
-pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run, mut pictures: Vec<Picture>) -> Result<Report> {
+pub fn write(
+    folder: &Path,
+    case: &Case,
+    outcome: &Outcome,
+    run: &Run,
+    (mut pictures, view): (Vec<Picture>, Option<View>),
+) -> Result<Report> {
     let pictures_folder = folder.join("report");
     std::fs::create_dir_all(&pictures_folder)
         .map_err(|e| Error::write(&pictures_folder, e.to_string(), "choose a folder that you may write to"))?;
@@ -61,7 +69,7 @@ pub fn write(folder: &Path, case: &Case, outcome: &Outcome, run: &Run, mut pictu
     let transforms = report.bones.iter().map(|b| (b.name.as_str(), &b.transform));
     write_bone_transforms(&folder.join("bone_transforms.json"), transforms)?;
     more.push(("bone_transforms.json".into(), "4x4 of each bone, planning to fraction, LPS mm"));
-    let page = page(&report, &pictures);
+    let page = page(&report, &pictures, view.as_ref());
     write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
     more.push(("report.html".into(), "the report as a page"));
     for (name, what) in more {

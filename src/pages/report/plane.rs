@@ -75,7 +75,7 @@ impl Kind {
             Self::Sagittal => [Vector3::y(), -Vector3::z()],
         }
     }
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Axial => "axial",
             Self::Coronal => "coronal",
@@ -127,7 +127,7 @@ pub(super) fn planes(regions: &[Region; 3], through: &Point3<f64>) -> [Plane; 3]
 /// The letter of a direction towards the patient's right, left, front, back, head or feet.
 fn letter(direction: &Vector3<f64>) -> &'static str {
     let a = direction.iamax();
-    [["L", "R"], ["P", "A"], ["S", "I"]][a][usize::from(direction[a] < 0.0)]
+    [["L", "R"], ["P", "A"], ["H", "F"]][a][usize::from(direction[a] < 0.0)]
 }
 
 impl Plane {
@@ -309,8 +309,8 @@ mod tests {
         assert!((p - Point3::new(-50.0, -25.0, 30.0)).norm() < 1e-9);
         for (kind, marks) in [
             (Kind::Axial, ["R", "L", "A", "P"]),
-            (Kind::Coronal, ["R", "L", "S", "I"]),
-            (Kind::Sagittal, ["A", "P", "S", "I"]),
+            (Kind::Coronal, ["R", "L", "H", "F"]),
+            (Kind::Sagittal, ["A", "P", "H", "F"]),
         ] {
             let [right, down] = kind.axes();
             assert_eq!([-right, right, -down, down].map(|d| letter(&d)), marks);

@@ -2,6 +2,7 @@
 
 use super::super::html::{data_url, head, review};
 use super::super::numbers::utc;
+use super::super::viewer::policy;
 use super::figures::{PARTS, rows};
 use super::text::marks;
 use super::{EvaluationPicture, EvaluationReport};
@@ -16,7 +17,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail evaluate: {}", names.join(", ")), MARKS))
+            (head(&format!("aventail evaluate: {}", names.join(", ")), MARKS, &policy(false)))
             body {
                 header {
                     p.brand { "aventail \u{b7} evaluation of displacement fields" }

@@ -7,14 +7,17 @@ mod tables;
 
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
+use super::viewer::{View, policy, section};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Head of any of our pages: its title, the common styles and `more` of them.
-pub(super) fn head(title: &str, more: &str) -> Markup {
+/// Head of any of our pages: its title, the common styles and `more` of them, and what the page may do (see [`policy`]).
+pub(super) fn head(title: &str, more: &str, policy: &str) -> Markup {
     html! {
         head {
             meta charset="utf-8";
+            meta http-equiv="Content-Security-Policy" content=(policy);
+            meta name="color-scheme" content="light dark";
             meta name="viewport" content="width=device-width, initial-scale=1";
             title { (title) }
             style { (PreEscaped(include_str!("report.css"))) (PreEscaped(more)) }
@@ -23,36 +26,45 @@ pub(super) fn head(title: &str, more: &str) -> Markup {
 }
 
 /// The page of a run; everything it needs is inside.
-pub fn page(report: &Report, pictures: &[Picture]) -> String {
+pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> String {
     let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
     let title = summary::title(report);
     let has_landmarks = report.landmarks.is_some();
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail: {title}"), ""))
+            (head(&format!("aventail: {title}"), "", &policy(view.is_some())))
             body {
                 (summary::header(report, &title))
                 (summary::cards(report))
+                // On paper one signs the first page, on the screen after having looked.
+                div.paper { (review()) }
                 (warnings(report))
-                h2 { "Fusion" }
-                (colour_key())
-                div.pair { (picture("fusion_before.png")) (picture("fusion_after.png")) }
-                @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
-                    div.pair { (picture("fusion_lung.png")) }
+                @if let Some(view) = view { (section(view)) }
+                div.together {
+                    h2 { "Fusion" }
+                    (colour_key())
+                    div.pair.large { (picture("fusion_before.png")) (picture("fusion_after.png")) }
                 }
-                h2 { "Deformation" }
-                div.pair { (picture("displacement.png")) (picture("jacobian.png")) }
-                @if report.uncertainty.is_some() {
-                    h2 { "Uncertainty" }
-                    div.pair { (picture("uncertainty.png")) (tables::trust(report)) }
+                @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
+                    div.pair.screen { (picture("fusion_lung.png")) }
+                }
+                div.together {
+                    h2 { @if report.uncertainty.is_some() { "Deformation and uncertainty" } @else { "Deformation" } }
+                    div.pair.four {
+                        (picture("displacement.png"))
+                        (picture("jacobian.png"))
+                        @if report.uncertainty.is_some() { (picture("uncertainty.png")) (tables::trust(report)) }
+                    }
                 }
                 @if has_landmarks {
-                    h2 { "Landmarks" }
-                    (colour_key())
-                    div.pair {
-                        (picture("landmarks.png"))
-                        div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                    div.together {
+                        h2 { "Landmarks" }
+                        (colour_key())
+                        div.pair {
+                            (picture("landmarks.png"))
+                            div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                        }
                     }
                     (tables::landmarks(report))
                 }
@@ -67,13 +79,15 @@ pub fn page(report: &Report, pictures: &[Picture]) -> String {
                 (tables::volumes(report))
                 h2 { "Inverse and chain mail" }
                 (tables::inverse_and_links(report))
-                div.pair { (picture("material.png")) }
-                h2 { "Time and memory" }
-                (stages(report))
+                div.pair.screen { (picture("material.png")) }
+                div.screen {
+                    h2 { "Time and memory" }
+                    (stages(report))
+                }
                 h2 { "Provenance" }
                 (provenance(report))
                 (limits())
-                (review())
+                div.screen { (review()) }
                 footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
             }
         }
@@ -116,7 +130,9 @@ fn warnings(report: &Report) -> Markup {
         @if !report.warnings.is_empty() {
             h3 { "Warnings" }
             ul.warnings {
-                @for w in &report.warnings { li { code { (w.code) } (w.message) } }
+                @for of_one_kind in report.warnings.chunk_by(|a, b| a.code == b.code) {
+                    li { code { (of_one_kind[0].code) } @for w in of_one_kind { span { (w.message) } } }
+                }
             }
         }
     }
@@ -154,14 +170,14 @@ fn provenance(report: &Report) -> Markup {
             }
         }
         @if !report.outputs.is_empty() {
-            table {
+            table.screen {
                 thead { tr { th { "Output" } th { "What it holds" } } }
                 tbody { @for o in &report.outputs { tr { td.mono { (o.name) } td.wide { (o.what) } } } }
             }
         }
-        h3 { "Command" }
-        pre { (report.command) }
-        details open { summary { "Settings, defaults resolved" } pre { (settings) } }
+        h3.screen { "Command" }
+        pre.screen { (report.command) }
+        details.screen open { summary { "Settings, defaults resolved" } pre { (settings) } }
     }
 }
 
@@ -204,7 +220,7 @@ mod tests {
         let report = Report::new(&case, &outcome, &run);
         let pictures = draw(&case, &outcome).unwrap();
         assert_eq!(pictures.len(), 6);
-        let page = page(&report, &pictures);
+        let page = page(&report, &pictures, None);
         for outside in ["http:", "https:", "src=\"/", "url(", "<script", "<link"] {
             assert!(!page.contains(outside), "{outside}");
         }
@@ -230,7 +246,7 @@ mod tests {
         let (case, mut outcome, run) = example::small();
         outcome.landmarks = None;
         let pictures = draw(&case, &outcome).unwrap();
-        let page = page(&Report::new(&case, &outcome, &run), &pictures);
+        let page = page(&Report::new(&case, &outcome, &run), &pictures, None);
         assert_eq!(pictures.len(), 4);
         assert!(!page.contains("<h2>Landmarks</h2>"));
     }

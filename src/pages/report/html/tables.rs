@@ -91,7 +91,7 @@ pub(super) fn landmarks(report: &Report) -> Markup {
             span { i.dot-after style="border-radius: 50%" {} "after" }
             span.note { (format!("scale 0 to {top:.1} mm")) }
         }
-        table {
+        div.rows { table {
             thead { tr { th.n { "#" } th { "Landmark" } th.n { "before mm" } th.n { "after mm" } th.n { "ratio" } th { "residual" } } }
             tbody {
                 @for (i, r) in l.each.iter().enumerate() {
@@ -105,7 +105,7 @@ pub(super) fn landmarks(report: &Report) -> Markup {
                     }
                 }
             }
-        }
+        } }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Displacement arrows over the planning CT, coloured by magnitude.
 
 use super::super::canvas::{Canvas, mix};
-use super::super::colour::{grey, magnitude, tone};
+use super::super::colour::{grey, magnitude, stepped, tone};
 use super::super::plane::{Plane, hu_at, nearest};
 use super::legend::sheet;
 use super::{Plate, Scene};
@@ -32,7 +32,7 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
         .zip(&scene.planning_hu)
         .zip(&arrows)
         .map(|((plane, hu), list)| {
-            let mut panel = plane.paint(|_, n| grey(0.75 * tone(f64::from(hu[n]))));
+            let mut panel = plane.paint(|_, n| grey(0.75 * stepped(tone(f64::from(hu[n])))));
             for (foot, u) in list {
                 let [dx, dy] = plane.vector(&(u * zoom));
                 let colour = magnitude(u.norm() / top);
@@ -57,8 +57,8 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
         file: "displacement.png",
         title: "Displacement",
         caption: format!(
-            "Where planning tissue goes: in-plane part as arrows, whole magnitude as colour, over the planning CT. Planes \
-             through {}.",
+            "Where planning tissue goes: in-plane part as arrows, whole magnitude as colour, over the planning CT. Planes: \
+             {}.",
             scene.focus
         ),
         canvas,

@@ -4,7 +4,7 @@ use super::super::canvas::{Align, Canvas, Pen, Rgb, text_width};
 use super::super::plane::{KINDS, Plane};
 use super::fusion::{colours, fused};
 use super::legend::sheet;
-use super::{Plate, Scene};
+use super::{Plate, Scene, bones};
 use crate::evaluate::landmark::{LandmarkReport, LandmarkResidual};
 use nalgebra::Point3;
 
@@ -21,6 +21,7 @@ pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
     let rows = scene.fraction_through(&through).map(|plane| {
         let [planning, fraction] = [&scene.outcome.planning_on_fraction, &scene.case.fraction].map(|ct| plane.hu(ct));
         let mut panel = fused(&plane, &planning, &fraction);
+        bones::outlines(scene, &plane, &mut panel);
         let shown: Vec<_> = known.iter().filter(|(_, r)| distance(&plane, &r.landmark.fraction) <= SLAB_MM).collect();
         let mut taken = Vec::new();
         for (_, residual) in &shown {
@@ -33,6 +34,7 @@ pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
     });
     let canvas = sheet(&rows, 2, |legend| {
         colours(legend);
+        bones::legend(legend);
         legend.next_line();
         let y = legend.y;
         let mut entry = |draw: fn(&mut Canvas, [f64; 2]), text: &str| {

@@ -1,6 +1,8 @@
 //! The pictures of a report. Each kind is one PNG of axial, coronal and sagittal plane at one scale, with its legend.
 
+mod bones;
 mod displacement;
+mod focus;
 mod fusion;
 mod jacobian;
 mod landmarks;
@@ -17,8 +19,10 @@ use crate::concepts::transfer_functions;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
+pub(super) use focus::focus;
 use rayon::prelude::*;
 use scene::Scene;
+pub(super) use scene::shift_before;
 use std::path::Path;
 
 /// One picture, encoded, with what the page says about it.

@@ -3,11 +3,12 @@
 use super::super::canvas::{Canvas, Rgb};
 use super::super::colour::INK;
 use super::super::plane::{KINDS, Plane, Region, planes};
+use super::focus::{Focus, focus, in_the_patient};
 use crate::geometry::Grid;
 use crate::pipeline::{Case, Outcome};
 use nalgebra::{Point3, Vector3};
 
-/// A run with the planes through its largest motion.
+/// A run with the planes that matter.
 pub(super) struct Scene<'a> {
     pub(super) case: &'a Case,
     pub(super) outcome: &'a Outcome,
@@ -29,8 +30,6 @@ pub(super) struct Scene<'a> {
 
 /// Share of the fraction's box that the planning scan must cover for the picture before registration to be as scanned.
 const LEAST_OVERLAP: f64 = 0.25;
-/// Bones that are visible by less are not looked at.
-const LEAST_VISIBLE: f64 = 0.5;
 /// Rim around the patient, mm.
 const RIM_MM: f64 = 10.0;
 /// Distance of the points that stand for the patient, mm.
@@ -40,14 +39,16 @@ const SLAB_MM: f64 = 8.0;
 
 impl<'a> Scene<'a> {
     pub(super) fn new(case: &'a Case, outcome: &'a Outcome) -> Self {
-        let overlap = overlap(case.planning.grid(), case.fraction.grid());
-        let shift_before = (overlap < LEAST_OVERLAP).then_some(outcome.couch_shift);
+        let shift_before = shift_before(case, outcome);
         let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
         // Of a region of interest, the scans hold more than the patient that was carried along.
         let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.grid()))];
-        let (from, to, focus) = focus(outcome, seen).unwrap_or_else(|| {
-            (case.planning.grid().middle(), case.fraction.grid().middle(), "the middle of the scans".to_owned())
-        });
+        let middles = [case.planning.grid().middle(), case.fraction.grid().middle()];
+        let Focus { from, to: meant, mut told } = focus(outcome, seen, middles);
+        let (from, to) = (in_the_patient(&body, &from, POINTS_MM), in_the_patient(&moved, &meant, POINTS_MM));
+        for kind in KINDS.into_iter().filter(|kind| (to - meant)[kind.across()].abs() > POINTS_MM) {
+            told.push_str(&format!("; the {} one moved to where more of the patient is", kind.name()));
+        }
         let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
         let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
         let hu = |ct, planes: &[Plane; 3]| planes.each_ref().map(|plane| plane.hu(ct));
@@ -64,7 +65,7 @@ impl<'a> Scene<'a> {
             planning,
             fraction,
             moved,
-            focus,
+            focus: told,
             shift_before,
         }
     }
@@ -111,20 +112,9 @@ fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Poi
     (body, moved)
 }
 
-/// Centroid of the bone that moves most apart from the couch shift, of those that lie in these boxes of planning and fraction:
-/// there and there, and its description.
-fn focus(outcome: &Outcome, [planning, fraction]: [Option<Region>; 2]) -> Option<(Point3<f64>, Point3<f64>, String)> {
-    let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
-    let moves = bones.map(|(bone, fit)| {
-        let to = fit.transform * bone.centroid;
-        (bone, to, (to - bone.centroid - outcome.couch_shift).norm())
-    });
-    let within = |region: &Option<Region>, p: &Point3<f64>| region.as_ref().is_some_and(|r| r.contains(p));
-    let seen = moves.filter(|(bone, to, _)| within(&planning, &bone.centroid) && within(&fraction, to));
-    let (bone, to, mm) = seen.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let focus =
-        format!("the centroid of the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
-    Some((bone.centroid, to, focus))
+/// Shift of the planning CT in what is shown of before the registration; `None` where the scans meet as they are.
+pub(in crate::report) fn shift_before(case: &Case, outcome: &Outcome) -> Option<Vector3<f64>> {
+    (overlap(case.planning.grid(), case.fraction.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.

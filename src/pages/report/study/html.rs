@@ -1,6 +1,7 @@
 //! `study.html`: the tables with each stage's pictures beside it, which lie in the folder `pictures`.
 
 use super::super::html::head;
+use super::super::viewer::policy_of_files;
 use super::rows::{COLUMNS, rows};
 use super::{SHOWN, StageRecord};
 use crate::config::StudyPlan;
@@ -12,7 +13,7 @@ pub(super) fn page(title: &str, plan: &StudyPlan, records: &BTreeMap<String, Sta
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail: {title}"), ""))
+            (head(&format!("aventail: {title}"), "", &policy_of_files()))
             body {
                 header { p.brand { "aventail \u{b7} study of the model's stages" } h1 { (title) } }
                 p.note {

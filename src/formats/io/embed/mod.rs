@@ -1,0 +1,8 @@
+//! Volumes as a page embeds them: few enough voxels for a file that is sent around, whole numbers,
+//! packed.
+
+mod grid;
+mod pack;
+
+pub use grid::{HU_FIRST, HU_STEP, PageGrid};
+pub use pack::pack;

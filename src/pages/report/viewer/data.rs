@@ -1,0 +1,131 @@
+//! What the page's script needs of a run: volumes, packed, and what is told of places.
+
+use super::super::plane::{cell_at, nearest};
+use super::places::{Place, bones, landmarks, places, start};
+use super::structures;
+use crate::error::Result;
+use crate::geometry::Grid;
+use crate::io::embed::{HU_FIRST, HU_STEP, PageGrid, pack};
+use crate::pipeline::{Case, Outcome};
+use crate::volume::contour::Contours;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+/// Distance of places of the field that are told, mm.
+const FIELD_MM: f64 = 5.0;
+/// Steps in which displacement (mm), Jacobian and uncertainty (mm) are told.
+const STEPS: [f64; 3] = [0.1, 0.01, 0.05];
+/// Least Jacobian that is told, so that 0 is free for places outside the patient; folded cells hold
+/// -1.
+const LEAST_JACOBIAN: f64 = -2.0;
+/// Largest number of the script's volumes.
+const MOST: f64 = 32_000.0;
+/// Share of the patient's motions, the largest left out, that the colours of arrows span.
+const MOST_MOTIONS: f64 = 0.99;
+
+/// A run as the viewer of its page shows it.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Name of each volume in the page, and its bytes; see [`pack`].
+    pub(super) volumes: Vec<(&'static str, Vec<u8>)>,
+    /// Grids, steps, names, landmarks and places.
+    pub(super) about: Value,
+}
+
+/// Makes the numbers of a volume.
+type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
+
+/// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, at most two
+/// million or so; the planning CT also as it was scanned, or with the couch shift alone where the
+/// scans have hardly any volume in common. `contours`: structures of the planning CT, to be shown
+/// before and after.
+///
+/// # Errors
+/// [`crate::error::Error::Internal`] when a volume cannot be packed.
+pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
+    let shift_before = super::super::pictures::shift_before(case, outcome);
+    let shift = shift_before.unwrap_or_default();
+    let page = PageGrid::of(&[&case.fraction, &outcome.planning_on_fraction])?;
+    let coarse = page.coarser(FIELD_MM)?;
+    let whole: [(&'static str, Values<'_>); 5] = [
+        ("fraction", Box::new(|| page.hu(&case.fraction))),
+        ("deformed", Box::new(|| page.hu(&outcome.planning_on_fraction))),
+        ("planning", Box::new(|| page.hu_between(&case.planning, &shift))),
+        ("bones_before", Box::new(|| page.labels_moved(&case.bones.volume, &shift))),
+        ("bones_after", Box::new(|| page.labels(&outcome.bones_on_fraction.volume))),
+    ];
+    let (volumes, (maps, top)) = rayon::join(
+        || {
+            let one = |(name, values): &(&'static str, Values<'_>)| Ok((*name, pack(&values(), page.grid().size())?));
+            whole.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>>>()
+        },
+        || maps(outcome, &coarse, &shift),
+    );
+    let size = coarse.grid().size();
+    let mut volumes = volumes?;
+    let maps = maps.into_par_iter().map(|(name, values)| Ok((name, pack(&values, size)?)));
+    volumes.extend(maps.collect::<Result<Vec<_>>>()?);
+    if let Some(contours) = contours {
+        let [before, after] = structures::bits((case, outcome), contours, &page, &shift)?;
+        volumes.push(("structures_before", pack(&before, page.grid().size())?));
+        volumes.push(("structures_after", pack(&after, page.grid().size())?));
+    }
+    let scale = |hu: f32| outcome.kind.as_ref().map_or(hu, |kind| kind.on_plannings_scale(hu));
+    let offset = f64::from(scale(0.0));
+    let all = |list: Vec<Place>| list.into_iter().map(Place::json).collect::<Vec<_>>();
+    let about = json!({
+        "grid": grid(page.grid()),
+        "coarse": grid(coarse.grid()),
+        "own": case.fraction.grid().spacing(),
+        "hu": { "first": HU_FIRST, "step": HU_STEP },
+        // The fraction on planning's scale, as the pictures show it.
+        "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
+        "steps": { "mm": STEPS[0], "jacobian": STEPS[1], "uncertainty": STEPS[2] },
+        "shift": shift.as_slice(),
+        "shifted": shift_before.is_some(),
+        "top": top,
+        "names": case.bones.names,
+        "structures": structures::about(contours),
+        "start": start(case, outcome),
+        "places": all(places(case, outcome)),
+        "bones": bones(outcome),
+        "landmarks": landmarks(outcome),
+    });
+    Ok(View { volumes, about })
+}
+
+fn grid(grid: &Grid) -> Value {
+    json!({ "size": grid.size(), "spacing": grid.spacing(), "origin": grid.origin().coords.as_slice() })
+}
+
+/// Displacement, Jacobian and uncertainty at the places of `coarse`, and a motion apart from
+/// `shift` that few exceed, mm. Outside the patient all are 0.
+fn maps(outcome: &Outcome, coarse: &PageGrid, shift: &Vector3<f64>) -> (Vec<(&'static str, Vec<i32>)>, f64) {
+    let count = |value: f64, step: f64| (value / step).round().clamp(-MOST, MOST) as i32;
+    let unsure = outcome.uncertainty.as_ref().map(|u| &u.0);
+    let [x, y, z, jacobian, uncertainty] = coarse.of_field(&outcome.pull.displacement, |p, v| {
+        let from: Point3<f64> = p + Vector3::from(v.map(f64::from));
+        if nearest(&outcome.body, &from) != Some(true) {
+            return [0; 5];
+        }
+        let [x, y, z] = v.map(|c| count(f64::from(c), STEPS[0]));
+        let j = cell_at(&outcome.jacobian, &from).map_or(1.0, f64::from);
+        let mm = unsure.and_then(|map| nearest(map, &from)).filter(|mm| *mm >= 0.0);
+        [
+            x,
+            y,
+            z,
+            count((j - LEAST_JACOBIAN).max(STEPS[1]), STEPS[1]),
+            mm.map_or(0, |mm| 1 + count(f64::from(mm), STEPS[2])),
+        ]
+    });
+    let inside = (0..x.len()).filter(|n| jacobian[*n] != 0);
+    let length = |n: usize| (Vector3::new(x[n], y[n], z[n]).map(f64::from) * STEPS[0] + shift).norm();
+    let mut lengths: Vec<f64> = inside.map(length).collect();
+    let most = (lengths.len() as f64 * MOST_MOTIONS) as usize;
+    let top = if lengths.is_empty() { 1.0 } else { *lengths.select_nth_unstable_by(most, f64::total_cmp).1 };
+    let mut maps = vec![("ux", x), ("uy", y), ("uz", z), ("jacobian", jacobian)];
+    maps.extend(unsure.is_some().then_some(("uncertainty", uncertainty)));
+    (maps, top.max(1.0))
+}

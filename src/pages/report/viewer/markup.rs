@@ -1,0 +1,197 @@
+//! The viewer's part of the page.
+
+use super::View;
+use base64::{Engine, engine::general_purpose::STANDARD};
+use maud::{Markup, PreEscaped, html};
+use sha2::{Digest, Sha256};
+
+/// The page's script, the same in every page.
+const SCRIPT: &str = concat!(
+    "'use strict';\n(() => {\n",
+    include_str!("volumes.js"),
+    include_str!("planes.js"),
+    include_str!("viewer.js"),
+    "})();\n"
+);
+
+const STYLE: &str = include_str!("viewer.css");
+
+/// What the page may do: show pictures and styles of its own, run the script of the viewer if there
+/// is one, and nothing else; no network.
+pub(in crate::report) fn policy(view: bool) -> String {
+    let script =
+        if view { format!(" script-src 'sha256-{}';", STANDARD.encode(Sha256::digest(SCRIPT))) } else { String::new() };
+    format!("default-src 'none'; img-src data:;{script} style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'")
+}
+
+/// The same of a page whose pictures are files beside it.
+pub(in crate::report) fn policy_of_files() -> String {
+    policy(false).replace("img-src data:", "img-src 'self' file:")
+}
+
+/// The viewer, hidden until its script shows it.
+pub(in crate::report) fn section(view: &View) -> Markup {
+    html! {
+        style { (PreEscaped(STYLE)) }
+        section.viewer #viewer hidden {
+            h2 { "Look through" }
+            p.failed.note hidden { "This browser cannot show the volumes; the pictures below need no script." }
+            (tools())
+            p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
+            div.planes {
+                (plane("axial"))
+                (panel())
+                (plane("coronal"))
+                (plane("sagittal"))
+            }
+            (notes(view))
+        }
+        script type="application/json" #view-about { (data(&view.about)) }
+        @for (name, bytes) in &view.volumes {
+            script type="text/plain" id={ "view-" (name) } { (PreEscaped(STANDARD.encode(bytes))) }
+        }
+        script { (PreEscaped(SCRIPT)) }
+    }
+}
+
+/// JSON inside a script element: a `<` could end it, or begin a comment.
+fn data(value: &serde_json::Value) -> PreEscaped<String> {
+    PreEscaped(value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026"))
+}
+
+fn tools() -> Markup {
+    let modes = [
+        ("colour", "Colour"),
+        ("curtain", "Curtain"),
+        ("checker", "Checkerboard"),
+        ("blink", "Blink"),
+        ("difference", "Difference"),
+        ("planning", "Planning"),
+        ("fraction", "Fraction"),
+    ];
+    let flags = [
+        ("bonesBefore", "outlines before", "#b0b8c4"),
+        ("bonesAfter", "outlines after", "#e8c400"),
+        ("arrows", "arrows", ""),
+        ("marks", "landmarks", ""),
+    ];
+    let presets = [
+        ("both", "soft tissue and bone"),
+        ("soft", "soft tissue"),
+        ("bone", "bone"),
+        ("lung", "lung"),
+        ("auto", "automatic"),
+        ("own", "own"),
+    ];
+    let maps =
+        [("", "none"), ("displacement", "displacement"), ("jacobian", "Jacobian"), ("uncertainty", "uncertainty")];
+    html! {
+        div.tools {
+            span.joined role="group" aria-label="What is shown" {
+                @for (mode, name) in modes { button type="button" data-mode=(mode) { (name) } }
+            }
+            span.joined role="group" aria-label="Planning CT" {
+                button type="button" data-moved="no" { "as scanned" }
+                button type="button" data-moved="yes" { "deformed" }
+            }
+        }
+        div.tools {
+            label { "Window" select data-preset { @for (value, name) in presets { option value=(value) { (name) } } } }
+            label { "Map" select data-map { @for (value, name) in maps { option value=(value) { (name) } } } }
+            @for (flag, name, colour) in flags {
+                label {
+                    input type="checkbox" data-flag=(flag);
+                    @if !colour.is_empty() { i.outline style={ "color: " (colour) } {} }
+                    (name)
+                }
+            }
+        }
+    }
+}
+
+fn plane(kind: &str) -> Markup {
+    html! {
+        div data-plane=(kind) {
+            canvas tabindex="0" role="img" aria-label={ (kind) " plane" } {}
+            div.slice { output {} input type="range" min="0" step="1" aria-label={ "Slice of the " (kind) " plane" }; }
+        }
+    }
+}
+
+/// What is under the crosshair, and where else to look.
+fn panel() -> Markup {
+    let rows = [
+        ("at", "Crosshair, LPS mm"),
+        ("fraction", "Fraction, HU"),
+        ("deformed", "Planning deformed, HU"),
+        ("planning", "Planning before, HU"),
+        ("from", "Comes from, LPS mm"),
+        ("displacement", "Displacement, mm"),
+        ("jacobian", "Jacobian"),
+        ("uncertainty", "Uncertainty, mm"),
+        ("bone", "Bone"),
+    ];
+    html! {
+        div.panel {
+            table { tbody { @for (name, what) in rows { tr { td { (what) } td data-told=(name) {} } } } }
+            @for name in ["places", "landmarks", "structures", "bones"] {
+                details data-list=(name) hidden open[name == "places"] { summary {} }
+            }
+        }
+    }
+}
+
+fn notes(view: &View) -> Markup {
+    let edges = |grid: &str| {
+        let spacing: Vec<f64> = serde_json::from_value(view.about[grid]["spacing"].clone()).unwrap_or_default();
+        let texts = spacing.iter().map(|s| format!("{}", (s * 100.0).round() / 100.0));
+        texts.collect::<Vec<_>>().join(" \u{d7} ")
+    };
+    html! {
+        p.note {
+            "Click or drag moves the crosshair; the wheel, Page Up and Page Down turn the slices; arrow keys move it by a voxel. "
+            "Keys: 1 planning as scanned, 2 planning deformed, 3 fraction, 4 colour, 5 curtain, 6 checkerboard, 7 difference, B blink, "
+            "M as scanned or deformed, O bones, A arrows, + and \u{2212} zoom. Right button or Shift and drag: level and width."
+        }
+        p.note {
+            "Shown are voxels of the fraction, " (edges("grid")) " mm apart, by their values: HU in steps of 4, all below \u{2212}900 alike. "
+            "Planning before is read between its voxels. Displacement (planning to fraction), Jacobian and uncertainty are those of the "
+            "nearest of places " (edges("coarse")) " mm apart; the files beside the report hold them whole."
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example;
+    use super::super::embed;
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_the_data() {
+        let (mut case, mut outcome, _) = example::small();
+        let evil = "</script><img src=x onerror=alert(1)><!--";
+        case.bones.names.insert(1, evil.into());
+        outcome.skeleton.bones[0].name = evil.into();
+        outcome.landmarks.as_mut().unwrap().each[0].landmark.name = evil.into();
+        outcome.contact.overlaps[0].bones[0] = evil.into();
+        let text = section(&embed(&case, &outcome, None).unwrap()).into_string();
+        assert!(!text.contains("</script><img") && !text.contains("<!--"));
+        let about = text.split("id=\"view-about\"").nth(1).and_then(|rest| rest.split_once('>')).unwrap().1;
+        let about = about.split("</script>").next().unwrap();
+        let back: serde_json::Value = serde_json::from_str(about).unwrap();
+        assert_eq!((&back["names"]["1"], &back["landmarks"][0]["name"]), (&evil.into(), &evil.into()));
+    }
+
+    #[test]
+    fn the_policy_names_the_script_that_is_there() {
+        let (case, outcome, _) = example::small();
+        let text = section(&embed(&case, &outcome, None).unwrap()).into_string();
+        let script = text.rsplit("<script>").next().unwrap().split("</script>").next().unwrap();
+        assert!(policy(true).contains(&STANDARD.encode(Sha256::digest(script))));
+        assert!(!policy(false).contains("script"));
+        for word in ["fetch(", "XMLHttp", "import(", "innerHTML", "eval(", "</"] {
+            assert!(!SCRIPT.contains(word), "{word}");
+        }
+    }
+}

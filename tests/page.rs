@@ -1,0 +1,211 @@
+//! The page of a run in a browser: opened from disk, looked through, printed. Where there is no
+//! Chromium these tests say so and do nothing (`AVENTAIL_BROWSER` names the one to take).
+
+use crate::support::browser::Browser;
+use crate::support::{Register, done, folder};
+use aventail::io::{read_field, read_image};
+use aventail::volume::{Volume, trilinear_vector};
+use base64::{Engine, engine::general_purpose::STANDARD};
+use nalgebra::{Point3, Vector3};
+use serde_json::{Value, json};
+
+/// The page of the shared run in a browser of its own, 1400 by 1000 pixels; `name` of its profile.
+fn opened(name: &str) -> Option<Browser> {
+    let browser = Browser::start(&folder().join(name))?;
+    let screen = json!({ "width": 1400, "height": 1000, "deviceScaleFactor": 1, "mobile": false });
+    browser.call("Emulation.setDeviceMetricsOverride", screen);
+    browser.open(&done().out.join("report.html"));
+    browser.wait("!!document.getElementById('viewer').dataset.state");
+    assert_eq!(browser.text("document.getElementById('viewer').dataset.state"), "ready");
+    browser.value("document.getElementById('viewer').scrollIntoView()");
+    settle(&browser);
+    Some(browser)
+}
+
+/// Waits until what was asked for is drawn.
+fn settle(browser: &Browser) {
+    browser.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))");
+}
+
+/// The pixels of a plane.
+fn pixels(browser: &Browser, plane: &str) -> String {
+    settle(browser);
+    browser.text(&format!("document.querySelector('[data-plane={plane}] canvas').toDataURL()"))
+}
+
+/// What is told of the crosshair.
+fn told(browser: &Browser, name: &str) -> String {
+    settle(browser);
+    browser.text(&format!("document.querySelector('[data-told={name}]').textContent")).replace('\u{2212}', "-")
+}
+
+/// Three numbers of a text as `1.0, 2.0, -3.0`.
+fn numbers(text: &str) -> Vector3<f64> {
+    let all: Vec<f64> = text.split(',').map(|t| t.trim().parse().expect("a number")).collect();
+    Vector3::from_column_slice(&all)
+}
+
+/// A place on the screen: shares of the width and height of a plane's canvas.
+fn on_canvas(browser: &Browser, plane: &str, shares: [f64; 2]) -> [f64; 2] {
+    let expression = format!(
+        "(() => {{ const b = document.querySelector('[data-plane={plane}] canvas').getBoundingClientRect(); \
+         return [b.left + {} * b.width, b.top + {} * b.height]; }})()",
+        shares[0], shares[1]
+    );
+    serde_json::from_value(browser.value(&expression)).expect("two numbers")
+}
+
+fn mouse(browser: &Browser, kind: &str, [x, y]: [f64; 2], more: Value) {
+    let mut parameters = json!({ "type": kind, "x": x, "y": y, "button": "none" });
+    for (key, value) in more.as_object().expect("an object") {
+        parameters[key] = value.clone();
+    }
+    browser.call("Input.dispatchMouseEvent", parameters);
+}
+
+fn click(browser: &Browser, at: [f64; 2]) {
+    mouse(browser, "mouseMoved", at, json!({}));
+    for kind in ["mousePressed", "mouseReleased"] {
+        mouse(browser, kind, at, json!({ "button": "left", "clickCount": 1 }));
+    }
+    settle(browser);
+}
+
+#[test]
+fn it_opens_from_disk_without_the_network_and_is_looked_through() {
+    let Some(browser) = opened("look") else { return };
+    let first = pixels(&browser, "axial");
+    // The wheel turns the slices of the plane that the mouse is on.
+    let middle = on_canvas(&browser, "axial", [0.5, 0.5]);
+    click(&browser, middle);
+    let (clicked, at) = (pixels(&browser, "axial"), numbers(&told(&browser, "at")));
+    mouse(&browser, "mouseWheel", middle, json!({ "deltaX": 0, "deltaY": 100 }));
+    let (turned, lower) = (pixels(&browser, "axial"), numbers(&told(&browser, "at")));
+    assert!(first != clicked && clicked != turned);
+    assert!(lower.z < at.z && (lower - at).xy().norm() < 1e-9, "{at} {lower}");
+    // So do keys, and the planes are linked.
+    let (coronal, sagittal) = (pixels(&browser, "coronal"), pixels(&browser, "sagittal"));
+    browser.press("PageUp");
+    assert_eq!(numbers(&told(&browser, "at")), at);
+    assert!(coronal != pixels(&browser, "coronal") && sagittal != pixels(&browser, "sagittal"));
+    assert_eq!(pixels(&browser, "axial"), clicked);
+    // Outlines off and on.
+    browser.press("o");
+    let bare = pixels(&browser, "axial");
+    browser.press("o");
+    assert!(bare != clicked && pixels(&browser, "axial") == clicked);
+    // Every way to compare shows something else.
+    let mut seen = vec![clicked.clone()];
+    for key in ["1", "2", "3", "5", "6", "7", "4", "m", "a"] {
+        browser.press(key);
+        let now = pixels(&browser, "axial");
+        if key == "4" {
+            assert_eq!(seen.last().filter(|last| **last == now), None, "back from the difference");
+            continue;
+        }
+        assert!(!seen.contains(&now), "key {key} shows what was there");
+        seen.push(now);
+    }
+    // Blinking changes what is shown on its own.
+    browser.press("b");
+    let (one, shown) = (pixels(&browser, "sagittal"), "document.querySelector('.seen').textContent");
+    let text = browser.text(shown);
+    browser.wait(&format!("{shown} !== {}", json!(text)));
+    assert!(pixels(&browser, "sagittal") != one);
+    let (complaints, requests) = browser.complaints_and_requests();
+    assert!(complaints.is_empty(), "{complaints:?}");
+    let outside: Vec<_> = requests.iter().filter(|r| !r.starts_with("data:") && !r.ends_with("report.html")).collect();
+    assert!(outside.is_empty() && !requests.is_empty(), "{outside:?}");
+}
+
+/// HU as told, which have steps of 4, against the voxel of an image that the crosshair lies in.
+fn check_hu(told: &str, image: &Volume<f32>, at: &Point3<f64>) {
+    let hu = *image.at(image.grid().voxel_at(at).expect("the crosshair lies in the image"));
+    match told.strip_prefix("below ") {
+        Some(least) => assert!(hu < least.parse::<f32>().expect("a number") + 2.0, "{told} {hu}"),
+        None => assert!((told.parse::<f32>().expect("HU") - hu).abs() <= 2.51, "{told} {hu} at {at}"),
+    }
+}
+
+#[test]
+fn what_it_tells_under_the_crosshair_is_what_the_files_hold() {
+    let Some(browser) = opened("tell") else { return };
+    let run = &done().out;
+    let report: Value = serde_json::from_slice(&std::fs::read(run.join("report.json")).unwrap()).unwrap();
+    let fraction = read_image(crate::support::phantom().fraction.clone()).unwrap().value;
+    let deformed = read_image(run.join("planning_on_fraction.nii.gz")).unwrap().value;
+    let pull = read_field(run.join("fraction_to_planning.nii.gz")).unwrap().value;
+    let half = fraction.grid().spacing().map(|s| s / 2.0);
+    // A click on a landmark's line brings the crosshair there.
+    let each = report["landmarks"]["each"].as_array().expect("landmarks were given");
+    for (n, landmark) in each.iter().enumerate().step_by(4) {
+        let name = landmark["landmark"]["name"].as_str().expect("a name");
+        let line = format!(
+            "[...document.querySelectorAll('[data-list=landmarks] button')].find(b => \
+             b.firstChild.textContent === {}).click()",
+            json!(format!("{} {name}", n + 1))
+        );
+        browser.value(&line);
+        let at = numbers(&told(&browser, "at"));
+        let meant: [f64; 3] = serde_json::from_value(landmark["landmark"]["fraction"].clone()).expect("a point");
+        for a in 0..3 {
+            assert!((at[a] - meant[a]).abs() <= half[a] + 0.06, "{name}: {at} {meant:?}");
+        }
+    }
+    let mut moved = 0;
+    for (plane, shares) in [
+        ("coronal", [0.5, 0.3]),
+        ("axial", [0.5, 0.5]),
+        ("sagittal", [0.52, 0.71]),
+        ("axial", [0.6, 0.4]),
+        ("axial", [0.05, 0.1]),
+        ("coronal", [0.55, 0.85]),
+    ] {
+        click(&browser, on_canvas(&browser, plane, shares));
+        let at = Point3::from(numbers(&told(&browser, "at")));
+        check_hu(&told(&browser, "fraction"), &fraction, &at);
+        check_hu(&told(&browser, "deformed"), &deformed, &at);
+        // `13.1 (1.0, 2.0, 13.0)`, planning to fraction.
+        let displacement = told(&browser, "displacement");
+        let Some(parts) = displacement.split(['(', ')']).nth(1) else { continue };
+        let v = trilinear_vector(&pull, &pull.grid().index(&at)).expect("inside");
+        assert!((numbers(parts) + v).norm() < 1.5, "{displacement} {v}");
+        let from = Point3::from(numbers(&told(&browser, "from")));
+        assert!((from - at - v).norm() < 1.5, "{from} {at} {v}");
+        moved += usize::from(v.norm() > 3.0);
+    }
+    assert!(moved >= 2, "{moved} places moved");
+}
+
+#[test]
+fn without_the_view_the_page_has_no_script() {
+    let bare = Register::quick("bare").flag("--no-view");
+    bare.command().assert().success();
+    let [bare, whole] = [&bare.out, &done().out].map(|out| std::fs::read_to_string(out.join("report.html")).unwrap());
+    assert!(!bare.contains("<script") && bare.contains("default-src 'none'") && !bare.contains("script-src"));
+    // The pictures that need no script are in both.
+    for page in [&bare, &whole] {
+        assert!(page.matches("data:image/png;base64,").count() >= 4);
+    }
+    assert!(whole.contains("script-src 'sha256-") && whole.contains("<section class=\"viewer\" id=\"viewer\" hidden>"));
+}
+
+#[test]
+fn it_prints_on_four_pages_and_fits_a_phone() {
+    let Some(browser) = opened("print") else { return };
+    for (paper, [wide, high]) in [("A4", [8.27, 11.69]), ("Letter", [8.5, 11.0])] {
+        let parameters = json!({ "paperWidth": wide, "paperHeight": high });
+        let answer = browser.call("Page.printToPDF", parameters);
+        let pdf = STANDARD.decode(answer["data"].as_str().expect("a file")).expect("base64");
+        let text = String::from_utf8_lossy(&pdf);
+        let pages = text.matches("/Type /Page\n").count();
+        assert!((2..=4).contains(&pages), "{paper}: {pages} pages");
+    }
+    let phone = json!({ "width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": true });
+    browser.call("Emulation.setDeviceMetricsOverride", phone);
+    settle(&browser);
+    let wide = browser.value("document.documentElement.scrollWidth").as_f64().expect("a number");
+    assert!(wide <= 390.0, "{wide}");
+    let canvas = browser.value("document.querySelector('[data-plane=axial] canvas').clientWidth");
+    assert!(canvas.as_f64().is_some_and(|w| w > 300.0), "{canvas}");
+}
