@@ -204,6 +204,11 @@ const BETWEEN: &[Finding] = &[
         "A NIfTI header extension is cut off or has an impossible size.",
         "Write the file anew; label names may be missing.",
     ),
+    warned(
+        "few-fractions",
+        "Modes of few fractions: there are fewer modes than fractions, and their deviations are hardly known.",
+        "Fit more fractions; what these did not show does not vary in postures drawn from them.",
+    ),
     refused_or_warned(
         "field-direction",
         "A field is used the other way round than its header tells, or lies on the grid of the wrong image for its role.",
@@ -330,6 +335,11 @@ const BEHIND: &[Finding] = &[
         "A MetaImage's AnatomicalOrientation is not what its matrix says; the matrix is used.",
         "Check left, right, front and back in a viewer, and write the file anew.",
     ),
+    refused(
+        "other-planning",
+        "Runs whose modes are to be found are of different planning CTs or labels.",
+        "Give runs of one planning CT with the same labels.",
+    ),
     warned(
         "outside-field",
         "A part of the input (share of volume; of dose the share of the dose) lies outside a field and was not moved by it.",
@@ -339,6 +349,11 @@ const BEHIND: &[Finding] = &[
         "pixdim-sform-disagree",
         "The voxel spacing (pixdim) and the sform of a NIfTI file differ: readers of the one and the other see another size.",
         "Find out which one is right, and write the file anew.",
+    ),
+    refused(
+        "postures-implausible",
+        "Draw after draw of a plan of postures is implausible.",
+        "Lower the plan's deviations, raise its limits, or leave --reject out.",
     ),
     warned(
         "qform-invalid",

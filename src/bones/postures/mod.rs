@@ -32,9 +32,7 @@ pub fn sixes(pose: &Pose) -> Vec<Six> {
 
 /// The pose of values in degrees and mm.
 pub fn pose_of(values: &[Six]) -> Pose {
-    let joint = |[a, b, c, x, y, z]: &Six| JointPose {
-        rotation: [*a, *b, *c].map(f64::to_radians),
-        translation: [*x, *y, *z],
-    };
+    let joint =
+        |[a, b, c, x, y, z]: &Six| JointPose { rotation: [*a, *b, *c].map(f64::to_radians), translation: [*x, *y, *z] };
     Pose { joints: values.iter().map(joint).collect() }
 }

@@ -31,9 +31,8 @@ pub fn principal(postures: &[Vec<Six>]) -> Option<Principal> {
     if n < 2 || postures.iter().any(|p| p.len() != bones) {
         return None;
     }
-    let mean: Vec<Six> = (0..bones)
-        .map(|b| std::array::from_fn(|a| postures.iter().map(|p| p[b][a]).sum::<f64>() / n as f64))
-        .collect();
+    let mean: Vec<Six> =
+        (0..bones).map(|b| std::array::from_fn(|a| postures.iter().map(|p| p[b][a]).sum::<f64>() / n as f64)).collect();
     let centred = DMatrix::from_fn(n, 6 * bones, |p, c| postures[p][c / 6][c % 6] - mean[c / 6][c % 6]);
     let svd = centred.svd(true, true);
     let (u, v) = (svd.u?, svd.v_t?);

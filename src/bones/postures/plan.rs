@@ -3,7 +3,7 @@
 use super::sequence::Point;
 use super::truncated::quantile;
 use super::{Six, pose_of};
-use crate::skeleton::{Pose, Skeleton};
+use crate::skeleton::{Bone, Pose, Skeleton};
 use serde::{Deserialize, Serialize};
 
 /// How one joint varies by itself, beside the modes. Of the root: the couch.
@@ -83,19 +83,23 @@ pub struct Drawn {
     pub held: usize,
 }
 
+impl Spread {
+    /// Of a bone's joint that does not vary; its ranges are the joint's.
+    pub fn of(bone: &Bone) -> Self {
+        let [x, y, z] = bone.joint.translation_range_mm.map(|r| [-r, r]);
+        let [a, b, c] = bone.joint.rotation_range_deg;
+        Self { sd: [0.0; 6], range: [a, b, c, x, y, z] }
+    }
+}
+
 impl PosturePlan {
     /// A plan in which nothing moves; ranges are those of the skeleton's joints.
     pub fn still(skeleton: &Skeleton) -> Self {
-        let spread = |bone: &crate::skeleton::Bone| {
-            let [x, y, z] = bone.joint.translation_range_mm.map(|r| [-r, r]);
-            let [a, b, c] = bone.joint.rotation_range_deg;
-            Spread { sd: [0.0; 6], range: [a, b, c, x, y, z] }
-        };
         Self {
             scale: 1.0,
             truncation_sd: 3.0,
             mean: vec![[0.0; 6]; skeleton.bones.len()],
-            joints: skeleton.bones.iter().map(spread).collect(),
+            joints: skeleton.bones.iter().map(Spread::of).collect(),
             modes: Vec::new(),
             volumes: Vec::new(),
             limits: Limits::default(),
@@ -144,7 +148,7 @@ impl PosturePlan {
 mod tests {
     use super::super::sixes;
     use super::*;
-    use crate::skeleton::{Bone, Joint};
+    use crate::skeleton::Joint;
     use nalgebra::{Matrix3, Point3};
 
     /// A root and `n` joints of 10 degrees and 2 mm on it, one on the other.
@@ -217,7 +221,14 @@ mod tests {
         assert_eq!(all(5, 3), all(9, 3)[..5]);
         assert_ne!(all(5, 3), all(5, 4));
         let first = &plan.draw(2, 3);
-        let threads: Vec<_> = (0..4).map(|_| std::thread::spawn({ let plan = plan.clone(); move || plan.draw(2, 3) })).collect();
+        let threads: Vec<_> = (0..4)
+            .map(|_| {
+                std::thread::spawn({
+                    let plan = plan.clone();
+                    move || plan.draw(2, 3)
+                })
+            })
+            .collect();
         assert!(threads.into_iter().all(|t| t.join().unwrap() == *first));
     }
 

@@ -26,7 +26,8 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_tables() {
         let wide = [-60.0, 60.0];
-        for (u, z) in [(0.5, 0.0), (0.841_344_746_068_543, 1.0), (0.025, -1.959_963_984_540_054), (0.99, 2.326_347_874)] {
+        for (u, z) in [(0.5, 0.0), (0.841_344_746_068_543, 1.0), (0.025, -1.959_963_984_540_054), (0.99, 2.326_347_874)]
+        {
             assert!((quantile(u, 2.0, wide) - 2.0 * z).abs() < 1e-8, "{u}");
         }
         // A half of the distribution: the median of its upper side.
