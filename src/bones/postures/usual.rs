@@ -42,13 +42,14 @@ const SOURCES: [Source; 7] = [
     },
     Source {
         part: "neck",
-        source: "angles chosen so that the skull is displaced against C4 to C6 by 4.7 mm on the mean (Polat B et al., Strahlenther Onkol \
-                 183 (2007) 506: 4.7 +- 2.5 mm, mostly nodding); shared by the levels' ranges of motion (White AA, Panjabi MM 1990); rest chosen",
+        source: "angles chosen so that the skull is displaced against C4 to C6 as far as measured, 4.7 +- 2.5 mm, mostly by nodding \
+                 (Polat B et al., Strahlenther Onkol 183 (2007) 506); shared by the levels' ranges of motion (White AA, Panjabi MM \
+                 1990); each level's rest chosen",
     },
     Source { part: "back", source: "chosen: the couch and the headrest hold it" },
     Source {
         part: "mandible",
-        source: "chosen, so that it is displaced against C4 to C6 as far as measured (Polat 2007: 4.4 +- 2.5 mm)",
+        source: "chosen; with the skull's motion it is displaced against C4 to C6 by 3 to 4 mm (Polat 2007 measured 4.4 +- 2.5 mm)",
     },
     Source {
         part: "hyoid",
@@ -66,7 +67,7 @@ const SOURCES: [Source; 7] = [
 /// The couch.
 const COUCH: Sd = Sd { rotation_deg: [0.75; 3], shift_mm: [1.9; 3] };
 /// The whole neck; its levels share it.
-const NECK: [f64; 3] = [2.6, 1.3, 1.6];
+const NECK: [f64; 3] = [4.2, 2.0, 2.5];
 /// Each level of the neck beside its share, degrees.
 const NECK_REST: f64 = 0.25;
 /// The whole back.
@@ -81,7 +82,7 @@ fn own(kind: Kind) -> Sd {
     let sd = |rotation_deg, shift_mm| Sd { rotation_deg, shift_mm };
     match kind {
         Kind::Spine(level) if level >= C7 => sd([NECK_REST; 3], [0.0; 3]),
-        Kind::Mandible => sd([1.2, 0.3, 0.4], [0.3, 0.6, 0.3]),
+        Kind::Mandible => sd([2.0, 0.5, 0.5], [0.4, 0.8, 0.4]),
         Kind::Hyoid => sd([2.0, 1.0, 1.0], [1.4, 0.9, 1.8]),
         Kind::Sternum => sd([0.3, 0.2, 0.2], [0.2, 0.8, 0.5]),
         Kind::Clavicle(_) => sd([0.0, SHOULDER[0], SHOULDER[1]], [0.0; 3]),

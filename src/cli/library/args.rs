@@ -6,6 +6,13 @@ use crate::postures::{MOST_DRAWS, VolumeRange};
 use clap::Args;
 use std::path::PathBuf;
 
+/// The file that tells what a library holds.
+pub(super) const MANIFEST: &str = "library.json";
+/// Its page.
+pub(super) const PAGE: &str = "library.html";
+/// The plan in full.
+pub(super) const PLAN: &str = "postures.toml";
+
 pub(in crate::cli) const HELP: &str = "\
 Without --plan postures vary as they usually do between fractions: the couch by 1.9 mm and 0.75 degrees, the neck by a few degrees
 shared by its levels, jaw, hyoid and shoulders besides (docs/library.md has the numbers and their sources). A plan changes that:

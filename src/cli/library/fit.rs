@@ -1,7 +1,6 @@
 //! Principal modes of a patient's own fractions, as a plan to draw from.
 
-use super::args::LibraryArgs;
-use super::{MANIFEST, PLAN};
+use super::args::{LibraryArgs, MANIFEST, PLAN};
 use crate::cli::{command_line, planned, record, run_folder};
 use crate::error::{Error, Result};
 use crate::io::postures::write_postures;

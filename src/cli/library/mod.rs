@@ -8,6 +8,7 @@ mod write;
 
 pub(super) use args::HELP;
 pub use args::LibraryArgs;
+use args::{MANIFEST, PAGE, PLAN};
 
 use super::register::progress;
 use super::terminal::harmless;
@@ -23,11 +24,6 @@ use make::Maker;
 use sources::Sources;
 use std::fmt::Write as _;
 use std::path::Path;
-
-/// The file that tells what a library holds.
-const MANIFEST: &str = "library.json";
-const PAGE: &str = "library.html";
-const PLAN: &str = "postures.toml";
 
 /// Makes the library, or finds the modes of fitted postures; returns the table (or JSON) for the terminal.
 ///
@@ -67,7 +63,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         draws: 0,
     };
     let body = maker.patient()?;
-    let mut gallery = Gallery::new(&posing.case().planning, &posing.case().bones, &body, posing.skeleton());
+    let mut gallery = Gallery::new((&posing.case().planning, &posing.case().bones), &body, posing.skeleton(), total);
     let mut records = Vec::new();
     for (n, name) in names.iter().enumerate() {
         let made = maker.posture(n, name, &mut gallery);
@@ -116,7 +112,8 @@ fn finish(
         OutputFile::written(out, PLAN, "the plan in full, for --plan")?,
         OutputFile::written(out, PAGE, "the spread of the library as a page")?,
     ];
-    let text = table(records, &about.rejected);
+    let told = about.warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, harmless(&w.message)));
+    let text = table(records, &about.rejected) + &told.collect::<String>();
     let manifest = Manifest::new(records, &posing.case().bones.names, about, more);
     write_json(out.join(MANIFEST), &manifest)?;
     folder.finish();

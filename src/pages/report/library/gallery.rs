@@ -13,8 +13,8 @@ use nalgebra::{Point3, Vector3};
 const RIM_MM: f64 = 12.0;
 /// Thumbnails are this much smaller than the large pictures.
 const SMALLER: f64 = 0.3;
-/// Opacity of one posture's outline.
-const FAINTEST: f64 = 0.25;
+/// Opacity of one posture's outline: the less, the more there are.
+const FAINTEST: f64 = 0.2;
 
 /// The pictures while they are made.
 pub struct Gallery {
@@ -22,6 +22,7 @@ pub struct Gallery {
     /// Labels of bones.
     bones: Vec<bool>,
     count: usize,
+    opacity: f64,
     /// Each posture's name and its thumbnail, a PNG.
     pub(super) thumbnails: Vec<(String, Vec<u8>)>,
 }
@@ -62,8 +63,9 @@ fn outline(canvas: &mut Canvas, labels: &[u16], width: usize, colour: Rgb, opaci
 }
 
 impl Gallery {
-    /// Begins with the patient in planning: the sagittal plane through the spine and the coronal one through the vertebrae.
-    pub fn new(ct: &Volume<f32>, map: &LabelMap, body: &Mask, skeleton: &Skeleton) -> Self {
+    /// Begins with the patient in planning: the sagittal plane through the spine and the coronal one through the vertebrae;
+    /// `total` postures are to come.
+    pub fn new((ct, map): (&Volume<f32>, &LabelMap), body: &Mask, skeleton: &Skeleton, total: usize) -> Self {
         let mut bones = vec![false; usize::from(u16::MAX) + 1];
         skeleton.bones.iter().for_each(|b| bones[usize::from(b.label)] = true);
         let grid = ct.grid();
@@ -86,7 +88,8 @@ impl Gallery {
             View { small: plane.scaled(SMALLER), overlay, planning, sums, plane }
         };
         let views = [sagittal, coronal].map(view).into();
-        Self { views, bones, count: 0, thumbnails: Vec::new() }
+        let opacity = (2.0 / (total as f64).max(1.0).sqrt()).clamp(FAINTEST, 0.9);
+        Self { views, bones, count: 0, opacity, thumbnails: Vec::new() }
     }
 
     /// Adds a posture.
@@ -104,7 +107,7 @@ impl Gallery {
                 *sum = [sum[0] + hu, sum[1] + hu * hu];
             }
             let moved = labels(&view.plane, map, &self.bones);
-            outline(&mut view.overlay, &moved, view.plane.width, ORANGE, FAINTEST);
+            outline(&mut view.overlay, &moved, view.plane.width, ORANGE, self.opacity);
             let hu = view.small.hu(ct);
             let mut thumbnail = view.small.paint(|_, n| grey(tone(f64::from(hu[n]))));
             outline(&mut thumbnail, &labels(&view.small, map, &self.bones), view.small.width, ORANGE, 0.9);
@@ -130,7 +133,7 @@ impl Gallery {
                 mix(grey(0.5 * tone(mean(k))), heat(sd / GREATEST_SD), (sd / 60.0).min(1.0))
             }));
         }
-        let shown = |title, caption, parts: &[Canvas]| Ok(Shown { title, caption, png: png(&beside(parts))? });
+        let shown = |title, caption, parts: &[Canvas]| Ok(Shown { title, caption, png: full(&beside(parts))? });
         Ok(vec![
             shown(
                 "Bones of all postures",
@@ -164,6 +167,13 @@ fn beside(parts: &[Canvas]) -> Canvas {
     canvas
 }
 
+fn full(canvas: &Canvas) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    canvas.write_png(&mut out).map_err(|e| Error::Internal(format!("a picture of the library: {e}")))?;
+    Ok(out)
+}
+
+/// Of few colours: there are many of them.
 fn png(canvas: &Canvas) -> Result<Vec<u8>> {
     let mut out = Vec::new();
     canvas.write_small_png(&mut out).map_err(|e| Error::Internal(format!("a picture of the library: {e}")))?;
@@ -179,7 +189,7 @@ mod tests {
     #[test]
     fn a_library_of_one_still_posture_spreads_nowhere() {
         let (case, outcome, _) = example::small();
-        let mut gallery = Gallery::new(&case.planning, &case.bones, &outcome.body, &outcome.skeleton);
+        let mut gallery = Gallery::new((&case.planning, &case.bones), &outcome.body, &outcome.skeleton, 2);
         gallery.add("posture_001", &case.planning, &case.bones).unwrap();
         let view = &gallery.views[0];
         assert!(view.plane.kind == Kind::Sagittal && view.planning.iter().any(|l| *l > 0));
