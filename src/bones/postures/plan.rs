@@ -125,16 +125,16 @@ impl PosturePlan {
         let mut held = 0;
         let mut values = self.mean.clone();
         for (n, (own, spread)) in values.iter_mut().zip(&self.joints).enumerate() {
-            for a in 0..6 {
-                let wanted = own[a] + self.modes.iter().zip(&weights).map(|(m, w)| w * m.values[n][a]).sum::<f64>();
+            for (a, value) in own.iter_mut().enumerate() {
+                let wanted = *value + self.modes.iter().zip(&weights).map(|(m, w)| w * m.values[n][a]).sum::<f64>();
                 let [low, high] = spread.range[a];
                 let within = wanted.clamp(low, high);
                 held += usize::from((wanted - within).abs() > f64::EPSILON);
-                own[a] = within;
+                *value = within;
                 if spread.sd[a] > 0.0 {
                     let sd = self.scale * spread.sd[a];
                     let room = [(low - within).max(-cut * sd), (high - within).min(cut * sd)];
-                    own[a] = (within + quantile(point.coordinate(), sd, room)).clamp(low, high);
+                    *value = (within + quantile(point.coordinate(), sd, room)).clamp(low, high);
                 }
             }
         }

@@ -105,7 +105,7 @@ pub struct LibraryArgs {
     #[arg(long, value_name = "FILE", num_args = 0..=1, conflicts_with = "noise")]
     pub cbct: Option<Option<PathBuf>>,
     /// Add white noise of this standard deviation to the images, HU
-    #[arg(long, value_name = "HU", value_parser = parse_noise)]
+    #[arg(long, value_name = "HU", allow_negative_numbers = true, value_parser = parse_noise)]
     pub noise: Option<f64>,
     /// Settings (TOML), or the library.json of an earlier run to take its settings and inputs
     #[arg(long, value_name = "FILE")]

@@ -18,8 +18,9 @@ use crate::io::postures::write_postures;
 use crate::io::{self, Planned, RunFolder, relative_to, write_file, write_json};
 use crate::pipeline::Posing;
 use crate::progress::Silent;
-use crate::report::{About, Gallery, Manifest, OutputFile, PostureRecord, Rejected, library_page};
+use crate::report::{About, Gallery, Manifest, OutputFile, PostureRecord, RECORD, Rejected, library_page};
 use crate::runtime::Runtime;
+use crate::warning::Warning;
 use make::Maker;
 use sources::Sources;
 use std::fmt::Write as _;
@@ -108,12 +109,13 @@ fn finish(
     let name = out.file_name().map_or_else(|| "library".into(), |n| n.to_string_lossy());
     let page = library_page(&name, records, gallery, &about)?;
     write_file(out.join(PAGE), |w| w.write_all(page.as_bytes()))?;
-    let more = vec![
-        OutputFile::written(out, PLAN, "the plan in full, for --plan")?,
-        OutputFile::written(out, PAGE, "the spread of the library as a page")?,
-    ];
-    let told = about.warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, harmless(&w.message)));
-    let text = table(records, &about.rejected) + &told.collect::<String>();
+    let own = records
+        .iter()
+        .map(|r| OutputFile::written(out, &format!("{}/{RECORD}", r.name), "what is known of the posture"));
+    let mut more: Vec<OutputFile> = own.collect::<Result<_>>()?;
+    more.push(OutputFile::written(out, PLAN, "the plan in full, for --plan")?);
+    more.push(OutputFile::written(out, PAGE, "the spread of the library as a page")?);
+    let text = table(records, &about.rejected) + &told(&about.warnings);
     let manifest = Manifest::new(records, &posing.case().bones.names, about, more);
     write_json(out.join(MANIFEST), &manifest)?;
     folder.finish();
@@ -123,9 +125,20 @@ fn finish(
     Ok(format!("{text}The page: {}", out.join(PAGE).display()))
 }
 
+/// A few warnings for the terminal; the page has all.
+fn told(warnings: &[Warning]) -> String {
+    let few = warnings.iter().take(SHOWN).map(|w| format!("  warning ({}): {}\n", w.code, harmless(&w.message)));
+    let more = warnings.len().saturating_sub(SHOWN);
+    let rest = (more > 0).then(|| format!("  {more} more warnings of the planning side are on the page\n"));
+    few.chain(rest).collect()
+}
+
+/// Warnings that the terminal shows.
+const SHOWN: usize = 4;
+
 /// Whether a posture of an earlier run with these settings lies there.
 fn started(out: &Path, name: &str, base: &str) -> bool {
-    let text = std::fs::read(out.join(name).join("posture.json")).unwrap_or_default();
+    let text = std::fs::read(out.join(name).join(RECORD)).unwrap_or_default();
     serde_json::from_slice::<PostureRecord>(&text).is_ok_and(|r| r.key.starts_with(base))
 }
 
@@ -134,7 +147,7 @@ fn planned(names: &[String], sources: &Sources) -> Planned {
     let format = sources.config.output.field_format.extension();
     let fields = ["planning_to_fraction", "fraction_to_planning"].map(|f| format!("{f}.{format}"));
     let others = ["ct.nii.gz", "image.nii.gz", "labels.nii.gz", "dose.nii.gz", "contours.json"];
-    let more = ["pose.toml", "bone_transforms.json", "posture.json"];
+    let more = ["pose.toml", "bone_transforms.json", RECORD];
     let files: Vec<String> = others.into_iter().chain(more).map(String::from).chain(fields).collect();
     let of = |name: &String| files.iter().map(|f| format!("{name}/{f}")).collect::<Vec<_>>();
     Planned {

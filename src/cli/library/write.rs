@@ -11,7 +11,7 @@ use crate::geometry::Grid;
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::phantom::{CbctOptions, degrade};
 use crate::pipeline::Outcome;
-use crate::report::{OutputFile, PostureRecord, write_bone_transforms};
+use crate::report::{OutputFile, PostureRecord, RECORD, write_bone_transforms};
 use crate::skeleton::Pose;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
@@ -162,7 +162,7 @@ impl<'a> Written<'a> {
 
     /// Writes the record of a posture whose files are there: it is complete.
     pub(super) fn record(out: &Path, record: &mut PostureRecord) -> Result<()> {
-        write_json(out.join(&record.name).join("posture.json"), record)
+        write_json(out.join(&record.name).join(RECORD), record)
     }
 }
 

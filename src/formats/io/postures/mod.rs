@@ -10,7 +10,7 @@ use super::keyed::{Keyed, parse};
 use super::pose::{child, pose_in};
 use crate::error::Result;
 use crate::postures::{Mode, NamedPose, PosturePlan, Spread, VolumeRange, neck, sixes};
-use crate::skeleton::Skeleton;
+use crate::skeleton::{Bone, Skeleton};
 use std::path::Path;
 
 /// Keys of a plan.
@@ -53,8 +53,10 @@ pub fn read_postures(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Post
     plan.scale = within("scale", 0.01, 100.0)?.unwrap_or(plan.scale);
     plan.truncation_sd = within("truncation_sd", 0.5, 6.0)?.unwrap_or(plan.truncation_sd);
     limits(&file, &mut plan)?;
-    if let (Some(couch), Some(root)) = (file.inner("couch")?, plan.joints.first_mut()) {
-        self::couch(&couch, root)?;
+    if let (Some(couch), Some(root), Some(bone)) =
+        (file.inner("couch")?, plan.joints.first_mut(), skeleton.bones.first())
+    {
+        self::couch(&couch, root, bone)?;
     }
     for part in BENT {
         if let Some(keys) = file.inner(part)? {
@@ -63,7 +65,7 @@ pub fn read_postures(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Post
     }
     for (name, keys) in file.inner("bones")?.map_or_else(|| Ok(Vec::new()), |bones| bones.each())? {
         let at = child(name, &keys, skeleton)?;
-        bone(&keys, &mut plan.joints[at])?;
+        bone(&keys, &mut plan.joints[at], &skeleton.bones[at])?;
     }
     if let Some(mean) = file.inner("mean")? {
         plan.mean = sixes(&pose_in(&mean, skeleton, &[])?);
@@ -114,29 +116,28 @@ fn deviations(keys: &Keyed, key: &str, into: &mut [f64]) -> Result<()> {
 }
 
 /// Ranges to either side along three axes.
-fn sides(keys: &Keyed, key: &str, into: &mut [[f64; 2]]) -> Result<()> {
+fn sides(keys: &Keyed, key: &str, into: &mut [[f64; 2]], joint: &[[f64; 2]]) -> Result<()> {
     let Some(most) = keys.numbers::<3>(key)? else { return Ok(()) };
-    for (range, most) in into.iter_mut().zip(most) {
+    for ((range, joint), most) in into.iter_mut().zip(joint).zip(most) {
         if most < 0.0 {
             return Err(keys.refuse(key, "a range is negative", "write how far it may go to either side, 0 or more"));
         }
-        narrow(keys, key, range, [-most, most])?;
+        *range = narrow(keys, key, joint, [-most, most])?;
     }
     Ok(())
 }
 
-/// Puts a range in place of one that holds it.
-fn narrow(keys: &Keyed, key: &str, range: &mut [f64; 2], wanted: [f64; 2]) -> Result<()> {
+/// A range that the joint's own holds.
+fn narrow(keys: &Keyed, key: &str, joint: &[f64; 2], wanted: [f64; 2]) -> Result<[f64; 2]> {
     // A digit of a written file may be rounded.
-    let room = 1e-9 * (1.0 + range[0].abs().max(range[1].abs()));
-    if wanted[0] < range[0] - room || wanted[1] > range[1] + room {
-        let problem = format!("beyond the joint's range of {} to {}", range[0], range[1]);
+    let room = 1e-9 * (1.0 + joint[0].abs().max(joint[1].abs()));
+    if wanted[0] < joint[0] - room || wanted[1] > joint[1] + room {
+        let problem = format!("beyond the joint's range of {} to {}", joint[0], joint[1]);
         let remedy =
             "stay within it, or widen the joint in a file for --skeleton (`aventail skeleton --out` writes one)";
         return Err(keys.refuse(key, problem, remedy));
     }
-    *range = wanted;
-    Ok(())
+    Ok(wanted)
 }
 
 /// Two numbers that ascend.
@@ -150,16 +151,18 @@ fn pair(keys: &Keyed, key: &str) -> Result<Option<[f64; 2]>> {
     }
 }
 
-fn couch(keys: &Keyed, root: &mut Spread) -> Result<()> {
+fn couch(keys: &Keyed, root: &mut Spread, bone: &Bone) -> Result<()> {
+    let own = Spread::of(bone).range;
     keys.only(&["rotation_sd_deg", "shift_sd_mm", "rotation_deg", "shift_mm"])?;
     deviations(keys, "rotation_sd_deg", &mut root.sd[..3])?;
     deviations(keys, "shift_sd_mm", &mut root.sd[3..])?;
-    sides(keys, "rotation_deg", &mut root.range[..3])?;
-    sides(keys, "shift_mm", &mut root.range[3..])
+    sides(keys, "rotation_deg", &mut root.range[..3], &own[..3])?;
+    sides(keys, "shift_mm", &mut root.range[3..], &own[3..])
 }
 
 /// A joint by itself.
-fn bone(keys: &Keyed, spread: &mut Spread) -> Result<()> {
+fn bone(keys: &Keyed, spread: &mut Spread, bone: &Bone) -> Result<()> {
+    let own = Spread::of(bone).range;
     let of = |end: &str| ANGLES.map(|a| format!("{a}{end}"));
     let (sds, ranges) = (of("_sd_deg"), of("_deg"));
     let known: Vec<&str> = sds.iter().chain(&ranges).map(String::as_str).chain(["shift_sd_mm", "shift_mm"]).collect();
@@ -172,11 +175,11 @@ fn bone(keys: &Keyed, spread: &mut Spread) -> Result<()> {
             spread.sd[a] = sd;
         }
         if let Some(wanted) = pair(keys, &ranges[a])? {
-            narrow(keys, &ranges[a], &mut spread.range[a], wanted)?;
+            spread.range[a] = narrow(keys, &ranges[a], &own[a], wanted)?;
         }
     }
     deviations(keys, "shift_sd_mm", &mut spread.sd[3..])?;
-    sides(keys, "shift_mm", &mut spread.range[3..])
+    sides(keys, "shift_mm", &mut spread.range[3..], &own[3..])
 }
 
 /// The neck or the back as a whole, and what each of its levels does besides.

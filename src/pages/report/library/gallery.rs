@@ -88,7 +88,7 @@ impl Gallery {
             View { small: plane.scaled(SMALLER), overlay, planning, sums, plane }
         };
         let views = [sagittal, coronal].map(view).into();
-        let opacity = (2.0 / (total as f64).max(1.0).sqrt()).clamp(FAINTEST, 0.9);
+        let opacity = (1.4 / (total as f64).max(1.0).sqrt()).clamp(FAINTEST, 0.9);
         Self { views, bones, count: 0, opacity, thumbnails: Vec::new() }
     }
 

@@ -9,4 +9,4 @@ mod record;
 pub use gallery::Gallery;
 pub use manifest::{About, Manifest, Rejected};
 pub use page::library_page;
-pub use record::{PostureRecord, Totals};
+pub use record::{PostureRecord, RECORD, Totals};

@@ -2,10 +2,12 @@
 
 use super::super::canvas::Canvas;
 use super::super::html::{data_url, head};
+use super::gallery::Shown;
 use super::{About, Gallery, PostureRecord, histogram};
 use crate::error::{Error, Result};
 use crate::postures::sources;
 use maud::{DOCTYPE, Markup, html};
+use std::collections::BTreeSet;
 
 /// Styles beside the common ones.
 const STYLE: &str = "
@@ -16,6 +18,9 @@ const STYLE: &str = "
 td.tight, th.tight { padding-right: 8px; }
 @media (max-width: 820px) { .thumbs { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
 ";
+
+/// Implausible postures that are told at the top.
+const SHOWN: usize = 8;
 
 /// The page of a library; everything it needs is inside.
 ///
@@ -32,19 +37,16 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
             body {
                 header { p.brand { "aventail \u{b7} library of postures" } h1 { (title) } }
                 p { (summary(records, about, odd.len())) }
-                @if !odd.is_empty() || !about.warnings.is_empty() {
+                @if !odd.is_empty() {
                     ul.warnings {
-                        @for r in &odd { li { code { (r.name) } "implausible: " (r.why.join("; ")) } }
-                        @for w in &about.warnings { li { code { (w.code) } (w.message) } }
+                        @for r in odd.iter().take(SHOWN) { li { code { (r.name) } "implausible: " (r.why.join("; ")) } }
+                        @if odd.len() > SHOWN { li { (odd.len() - SHOWN) " more: see the table" } }
                     }
                 }
-                @for (n, picture) in shown.iter().enumerate() {
-                    @if n == 0 { h2 { "Spread" } }
-                    figure {
-                        h3 { (picture.title) }
-                        img alt=(picture.title) src=(data_url(&picture.png));
-                        figcaption { (picture.caption) }
-                    }
+                h2 { "Spread" }
+                @if let [overlay, rest @ ..] = shown.as_slice() {
+                    (plate(overlay))
+                    div.pair { @for picture in rest { (plate(picture)) } }
                 }
                 h2 { "How far bones move" }
                 p.note { "Displacement of each bone's centroid, couch included; the line is the mean. Heights are of the fullest bin." }
@@ -62,6 +64,10 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
                 table {
                     tbody { @for s in sources() { tr { td { b { (s.part) } } td.wide { (s.source) } } } }
                 }
+                @if !about.warnings.is_empty() {
+                    h2 { "Warnings of the planning side" }
+                    ul.warnings { @for w in &about.warnings { li { code { (w.code) } (w.message) } } }
+                }
                 h2 { "Provenance" }
                 (provenance(about))
                 section.limits {
@@ -77,6 +83,16 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
         }
     }
     .into_string())
+}
+
+fn plate(picture: &Shown) -> Markup {
+    html! {
+        figure {
+            h3 { (picture.title) }
+            img alt=(picture.title) src=(data_url(&picture.png));
+            figcaption { (picture.caption) }
+        }
+    }
 }
 
 fn encoded(canvas: &Canvas) -> Result<Vec<u8>> {
@@ -110,8 +126,7 @@ fn figure(v: f64) -> String {
 
 /// The parameters of every posture.
 fn table(records: &[PostureRecord]) -> Markup {
-    let organs: Vec<&str> =
-        records.first().map_or_else(Vec::new, |r| r.volumes.iter().map(|v| v.organ.as_str()).collect());
+    let organs: BTreeSet<&str> = records.iter().flat_map(|r| &r.volumes).map(|v| v.organ.as_str()).collect();
     html! {
         table {
             thead {
@@ -122,12 +137,14 @@ fn table(records: &[PostureRecord]) -> Markup {
                     th.n.tight { "Most moved bone mm" } th.n.tight { "Overlap mm" } th.n.tight { "Folded" } th.tight { "" }
                 }
             }
-            tbody { @for r in records { (row(r)) } }
+            tbody { @for r in records { (row(r, &organs)) } }
         }
     }
 }
 
-fn row(r: &PostureRecord) -> Markup {
+fn row(r: &PostureRecord, organs: &BTreeSet<&str>) -> Markup {
+    let volume =
+        |organ: &str| r.volumes.iter().find(|v| v.organ == organ).map_or(1.0, |v| v.reached.unwrap_or(v.factor));
     let list = |v: &[f64]| v.iter().map(|v| figure(*v)).collect::<Vec<_>>().join(", ");
     let (bone, mm) = r.greatest().unwrap_or(("", 0.0));
     html! {
@@ -135,7 +152,7 @@ fn row(r: &PostureRecord) -> Markup {
             td.tight { (r.name) @if let Some(name) = &r.chosen { " " em { (name) } } }
             td.n.tight { (list(&r.totals.couch[3..])) } td.n.tight { (list(&r.totals.couch[..3])) }
             td.n.tight { (list(&r.totals.neck_deg)) } td.n.tight { (figure(r.totals.jaw_deg)) }
-            @for v in &r.volumes { td.n.tight { (format!("{:.2}", v.reached.unwrap_or(v.factor))) } }
+            @for organ in organs { td.n.tight { (format!("{:.2}", volume(organ))) } }
             td.n.tight { (bone) " " (figure(mm)) } td.n.tight { (figure(r.deepest_mm())) } td.n.tight { (r.jacobian.folded) }
             td.tight { @if !r.plausible { span.odd { "implausible" } } @else if r.held > 0 { span.note { (r.held) " held" } } }
         }

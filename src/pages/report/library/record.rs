@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// The file of a posture's folder that holds its record.
+pub const RECORD: &str = "posture.json";
+
 /// One posture of a library, as its `posture.json` holds it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PostureRecord {
@@ -98,7 +101,7 @@ impl PostureRecord {
             totals: Totals::new(&outcome.skeleton, &outcome.pose),
             volumes: outcome.volume_changes.clone(),
             motion_mm: outcome.bone_fits.iter().map(|b| (b.name.clone(), b.motion_mm)).collect(),
-            jacobian: outcome.jacobian_report.body.clone(),
+            jacobian: outcome.jacobian_report.body,
             contact: outcome.contact.clone(),
             warnings: outcome.warnings.clone(),
             seconds: 0.0,
@@ -109,7 +112,7 @@ impl PostureRecord {
 
     /// The record in a posture's folder, if it is there and depends on the same things, and its files are as it says.
     pub fn finished(library: &Path, name: &str, key: &str) -> Option<Self> {
-        let text = std::fs::read(library.join(name).join("posture.json")).ok()?;
+        let text = std::fs::read(library.join(name).join(RECORD)).ok()?;
         let record: Self = serde_json::from_slice(&text).ok()?;
         let same = |o: &OutputFile| OutputFile::written(library, &o.name, "").is_ok_and(|now| now.sha256 == o.sha256);
         (record.key == key && record.name == name && record.outputs.iter().all(same)).then_some(record)
