@@ -503,6 +503,40 @@ mod tests {
     }
 
     #[test]
+    fn a_part_is_taken_back_and_what_stays_is_known_if_the_run_is_killed() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let planned = Planned {
+            reports: vec!["library.json".into()],
+            names: vec!["posture_001/a".into(), "posture_002/a".into()],
+        };
+        let open = || RunFolder::open(dir.path(), &planned, &[], "aventail library").unwrap();
+        for part in ["posture_001", "posture_002"] {
+            std::fs::create_dir(at(part)).unwrap();
+        }
+        let first = open();
+        write(at("posture_001/a"));
+        write(at("posture_002/a"));
+        first.take_back(Path::new("posture_002"));
+        assert!(at("posture_001/a").exists() && !at("posture_002").exists());
+        write(at("library.json"));
+        std::fs::write(at("library.json"), r#"{"outputs": [{"name": "posture_001/a"}]}"#).unwrap();
+        first.finish();
+        // Goes on with it, and is killed.
+        let mut second = open();
+        second.go_on(|name| name.starts_with("posture_001")).unwrap();
+        let list = std::fs::read(at(LOCK)).unwrap();
+        second.finish();
+        std::fs::write(at(LOCK), list).unwrap();
+        assert!(at("posture_001/a").exists());
+        // What wants nothing of it finds and removes it, with its folder.
+        let mut third = open();
+        third.begin().unwrap();
+        third.finish();
+        assert_eq!(names(dir.path()), [""; 0]);
+    }
+
+    #[test]
     fn inputs_are_spared_before_the_work_and_after() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
