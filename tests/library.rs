@@ -2,12 +2,14 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
+use crate::support::files::labels;
 use crate::support::{Register, aventail, bones_alone, files_below, folder, shared, small_phantom};
 use assert_cmd::Command;
 use aventail::geometry::Rigid;
 use aventail::io::{read_bone_transforms, read_contours, read_field, read_image, read_labels};
 use aventail::postures::{PosturePlan, sixes};
 use aventail::skeleton;
+use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -241,6 +243,37 @@ fn what_makes_no_library_is_refused_and_leaves_nothing() {
     fs::write(out.join("postures.toml"), PLAN).unwrap();
     refused("over", &["--sample", "1", "--plan", text(&out.join("postures.toml"))], 4, "input-overwritten");
     assert_eq!(fs::read_to_string(out.join("postures.toml")).unwrap(), PLAN);
+}
+
+/// A ball of soft tissue away from bones, as an organ's mask.
+fn gland() -> PathBuf {
+    let ct = read_image(&small_phantom().planning).unwrap().value;
+    let bones = read_labels(&small_phantom().bones, None).unwrap().value;
+    let grid = ct.grid();
+    let ball = |centre: Point3<f64>| {
+        (0..grid.len()).filter(|&l| (grid.centre(grid.voxel(l)) - centre).norm() < 22.0).collect::<Vec<_>>()
+    };
+    let soft = |l: &usize| bones.volume.data()[*l] == 0 && (-150.0..150.0).contains(&ct.data()[*l]);
+    let fits = |all: &Vec<usize>| all.len() > 50 && all.iter().all(soft);
+    let found = (0..grid.len()).filter(|l| soft(l)).map(|l| ball(grid.centre(grid.voxel(l)))).find(fits).unwrap();
+    let mut mask = Volume::filled(grid.clone(), 0u16);
+    found.iter().for_each(|l| mask.data_mut()[*l] = 1);
+    labels(&folder().join("gland.nii.gz"), &LabelMap { volume: mask, names: BTreeMap::new() })
+}
+
+#[test]
+fn organs_take_volumes_of_their_range() {
+    let out = folder().join("shrunk");
+    let gland = gland();
+    library(&out, &["--organs", text(&gland), "--volume-change", "gland=0.7..0.8", "--sample", "1", "--no-fields"])
+        .assert()
+        .success();
+    let volume = &json_of(&out.join("posture_001/posture.json"))["volumes"][0];
+    let (factor, reached) = (volume["factor"].as_f64().unwrap(), volume["reached"].as_f64().unwrap());
+    assert!(volume["organ"] == "gland" && (0.7..=0.8).contains(&factor), "{volume}");
+    assert!((reached / factor - 1.0).abs() < 0.1, "{volume}");
+    let names = read_labels(out.join("posture_001/labels.nii.gz"), None).unwrap().value.names;
+    assert!(names.values().any(|n| n == "gland"));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::io::checksum::sha256;
 use crate::io::{read_image, read_labels};
 use crate::phantom::CbctOptions;
 use crate::pipeline::{BoneMotion, Outcome, Posing};
-use crate::postures::{Drawn, MOST_DRAWS, PosturePlan, sixes};
+use crate::postures::{Drawn, MOST_DRAWS, PosturePlan, VolumeRange, sixes};
 use crate::report::{Gallery, PostureRecord, Rejected};
 use crate::runtime::Runtime;
 use crate::skeleton::Pose;
@@ -56,9 +56,12 @@ impl Maker<'_> {
     /// Posture `n` of the library: the plan's own come first, then those that are drawn.
     pub(super) fn posture(&mut self, n: usize, name: &str, gallery: &mut Gallery) -> Result<PostureRecord> {
         if let Some(own) = self.plan.postures.get(n) {
+            // Volumes that are no range hold for every posture.
+            let fixed = self.plan.volumes.iter().filter(|v| v.range[0].to_bits() == v.range[1].to_bits());
+            let change = |v: &VolumeRange| VolumeChange { organ: v.organ.clone(), factor: v.range[0] };
             let wanted = Wanted {
                 pose: own.pose.clone(),
-                changes: Vec::new(),
+                changes: fixed.map(change).collect(),
                 held: 0,
                 chosen: Some(own.name.clone()),
                 draw: None,

@@ -22,7 +22,7 @@ use crate::report::{About, Gallery, Manifest, OutputFile, PostureRecord, RECORD,
 use crate::runtime::Runtime;
 use crate::warning::Warning;
 use make::Maker;
-use sources::Sources;
+use sources::{Sources, without_volumes};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -83,7 +83,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
             .into_iter()
             .map(|i| crate::pipeline::InputFile { path: relative_to(&args.out, &i.path), about: None, ..i })
             .collect(),
-        settings: config.value()?,
+        settings: without_volumes(&config).value()?,
         degraded: degrade.as_ref().map(serde_json::to_value).transpose().map_err(|e| Error::Internal(e.to_string()))?,
         plan: PLAN.into(),
         sampled: args.sample.unwrap_or(0) as usize,

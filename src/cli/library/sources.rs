@@ -16,7 +16,7 @@ use crate::io::postures::read_postures;
 use crate::io::{self, ContourFile};
 use crate::phantom::CbctOptions;
 use crate::pipeline::{Case, InputFile};
-use crate::postures::PosturePlan;
+use crate::postures::{PosturePlan, VolumeRange};
 use crate::runtime::Runtime;
 use crate::skeleton;
 use crate::volume::Volume;
@@ -90,14 +90,18 @@ impl Sources {
         };
         plan.volumes.retain(|v| args.volume_change.iter().all(|own| own.organ != v.organ));
         plan.volumes.extend(args.volume_change.iter().cloned());
+        // What the settings fix holds for every posture.
+        for VolumeChange { organ, factor } in &config.chainmail.volume_change {
+            if plan.volumes.iter().all(|v| v.organ != *organ) {
+                plan.volumes.push(VolumeRange { organ: organ.clone(), range: [*factor; 2] });
+            }
+        }
         if let Some(problem) = plan.volumes.iter().find_map(problem) {
             return Err(Error::usage(problem, "correct [volumes] of the plan, or --volume-change"));
         }
         // In the middle of each range: the postures' own come when they are drawn.
-        let change = |v: &crate::postures::VolumeRange| VolumeChange {
-            organ: v.organ.clone(),
-            factor: f64::midpoint(v.range[0], v.range[1]),
-        };
+        let change =
+            |v: &VolumeRange| VolumeChange { organ: v.organ.clone(), factor: f64::midpoint(v.range[0], v.range[1]) };
         config.chainmail.volume_change = plan.volumes.iter().map(change).collect();
         if let Some(problem) = config.problem() {
             return Err(Error::usage(problem, "correct the settings, or what the volumes ask of them"));
@@ -128,16 +132,9 @@ impl Sources {
     pub(super) fn key(&self, args: &LibraryArgs) -> Result<String> {
         // The plan counts by the motions that come of it.
         let inputs: Vec<&str> = self.inputs.iter().filter(|i| i.role != "plan").map(|i| i.sha256.as_str()).collect();
-        let config = Config {
-            chainmail: crate::chainmail::ChainmailOptions {
-                volume_change: Vec::new(),
-                ..self.config.chainmail.clone()
-            },
-            ..self.config.clone()
-        };
         let all = serde_json::json!([
             env!("CARGO_PKG_VERSION"),
-            config.value()?,
+            without_volumes(&self.config).value()?,
             inputs,
             args.margin,
             args.no_fields,
@@ -146,6 +143,13 @@ impl Sources {
         ]);
         Ok(sha256(all.to_string().as_bytes()))
     }
+}
+
+/// The settings without changes of volume: those are the plan's.
+pub(super) fn without_volumes(config: &Config) -> Config {
+    let mut out = config.clone();
+    out.chainmail.volume_change.clear();
+    out
 }
 
 /// The bones, by `--bones auto` where they are asked for so.
