@@ -19,13 +19,13 @@
 //! ```text
 //! 9 cli        arguments, terminal            8 report     outcome -> files
 //! 7 pipeline benchmark                        6 config io concepts
-//! 5 fit plausibility refine phantom comparator  4 skeleton chainmail evaluate dose
+//! 5 fit plausibility postures refine phantom comparator  4 skeleton chainmail evaluate dose
 //! 3 field body view                           2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error findings warning progress runtime stats
 //! ```
 
 pub use aventail_base::{Error, Result, error, findings, geometry, progress, runtime, stats, volume, warning};
-pub use aventail_bones::{fit, plausibility, skeleton};
+pub use aventail_bones::{fit, plausibility, postures, skeleton};
 pub use aventail_fields::{body, field, view};
 pub use aventail_formats::io;
 pub use aventail_measures::{dose, evaluate};

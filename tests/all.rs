@@ -19,6 +19,7 @@ mod guide;
 mod images;
 mod invariance;
 mod labels;
+mod library;
 mod page;
 mod phantom;
 mod pose;

@@ -204,6 +204,7 @@ const BETWEEN: &[Finding] = &[
         "A NIfTI header extension is cut off or has an impossible size.",
         "Write the file anew; label names may be missing.",
     ),
+    warned("few-fractions", "Modes of few fractions are hardly known.", "Fit more fractions; see docs/library.md."),
     refused_or_warned(
         "field-direction",
         "A field is used the other way round than its header tells, or lies on the grid of the wrong image for its role.",
@@ -330,6 +331,7 @@ const BEHIND: &[Finding] = &[
         "A MetaImage's AnatomicalOrientation is not what its matrix says; the matrix is used.",
         "Check left, right, front and back in a viewer, and write the file anew.",
     ),
+    refused("other-planning", "Runs to be fitted differ in planning CT or labels.", "Give runs of one planning CT."),
     warned(
         "outside-field",
         "A part of the input (share of volume; of dose the share of the dose) lies outside a field and was not moved by it.",
@@ -340,6 +342,7 @@ const BEHIND: &[Finding] = &[
         "The voxel spacing (pixdim) and the sform of a NIfTI file differ: readers of the one and the other see another size.",
         "Find out which one is right, and write the file anew.",
     ),
+    refused("postures-implausible", "Draw after draw is implausible.", "Lower the deviations, or raise the limits."),
     warned(
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",

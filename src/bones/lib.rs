@@ -1,4 +1,4 @@
-//! Crate of aventail: the jointed skeleton, and the pose that explains an image.
+//! Crate of aventail: the jointed skeleton, the pose that explains an image, and postures drawn at random.
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
@@ -7,4 +7,5 @@ use aventail_measures::evaluate;
 
 pub mod fit;
 pub mod plausibility;
+pub mod postures;
 pub mod skeleton;

@@ -37,6 +37,10 @@ pub enum Verb {
     /// Move the skeleton by hand: an artificial CT in another posture, with its labels and fields
     #[command(after_help = super::pose::HELP)]
     Pose(Box<super::pose::PoseArgs>),
+    /// Make artificial CTs in sampled postures, with labels, contours, dose and true fields: for plan libraries, robust planning
+    /// and augmentation
+    #[command(after_help = super::library::HELP)]
+    Library(Box<super::library::LibraryArgs>),
     /// Run the model's stages side by side on one case and write the thesis's tables for it
     #[command(after_help = super::study::HELP)]
     Study(super::study::StudyArgs),

@@ -15,6 +15,7 @@ mod headers;
 mod inputs;
 mod inspect;
 pub mod labels;
+pub mod library;
 mod links;
 mod organs;
 mod outputs;
@@ -58,6 +59,7 @@ pub fn run(cli: &Cli) -> Result<String> {
     match &cli.verb {
         Verb::Register(args) => register::run(args),
         Verb::Pose(args) => pose::run(args),
+        Verb::Library(args) => library::run(args),
         Verb::Demo(args) => demo::run(args),
         Verb::Phantom(args) => phantom::run(args),
         Verb::Warp(args) => warp::run(args),

@@ -27,7 +27,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
     let level = config.output.gzip_level;
     let options = |description: &str| WriteOptions { gzip_level: level, description: description.into() };
     let format = config.output.field_format;
-    let mut files = Files { folder: out, files: Vec::new() };
+    let mut files = Files::of(out);
     files.add(
         &format!("planning_to_fraction.{}", format.extension()),
         "push field on the planning grid, LPS mm: planning x goes to x + u(x)",
@@ -96,20 +96,25 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
 type Writing<'a> = Box<dyn Fn(&Path) -> Result<()> + Sync + 'a>;
 
 /// Files of a folder, still to be written.
-struct Files<'a> {
+pub(super) struct Files<'a> {
     folder: &'a Path,
     /// Name, what it holds, and how it is written.
     files: Vec<((String, String), Writing<'a>)>,
 }
 
 impl<'a> Files<'a> {
-    fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
+    /// None yet, of this folder.
+    pub(super) fn of(folder: &'a Path) -> Self {
+        Self { folder, files: Vec::new() }
+    }
+
+    pub(super) fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
         self.files.push(((name.into(), what.into()), Box::new(write)));
     }
 
     /// Writes them side by side, so that one thread can compress while another waits for the disk; of several failures the first
     /// file's is told.
-    fn write(self) -> Result<Vec<OutputFile>> {
+    pub(super) fn write(self) -> Result<Vec<OutputFile>> {
         let one = |((name, what), write): &((String, String), Writing<'a>)| {
             write(&self.folder.join(name))?;
             OutputFile::written(self.folder, name, what)

@@ -86,7 +86,7 @@ pub struct MotionArgs {
 }
 
 /// A length from 0 to 500 mm.
-fn parse_margin(text: &str) -> Result<f64, String> {
+pub(super) fn parse_margin(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
     if (0.0..=500.0).contains(&value) { Ok(value) } else { Err("give 0 to 500 mm".into()) }
 }

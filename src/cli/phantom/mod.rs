@@ -268,7 +268,7 @@ fn breathing_options(args: &PhantomArgs, amplitude: Option<f64>, cbct: bool) -> 
 }
 
 /// The settings of a file, or those as they come.
-fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
+pub(super) fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
     let Some(path) = file else { return Ok(CbctOptions::default()) };
     let text =
         std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct"))?;

@@ -32,7 +32,7 @@ pub(super) const PARTS: [&str; 10] = [
     "dicom",
 ];
 /// Files that tell in `outputs` what a run has written.
-pub(super) const REPORTS: [&str; 8] = [
+pub(super) const REPORTS: [&str; 9] = [
     "report.json",
     "evaluation.json",
     "dvh_run.json",
@@ -41,6 +41,7 @@ pub(super) const REPORTS: [&str; 8] = [
     "study.json",
     "concepts.json",
     "phantom.json",
+    "library.json",
 ];
 
 /// The folders that this process holds.
@@ -63,6 +64,8 @@ pub struct RunFolder {
     /// What the runs before have written, and is still to be removed.
     leftovers: BTreeSet<PathBuf>,
     reports: Vec<String>,
+    /// Folders in it that hold files of the run, the inner ones first.
+    parts: Vec<PathBuf>,
     begun: bool,
     finished: bool,
 }
@@ -109,10 +112,13 @@ impl RunFolder {
         let inputs: Vec<PathBuf> = inputs.iter().map(|p| p.to_path_buf()).collect();
         let held = Arc::new(Held { folder: real, inputs, journal });
         all_held().push(Arc::clone(&held));
-        let mut own =
-            Self { held, leftovers: unfinished, reports: planned.reports.clone(), begun: false, finished: false };
+        let mut parts: Vec<PathBuf> = PARTS.iter().map(PathBuf::from).collect();
+        let more: BTreeSet<&Path> = planned.names.iter().filter_map(|name| Path::new(name).parent()).collect();
+        parts.extend(more.into_iter().rev().filter(|part| is_inside(part)).map(Path::to_owned));
+        let reports = planned.reports.clone();
+        let mut own = Self { held, leftovers: unfinished, reports, parts, begun: false, finished: false };
         sweep(folder);
-        PARTS.iter().for_each(|part| sweep(&folder.join(part)));
+        own.parts.iter().for_each(|part| sweep(&folder.join(part)));
         own.earlier(folder, planned)?;
         Ok(own)
     }
@@ -146,8 +152,17 @@ impl RunFolder {
     /// # Errors
     /// [`Error::Write`] when a file cannot be removed.
     pub fn go_on(&mut self, kept: impl Fn(&Path) -> bool) -> Result<()> {
-        self.leftovers.retain(|name| !kept(name));
-        self.clear()
+        let stays;
+        (stays, self.leftovers) = std::mem::take(&mut self.leftovers).into_iter().partition(|name| kept(name));
+        self.clear()?;
+        // Listed as if this run had written them: if it is killed, the next one knows of them.
+        let mut journal = self.held.journal();
+        let lines: String = stays.iter().filter_map(|name| line(name)).collect();
+        let noted = journal.file.write_all(lines.as_bytes());
+        noted.map_err(|e| Error::write(&self.held.folder, e.to_string(), "check the disk"))?;
+        let stays: BTreeSet<PathBuf> = stays;
+        journal.written.extend(stays);
+        Ok(())
     }
 
     fn clear(&mut self) -> Result<()> {
@@ -162,12 +177,27 @@ impl RunFolder {
         }
         drop(journal);
         self.leftovers.clear();
+        // Of a run with fewer parts, empty folders would be left.
+        let above: BTreeSet<&Path> = rest.iter().filter_map(|name| name.parent()).filter(|p| is_inside(p)).collect();
+        above.into_iter().for_each(|part| drop(std::fs::remove_dir(folder.join(part))));
         Ok(())
     }
 
     /// What has been written so far, by its path in the folder.
     pub fn written(&self) -> Vec<PathBuf> {
         self.held.journal().written.iter().cloned().collect()
+    }
+
+    /// Removes what this run has written into a part of its folder, and the part where nothing else is in it.
+    pub fn take_back(&self, part: &Path) {
+        let mut journal = self.held.journal();
+        let folder = &self.held.folder;
+        let (gone, kept) = std::mem::take(&mut journal.written).into_iter().partition(|name| name.starts_with(part));
+        journal.written = kept;
+        // What led here is the error to report, not that something could not be removed.
+        let gone: BTreeSet<PathBuf> = gone;
+        gone.iter().for_each(|name| drop(remove(folder, name)));
+        let _ = std::fs::remove_dir(folder.join(part));
     }
 
     /// The run is complete: its files stay.
@@ -184,7 +214,7 @@ impl Drop for RunFolder {
         if self.begun && !self.finished {
             // What led here is the error to report, not that something could not be removed.
             journal.written.iter().for_each(|name| drop(remove(folder, name)));
-            PARTS.iter().for_each(|part| drop(std::fs::remove_dir(folder.join(part))));
+            self.parts.iter().for_each(|part| drop(std::fs::remove_dir(folder.join(part))));
         }
         // What is left of a killed run stays listed for the next.
         if self.begun || self.leftovers_listed_elsewhere() {
@@ -470,6 +500,40 @@ mod tests {
         write(at("a.nii"));
         next.finish();
         assert_eq!(names(dir.path()), ["a.nii"]);
+    }
+
+    #[test]
+    fn a_part_is_taken_back_and_what_stays_is_known_if_the_run_is_killed() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let planned = Planned {
+            reports: vec!["library.json".into()],
+            names: vec!["posture_001/a".into(), "posture_002/a".into()],
+        };
+        let open = || RunFolder::open(dir.path(), &planned, &[], "aventail library").unwrap();
+        for part in ["posture_001", "posture_002"] {
+            std::fs::create_dir(at(part)).unwrap();
+        }
+        let first = open();
+        write(at("posture_001/a"));
+        write(at("posture_002/a"));
+        first.take_back(Path::new("posture_002"));
+        assert!(at("posture_001/a").exists() && !at("posture_002").exists());
+        write(at("library.json"));
+        std::fs::write(at("library.json"), r#"{"outputs": [{"name": "posture_001/a"}]}"#).unwrap();
+        first.finish();
+        // Goes on with it, and is killed.
+        let mut second = open();
+        second.go_on(|name| name.starts_with("posture_001")).unwrap();
+        let list = std::fs::read(at(LOCK)).unwrap();
+        second.finish();
+        std::fs::write(at(LOCK), list).unwrap();
+        assert!(at("posture_001/a").exists());
+        // What wants nothing of it finds and removes it, with its folder.
+        let mut third = open();
+        third.begin().unwrap();
+        third.finish();
+        assert_eq!(names(dir.path()), [""; 0]);
     }
 
     #[test]

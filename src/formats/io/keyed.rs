@@ -43,6 +43,31 @@ impl<'a> Keyed<'a> {
         }
     }
 
+    /// Its keys.
+    pub(super) fn keys(&self) -> impl Iterator<Item = &'a str> + use<'a> {
+        self.table.keys().map(String::as_str)
+    }
+
+    /// The tables of an array of them.
+    pub(super) fn tables(&self, key: &str) -> Result<Vec<Keyed<'a>>> {
+        let wrong = || self.refuse(key, "expected tables", format!("write [[{}]]", self.key(key)));
+        let list = match self.table.get(key) {
+            None => return Ok(Vec::new()),
+            Some(value) => value.as_array().ok_or_else(wrong)?,
+        };
+        let table = |(n, value): (usize, &'a Value)| {
+            let way = format!("{}[{n}]", self.key(key));
+            Ok(Keyed { path: self.path, way, table: value.as_table().ok_or_else(wrong)? })
+        };
+        list.iter().enumerate().map(table).collect()
+    }
+
+    /// Yes or no.
+    pub(super) fn flag(&self, key: &str) -> Result<Option<bool>> {
+        let wrong = || self.refuse(key, "expected true or false", "write true or false");
+        self.table.get(key).map(|value| value.as_bool().ok_or_else(wrong)).transpose()
+    }
+
     /// The table under a key; `None` when there is none.
     pub(super) fn inner(&self, key: &str) -> Result<Option<Keyed<'a>>> {
         match self.table.get(key) {

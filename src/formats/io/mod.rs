@@ -30,6 +30,7 @@ mod nifti;
 mod nrrd;
 pub mod points;
 pub mod pose;
+pub mod postures;
 mod raster;
 mod sheet;
 pub mod skeleton;

@@ -4,8 +4,7 @@ use super::keyed::{Keyed, near, parse};
 use super::skeleton::bare;
 use super::write_file;
 use crate::error::Result;
-use crate::skeleton::{JointPose, Pose, Skeleton};
-use std::fmt::Write as _;
+use crate::skeleton::{Bone, JointPose, Pose, Skeleton};
 use std::path::Path;
 
 /// Reads a pose. Bones that the file does not name do not move against their parent.
@@ -19,8 +18,12 @@ use std::path::Path;
 /// file, key and value, for unknown bones and keys, values of the wrong type, and a pose of the root under its name.
 pub fn read_pose(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Pose> {
     let table = parse(path.as_ref())?;
-    let file = Keyed::new(path.as_ref(), &table);
-    file.only(&["couch", "bones"])?;
+    pose_in(&Keyed::new(path.as_ref(), &table), skeleton, &[])
+}
+
+/// The pose of a table that may hold `more` keys.
+pub(super) fn pose_in(file: &Keyed, skeleton: &Skeleton, more: &[&str]) -> Result<Pose> {
+    file.only(&[&["couch", "bones"], more].concat())?;
     let mut joints = vec![JointPose::default(); skeleton.bones.len()];
     if let (Some(couch), Some(root)) = (file.inner("couch")?, joints.first_mut()) {
         couch.only(&["rotation_deg", "shift_mm"])?;
@@ -29,17 +32,22 @@ pub fn read_pose(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Pose> {
     }
     let listed = file.inner("bones")?.map_or_else(|| Ok(Vec::new()), |bones| bones.each())?;
     for (name, keys) in listed {
-        let names = || skeleton.bones.iter().map(|b| b.name.as_str());
-        match names().position(|n| n == name) {
-            None => {
-                let remedy = format!("bones of this skeleton that may be meant: {}", near(name, names()));
-                return Err(keys.refuse("", "no such bone", remedy));
-            }
-            Some(0) => return Err(keys.refuse("", "this bone is the root", "move it with [couch]")),
-            Some(at) => joints[at] = joint(&keys)?,
-        }
+        joints[child(name, &keys, skeleton)?] = joint(&keys)?;
     }
     Ok(Pose { joints })
+}
+
+/// The bone of this name, which is not the root.
+pub(super) fn child(name: &str, keys: &Keyed, skeleton: &Skeleton) -> Result<usize> {
+    let names = || skeleton.bones.iter().map(|b| b.name.as_str());
+    match names().position(|n| n == name) {
+        None => {
+            let remedy = format!("bones of this skeleton that may be meant: {}", near(name, names()));
+            Err(keys.refuse("", "no such bone", remedy))
+        }
+        Some(0) => Err(keys.refuse("", "this bone is the root", "move it with [couch]")),
+        Some(at) => Ok(at),
+    }
 }
 
 fn joint(keys: &Keyed) -> Result<JointPose> {
@@ -67,26 +75,36 @@ fn text(skeleton: &Skeleton, pose: &Pose) -> String {
          # Shifts are along the same axes (right-left, front-back, foot-head), mm.\n\
          # [couch] moves the root, and with it all bones.\n",
     );
-    // Rust writes the shortest digits that read back as the same number.
-    let list = |v: [f64; 3]| v.map(|x| format!("{x:?}")).join(", ");
     for (bone, joint) in skeleton.bones.iter().zip(&pose.joints) {
-        let degrees = joint.rotation.map(f64::to_degrees);
-        let lines = if bone.parent.is_none() {
-            format!("\n[couch]\nrotation_deg = [{}]\nshift_mm = [{}]\n", list(degrees), list(joint.translation))
-        } else if *joint == JointPose::default() {
-            continue;
-        } else {
-            let name =
-                if bare(&bone.name) { bone.name.clone() } else { toml::Value::from(bone.name.as_str()).to_string() };
-            let [flexion, lateral, axial] = degrees;
-            format!(
-                "\n[bones.{name}]\nflexion_deg = {flexion:?}\nlateral_deg = {lateral:?}\naxial_deg = {axial:?}\nshift_mm = [{}]\n",
-                list(joint.translation)
-            )
-        };
-        out.write_str(&lines).expect("writing to a String cannot fail");
+        if bone.parent.is_none() || *joint != JointPose::default() {
+            out.push_str(&entry(bone, joint, ""));
+        }
     }
     out
+}
+
+/// Numbers of a TOML list. Rust writes the shortest digits that read back as the same number.
+pub(super) fn list(v: &[f64]) -> String {
+    v.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(", ")
+}
+
+/// The name as a TOML key.
+pub(super) fn key(name: &str) -> String {
+    if bare(name) { name.to_owned() } else { toml::Value::from(name).to_string() }
+}
+
+/// A joint's table; `within` begins its heading.
+pub(super) fn entry(bone: &Bone, joint: &JointPose, within: &str) -> String {
+    let [flexion, lateral, axial] = joint.rotation.map(f64::to_degrees);
+    let shift = list(&joint.translation);
+    if bone.parent.is_none() {
+        let rotation = list(&[flexion, lateral, axial]);
+        return format!("\n[{within}couch]\nrotation_deg = [{rotation}]\nshift_mm = [{shift}]\n");
+    }
+    format!(
+        "\n[{within}bones.{}]\nflexion_deg = {flexion:?}\nlateral_deg = {lateral:?}\naxial_deg = {axial:?}\nshift_mm = [{shift}]\n",
+        key(&bone.name)
+    )
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ pub mod evaluation;
 #[cfg(test)]
 mod example;
 mod html;
+mod library;
 mod numbers;
 mod pictures;
 mod plane;
@@ -28,6 +29,7 @@ pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};
 pub use html::page;
+pub use library::{About, Gallery, Manifest, PostureRecord, RECORD, Rejected, Totals, library_page};
 pub use numbers::{OutputFile, Report, Run};
 pub use pictures::{Picture, draw};
 pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};

@@ -131,6 +131,12 @@ fn letter(direction: &Vector3<f64>) -> &'static str {
 }
 
 impl Plane {
+    /// The same part of the world with `factor` as many pixels along each side.
+    pub(super) fn scaled(&self, factor: f64) -> Self {
+        let pixels = |n: usize| ((n as f64 * factor).round() as usize).max(1);
+        Self { scale: self.scale * factor, width: pixels(self.width), height: pixels(self.height), ..self.clone() }
+    }
+
     /// World position of a place in the picture.
     pub(super) fn world(&self, x: f64, y: f64) -> Point3<f64> {
         let [right, down] = self.kind.axes();

@@ -39,10 +39,15 @@ pub(super) fn measure(
     (report, skin)
 }
 
+/// Overlaps deeper than this are warned of, mm. `voxel` is the planning grid's largest voxel edge, mm.
+pub(super) fn least_depth(voxel: f64) -> f64 {
+    DEPTH_MM.max(0.5 * voxel)
+}
+
 /// What of it deserves a warning. `voxel` is the planning grid's largest voxel edge, mm.
 pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
     let mut out = Vec::new();
-    let limit = DEPTH_MM.max(0.5 * voxel);
+    let limit = least_depth(voxel);
     let deep: Vec<String> = report
         .overlaps
         .iter()

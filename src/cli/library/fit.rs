@@ -1,0 +1,187 @@
+//! Principal modes of a patient's own fractions, as a plan to draw from.
+
+use super::args::{LibraryArgs, MANIFEST, PLAN};
+use crate::cli::{command_line, planned, record, run_folder};
+use crate::error::{Error, Result};
+use crate::io::postures::write_postures;
+use crate::io::{self, relative_to, write_json};
+use crate::pipeline::InputFile;
+use crate::postures::{Mode, PosturePlan, Principal, Six, principal, sixes};
+use crate::report::Report;
+use crate::skeleton::{Bone, Joint, Skeleton};
+use crate::warning::Warning;
+use nalgebra::{Matrix3, Point3};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Fewer fractions than this are warned of.
+const FEW: usize = 6;
+/// Residual couch shift after correction: what reports have of it holds differences of scanner origins too.
+const COUCH_SD_MM: [f64; 3] = [1.9; 3];
+
+/// What was found, as `library.json` holds it.
+#[derive(Serialize)]
+struct Fitted<'a> {
+    version: &'a str,
+    command: String,
+    inputs: Vec<InputFile>,
+    fractions: usize,
+    /// Degrees squared and mm squared added up.
+    variance: f64,
+    modes: Vec<Explained<'a>>,
+    /// Standard deviations of each mode: one list for each fraction.
+    weights: &'a [Vec<f64>],
+    warnings: &'a [Warning],
+    outputs: Vec<record::Output>,
+}
+
+#[derive(Serialize)]
+struct Explained<'a> {
+    name: &'a str,
+    share: f64,
+}
+
+/// Finds the modes and writes the plan; returns the table (or JSON) for the terminal.
+pub(super) fn run(args: &LibraryArgs) -> Result<String> {
+    let files: Vec<PathBuf> = args.fit.iter().map(|folder| folder.join("report.json")).collect();
+    let paths: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    if files.len() < 2 {
+        return Err(Error::usage(
+            "modes of one fraction: a single posture does not vary",
+            "give the --out folders of two or more `aventail register` runs",
+        ));
+    }
+    let remedy = "give the --out folder of a finished `aventail register`";
+    let reports: Vec<Report> = files.iter().map(|path| Report::read(path, remedy)).collect::<Result<_>>()?;
+    same_planning(&files, &reports)?;
+    let names: Vec<&str> = reports[0].bones.iter().map(|b| b.name.as_str()).collect();
+    let postures: Vec<Vec<Six>> = reports.iter().map(posture).collect();
+    let found = principal(&postures).ok_or_else(|| Error::Internal("two postures have a mode".into()))?;
+    if found.modes.is_empty() {
+        let problem = "all fractions have the same posture: nothing varies";
+        return Err(Error::input("--fit", problem, "give different fractions"));
+    }
+    let mut folder = run_folder(&args.out, &planned(&[MANIFEST], &[PLAN]), &paths)?;
+    folder.begin()?;
+    let warnings: Vec<Warning> = few(postures.len()).into_iter().collect();
+    let skeleton = named_bones(&names);
+    let head = [
+        format!("Principal modes of {} fractions, found by aventail {}.", postures.len(), env!("CARGO_PKG_VERSION")),
+        "The couch's shift is not the fractions': theirs holds differences of scanner origins.".into(),
+    ];
+    write_postures(args.out.join(PLAN), &skeleton, &plan(&skeleton, &found), &head)?;
+    let inputs = files.iter().map(|path| record::input("fit", path));
+    let inputs = inputs.map(|i| i.map(|i| InputFile { path: relative_to(&args.out, &i.path), ..i }));
+    let share = |(mode, share): (&'_ Mode, &f64)| (mode.name.clone(), *share);
+    let shares: Vec<(String, f64)> = found.modes.iter().zip(&found.explained).map(share).collect();
+    let fitted = Fitted {
+        version: env!("CARGO_PKG_VERSION"),
+        command: command_line(),
+        inputs: inputs.collect::<Result<_>>()?,
+        fractions: postures.len(),
+        variance: found.variance,
+        modes: shares.iter().map(|(name, share)| Explained { name, share: *share }).collect(),
+        weights: &found.weights,
+        warnings: &warnings,
+        outputs: record::outputs(&args.out, &[PathBuf::from(PLAN)])?,
+    };
+    write_json(args.out.join(MANIFEST), &fitted)?;
+    folder.finish();
+    if args.run.json {
+        return io::json(&fitted);
+    }
+    let told: String = warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect();
+    Ok(format!("{}{told}The plan: {}", table(&names, &found), args.out.join(PLAN).display()))
+}
+
+/// All runs are of one planning CT with one set of labels, and so of one skeleton.
+fn same_planning(files: &[PathBuf], reports: &[Report]) -> Result<()> {
+    let of = |report: &Report, role: &str| report.inputs.iter().find(|i| i.role == role).map(|i| i.sha256.clone());
+    let bones = |report: &Report| report.bones.iter().map(|b| b.name.clone()).collect::<Vec<_>>();
+    for (file, report) in files.iter().zip(reports).skip(1) {
+        let other = ["planning", "bones", "skeleton"].iter().find(|role| of(report, role) != of(&reports[0], role));
+        let other = other.copied().or_else(|| (bones(report) != bones(&reports[0])).then_some("bones"));
+        if let Some(role) = other {
+            let problem = format!("its {role} file is not that of {}", files[0].display());
+            let remedy = "give runs of one planning CT with the same labels: modes are of one skeleton";
+            return Err(Error::refused("other-planning", file.display().to_string(), problem, remedy));
+        }
+    }
+    Ok(())
+}
+
+/// The posture of a run without its couch shift.
+fn posture(report: &Report) -> Vec<Six> {
+    let mut values = sixes(&report.pose);
+    if let Some(root) = values.first_mut() {
+        root[3..].fill(0.0);
+    }
+    values
+}
+
+/// Bones by name alone; the first is the root.
+fn named_bones(names: &[&str]) -> Skeleton {
+    let joint = Joint {
+        name: String::new(),
+        centre: Point3::origin(),
+        axes: Matrix3::identity(),
+        rotation_range_deg: [[0.0; 2]; 3],
+        translation_range_mm: [0.0; 3],
+        source: String::new(),
+    };
+    let bone = |(n, name): (usize, &&str)| Bone {
+        name: (*name).to_owned(),
+        label: 0,
+        parent: (n > 0).then_some(0),
+        joint: joint.clone(),
+        centroid: Point3::origin(),
+        volume_mm3: 0.0,
+    };
+    Skeleton { bones: names.iter().enumerate().map(bone).collect() }
+}
+
+/// The plan that draws from the modes.
+fn plan(skeleton: &Skeleton, found: &Principal) -> PosturePlan {
+    let mut plan = PosturePlan::still(skeleton);
+    plan.mean.clone_from(&found.mean);
+    plan.modes.clone_from(&found.modes);
+    if let Some(root) = plan.joints.first_mut() {
+        root.sd[3..].copy_from_slice(&COUCH_SD_MM);
+    }
+    plan
+}
+
+fn few(fractions: usize) -> Option<Warning> {
+    let message = format!(
+        "{fractions} fractions have at most {} modes, and their deviations are hardly known: what these fractions did not show \
+         does not vary in postures drawn from them",
+        fractions - 1
+    );
+    (fractions < FEW).then(|| Warning::new("few-fractions", message))
+}
+
+/// Modes with what they explain and what they move most.
+fn table(names: &[&str], found: &Principal) -> String {
+    const PARTS: [&str; 6] = ["flexion", "lateral", "axial", "left", "back", "up"];
+    let mut out = String::from("mode      explains  together  moves most, at one standard deviation\n");
+    let mut together = 0.0;
+    for (mode, share) in found.modes.iter().zip(&found.explained) {
+        together += share;
+        let mut all: Vec<(f64, usize, usize)> = mode
+            .values
+            .iter()
+            .enumerate()
+            .flat_map(|(b, six)| six.iter().enumerate().map(move |(a, v)| (*v, b, a)))
+            .collect();
+        all.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+        let part = |(v, b, a): &(f64, usize, usize)| {
+            let (name, unit) = (if *b == 0 { "couch" } else { names[*b] }, if *a < 3 { "deg" } else { "mm" });
+            format!("{name} {} {v:.1} {unit}", PARTS[*a])
+        };
+        let most = all.iter().take(3).map(part).collect::<Vec<_>>().join(", ");
+        writeln!(out, "{:9} {:7.1} % {:7.1} %  {most}", mode.name, 100.0 * share, 100.0 * together)
+            .expect("a String takes text");
+    }
+    out
+}

@@ -1,0 +1,191 @@
+//! What a library is made from: files and flags, read and judged.
+
+use super::super::auto::{Ask, Bones};
+use super::super::dose::judge as judge_dose;
+use super::super::headers::judge;
+use super::super::inputs::{Flags, Inputs, changed, config_file, either, named};
+use super::super::phantom::cbct_options;
+use super::super::register::{progress, settings};
+use super::args::{LibraryArgs, problem};
+use crate::chainmail::VolumeChange;
+use crate::config::{Config, RecordedInput};
+use crate::error::{Error, Result};
+use crate::io::checksum::sha256;
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::postures::read_postures;
+use crate::io::{self, ContourFile};
+use crate::phantom::CbctOptions;
+use crate::pipeline::{Case, InputFile};
+use crate::postures::{PosturePlan, VolumeRange};
+use crate::runtime::Runtime;
+use crate::skeleton;
+use crate::volume::Volume;
+use crate::volume::contour::Contours;
+use crate::warning::Warning;
+use std::path::{Path, PathBuf};
+
+/// What goes along with the tissue.
+pub(super) struct Carried {
+    pub(super) contours: Option<Contours>,
+    pub(super) dose: Option<Volume<f32>>,
+    /// What reading them found.
+    pub(super) warnings: Vec<Warning>,
+}
+
+/// Everything that was read.
+pub(super) struct Sources {
+    pub(super) case: Case,
+    pub(super) plan: PosturePlan,
+    /// With organs that change named, so that wrong names are refused.
+    pub(super) config: Config,
+    pub(super) carried: Carried,
+    pub(super) degrade: Option<CbctOptions>,
+    /// All files with their checksums.
+    pub(super) inputs: Vec<InputFile>,
+}
+
+impl Sources {
+    /// Reads the files that flags, or an earlier run, name.
+    pub(super) fn load(args: &LibraryArgs, runtime: &Runtime) -> Result<Self> {
+        let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
+        let mut config = settings(&file, &args.run)?;
+        config.output.uncertainty = false;
+        if config.region.is_some() {
+            return Err(Error::usage(
+                "the settings choose a region, and a library is of the whole scan",
+                "remove [region] from the settings",
+            ));
+        }
+        let mut recorded = file.inputs.clone();
+        let bones = bones_of(args, &mut recorded)?;
+        let flags = Flags {
+            planning: &args.planning,
+            bones: &bones.file,
+            labels: &args.labels,
+            organs: &args.organs,
+            skeleton: &args.skeleton,
+            landmarks: &None,
+            bone_landmarks: &None,
+            start: &None,
+        };
+        let inputs = Inputs::new(&flags, &recorded)?;
+        judge(inputs.planning(), inputs.bones(), &[], &config)?;
+        let degrade = match (&args.cbct, args.noise) {
+            (Some(file), _) => Some(cbct_options(file.as_deref())?),
+            (None, Some(noise_hu)) => Some(CbctOptions { noise_hu, ..CbctOptions::off() }),
+            (None, None) => None,
+        };
+        let mut case = inputs.load(&recorded, &config, runtime)?;
+        case.warnings.extend(bones.warnings);
+        if case.skeleton.is_none() {
+            case.skeleton = Some(skeleton::build(&case.bones)?.skeleton);
+        }
+        let skeleton = case.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
+        let own = |flag: &Option<PathBuf>, role: &str| either(flag, role, &file.inputs);
+        let (plan_file, structures, dose) =
+            (own(&args.plan, "plan"), own(&args.structures, "structures"), own(&args.dose, "dose"));
+        let mut plan = match &plan_file {
+            Some(path) => read_postures(path, skeleton)?,
+            None => PosturePlan::usual(skeleton),
+        };
+        plan.volumes.retain(|v| args.volume_change.iter().all(|own| own.organ != v.organ));
+        plan.volumes.extend(args.volume_change.iter().cloned());
+        // What the settings fix holds for every posture.
+        for VolumeChange { organ, factor } in &config.chainmail.volume_change {
+            if plan.volumes.iter().all(|v| v.organ != *organ) {
+                plan.volumes.push(VolumeRange { organ: organ.clone(), range: [*factor; 2] });
+            }
+        }
+        if let Some(problem) = plan.volumes.iter().find_map(problem) {
+            return Err(Error::usage(problem, "correct [volumes] of the plan, or --volume-change"));
+        }
+        // In the middle of each range: the postures' own come when they are drawn.
+        let change =
+            |v: &VolumeRange| VolumeChange { organ: v.organ.clone(), factor: f64::midpoint(v.range[0], v.range[1]) };
+        config.chainmail.volume_change = plan.volumes.iter().map(change).collect();
+        if let Some(problem) = config.problem() {
+            return Err(Error::usage(problem, "correct the settings, or what the volumes ask of them"));
+        }
+        let carried = Carried::read(structures.as_deref(), dose.as_deref(), inputs.planning())?;
+        let mut all = case.inputs.clone();
+        let cbct = args.cbct.as_ref().and_then(Option::as_deref);
+        let more = [
+            ("plan", plan_file.as_deref()),
+            ("structures", structures.as_deref()),
+            ("dose", dose.as_deref()),
+            ("cbct", cbct),
+        ];
+        for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
+            let input = named(role, path)?;
+            case.warnings.extend(changed(std::slice::from_ref(&input), &file.inputs));
+            all.push(input);
+        }
+        Ok(Self { case, plan, config, carried, degrade, inputs: all })
+    }
+
+    /// The files, none of which may be overwritten.
+    pub(super) fn files(&self) -> Vec<&Path> {
+        self.inputs.iter().map(|i| i.path.as_path()).collect()
+    }
+
+    /// Everything but a posture's own motion that its files depend on, as a checksum.
+    pub(super) fn key(&self, args: &LibraryArgs) -> Result<String> {
+        // The plan counts by the motions that come of it.
+        let inputs: Vec<&str> = self.inputs.iter().filter(|i| i.role != "plan").map(|i| i.sha256.as_str()).collect();
+        let all = serde_json::json!([
+            env!("CARGO_PKG_VERSION"),
+            without_volumes(&self.config).value()?,
+            inputs,
+            args.margin,
+            args.no_fields,
+            self.degrade,
+            self.plan.limits,
+        ]);
+        Ok(sha256(all.to_string().as_bytes()))
+    }
+}
+
+/// The settings without changes of volume: those are the plan's.
+pub(super) fn without_volumes(config: &Config) -> Config {
+    let mut out = config.clone();
+    out.chainmail.volume_change.clear();
+    out
+}
+
+/// The bones, by `--bones auto` where they are asked for so.
+fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>) -> Result<Bones> {
+    let ask = Ask {
+        bones: args.bones.as_deref(),
+        labels: args.labels.as_deref(),
+        planning: either(&args.planning, "planning", recorded),
+        needed: [&args.plan, &args.structures, &args.dose].into_iter().flatten().map(PathBuf::as_path).collect(),
+        beside: &args.out,
+        quiet: args.run.quiet,
+    };
+    Bones::of(ask, recorded, &*progress(args.run.quiet))
+}
+
+impl Carried {
+    fn read(structures: Option<&Path>, dose: Option<&Path>, planning: &Path) -> Result<Self> {
+        let mut out = Self { contours: None, dose: None, warnings: Vec::new() };
+        if let Some(path) = structures {
+            check_frames((path, Role::Structures), (planning, Role::Image))?;
+            let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(path)?;
+            if let Some(frame) = frame.filter(|f| f != "planning" && !is_dicom_path(path)) {
+                let problem = format!("it lies in frame {frame:?}, not in planning");
+                return Err(Error::input(path.display().to_string(), problem, "give contours of the planning CT"));
+            }
+            out.warnings.extend(warnings);
+            out.warnings.extend(contours.tidy());
+            out.contours = Some(contours);
+        }
+        if let Some(path) = dose {
+            check_frames((path, Role::Dose), (planning, Role::Image))?;
+            let mut read = io::read_dose(path)?;
+            out.warnings.append(&mut read.warnings);
+            out.warnings.extend(judge_dose(&path.display().to_string(), &mut read.value)?);
+            out.dose = Some(read.value);
+        }
+        Ok(out)
+    }
+}

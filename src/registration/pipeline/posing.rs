@@ -1,0 +1,157 @@
+//! Many postures of one patient: what does not depend on the posture is made once.
+
+use super::carry::{Carried, OUTSIDE_HU, carry_out};
+use super::contact;
+use super::planning::{Patient, Resting};
+use super::register::fit_warnings;
+use super::{Case, Outcome};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::evaluate::contact::ContactReport;
+use crate::fit::{GivenMotion, from_landmarks, given};
+use crate::geometry::{Grid, Rigid};
+use crate::postures::Limits;
+use crate::runtime::Runtime;
+use crate::skeleton::{Pose, Skeleton};
+use crate::volume::Volume;
+use crate::warning::Warning;
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// How the bones are told to move.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BoneMotion {
+    /// Joint by joint; of all bones of the skeleton.
+    Pose(Pose),
+    /// Some bones' transforms, by name, planning to fraction, LPS mm; the others follow their joints.
+    Transforms(BTreeMap<String, Rigid>),
+    /// [`Case::bone_landmarks`]: bones with landmarks move as these say, the others follow their joints.
+    Landmarks,
+}
+
+/// A patient who can be put into any posture. The fraction of its case is as empty as the target grid is large.
+pub struct Posing {
+    pub(super) case: Case,
+    patient: Patient,
+    resting: Resting,
+    target: Grid,
+}
+
+impl Posing {
+    /// Prepares the planning side of a case; artificial CTs will lie on the planning grid, grown by `margin_mm` on all sides.
+    ///
+    /// # Errors
+    /// As [`super::pose`].
+    pub fn new(case: Case, margin_mm: f64, config: &Config, runtime: &Runtime) -> Result<Self> {
+        let patient = Patient::new(&case, config, runtime)?;
+        Self::of(case, patient, margin_mm, config, runtime)
+    }
+
+    /// Of a patient who was found.
+    pub(super) fn of(
+        mut case: Case,
+        patient: Patient,
+        margin_mm: f64,
+        config: &Config,
+        runtime: &Runtime,
+    ) -> Result<Self> {
+        let target = grown(case.planning.grid(), margin_mm)?;
+        case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
+        let resting = Resting::new(&case, (&patient.skeleton, &patient.body), false, config, runtime)?;
+        Ok(Self { case, patient, resting, target })
+    }
+
+    /// The planning side.
+    pub fn case(&self) -> &Case {
+        &self.case
+    }
+
+    /// The skeleton that is posed.
+    pub fn skeleton(&self) -> &Skeleton {
+        &self.patient.skeleton
+    }
+
+    /// What was found of the planning side.
+    pub fn warnings(&self) -> Vec<Warning> {
+        [self.case.warnings.as_slice(), &self.patient.warnings].concat()
+    }
+
+    /// The bones' contact in a pose, before anything else is made of it.
+    pub fn bones_meet(&self, pose: &Pose) -> ContactReport {
+        self.resting.bones.moved(&self.patient.skeleton.transforms(pose))
+    }
+
+    /// The patient in a posture. Settings may differ from those of [`Posing::new`] in `chainmail.volume_change` alone. Its
+    /// warnings are of the posture; those of the planning side are [`Posing::warnings`].
+    ///
+    /// # Errors
+    /// As [`super::pose`].
+    pub fn posed(&self, motion: &BoneMotion, config: &Config, runtime: &Runtime) -> Result<Outcome> {
+        let fit = given(&self.patient.skeleton, &known(&self.case, &self.patient.skeleton, motion)?)?;
+        let warnings = fit_warnings(&fit);
+        let moved = (self.patient.skeleton.clone(), self.patient.body.clone(), fit);
+        let Carried { outcome, .. } =
+            carry_out(&self.case, &self.target, moved, (&self.resting, None), warnings, config, runtime)?;
+        Ok(outcome)
+    }
+
+    /// Why bones in contact are implausible; nothing where they are not.
+    pub fn why_of_bones(&self, contact: &ContactReport, limits: &Limits) -> Vec<String> {
+        let voxel = self.case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
+        let deepest = limits.overlap_mm.unwrap_or_else(|| contact::least_depth(voxel));
+        let deep = contact.overlaps.iter().filter(|o| o.depth_mm > deepest);
+        let mut why: Vec<String> =
+            deep.map(|o| format!("{} lies {:.1} mm in {}", o.bones[0], o.depth_mm, o.bones[1])).collect();
+        let apart = contact::warnings(contact, voxel).into_iter().filter(|w| w.code == "bones-apart");
+        why.extend(apart.map(|w| w.message));
+        why
+    }
+
+    /// Why a posture is implausible: bones that lie in each other or come apart, folds, skin in skin, joints far beyond
+    /// their range. Nothing where it is not.
+    pub fn why_implausible(&self, outcome: &Outcome, limits: &Limits) -> Vec<String> {
+        let mut why = self.why_of_bones(&outcome.contact, limits);
+        let body = &outcome.jacobian_report.body;
+        if body.folded > limits.folded_cells {
+            why.push(format!("{} of {} tissue cells are folded", body.folded, body.cells));
+        }
+        let told = |w: &&Warning| ["skin-meets-skin", "joint-limit"].contains(&w.code.as_str());
+        why.extend(outcome.warnings.iter().filter(told).map(|w| w.message.clone()));
+        why
+    }
+}
+
+/// What is said about each bone's motion.
+pub(super) fn known(case: &Case, skeleton: &Skeleton, motion: &BoneMotion) -> Result<Vec<Option<GivenMotion>>> {
+    let exactly = |transform: Rigid, source: &str| {
+        Some(GivenMotion { transform, position_sd_mm: 0.0, source: source.to_owned() })
+    };
+    match motion {
+        BoneMotion::Pose(pose) => {
+            if pose.joints.len() != skeleton.bones.len() {
+                let problem = format!("it has {} joints, the skeleton {}", pose.joints.len(), skeleton.bones.len());
+                return Err(Error::input("pose", problem, "make the pose for this skeleton"));
+            }
+            Ok(skeleton.transforms(pose).into_iter().map(|t| exactly(t, "pose")).collect())
+        }
+        BoneMotion::Transforms(all) => {
+            if let Some(name) = all.keys().find(|n| skeleton.bones.iter().all(|b| b.name != **n)) {
+                return Err(Error::input(
+                    "bone transforms",
+                    format!("{name} is no bone of this skeleton"),
+                    "use the names that `aventail skeleton` shows",
+                ));
+            }
+            Ok(skeleton.bones.iter().map(|b| all.get(&b.name).and_then(|t| exactly(*t, "transform"))).collect())
+        }
+        BoneMotion::Landmarks => from_landmarks(skeleton, &case.bone_landmarks),
+    }
+}
+
+/// The grid with whole voxels added on all sides.
+fn grown(grid: &Grid, margin_mm: f64) -> Result<Grid> {
+    let more: [usize; 3] = grid.spacing().map(|s| (margin_mm / s).ceil() as usize);
+    let size = std::array::from_fn(|a| grid.size()[a] + 2 * more[a]);
+    let origin = grid.world(&-Vector3::from(more.map(|m| m as f64)));
+    Grid::new(size, grid.spacing(), origin, *grid.direction())
+}
