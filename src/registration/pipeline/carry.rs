@@ -142,17 +142,10 @@ pub(super) fn carry_out(
         let bones = MovedBones::new(&case.bones, motions, &there);
         field::invert(&push, &there, Some(&bones), &config.invert)
     })?;
-    // What is compared with stays as it is.
-    let consistency_options = match config.soft_tissue {
-        SoftTissue::ChainMail => config.consistency.clone(),
-        SoftTissue::ThinPlateSplines | SoftTissue::NearestBone => {
-            ConsistencyOptions { rounds: 0, ..config.consistency.clone() }
-        }
-    };
     let consistency = runtime.stage("make consistent", || {
         let bone_of_label = bone_of_label(&skeleton);
         let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
-        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &consistency_options)
+        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &consistency_of(config))
     });
     let (push, pull) = (couch.push(push), couch.pull(pull));
     let alone = alone.map(|alone| couch.added(alone));
@@ -215,6 +208,15 @@ pub(super) fn carry_out(
         part: None,
     };
     Ok(Carried { outcome, alone })
+}
+
+/// How well the fields have to agree: what the chain mail is compared with stays as it is.
+fn consistency_of(config: &Config) -> ConsistencyOptions {
+    let rounds = match config.soft_tissue {
+        SoftTissue::ChainMail => config.consistency.rounds,
+        SoftTissue::ThinPlateSplines | SoftTissue::NearestBone => 0,
+    };
+    ConsistencyOptions { rounds, ..config.consistency.clone() }
 }
 
 /// What came of the volumes that were asked to change.
