@@ -10,7 +10,8 @@ CASES     as for ablation.py, with the fractions `small`, `moderate` and `spline
 
 Each cell: J < 0 in %, mean J over all tissue above -500 HU (thesis Tab. 2), mean relative residual, seconds. A trend says
 whether folds and residual change against the row named in the same direction as in the thesis: patient 1 by
-the cases that move little, patient 2 by the arms. The tables go to the terminal, as Markdown.
+the cases that move little, patient 2 by the arms. The tables go to the terminal, as Markdown; OUT/arms_lowered.png
+shows coronal planes of six stages.
 """
 import argparse
 import json
@@ -20,11 +21,17 @@ import tomllib
 
 import numpy as np
 import SimpleITK as sitk
+from PIL import Image, ImageDraw
 
 HEAD_AND_NECK = ("small", "moderate", "spline")
 PLAN = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "data", "study.toml")
 RAISE = os.path.join(os.path.dirname(PLAN), "raise_arms.toml")
 LANDMARKS, LEAST_MM, SEED = 40, 20.0, 1
+SHOWN = [
+    ("violation-stiff", "constraint violation"), ("timestamps-stiff", "timestamps, no rotation"),
+    ("linear-decay-stiff", "linear decay"), ("superposition-4-stiff", "superposition t^-4"),
+    ("thin-plate-splines", "thin-plate splines"), ("default", "aventail's default"),
+]  # fmt: skip
 # What a change of less than this is called, in percent of voxels folded and in relative residual.
 SAME = {"folded": 0.1, "residual": 0.01}
 
@@ -147,6 +154,30 @@ def trend(stage, published, found):
     return f"to {other.removeprefix('literal-')}: " + ", ".join(words)
 
 
+def planes(picture):
+    """The planes of a fusion, which lie one under another between white lines."""
+    white = (np.asarray(picture.convert("RGB")) == 255).all(axis=(1, 2))
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], white.astype(int), [1]])))
+    return [picture.crop((0, top, picture.width, end)) for top, end in zip(edges[::2], edges[1::2])]
+
+
+def arms_lowered(options):
+    """Coronal planes of six stages with the arms, side by side."""
+    width, line = 320, 16
+    drawn = []
+    for stage, name in SHOWN:
+        file = f"{options.out}/study_arms/pictures/{stage}_fusion_after.png"
+        plane = planes(Image.open(file).convert("RGB"))[1]
+        drawn.append((name, plane.resize((width, round(plane.height * width / plane.width)), Image.Resampling.LANCZOS)))
+    height = max(plane.height for _, plane in drawn) + line
+    sheet = Image.new("RGB", (3 * width, 2 * height), "white")
+    for n, (name, plane) in enumerate(drawn):
+        at = (n % 3 * width, n // 3 * height)
+        sheet.paste(plane, (at[0], at[1] + line))
+        ImageDraw.Draw(sheet).text((at[0] + 4, at[1] + 2), name, fill="black")
+    sheet.quantize(128).save(f"{options.out}/arms_lowered.png", optimize=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("aventail")
@@ -159,6 +190,8 @@ def main():
     found = {}
     for name in options.case.split(","):
         found[name] = records(options, name, arms(options) if name == "arms" else head_and_neck(options, name))
+    if "arms" in found:
+        arms_lowered(options)
     with open(PLAN, "rb") as file:
         plan = tomllib.load(file)
     stages = [s for table in plan["table"] for s in table["stage"]]

@@ -27,7 +27,7 @@ pub(super) fn heat_maps() -> Figure {
     Figure {
         name: "fig14_processing_order",
         title: "Processing order in heterogeneous tissue (thesis Fig. 14)",
-        caption: "A single element is moved upwards beside a rigid block; early elements are dark, late ones bright, elements that do not move are blank. The block is processed as soon as it is reached.",
+        caption: "A single element is moved upwards beside a rigid block; early elements are dark, late ones bright, elements that do not move are blank. Stiff tissue is fast (t = length x shear): the block is processed as soon as it is reached.",
         panels: vec![
             panel("(a) constraint violation", by(Order::ConstraintViolation)),
             panel("(b) timestamps", by(Order::Timestamps)),

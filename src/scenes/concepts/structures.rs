@@ -89,7 +89,7 @@ pub(super) fn vertebra() -> Result<Figure> {
     Ok(Figure {
         name: "fig25_vertebra",
         title: "Vertebra of the phantom moved to the right (thesis Fig. 25)",
-        caption: "A cut along the end plates of C7. Timestamps alone leave borders as in the L, the second criterion alone those of the U; with the third both are cured.",
+        caption: "A cut along the end plates of C7. Timestamps alone leave borders as in the L, which the second criterion softens. The canal is too small for what the third adds: here it gives what the second gives.",
         panels: vec![
             panel("(a) timestamps", &sheet, Structures::None, window),
             panel("(b) second criterion", &sheet, Structures::SecondCriterion, window),

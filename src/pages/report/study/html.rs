@@ -18,7 +18,7 @@ pub(super) fn page(title: &str, plan: &StudyPlan, records: &BTreeMap<String, Sta
                 header { p.brand { "aventail \u{b7} study of the model's stages" } h1 { (title) } }
                 p.note {
                     "Every stage carries the same bone motion. J: volume of a cell after over before; folded cells count as J < 0, the other "
-                    "figures are of positive cells; cells between bones are counted in. Residual: mean and standard deviation over "
+                    "figures are of positive cells; all tissue above -500 HU is counted, as in the thesis's Tab. 2. Residual: mean and standard deviation over "
                     "landmarks of the distance after over before. Published numbers in italics."
                 }
                 @for table in &plan.tables {
