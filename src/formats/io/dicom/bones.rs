@@ -219,7 +219,7 @@ fn drawn(all: &Contours, named: BTreeMap<String, Vec<&Structure>>, grid: &Grid) 
 /// structure has are left out.
 ///
 /// # Errors
-/// [`Error::Input`] when no structure has one of the names.
+/// [`Error::Input`] when no structure has one of the names, or no voxel of the grid lies in one.
 pub fn organs_from_structures(set: &StructureSet, grid: &Grid, wanted: &[String]) -> Result<LabelMap> {
     let mut organs: BTreeMap<String, Vec<&Structure>> = BTreeMap::new();
     let mut others = Vec::new();
@@ -239,7 +239,14 @@ pub fn organs_from_structures(set: &StructureSet, grid: &Grid, wanted: &[String]
             chainmail.slip.organs; or leave --organs out";
         return Err(Error::input(set.path.display().to_string(), problem, remedy));
     }
-    drawn(&set.contours, organs, grid)
+    let map = drawn(&set.contours, organs, grid)?;
+    if map.counts().is_empty() {
+        let names: Vec<&str> = map.names.values().map(String::as_str).collect();
+        let problem = format!("no voxel of the planning grid lies in {}", some_names(&names));
+        let remedy = "give the structure set of this planning CT, with contours of these organs";
+        return Err(Error::input(set.path.display().to_string(), problem, remedy));
+    }
+    Ok(map)
 }
 
 /// Gives the voxels in a structure its label, where none lies deeper in another.

@@ -107,13 +107,15 @@ fn organs_are_those_that_are_asked_for() {
     ];
     let path = write(dir.path(), "rs", &structure_set(&rois));
     let set = read_structure_set(&path).unwrap();
-    let grid = Grid::axis_aligned([40, 40, 8], [0.5, 0.5, 1.5], [-9.75, -9.75, -0.75]).unwrap();
+    let grid = Grid::axis_aligned([40, 40, 8], [0.5, 0.5, 1.5], [-16.75, -26.75, -0.75]).unwrap();
     let wanted = ["parotid l", "liver"].map(str::to_owned);
     let map = organs_from_structures(&set, &grid, &wanted).unwrap();
     // Named as asked for; neither what encloses it nor what lies in it takes its voxels.
     assert_eq!(map.names, [(1, "parotid l".to_owned())].into());
     let expected = 16 * 16 * 8;
     assert_eq!(map.counts(), [(1, expected)].into());
+    let far = Grid::axis_aligned([5, 4, 3], [1.0; 3], [900.0; 3]).unwrap();
+    assert_eq!(organs_from_structures(&set, &far, &wanted).unwrap_err().exit_code(), 4);
     let error = organs_from_structures(&set, &grid, &["liver".to_owned()]).unwrap_err();
     assert!(error.exit_code() == 4 && error.to_string().contains("Parotid_L"), "{error}");
 }
