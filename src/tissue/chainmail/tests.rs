@@ -42,8 +42,10 @@ fn at(lattice: &Lattice, i: usize, j: usize) -> usize {
 }
 
 /// The thesis's links at every order and carry.
+/// Times by the formula of thesis 5.2.2: at a spacing of 1 mm the inverse of the shear.
 fn options() -> ChainmailOptions {
     ChainmailOptions {
+        link_time: LinkTime::Literal,
         combination: Combination::Prioritisation,
         carry: Carry::Translation,
         ..ChainmailOptions::thesis()

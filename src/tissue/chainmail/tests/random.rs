@@ -69,18 +69,24 @@ proptest! {
         let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::new(0.2, 0.1, 0.4)), Rigid::translation(0.0, -1.0, 0.5)];
         let c = [Point3::new(1.0, 2.0, 1.0), Point3::origin()];
         let bones = Initiators { transforms: &t, centroids: &c };
-        let wave = first_wave(&lattice, &bones, &options());
-        let time = |l: &Lattice, a: usize, b: usize| (32.0 / f64::from(l.link(a, b).shear.max(0.02))).round() / 32.0;
-        for &n in &lattice.active {
-            let n = n as usize;
-            if lattice.node[n] != Node::Soft { continue }
-            let [sx, sy, sz] = lattice.grid.strides();
-            let least = [n - sx, n + sx, n - sy, n + sy, n - sz, n + sz]
-                .into_iter()
-                .filter(|&m| lattice.node[m] != Node::Outside && wave.time[m].is_finite())
-                .map(|m| wave.time[m] + time(&lattice, n, m))
-                .fold(f64::INFINITY, f64::min);
-            prop_assert!(wave.time[n] == least || least > 800.0, "{} for {least}", wave.time[n]);
+        for link_time in [LinkTime::Literal, LinkTime::FastInStiff] {
+            let wave = first_wave(&lattice, &bones, &ChainmailOptions { link_time, ..options() });
+            let time = |a: usize, b: usize| {
+                let shear = f64::from(lattice.link(a, b).shear.max(0.02));
+                let ticks = if link_time == LinkTime::Literal { 32.0 / shear } else { 32.0 * shear };
+                ticks.round().max(1.0) / 32.0
+            };
+            for &n in &lattice.active {
+                let n = n as usize;
+                if lattice.node[n] != Node::Soft { continue }
+                let [sx, sy, sz] = lattice.grid.strides();
+                let least = [n - sx, n + sx, n - sy, n + sy, n - sz, n + sz]
+                    .into_iter()
+                    .filter(|&m| lattice.node[m] != Node::Outside && wave.time[m].is_finite())
+                    .map(|m| wave.time[m] + time(n, m))
+                    .fold(f64::INFINITY, f64::min);
+                prop_assert!(wave.time[n] == least || least > 800.0, "{} for {least}", wave.time[n]);
+            }
         }
         for carry in [Carry::Rigid, Carry::Translation, Carry::ConstraintBased, Carry::LinearDecay] {
             for combination in [Combination::Superposition, Combination::Prioritisation] {
