@@ -1,7 +1,11 @@
 #!/usr/bin/env python3
 """aventail beside image-driven tools on one case, in one run: time and error of each.
 
-usage: side_by_side.py AVENTAIL [CASES] [--case NAME] [--out DIR] [--tools aventail,fast,plastimatch,elastix,greedy]
+usage: side_by_side.py AVENTAIL [CASES] [--case NAME] [--out DIR] [--tools TOOL,TOOL]
+
+TOOL is aventail, fast, plastimatch, elastix, greedy, or one that is told of the planning bones, as structures guide
+image-driven registration in clinics: plastimatch-bones (the bones, 3 mm around them included, are registered before
+the rest) and elastix-bones (its rigidity penalty on them). The first five by default.
 
 AVENTAIL  the aventail program
 CASES     folder with planning_ct.nii.gz, bones.nii.gz, bones.json, NAME/fraction_ct.nii.gz and NAME/truth_points.csv.gz
@@ -46,6 +50,25 @@ BSPLINE = ELASTIX + """
 (Metric "AdvancedMattesMutualInformation" "TransformBendingEnergyPenalty") (Metric0Weight 1.0)
 (Metric1Weight 10.0) (FinalGridSpacingInPhysicalUnits 10.0) (NumberOfResolutions 4)
 (MaximumNumberOfIterations 500) (NumberOfSpatialSamples 5000)
+"""
+RIGIDITY = BSPLINE.replace('"TransformBendingEnergyPenalty"', '"TransformRigidityPenalty"').replace(
+    "(Metric1Weight 10.0)",
+    """(Metric1Weight 1.0) (UseFixedRigidityImage "true") (UseMovingRigidityImage "false")
+(FixedRigidityImageName "{rigid}") (LinearityConditionWeight 100.0) (OrthonormalityConditionWeight 1.0)
+(PropernessConditionWeight 2.0) (DilateRigidityImages "false")""",
+)
+BONES_FIRST = """[STAGE]
+fixed_roi={bones}
+xform=bspline
+optim=lbfgsb
+impl=plastimatch
+metric=mse
+max_its=60
+regularization_lambda=0.01
+grid_spac=30 30 30
+res=2 2 1
+[STAGE]
+fixed_roi={mask}
 """
 PLASTIMATCH = """
 [GLOBAL]
@@ -100,8 +123,33 @@ def plastimatch(job):
     return f"{job.out}/field.mha"
 
 
-def elastix(job):
-    for name, text in (("rigid", RIGID), ("bspline", BSPLINE)):
+def near_bones(job, mm):
+    """The planning bones and what lies within some millimetres of them, as an image of 0 and 1."""
+    bones = sitk.ReadImage(job.bones) > 0
+    distance = sitk.SignedMaurerDistanceMap(bones, insideIsPositive=False, squaredDistance=False, useImageSpacing=True)
+    return distance <= mm
+
+
+def plastimatch_bones(job):
+    bones = f"{job.out}/bones.mha"
+    sitk.WriteImage(sitk.Cast(near_bones(job, 3.0), sitk.sitkUInt8), bones)
+    rigid, first, rest = PLASTIMATCH.partition("[STAGE]\nxform=bspline")
+    text = rigid + BONES_FIRST + "xform=bspline" + rest
+    assert first
+    with open(f"{job.out}/parameters.txt", "w", encoding="utf-8") as file:
+        file.write(text.format(fixed=job.fixed, moving=job.moving, mask=job.mask, out=job.out, bones=bones))
+    run(["plastimatch", "register", f"{job.out}/parameters.txt"])
+    return f"{job.out}/field.mha"
+
+
+def elastix_bones(job):
+    rigid = f"{job.out}/rigidity.mha"
+    sitk.WriteImage(sitk.Cast(near_bones(job, 0.0), sitk.sitkFloat32), rigid)
+    return elastix(job, RIGIDITY.format(rigid=rigid))
+
+
+def elastix(job, bspline=BSPLINE):
+    for name, text in (("rigid", RIGID), ("bspline", bspline)):
         with open(f"{job.out}/{name}.txt", "w", encoding="utf-8") as file:
             file.write(text.replace(") (", ")\n("))
     run(
@@ -125,12 +173,13 @@ def greedy(job):
 
 
 TOOLS = {"aventail": aventail, "fast": fast, "plastimatch": plastimatch, "elastix": elastix, "greedy": greedy}
+WITH_BONES = {"plastimatch-bones": plastimatch_bones, "elastix-bones": elastix_bones}
 
 
 def installed(tool):
     if tool == "greedy":
         return subprocess.run([sys.executable, "-c", "import picsl_greedy"], capture_output=True, check=False).returncode == 0
-    return tool in ("aventail", "fast") or shutil.which(tool) is not None
+    return tool in ("aventail", "fast") or shutil.which(tool.removesuffix("-bones")) is not None
 
 
 def true_points(case):
@@ -179,7 +228,7 @@ def main():
         job.out = f"{folder}/{tool}"
         os.makedirs(job.out, exist_ok=True)
         start = time.monotonic()
-        field = TOOLS[tool](job)
+        field = {**TOOLS, **WITH_BONES}[tool](job)
         seconds = time.monotonic() - start
         error = errors(field, truth)
         soft = error[bone == 0]
