@@ -57,19 +57,22 @@ RIGIDITY = BSPLINE.replace('"TransformBendingEnergyPenalty"', '"TransformRigidit
 (FixedRigidityImageName "{rigid}") (LinearityConditionWeight 100.0) (OrthonormalityConditionWeight 1.0)
 (PropernessConditionWeight 2.0) (DilateRigidityImages "false")""",
 )
-BONES_FIRST = """[STAGE]
-fixed_roi={bones}
-xform=bspline
+
+
+def bspline_stage(spacing, shrink):
+    """A stage of plastimatch, its heading left out; spacing of the control points in mm."""
+    return f"""xform=bspline
 optim=lbfgsb
 impl=plastimatch
 metric=mse
 max_its=60
 regularization_lambda=0.01
-grid_spac=30 30 30
-res=2 2 1
-[STAGE]
-fixed_roi={mask}
+grid_spac={spacing} {spacing} {spacing}
+res={shrink}
 """
+
+
+BONES_FIRST = "[STAGE]\nfixed_roi={bones}\n" + bspline_stage(30, "2 2 1") + "[STAGE]\nfixed_roi={mask}\n"
 PLASTIMATCH = """
 [GLOBAL]
 fixed={fixed}
@@ -86,16 +89,7 @@ max_its=100
 res=4 4 2
 """
 for spacing, shrink in ((60, "4 4 2"), (30, "2 2 1"), (15, "1 1 1")):
-    PLASTIMATCH += f"""[STAGE]
-xform=bspline
-optim=lbfgsb
-impl=plastimatch
-metric=mse
-max_its=60
-regularization_lambda=0.01
-grid_spac={spacing} {spacing} {spacing}
-res={shrink}
-"""
+    PLASTIMATCH += "[STAGE]\n" + bspline_stage(spacing, shrink)
 
 
 def run(command):
