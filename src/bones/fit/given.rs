@@ -1,5 +1,6 @@
 //! Bone motions that come from elsewhere than the image: landmarks on bones (thesis 6.3.2), a pose by hand, a file.
 
+use super::prior::BeyondRange;
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
@@ -179,8 +180,8 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
     let pose = skeleton.pose_of(&transforms);
     let excess = skeleton.excess(&pose);
     let bones = skeleton.bones.iter().enumerate().map(|(b, bone)| {
-        let beyond =
-            excess[b].rotation_deg.iter().chain(&excess[b].translation_mm).map(|v| v.abs()).fold(0.0, f64::max);
+        let most = |values: &[f64; 3]| values.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        let (rotation_deg, shift_mm) = (most(&excess[b].rotation_deg), most(&excess[b].translation_mm));
         let sd = known[b].as_ref().map_or(f64::MAX, |k| k.position_sd_mm);
         BoneFit {
             name: bone.name.clone(),
@@ -192,7 +193,7 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
             position_sd_mm: sd,
             rotation_sd_deg: if sd < f64::MAX { (sd / radius(bone)).to_degrees() } else { f64::MAX },
             unsettled_mm: 0.0,
-            limit_excess: if bone.parent.is_some() { beyond } else { 0.0 },
+            beyond_range: bone.parent.map(|_| BeyondRange { rotation_deg, shift_mm }).unwrap_or_default(),
             motion_mm: (transforms[b] * bone.centroid - bone.centroid).norm(),
             determined_by: if known[b].is_some() { "given" } else { "joint" }.into(),
         }

@@ -2,6 +2,7 @@
 
 pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
 pub use planning::BoneSamples;
+pub use prior::BeyondRange;
 pub use schedule::fit_pose;
 pub use similarity::Measure;
 pub use start::FitStart;
@@ -33,8 +34,9 @@ pub struct BoneFit {
     pub position_sd_mm: f64,
     /// One standard deviation of the bone's rotation (degrees, worst axis), from the cost's curvature.
     pub rotation_sd_deg: f64,
-    /// Largest excess over a joint limit: degrees or mm beyond the soft range; 0 inside it.
-    pub limit_excess: f64,
+    /// How far the bone's joint lies beyond its soft range. Earlier reports lack it.
+    #[serde(default)]
+    pub beyond_range: BeyondRange,
     /// Mean displacement of the bone's points, mm.
     pub motion_mm: f64,
     /// `image` when the image determined the bone, `given` when its motion came with the inputs, `joint` when it follows

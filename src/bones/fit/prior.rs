@@ -4,6 +4,8 @@ use super::lie::left_jacobian_inverse;
 use crate::geometry::Rigid;
 use crate::skeleton::{Joint, JointPose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Standard deviation inside the soft range as a share of half the range.
 const INSIDE: f64 = 0.5;
@@ -41,13 +43,38 @@ pub fn relative(joint: &Joint, parent: &Rigid, child: &Rigid) -> JointPose {
     }
 }
 
-/// Largest excess over the soft range: degrees beyond a rotation limit or mm beyond a translation limit.
-pub fn limit_excess(joint: &Joint, pose: &JointPose) -> f64 {
-    let mut worst: f64 = 0.0;
+/// How far a joint lies beyond its soft range, along the worst axis; 0 inside it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct BeyondRange {
+    /// Of its rotation, degrees.
+    pub rotation_deg: f64,
+    /// Of its shift, mm.
+    pub shift_mm: f64,
+}
+
+impl BeyondRange {
+    /// Whether the joint has left its range.
+    pub fn any(&self) -> bool {
+        self.rotation_deg > 0.0 || self.shift_mm > 0.0
+    }
+}
+
+impl fmt::Display for BeyondRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [(self.rotation_deg, "degrees"), (self.shift_mm, "mm")];
+        let parts = parts.iter().filter(|p| p.0 > 0.0).map(|(value, unit)| format!("{value:.1} {unit}"));
+        f.write_str(&parts.collect::<Vec<_>>().join(" and "))
+    }
+}
+
+/// How far a joint's motion lies beyond its soft range.
+pub fn beyond_range(joint: &Joint, pose: &JointPose) -> BeyondRange {
+    let mut worst = BeyondRange::default();
     for a in 0..3 {
         let deg = pose.rotation[a].to_degrees();
         let [low, high] = joint.rotation_range_deg[a];
-        worst = worst.max(low - deg).max(deg - high).max(pose.translation[a].abs() - joint.translation_range_mm[a]);
+        worst.rotation_deg = worst.rotation_deg.max(low - deg).max(deg - high);
+        worst.shift_mm = worst.shift_mm.max(pose.translation[a].abs() - joint.translation_range_mm[a]);
     }
     worst
 }

@@ -4,7 +4,7 @@ use super::accept::{LEAST_FOUND, accept, found_share, not_found};
 use super::given::given;
 use super::level::Level;
 use super::planning::BoneSamples;
-use super::prior::{limit_excess, relative};
+use super::prior::{beyond_range, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::rivals::best_level;
 use super::samples::Samples;
@@ -405,9 +405,8 @@ impl<'a> Fitter<'a> {
             .map(|(b, bone)| {
                 let visible = after[b].visible;
                 let seen = visible > 0.0;
-                let excess = bone
-                    .parent
-                    .map_or(0.0, |p| limit_excess(&bone.joint, &relative(&bone.joint, &transforms[p], &transforms[b])));
+                let motion = |p: usize| relative(&bone.joint, &transforms[p], &transforms[b]);
+                let beyond_range = bone.parent.map(|p| beyond_range(&bone.joint, &motion(p))).unwrap_or_default();
                 BoneFit {
                     name: bone.name.clone(),
                     transform: transforms[b],
@@ -418,7 +417,7 @@ impl<'a> Fitter<'a> {
                     unsettled_mm: next(b).into_iter().fold(0.0, f64::max),
                     position_sd_mm: sd(6 * b + 3),
                     rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
-                    limit_excess: excess,
+                    beyond_range,
                     motion_mm: (transforms[b] * self.centres[b] - self.centres[b]).norm(),
                     determined_by: if !dropped[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
                 }

@@ -1,12 +1,13 @@
 //! Derivatives against central differences, known motions recovered, and the field of view that never pays.
 
+use super::prior::beyond_range;
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::{Held, Measure};
 use super::solver::solve;
 use super::tissue::Tissue;
 use crate::geometry::{Grid, Rigid, about};
-use crate::skeleton::Joint;
+use crate::skeleton::{Joint, JointPose};
 use crate::volume::Volume;
 use nalgebra::{DVector, Matrix3, Point3, Vector3};
 use proptest::prelude::*;
@@ -224,4 +225,15 @@ fn a_bone_without_image_follows_its_joint() {
     assert!((t[0].inverse() * t[1] * j.centre - j.centre).norm() < 1e-2);
     assert!((t[0].inverse() * t[1]).rotation.angle() < 1e-3);
     assert!(t[0].rotation.angle() > 0.07);
+}
+
+#[test]
+fn degrees_and_millimetres_beyond_a_range_are_told_apart() {
+    let of = |degrees: [f64; 3], shift: [f64; 3]| {
+        beyond_range(&joint(), &JointPose { rotation: degrees.map(f64::to_radians), translation: shift })
+    };
+    assert!(!of([3.9, -4.9, 1.0], [-0.5, 1.0, 0.0]).any());
+    assert_eq!(of([4.0, -7.5, 0.0], [0.0; 3]).to_string(), "2.5 degrees");
+    assert_eq!(of([0.0; 3], [0.0, -3.1, 0.0]).to_string(), "2.1 mm");
+    assert_eq!(of([-4.0, 0.0, 3.5], [4.5, 0.0, 0.0]).to_string(), "1.5 degrees and 4.0 mm");
 }

@@ -236,7 +236,7 @@ fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
             position_sd_mm: 0.08,
             unsettled_mm: 0.0002,
             rotation_sd_deg: 0.11,
-            limit_excess: 0.0,
+            beyond_range: Default::default(),
             motion_mm: (transform * p - p).norm(),
             determined_by: by.into(),
         }

@@ -171,6 +171,10 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> R
     config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
 }
 
+/// Farther than this beyond its soft range a joint is warned of.
+const BEYOND_DEG: f64 = 3.0;
+const BEYOND_MM: f64 = 3.0;
+
 /// Bones that the user should look at.
 pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
@@ -178,8 +182,13 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
         if bone.determined_by == "joint" && bone.visible > 0.3 {
             out.push(Warning::new("bone-not-explained", format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
         }
-        if bone.limit_excess > 3.0 {
-            out.push(Warning::new("joint-limit", format!("{}: its joint is {:.1} (degrees or mm) beyond its soft range; check the label and the fusion images", bone.name, bone.limit_excess)));
+        let beyond = &bone.beyond_range;
+        if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {
+            let message = format!(
+                "{}: its joint is {beyond} beyond its soft range; check the label and the fusion images",
+                bone.name
+            );
+            out.push(Warning::new("joint-limit", message));
         }
     }
     out.extend(unsettled(&fit.bones));
@@ -222,7 +231,7 @@ mod tests {
             unsettled_mm,
             position_sd_mm: 0.1,
             rotation_sd_deg: 0.1,
-            limit_excess: 0.0,
+            beyond_range: Default::default(),
             motion_mm: 0.0,
             determined_by: "image".into(),
         };

@@ -21,7 +21,7 @@ pub(super) fn bones(report: &Report) -> Markup {
         p.note {
             "Motion is the mean displacement of a bone's points, from planning to fraction, couch shift included. Uncertainty is one standard "
             "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the couch "
-            "shift alone. Beyond range: excess over the joint's soft limit. Rigid: root mean square departure of the field from rigid motion."
+            "shift alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
         table {
             thead {
@@ -40,7 +40,7 @@ pub(super) fn bones(report: &Report) -> Markup {
                         td.n { (format!("{:.1}", b.motion_mm)) }
                         td.n { (format!("{:.1}", rotation_angle_deg(&b.transform))) }
                         td.n { (uncertainty(b)) }
-                        td.n { (number(Some(b.limit_excess).filter(|e| *e > 0.0), 2)) }
+                        td.n { @if b.beyond_range.any() { (b.beyond_range) } @else { (MISSING) } }
                         td.n { (rigid_rms(b).map_or(MISSING.to_owned(), |r| format!("{r:.1e}"))) }
                         td.wide { (b.stop) }
                     }
