@@ -180,8 +180,6 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
     let pose = skeleton.pose_of(&transforms);
     let excess = skeleton.excess(&pose);
     let bones = skeleton.bones.iter().enumerate().map(|(b, bone)| {
-        let most = |values: &[f64; 3]| values.iter().map(|v| v.abs()).fold(0.0, f64::max);
-        let (rotation_deg, shift_mm) = (most(&excess[b].rotation_deg), most(&excess[b].translation_mm));
         let sd = known[b].as_ref().map_or(f64::MAX, |k| k.position_sd_mm);
         BoneFit {
             name: bone.name.clone(),
@@ -193,7 +191,7 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
             position_sd_mm: sd,
             rotation_sd_deg: if sd < f64::MAX { (sd / radius(bone)).to_degrees() } else { f64::MAX },
             unsettled_mm: 0.0,
-            beyond_range: bone.parent.map(|_| BeyondRange { rotation_deg, shift_mm }).unwrap_or_default(),
+            beyond_range: bone.parent.map(|_| BeyondRange::of(&excess[b])).unwrap_or_default(),
             motion_mm: (transforms[b] * bone.centroid - bone.centroid).norm(),
             determined_by: if known[b].is_some() { "given" } else { "joint" }.into(),
         }

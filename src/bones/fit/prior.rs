@@ -2,7 +2,7 @@
 
 use super::lie::left_jacobian_inverse;
 use crate::geometry::Rigid;
-use crate::skeleton::{Joint, JointPose};
+use crate::skeleton::{Excess, Joint, JointPose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -53,6 +53,12 @@ pub struct BeyondRange {
 }
 
 impl BeyondRange {
+    /// The worst of what a joint is beyond its ranges.
+    pub fn of(excess: &Excess) -> Self {
+        let most = |values: &[f64; 3]| values.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        Self { rotation_deg: most(&excess.rotation_deg), shift_mm: most(&excess.translation_mm) }
+    }
+
     /// Whether the joint has left its range.
     pub fn any(&self) -> bool {
         self.rotation_deg > 0.0 || self.shift_mm > 0.0
@@ -65,18 +71,6 @@ impl fmt::Display for BeyondRange {
         let parts = parts.iter().filter(|p| p.0 > 0.0).map(|(value, unit)| format!("{value:.1} {unit}"));
         f.write_str(&parts.collect::<Vec<_>>().join(" and "))
     }
-}
-
-/// How far a joint's motion lies beyond its soft range.
-pub fn beyond_range(joint: &Joint, pose: &JointPose) -> BeyondRange {
-    let mut worst = BeyondRange::default();
-    for a in 0..3 {
-        let deg = pose.rotation[a].to_degrees();
-        let [low, high] = joint.rotation_range_deg[a];
-        worst.rotation_deg = worst.rotation_deg.max(low - deg).max(deg - high);
-        worst.shift_mm = worst.shift_mm.max(pose.translation[a].abs() - joint.translation_range_mm[a]);
-    }
-    worst
 }
 
 /// Penalty of a joint; centres are where the small rotations of parent and child turn about (world, fraction side).

@@ -4,7 +4,7 @@ use super::accept::{LEAST_FOUND, accept, found_share, not_found};
 use super::given::given;
 use super::level::Level;
 use super::planning::BoneSamples;
-use super::prior::{beyond_range, relative};
+use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::rivals::best_level;
 use super::samples::Samples;
@@ -405,8 +405,8 @@ impl<'a> Fitter<'a> {
             .map(|(b, bone)| {
                 let visible = after[b].visible;
                 let seen = visible > 0.0;
-                let motion = |p: usize| relative(&bone.joint, &transforms[p], &transforms[b]);
-                let beyond_range = bone.parent.map(|p| beyond_range(&bone.joint, &motion(p))).unwrap_or_default();
+                let excess = |p: usize| bone.joint.excess(&relative(&bone.joint, &transforms[p], &transforms[b]));
+                let beyond_range = bone.parent.map(|p| BeyondRange::of(&excess(p))).unwrap_or_default();
                 BoneFit {
                     name: bone.name.clone(),
                     transform: transforms[b],

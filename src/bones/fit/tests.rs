@@ -1,6 +1,6 @@
 //! Derivatives against central differences, known motions recovered, and the field of view that never pays.
 
-use super::prior::beyond_range;
+use super::prior::BeyondRange;
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::{Held, Measure};
@@ -230,7 +230,8 @@ fn a_bone_without_image_follows_its_joint() {
 #[test]
 fn degrees_and_millimetres_beyond_a_range_are_told_apart() {
     let of = |degrees: [f64; 3], shift: [f64; 3]| {
-        beyond_range(&joint(), &JointPose { rotation: degrees.map(f64::to_radians), translation: shift })
+        let pose = JointPose { rotation: degrees.map(f64::to_radians), translation: shift };
+        BeyondRange::of(&joint().excess(&pose))
     };
     assert!(!of([3.9, -4.9, 1.0], [-0.5, 1.0, 0.0]).any());
     assert_eq!(of([4.0, -7.5, 0.0], [0.0; 3]).to_string(), "2.5 degrees");

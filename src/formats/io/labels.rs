@@ -1,7 +1,7 @@
 //! Label maps and the names of their labels: TotalSegmentator's NIfTI header extension, or a JSON file.
 
 use super::Loaded;
-use super::dicom::{self, BoneNames, labels_from_structures, organs_from_structures, read_structure_set};
+use super::dicom::{self, BoneNames, StructureSet, labels_from_structures, organs_from_structures, read_structure_set};
 use super::image::{WriteOptions, write};
 use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster, load};
@@ -49,13 +49,25 @@ pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> 
         return read_labels(path, names);
     }
     let names = names.map(BoneNames::read).transpose()?.unwrap_or_default();
+    from_structures(path, grid, |set| {
+        let drawn = labels_from_structures(set, grid, &names)?;
+        Ok((drawn.map, drawn.warnings))
+    })
+}
+
+/// Labels that are drawn on `grid` from a DICOM structure set, with what reading it found.
+fn from_structures(
+    path: &Path,
+    grid: &Grid,
+    draw: impl Fn(&StructureSet) -> Result<(LabelMap, Vec<Warning>)>,
+) -> Result<Loaded<LabelMap>> {
     let mut set = read_structure_set(path)?;
     // What is drawn twice would be empty.
     let tidied = set.contours.tidy();
-    let drawn = labels_from_structures(&set, grid, &names)?;
-    let warnings = [set.warnings, tidied, drawn.warnings].concat();
+    let (value, warnings) = draw(&set)?;
+    let warnings = [set.warnings, tidied, warnings].concat();
     let header = dicom::structure_notes(grid, &set.label);
-    Ok(Loaded { value: drawn.map, path: set.path, sha256: set.sha256, header, warnings })
+    Ok(Loaded { value, path: set.path, sha256: set.sha256, header, warnings })
 }
 
 /// Reads organs: a label map or a mask, or of a DICOM structure set those of the names `wanted`, drawn on
@@ -68,12 +80,7 @@ pub fn read_organs(path: impl AsRef<Path>, wanted: &[String], grid: &Grid) -> Re
     if !dicom::is_place(path) {
         return read_label_map(path, None);
     }
-    let mut set = read_structure_set(path)?;
-    let tidied = set.contours.tidy();
-    let value = organs_from_structures(&set, grid, wanted)?;
-    let warnings = [set.warnings, tidied].concat();
-    let header = dicom::structure_notes(grid, &set.label);
-    Ok(Loaded { value, path: set.path, sha256: set.sha256, header, warnings })
+    from_structures(path, grid, |set| Ok((organs_from_structures(set, grid, wanted)?, Vec::new())))
 }
 
 /// Labels that occur and have the name of a lesser one, with that one.

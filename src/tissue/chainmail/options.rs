@@ -132,16 +132,17 @@ impl ChainmailOptions {
 
     /// Whether these settings say something about an organ.
     pub fn names_organ(&self, name: &str) -> bool {
-        self.organs.contains_key(name)
-            || self.slip.organs.iter().any(|organ| organ == name)
-            || self.volume_change.iter().any(|c| c.organ == name)
+        self.all_organs().any(|organ| organ == name)
     }
 
     /// The organs that these settings say something about, each once.
     pub fn organs_named(&self) -> Vec<String> {
+        self.all_organs().cloned().collect::<BTreeSet<_>>().into_iter().collect()
+    }
+
+    fn all_organs(&self) -> impl Iterator<Item = &String> {
         let changed = self.volume_change.iter().map(|c| &c.organ);
-        let all = self.organs.keys().chain(&self.slip.organs).chain(changed);
-        all.cloned().collect::<BTreeSet<_>>().into_iter().collect()
+        self.organs.keys().chain(&self.slip.organs).chain(changed)
     }
 
     /// The first impossible choice in these settings, if any, with its key.

@@ -36,8 +36,8 @@ pub struct View {
 /// Makes the numbers of a volume.
 type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 
-/// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, at most two
-/// million or so; the planning CT also as it was scanned, or with the couch shift alone where the
+/// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, as many as
+/// [`PageGrid::of`] takes; the planning CT also as it was scanned, or with the couch shift alone where the
 /// scans have hardly any volume in common. `contours`: structures of the planning CT, to be shown
 /// before and after.
 ///
