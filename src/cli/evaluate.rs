@@ -2,10 +2,12 @@
 
 use super::fields::{self, Known, Role};
 use super::frames::place;
+use super::inputs::config_file;
 use super::register::progress;
 use super::{command_line, planned, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::evaluate::verdict::Limits;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::Outside;
 use crate::geometry::Grid;
@@ -31,7 +33,8 @@ What is measured depends on what is given:
                             Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
   --landmarks               residuals before and after, per landmark
   --then --direct           transitivity over three images
-Figures with a tolerance (AAPM TG-132) are marked pass, review or fail. A mark is no decision.
+Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, is to be reviewed or fails, by the rules
+that also judge `register`; --config sets the limits ([verdict]). A verdict is no decision.
 
 Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
 
@@ -87,6 +90,9 @@ pub struct EvaluateArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Settings (TOML), or the report.json of a run: its limits, [verdict], judge the field
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Threads; 0 takes one per core. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
     pub threads: usize,
@@ -152,6 +158,14 @@ impl Ledger {
         loaded.value
     }
 
+    /// Takes a scan, which may tell whose it is.
+    pub(super) fn take_scan<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
+        let about = dicom::About::of(&loaded.path);
+        let value = self.take(role, loaded);
+        self.inputs.iter_mut().rev().take(1).for_each(|input| input.about.clone_from(&about));
+        value
+    }
+
     /// The files, as seen from the folder of the report that names them.
     pub(super) fn seen_from(&self, folder: &Path) -> Vec<InputFile> {
         let own = |i: &InputFile| InputFile { path: io::relative_to(folder, &i.path), ..i.clone() };
@@ -181,13 +195,17 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let files = field_files(args)?;
     let mut folder = run_folder(&args.out, &planned_files(&files), &args.files())?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let limits = args.config.as_deref().map(limits).transpose()?.unwrap_or_default();
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
+    let common = ledger.warnings.len();
     let option = (!args.compare.is_empty()).then_some("--compare");
     let mut assessed = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
-        let (field, drawn) = one(n, file, option, &inputs, &mut ledger, &runtime)?;
+        let before = ledger.warnings.len();
+        let (mut field, drawn) = one(n, file, option, (&inputs, &limits), &mut ledger, &runtime)?;
+        field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
         assessed.push(field);
         pictures.extend(drawn);
     }
@@ -213,6 +231,11 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     Ok(format!("{}\nThe report: {}", evaluation::terminal_table(&report), page.display()))
 }
 
+/// The limits of a file of settings.
+fn limits(path: &Path) -> Result<Limits> {
+    Ok(config_file(path)?.resolve(None)?.verdict)
+}
+
 impl EvaluateArgs {
     /// All files to read.
     fn files(&self) -> Vec<&Path> {
@@ -229,6 +252,7 @@ impl EvaluateArgs {
             &self.mask,
             &self.then,
             &self.direct,
+            &self.config,
         ];
         one.into_iter().flatten().chain(&self.compare).map(PathBuf::as_path).collect()
     }
@@ -275,7 +299,7 @@ fn name(path: &Path) -> String {
 /// Reads everything but the fields.
 fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     let mut image = |role: &str, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
-        path.as_ref().map(|p| Ok(ledger.take(role, io::read_image(p)?))).transpose()
+        path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
     };
     let planning = image("planning", &args.planning)?;
     let fraction = image("fraction", &args.fraction)?;
@@ -372,7 +396,7 @@ fn one(
     which: usize,
     (name, push, pull): &FieldFiles,
     option: Option<&'static str>,
-    inputs: &Inputs,
+    (inputs, limits): (&Inputs, &Limits),
     ledger: &mut Ledger,
     runtime: &Runtime,
 ) -> Result<(Assessed, Vec<EvaluationPicture>)> {
@@ -402,9 +426,9 @@ fn one(
         landmarks: &inputs.landmarks,
         triangle: inputs.triangle.as_ref().map(|[a, b]| [a, b]),
     };
-    let (assessment, jacobian, mapped) = assess(&subject, runtime)?;
-    let field = Assessed { name: name.clone(), assessment };
-    let drawable = Drawable { subject, jacobian, mapped };
+    let (assessment, maps) = assess(&subject, limits, runtime)?;
+    let field = Assessed::new(name.clone(), assessment);
+    let drawable = Drawable { subject, maps };
     let pictures = runtime.stage("draw", || evaluation::draw(which, &field, &drawable))?;
     Ok((field, pictures))
 }
