@@ -126,7 +126,8 @@ mod tests {
         assert!(text.lines().count() <= 13 && text.lines().all(|l| l.chars().count() <= 120), "{text}");
         let landmarks = report.landmarks.as_ref().unwrap();
         assert!(
-            text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean)) && text.contains("verdict"),
+            text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean))
+                && text.contains("verdict"),
             "{text}"
         );
         assert!(text.contains("bone contact"), "{text}");

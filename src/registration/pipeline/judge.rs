@@ -22,6 +22,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     if back.n > 0 {
         all.push(limits.consistency("inverse consistency away from bone contact", back.p95, voxel));
     }
+    all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.voxels));
     if let Some((_, u)) = &outcome.uncertainty {
         all.push(limits.uncertainty(u.soft_tissue_mm.p95, u.above_2mm_ml));
     }

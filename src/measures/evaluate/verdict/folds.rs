@@ -104,12 +104,10 @@ mod tests {
         assert_eq!(few.verdict, Mark::Pass);
         assert!((few.value - 0.015).abs() < 1e-12 && few.unit == "ml");
         assert!(few.reason.contains("0.0150 ml") && few.reason.contains("12, -30, 101"), "{}", few.reason);
-        assert_eq!([0, 40, 400, 4000].map(|n| judged(n)[0].verdict), [
-            Mark::Pass,
-            Mark::Review,
-            Mark::Review,
-            Mark::Fail
-        ]);
+        assert_eq!(
+            [0, 40, 400, 4000].map(|n| judged(n)[0].verdict),
+            [Mark::Pass, Mark::Review, Mark::Review, Mark::Fail]
+        );
         // A small scan: a large share fails, however few ml.
         assert_eq!(limits.folds("planning to fraction", &report(1000, 4, 0), 0.003_75)[0].verdict, Mark::Fail);
     }

@@ -24,6 +24,8 @@ pub struct Limits {
     pub folded_ml: [f64; 2],
     /// Folded volume in bone contact and sliding interfaces, percent of the tissue; beyond it is reviewed.
     pub folded_contact_percent: f64,
+    /// Tissue voxels of the fraction without an exact pre-image, percent of its voxels; beyond it is reviewed.
+    pub no_inverse_percent: f64,
     /// Departure of a bone from rigid motion, root mean square, mm.
     pub rigidity_mm: [f64; 2],
     /// Curl, the greatest.
@@ -43,6 +45,7 @@ impl Default for Limits {
             folded_percent: [0.001, 0.1],
             folded_ml: [0.1, 10.0],
             folded_contact_percent: 0.1,
+            no_inverse_percent: 0.01,
             rigidity_mm: [1.0, 2.0],
             curl: [5.0, 10.0],
             uncertainty_mm: 3.0,
@@ -91,6 +94,21 @@ impl Limits {
         let remedy = "do not carry dose or contours back and forth where the two fields differ";
         let figure = Figure { name, value: p95_mm, unit: "mm", source: TG132, remedy };
         figure.at_most(or_voxel(self.consistency_mm, voxel_mm))
+    }
+
+    /// Tissue voxels of the fraction that no point of planning is found for, of so many voxels.
+    pub fn no_inverse(&self, tissue: usize, voxels: usize) -> Verdict {
+        let percent = 100.0 * tissue as f64 / voxels.max(1) as f64;
+        let figure = Figure {
+            name: "tissue without exact pre-image".into(),
+            value: percent,
+            unit: "%",
+            source: TG132,
+            remedy: "do not trust what is shown or mapped there: the field has no inverse",
+        };
+        let mut verdict = figure.at_most([self.no_inverse_percent, f64::INFINITY]);
+        verdict.reason.push_str(&format!("; {tissue} of {voxels} voxels"));
+        verdict
     }
 
     /// Root mean square departure of the least rigid bone from rigid motion, mm.
@@ -152,6 +170,7 @@ impl Limits {
         let single = [
             ("landmark_greatest_mm", self.landmark_greatest_mm),
             ("folded_contact_percent", self.folded_contact_percent),
+            ("no_inverse_percent", self.no_inverse_percent),
             ("uncertainty_mm", self.uncertainty_mm),
         ];
         let pair = |(name, [low, high]): &(&str, [f64; 2])| {

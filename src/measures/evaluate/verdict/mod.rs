@@ -168,11 +168,10 @@ mod tests {
         assert_eq!(landmarks(4.0, 4.5), [Mark::Fail, Mark::Pass]);
         assert_eq!([0, 1].map(|n| mark(&limits.jumps("", n))), [Mark::Pass, Mark::Review]);
         assert_eq!([1.0, 6.0, 11.0].map(|c| mark(&limits.curl("", c))), [Mark::Pass, Mark::Review, Mark::Fail]);
-        assert_eq!([0.1, 1.5, 4.0].map(|mm| mark(&limits.rigidity("skull", mm))), [
-            Mark::Pass,
-            Mark::Review,
-            Mark::Fail
-        ]);
+        assert_eq!(
+            [0.1, 1.5, 4.0].map(|mm| mark(&limits.rigidity("skull", mm))),
+            [Mark::Pass, Mark::Review, Mark::Fail]
+        );
         // What is no number never passes.
         assert_eq!((agreement(f64::NAN), dice(f64::NAN)), (Mark::Fail, Mark::Fail));
     }
@@ -181,11 +180,10 @@ mod tests {
     fn a_figure_between_voxels_of_coarse_scans_is_looked_at_and_does_not_fail() {
         let limits = Limits::default();
         let consistency = |mm, voxel| mark(&limits.consistency("there and back", mm, voxel));
-        assert_eq!([consistency(3.5, 2.0), consistency(3.5, 4.0), consistency(4.5, 4.0)], [
-            Mark::Fail,
-            Mark::Review,
-            Mark::Fail
-        ]);
+        assert_eq!(
+            [consistency(3.5, 2.0), consistency(3.5, 4.0), consistency(4.5, 4.0)],
+            [Mark::Fail, Mark::Review, Mark::Fail]
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::warning::Warning;
 
 /// Warnings of these codes say that the result may be wrong somewhere, and ask for a look at it. The others tell of
 /// files, of what is judged by its figures, or of what is expected.
-const DOUBTS: [&str; 29] = [
+const DOUBTS: [&str; 28] = [
     "bone-not-explained",
     "bones-apart",
     "bones-auto",
@@ -18,7 +18,6 @@ const DOUBTS: [&str; 29] = [
     "fraction-scaled",
     "hu-doubtful",
     "input-changed",
-    "inverse",
     "joint-limit",
     "label-doubtful",
     "label-on-wrong-side",
@@ -57,10 +56,10 @@ fn of_code(code: &str, warnings: &[Warning]) -> Option<Verdict> {
         return None;
     }
     let of_kind: Vec<&str> = warnings.iter().filter(|w| w.code == code).map(|w| w.message.as_str()).collect();
-    let first = of_kind.first()?;
+    // A refusal's own words end with its code and remedy.
+    let first = of_kind.first()?.split(&format!(" [{code}]")).next()?;
     let more = if of_kind.len() > 1 { format!(" (and {} more)", of_kind.len() - 1) } else { String::new() };
-    let (mark, limit) =
-        if let_through { (Mark::Fail, "refused, unless let through") } else { (Mark::Review, "none") };
+    let (mark, limit) = if let_through { (Mark::Fail, "refused, unless let through") } else { (Mark::Review, "none") };
     Some(Verdict {
         name: format!("warning: {code}"),
         value: of_kind.len() as f64,
@@ -92,10 +91,11 @@ mod tests {
             warning("label-doubtful", "skull: its label may miss the bone"),
             warning("bones-meet", "12 cells"),
             warning("label-doubtful", "mandible: its label may miss the bone"),
-            warning("labels-off-bone", "they lie 8 mm aside"),
+            warning("labels-off-bone", "they lie 8 mm aside [labels-off-bone] remedy: give others"),
         ]);
         let told: Vec<_> = all.iter().map(|v| (v.name.as_str(), v.verdict)).collect();
         assert_eq!(told, [("warning: label-doubtful", Mark::Review), ("warning: labels-off-bone", Mark::Fail)]);
         assert!(all[0].reason.contains("skull") && all[0].reason.contains("1 more") && !all[0].remedy.is_empty());
+        assert_eq!(all[1].reason, "they lie 8 mm aside");
     }
 }

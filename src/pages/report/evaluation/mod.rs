@@ -2,10 +2,12 @@
 
 mod figures;
 mod page;
+mod pairs;
 mod pictures;
 mod text;
 
 pub use figures::{Figure, figures};
+pub use pairs::{Compared, draw_pair};
 pub use text::terminal_table;
 
 use super::csv::write_landmarks;

@@ -12,10 +12,16 @@ use crate::evaluate::regularity::BIN;
 use crate::volume::{Volume, trilinear_vector};
 use nalgebra::Point3;
 
-const BACKDROP: Rgb = [198, 203, 210];
+pub(super) const BACKDROP: Rgb = [198, 203, 210];
 
 /// Encodes a canvas.
-fn encoded(which: usize, file: &str, title: String, caption: String, canvas: &Canvas) -> Result<EvaluationPicture> {
+pub(super) fn encoded(
+    which: usize,
+    file: &str,
+    title: String,
+    caption: String,
+    canvas: &Canvas,
+) -> Result<EvaluationPicture> {
     let mut png = Vec::new();
     canvas.write_png(&mut png).map_err(|e| Error::Internal(format!("{file}: {e}")))?;
     Ok(EvaluationPicture { file: format!("{}_{file}.png", which + 1), title, caption, png })
@@ -41,7 +47,9 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
         };
         all.push(encoded(which, "jacobian", format!("{name}: Jacobian map"), caption.into(), &sheet_of(canvas))?);
     }
-    if let (Some(fraction), Some(mapped), Some(reference)) = (s.fraction, &drawable.maps.structures, s.structures_fraction) {
+    if let (Some(fraction), Some(mapped), Some(reference)) =
+        (s.fraction, &drawable.maps.structures, s.structures_fraction)
+    {
         let canvas = contours(fraction, &mapped.volume, &reference.volume);
         let caption = "Outlines on the fraction CT: mapped from planning blue, drawn on the fraction orange.";
         all.push(encoded(which, "contours", format!("{name}: contours"), caption.into(), &canvas)?);
@@ -75,7 +83,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
 }
 
 /// The three planes through the middle of an image.
-fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
+pub(super) fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
     let region = Region::of(image.grid());
     planes(&[region; 3], &image.grid().middle())
 }

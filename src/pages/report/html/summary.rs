@@ -30,8 +30,19 @@ pub(super) fn title(report: &Report) -> String {
 }
 
 pub(super) fn header(report: &Report, title: &str) -> Markup {
-    let scan = |role: &str| html! { @for i in report.inputs.iter().filter(|i| i.role == role) { (identity(i)) } };
-    let fraction = if posed(report) { html! { (ARTIFICIAL) } } else { scan("fraction") };
+    let scan = |role: &str| {
+        html! {
+            @match report.inputs.iter().find(|i| i.role == role) {
+                Some(input) => (identity(input)),
+                None => { "made by aventail, no file" }
+            }
+        }
+    };
+    let fraction = if posed(report) {
+        html! { (ARTIFICIAL) }
+    } else {
+        scan("fraction")
+    };
     // Adding 0 turns the minus of a zero away.
     let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
     html! {

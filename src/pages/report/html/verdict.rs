@@ -26,7 +26,7 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
                 ul {
                     @for v in reasons.iter().take(SHOWN) {
                         li.(v.verdict.name()) {
-                            b { (v.verdict.name()) ", " (v.name) } ": " (shortened(&v.reason)) ". "
+                            b { (v.verdict.name()) ", " (v.name) } ": " (shortened(&v.reason)) " "
                             span.remedy { (sentence(&v.remedy)) }
                         }
                     }
@@ -46,7 +46,7 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
 fn shortened(text: &str) -> String {
     let text = text.trim_end_matches('.');
     match text.char_indices().nth(LETTERS) {
-        None => text.to_owned(),
+        None => format!("{text}."),
         Some((end, _)) => {
             let end = text[..end].rfind(' ').unwrap_or(end);
             format!("{} \u{2026}", &text[..end])
@@ -123,7 +123,7 @@ fn or_none(text: &str) -> &str {
 /// Fields that only a person fills in.
 pub(in crate::report) fn review() -> Markup {
     html! {
-        section.review {
+        section.sign {
             div.choice { b { "Decision" } span { "accept" } span { "accept with limits" } span { "reject" } }
             div.line { span { "Purpose, remarks" } span.blank {} span { "Name" } span.blank {} span { "Date" } span.blank {} }
         }

@@ -1,5 +1,10 @@
 //! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
 
+mod args;
+
+pub(super) use args::AFTER;
+pub use args::{DirectionName, EvaluateArgs};
+
 use super::fields::{self, Known, Role};
 use super::frames::place;
 use super::inputs::config_file;
@@ -13,114 +18,13 @@ use crate::field::Outside;
 use crate::geometry::Grid;
 use crate::io::{self, Loaded, Planned, dicom};
 use crate::pipeline::InputFile;
-use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
+use crate::report::evaluation::{self, Assessed, Compared, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
 use crate::skeleton;
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
-use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// What `aventail evaluate --help` adds.
-pub(super) const AFTER: &str = "\
-What is measured depends on what is given:
-  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
-  --planning                measured in the patient instead of the whole grid; Jacobian picture
-  --planning --fraction     similarity of the CTs before and after; fusion picture
-  --bones                   departure from rigid motion per bone; bone contact and sliding interfaces counted apart
-  --labels-planning --labels-fraction
-                            Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
-  --landmarks               residuals before and after, per landmark
-  --then --direct           transitivity over three images
-Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, is to be reviewed or fails, by the rules
-that also judge `register`; --config sets the limits ([verdict]). A verdict is no decision.
-
-Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
-
-Examples:
-  aventail evaluate --planning-to-fraction vf.mha --planning ct.nii.gz --fraction fx.nii.gz --bones bones.nii.gz --out eval
-  aventail evaluate --compare ours.nii.gz plastimatch.nii.gz --planning ct.nii.gz --landmarks points.csv --out compare";
-
-/// Options of `evaluate`.
-#[derive(Debug, Args)]
-pub struct EvaluateArgs {
-    /// Field on the planning grid: planning x goes to x + u(x); what a tool writes for fixed = planning
-    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
-    pub planning_to_fraction: Option<PathBuf>,
-    /// Field on the fraction grid: fraction y shows planning y + v(y); what a tool writes for fixed = fraction
-    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
-    pub fraction_to_planning: Option<PathBuf>,
-    /// Several fields of one case, side by side; all in the direction of --direction
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    pub compare: Vec<PathBuf>,
-    /// Direction of the fields of --compare
-    #[arg(long, value_enum, default_value = "planning-to-fraction")]
-    pub direction: DirectionName,
-    /// Planning CT in HU
-    #[arg(long, value_name = "FILE")]
-    pub planning: Option<PathBuf>,
-    /// Fraction CT in HU
-    #[arg(long, value_name = "FILE")]
-    pub fraction: Option<PathBuf>,
-    /// Bone labels in the planning frame
-    #[arg(long, value_name = "FILE")]
-    pub bones: Option<PathBuf>,
-    /// Structures in the planning frame
-    #[arg(long, value_name = "FILE")]
-    pub labels_planning: Option<PathBuf>,
-    /// The same structures drawn on the fraction, equal names
-    #[arg(long, value_name = "FILE", requires = "labels_planning")]
-    pub labels_fraction: Option<PathBuf>,
-    /// Names of labels, {"labels": {"1": "skull", ...}}, for label files whose header has none
-    #[arg(long, value_name = "FILE")]
-    pub labels: Option<PathBuf>,
-    /// Points known in both images (CSV)
-    #[arg(long, value_name = "FILE")]
-    pub landmarks: Option<PathBuf>,
-    /// Where to measure, in the planning frame (not zero: inside), instead of the patient
-    #[arg(long, value_name = "FILE")]
-    pub mask: Option<PathBuf>,
-    /// Field from the fraction to a third image, for transitivity
-    #[arg(long, value_name = "FILE", requires = "direct")]
-    pub then: Option<PathBuf>,
-    /// Field from planning straight to the third image
-    #[arg(long, value_name = "FILE", requires = "then")]
-    pub direct: Option<PathBuf>,
-    /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Settings (TOML), or the report.json of a run: its limits, [verdict], judge the field
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
-    /// Print the numbers as JSON instead of the table
-    #[arg(long)]
-    pub json: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
-}
-
-/// Names of directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DirectionName {
-    /// On the planning grid, as fixed = planning
-    PlanningToFraction,
-    /// On the fraction grid, as fixed = fraction
-    FractionToPlanning,
-}
-
-impl From<DirectionName> for Direction {
-    fn from(name: DirectionName) -> Self {
-        match name {
-            DirectionName::PlanningToFraction => Self::PlanningToFraction,
-            DirectionName::FractionToPlanning => Self::FractionToPlanning,
-        }
-    }
-}
 
 /// Tissue above this counts as the patient, HU.
 const TISSUE_HU: f32 = -500.0;
@@ -200,15 +104,23 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
     let common = ledger.warnings.len();
     let option = (!args.compare.is_empty()).then_some("--compare");
-    let mut assessed = Vec::new();
+    let mut first: Option<Compared> = None;
+    let mut others = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
         let before = ledger.warnings.len();
-        let (mut field, drawn) = one(n, file, option, (&inputs, &limits), &mut ledger, &runtime)?;
-        field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
-        assessed.push(field);
+        let (mut own, drawn) = one(n, file, option, (&inputs, &limits), &mut ledger, &runtime)?;
+        own.field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
         pictures.extend(drawn);
+        let Some(first) = &first else {
+            first = Some(own);
+            continue;
+        };
+        let planning = inputs.planning.as_ref();
+        pictures.extend(runtime.stage("draw", || evaluation::draw_pair(n, first, &own, planning))?);
+        others.push(own.field);
     }
+    let assessed = first.map(|first| first.field).into_iter().chain(others).collect();
     let mut report = EvaluationReport {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
@@ -234,28 +146,6 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
 /// The limits of a file of settings.
 fn limits(path: &Path) -> Result<Limits> {
     Ok(config_file(path)?.resolve(None)?.verdict)
-}
-
-impl EvaluateArgs {
-    /// All files to read.
-    fn files(&self) -> Vec<&Path> {
-        let one = [
-            &self.planning_to_fraction,
-            &self.fraction_to_planning,
-            &self.planning,
-            &self.fraction,
-            &self.bones,
-            &self.labels_planning,
-            &self.labels_fraction,
-            &self.labels,
-            &self.landmarks,
-            &self.mask,
-            &self.then,
-            &self.direct,
-            &self.config,
-        ];
-        one.into_iter().flatten().chain(&self.compare).map(PathBuf::as_path).collect()
-    }
 }
 
 /// What will be written, besides pictures.
@@ -399,7 +289,7 @@ fn one(
     (inputs, limits): (&Inputs, &Limits),
     ledger: &mut Ledger,
     runtime: &Runtime,
-) -> Result<(Assessed, Vec<EvaluationPicture>)> {
+) -> Result<(Compared, Vec<EvaluationPicture>)> {
     let pair = runtime
         .stage(&format!("read {name}"), || read_pair((push.as_deref(), pull.as_deref()), option, inputs, ledger))?;
     for direction in &pair.given {
@@ -430,7 +320,8 @@ fn one(
     let field = Assessed::new(name.clone(), assessment);
     let drawable = Drawable { subject, maps };
     let pictures = runtime.stage("draw", || evaluation::draw(which, &field, &drawable))?;
-    Ok((field, pictures))
+    let measured = drawable.maps.measured;
+    Ok((Compared { field, pair, measured }, pictures))
 }
 
 /// Reads the given direction or directions of a field and makes the missing one.
