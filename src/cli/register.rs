@@ -304,7 +304,8 @@ pub(super) fn write_run(
         outputs.extend(files);
         outcome.warnings.extend(warnings);
     }
-    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs };
+    let limits = config.verdict.clone();
+    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs, limits };
     let outcome = Outcome { stages: runtime.times(), ..outcome };
     let report = runtime.stage("report", || report::write(out, case, &outcome, &run, (pictures?, view?)))?;
     folder.finish();

@@ -18,6 +18,7 @@ mod example;
 mod html;
 mod library;
 mod numbers;
+mod palette;
 mod pictures;
 mod plane;
 mod plot;
