@@ -62,8 +62,7 @@ fn fill(
 ) -> Result<Report> {
     let settings = config.value()?;
     let found = &*outcome;
-    let draw =
-        || rayon::join(|| draw(case, found), || view.then(|| embed(case, found, contours)).transpose());
+    let draw = || rayon::join(|| draw(case, found), || view.then(|| embed(case, found, contours)).transpose());
     let (outputs, (pictures, view)) =
         runtime.stage("write, draw", || rayon::join(|| write_outputs(out, found, config), draw));
     let mut outputs = outputs?;

@@ -85,9 +85,8 @@ impl PhantomOptions {
     /// The same field of view with another spacing, mm; borders of tissues widen with it.
     #[must_use]
     pub fn with_spacing(self, spacing: [f64; 3]) -> Self {
-        let size = std::array::from_fn(|a| {
-            (self.size[a] as f64 * self.spacing_mm[a] / spacing[a]).round().max(4.0) as usize
-        });
+        let size =
+            std::array::from_fn(|a| (self.size[a] as f64 * self.spacing_mm[a] / spacing[a]).round().max(4.0) as usize);
         let edge_mm = self.edge_mm * (spacing[0] / self.spacing_mm[0]).max(0.5);
         Self { size, edge_mm, spacing_mm: spacing, ..self }
     }
