@@ -7,7 +7,7 @@ Arrays are ``[z, y, x]``, components last, as SimpleITK's ``GetArrayFromImage`` 
 x, y, z in LPS mm.
 """
 
-from . import dose
+from . import dose, reports
 from ._aventail import __version__
 from ._contours import Contours
 from ._errors import (
@@ -24,7 +24,7 @@ from ._image import Image
 from ._measure import evaluate, skeleton
 from ._phantom import Phantom, phantom
 from ._registration import Registration, Warning, pose, register
-from ._report import Assessment, Report
+from .reports import Assessment, Report
 
 __all__ = [
     "Assessment",
@@ -48,5 +48,6 @@ __all__ = [
     "phantom",
     "pose",
     "register",
+    "reports",
     "skeleton",
 ]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _aventail, _errors
-from ._image import Image, Path, _of_raster, _raster
+from ._image import Image, Path, _of_raster, _raster, imported
 
 if TYPE_CHECKING:
-    from ._aventail import Raster
+    from ._aventail import _Raster
 
 FieldFormat: TypeAlias = Literal[
     "nifti", "metaimage", "nrrd", "dispvect", "niftyreg-displacement", "niftyreg-deformation"
@@ -85,8 +85,7 @@ class Field:
 
             sitk.Resample(planning, fraction, registration.fraction_to_planning.to_sitk(), sitk.sitkLinear, -1000.0)
         """
-        import SimpleITK as sitk
-
+        sitk = imported("SimpleITK")
         vectors = sitk.Cast(self.image.to_sitk(), sitk.sitkVectorFloat64)
         return sitk.DisplacementFieldTransform(vectors)
 
@@ -111,7 +110,7 @@ class Field:
         return cls(Image.of(thing), start, end)
 
 
-def field_source(thing: FieldLike | None, start: str, end: str) -> str | Raster | None:
+def field_source(thing: FieldLike | None, start: str, end: str) -> str | _Raster | None:
     """A field as the compiled module takes it; one that points the other way is refused."""
     if thing is None or isinstance(thing, (str, os.PathLike)):
         return None if thing is None else os.fspath(thing)

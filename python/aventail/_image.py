@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Union
 from xml.etree import ElementTree
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from . import _aventail, _errors
 
 if TYPE_CHECKING:
-    from ._aventail import Geometry, Raster
+    from ._aventail import _Geometry, _Raster
 
 Path: TypeAlias = Union[str, "os.PathLike[str]"]
 """A file, or the folder of a DICOM series."""
@@ -73,6 +74,10 @@ class Image:
         object.__setattr__(self, "origin", _three(self.origin))
         object.__setattr__(self, "direction", direction)
 
+    def __repr__(self) -> str:
+        x, y, z = self.size
+        return f"<aventail.Image {x} x {y} x {z} voxels, {self.array.dtype}>"
+
     @property
     def size(self) -> tuple[int, int, int]:
         """Voxels along x, y, z."""
@@ -117,8 +122,7 @@ class Image:
 
     def to_sitk(self) -> Any:
         """The same as a SimpleITK image."""
-        import SimpleITK as sitk
-
+        sitk = imported("SimpleITK")
         array = self.array.astype(np.uint8) if self.array.dtype == np.bool_ else self.array
         image = sitk.GetImageFromArray(array, isVector=self.array.ndim == 4)
         image.SetSpacing(self.spacing)
@@ -128,8 +132,7 @@ class Image:
 
     def to_nibabel(self) -> Any:
         """The same as a nibabel NIfTI image: array ``[x, y, z]``, affine in RAS."""
-        import nibabel
-
+        nibabel = imported("nibabel")
         array = self.array.astype(np.uint8) if self.array.dtype == np.bool_ else self.array
         return nibabel.Nifti1Image(np.moveaxis(array, (0, 1, 2), (2, 1, 0)), _RAS @ self.affine)
 
@@ -146,19 +149,26 @@ class Image:
             _aventail.write_image(os.fspath(path), _raster(self, np.float32), whole)
 
 
-def _three(values: Sequence[float]) -> tuple[float, float, float]:
+def imported(name: str) -> Any:
+    """A package that is needed only where its things are asked for."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise _errors.usage(f"{name} is not installed", f"pip install {name}") from None
+
+
+def _three(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = (float(v) for v in values)
     return x, y, z
 
 
-def _of_raster(raster: Raster, kind: Kind | None = None, names: Mapping[int, str] | None = None) -> Image:
+def _of_raster(raster: _Raster, kind: Kind | None = None, names: Mapping[int, str] | None = None) -> Image:
     array, spacing, origin, direction = raster
     return Image(array, spacing, origin, np.asarray(direction).reshape(3, 3), names, kind)
 
 
 def _of_sitk(image: Any, kind: Kind) -> Image:
-    import SimpleITK as sitk
-
+    sitk = imported("SimpleITK")
     if image.GetDimension() != 3:
         raise _errors.unsuitable("image", f"it has {image.GetDimension()} dimensions", "give an image of three")
     array = sitk.GetArrayViewFromImage(image)
@@ -191,12 +201,12 @@ def _geometry(image: Image) -> tuple[tuple[float, float, float], tuple[float, fl
     return image.spacing, image.origin, tuple(float(v) for v in image.direction.ravel())
 
 
-def _raster(image: Image, dtype: Any) -> Raster:
+def _raster(image: Image, dtype: Any) -> _Raster:
     """The image as the compiled module takes it."""
     return (np.ascontiguousarray(image.array, dtype), *_geometry(image))
 
 
-def _label_raster(image: Image, what: str) -> Raster:
+def _label_raster(image: Image, what: str) -> _Raster:
     """The same as labels, which must be whole numbers from 0 to 65535."""
     array = image.array
     labels = array.astype(np.uint16)
@@ -209,14 +219,14 @@ def _label_raster(image: Image, what: str) -> Raster:
     return _raster(Image(labels, image.spacing, image.origin, image.direction), np.uint16)
 
 
-def source(thing: ImageLike, kind: Kind = "image") -> str | Raster:
+def source(thing: ImageLike, kind: Kind = "image") -> str | _Raster:
     """An image as the compiled module takes it: a path, or a raster of float32."""
     if isinstance(thing, (str, os.PathLike)):
         return os.fspath(thing)
     return _raster(Image.of(thing, kind), np.float32)
 
 
-def label_source(thing: ImageLike, labels: Names | None, what: str = "bones") -> tuple[str | Raster, Any]:
+def label_source(thing: ImageLike, labels: Names | None, what: str = "bones") -> tuple[str | _Raster, Any]:
     """A label map and the names of its labels as the compiled module takes them."""
     names = name_source(labels)
     if isinstance(thing, (str, os.PathLike)):
@@ -240,7 +250,7 @@ def _numbered(key: int | str, value: int | str) -> tuple[int, str]:
     return (int(value), str(key)) if by_name else (int(key), str(value))
 
 
-def grid_source(thing: ImageLike | None) -> Geometry | None:
+def grid_source(thing: ImageLike | None) -> _Geometry | None:
     """The grid of an image as the compiled module takes it."""
     if thing is None:
         return None

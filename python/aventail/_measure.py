@@ -12,7 +12,7 @@ from ._progress import Progress, told
 from ._registration import Landmarks, Registration, landmark_source
 
 if TYPE_CHECKING:
-    from ._report import Assessment, Skeleton
+    from .reports import Assessment, Skeleton
 
 
 def both(
@@ -90,5 +90,6 @@ def skeleton(bones: ImageLike, labels: Names | None = None) -> Skeleton:
     """
     given, names = label_source(bones, labels)
     found, text = _aventail.skeleton(given, names)
-    out: Skeleton = {**json.loads(found), "text": text}
+    out: Skeleton = json.loads(found)
+    out["text"] = text
     return out

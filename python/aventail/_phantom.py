@@ -90,7 +90,7 @@ def phantom(
 
     >>> import aventail
     >>> aventail.phantom(spacing=(6, 6, 6))
-    <aventail.Phantom, 85 x 59 x 70 voxels, 27 landmarks>
+    <aventail.Phantom, 85 x 59 x 70 voxels, 18 landmarks>
     """
     text = json.dumps(options, allow_nan=False, default=_plain)
     return Phantom(_aventail.Phantom(text, None if spacing is None else _point(spacing), second, cbct))

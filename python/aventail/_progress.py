@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, TypeAlias, Union
 
 Progress: TypeAlias = Union[bool, Callable[[str, "float | None"], object], None]
@@ -48,11 +49,10 @@ def told(progress: Progress) -> Iterator[Callable[[str, float | None], object] |
         yield None
     elif progress is True:
         try:
-            from tqdm.auto import tqdm
+            bars = _Bars(import_module("tqdm.auto").tqdm)
         except ImportError:
             yield _line
             return
-        bars = _Bars(tqdm)
         try:
             yield bars
         finally:

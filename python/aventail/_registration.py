@@ -19,7 +19,7 @@ from ._image import Image, ImageLike, Kind, Names, Path, _of_raster, grid_source
 from ._progress import Progress, told
 
 if TYPE_CHECKING:
-    from ._report import Report
+    from .reports import Report
 
 Preset: TypeAlias = Literal["default", "fast", "accurate", "thesis"]
 """Named settings; docs/settings.md says what each is."""
@@ -165,8 +165,8 @@ class Registration:
         ``kind`` says what a volume is, where it does not itself (those of a :class:`Phantom` do): ``"image"``,
         ``"labels"`` or ``"dose"``. Points are an array of shape (n, 3), LPS mm; contours are :class:`Contours`, or a
         file of them with ``kind="contours"``. A volume comes back as an :class:`Image` on the grid of the scan that it
-        is carried to, or of ``grid``; ``outside`` is an image's value where nothing maps. Points outside the field stay
-        where they are, with a warning.
+        is carried to, or of ``grid``; ``outside`` is an image's value where nothing maps, and ``interpolation`` is an
+        image's. Points outside the field stay where they are, with a warning.
         """
         if to not in ("planning", "fraction"):
             raise _errors.usage(f"to is {to!r}", 'give to="fraction" or to="planning"')

@@ -26,7 +26,7 @@ from ._progress import Progress, told
 from ._registration import Frame, Registration
 
 if TYPE_CHECKING:
-    from ._report import DoseDifference, DoseReport, Dvh
+    from .reports import DoseDifference, DoseReport, Dvh
 
 __all__ = ["Compared", "Mapped", "accumulate", "compare", "dvh", "map"]
 

@@ -24,6 +24,11 @@ pub(crate) type Raster<'py, T> = (Bound<'py, PyArrayDyn<T>>, [f64; 3], [f64; 3],
 /// A raster of labels with their names.
 pub(crate) type LabelRaster<'py> = (Raster<'py, u16>, Names);
 
+/// The frames that a field joins, where its header tells.
+type Frames = Option<(String, String)>;
+/// Size, spacing, origin and direction of a grid.
+type Geometry = ([usize; 3], [f64; 3], [f64; 3], [f64; 9]);
+
 /// Something that was given as a file or in memory.
 pub(crate) enum Given<T> {
     Path(PathBuf),
@@ -179,14 +184,14 @@ pub(crate) fn read_labels(py: Python<'_>, path: PathBuf) -> PyResult<LabelRaster
 
 /// Reads a displacement field; also the frames that its header says it joins.
 #[pyfunction]
-pub(crate) fn read_field(py: Python<'_>, path: PathBuf) -> PyResult<(Raster<'_, f32>, Option<(String, String)>)> {
+pub(crate) fn read_field(py: Python<'_>, path: PathBuf) -> PyResult<(Raster<'_, f32>, Frames)> {
     let field = py.detach(|| io::read_field(path)).raised(py)?;
     Ok((field_raster(py, field.value)?, io::frames_of(&field.header.description)))
 }
 
 /// Reads the geometry of an image: size, spacing, origin, direction.
 #[pyfunction]
-pub(crate) fn read_grid(py: Python<'_>, path: PathBuf) -> PyResult<([usize; 3], [f64; 3], [f64; 3], [f64; 9])> {
+pub(crate) fn read_grid(py: Python<'_>, path: PathBuf) -> PyResult<Geometry> {
     let grid = py.detach(|| io::read_grid(path)).raised(py)?.0;
     let direction = grid.direction().transpose();
     let direction = std::array::from_fn(|n| direction.as_slice()[n]);

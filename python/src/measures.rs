@@ -218,7 +218,6 @@ pub(crate) fn dvh(
 /// Difference of two doses, the distance to dose difference, and figures as JSON.
 #[pyfunction]
 #[pyo3(signature = (dose, reference, tolerance, limit))]
-#[expect(clippy::type_complexity, reason = "two maps and their figures")]
 pub(crate) fn compare_doses<'py>(
     py: Python<'py>,
     dose: &Bound<'py, PyAny>,

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Given, contour_text};
 use crate::errors::raise;
-use aventail::dose::judge;
+use aventail::dose::{interpolate, judge};
 use aventail::field::{Chain, Interpolation, displacement, resample, resample_contours, resample_labels};
 use aventail::geometry::Grid;
 use aventail::volume::contour::Contours;
@@ -69,25 +69,20 @@ pub(crate) fn image(
         Given::Path(path) => io::read_image(path)?.value,
         Given::Value(volume) => volume,
     };
-    let interpolation = if kind.cubic { Interpolation::Cubic } else { Interpolation::Linear };
-    let outside = if kind.dose { 0.0 } else { kind.outside };
+    let target = target.unwrap_or(back.grid());
     if kind.dose {
         judge("dose", &mut image)?;
+        return interpolate(&image, back, target);
     }
+    let interpolation = if kind.cubic { Interpolation::Cubic } else { Interpolation::Linear };
     let chain = Chain::along(back);
-    let (v, _) = chain.displacement_on(target.unwrap_or(back.grid()))?;
-    let mut warped = resample(&v, &image, interpolation, outside)?;
-    if kind.dose {
-        warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
-    }
-    Ok(warped)
+    resample(&chain.displacement_on(target)?.0, &image, interpolation, kind.outside)
 }
 
 /// A label map through the field that leads back to its frame.
 pub(crate) fn labels(back: &Volume<[f32; 3]>, map: &LabelMap, target: Option<&Grid>) -> Result<LabelMap> {
     let chain = Chain::along(back);
-    let (v, _) = chain.displacement_on(target.unwrap_or(back.grid()))?;
-    resample_labels(&v, map)
+    resample_labels(&chain.displacement_on(target.unwrap_or(back.grid()))?.0, map)
 }
 
 /// Contours through the fields there and back, on the slices of the new frame.
