@@ -23,7 +23,7 @@ from ._field import Field
 from ._image import Image
 from ._measure import evaluate, skeleton
 from ._phantom import Phantom, phantom
-from ._registration import Registration, Warning, pose, register
+from ._registration import Registration, RunWarning, pose, register
 from .reports import Assessment, Report
 
 __all__ = [
@@ -39,8 +39,8 @@ __all__ = [
     "Registration",
     "RegistrationError",
     "Report",
+    "RunWarning",
     "UsageError",
-    "Warning",
     "WriteError",
     "__version__",
     "dose",

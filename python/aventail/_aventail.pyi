@@ -6,7 +6,29 @@ from typing import Any, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__: list[str]
+__all__ = [
+    "Phantom",
+    "Registration",
+    "__version__",
+    "compare_doses",
+    "dvh",
+    "evaluate",
+    "main",
+    "map_dose",
+    "pose",
+    "read_contours",
+    "read_field",
+    "read_grid",
+    "read_image",
+    "read_labels",
+    "register",
+    "skeleton",
+    "write_contours",
+    "write_field",
+    "write_image",
+    "write_labels",
+]
+
 __version__: str
 
 _Vector: TypeAlias = tuple[float, float, float]

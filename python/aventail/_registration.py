@@ -35,7 +35,7 @@ Frame: TypeAlias = Literal["planning", "fraction"]
 _PRESETS = ("default", "fast", "accurate", "thesis")
 
 
-class Warning(NamedTuple):
+class RunWarning(NamedTuple):
     """Something legal but unusual that a run found."""
 
     code: str
@@ -114,9 +114,9 @@ class Registration:
         return {name: np.asarray(rows) for name, rows in self._native.bones()}
 
     @property
-    def warnings(self) -> list[Warning]:
+    def warnings(self) -> list[RunWarning]:
         """What you should know."""
-        return [Warning(code, message) for code, message in self._native.warnings()]
+        return [RunWarning(code, message) for code, message in self._native.warnings()]
 
     @property
     def report(self) -> Report:

@@ -4,10 +4,11 @@ use crate::errors::Raised;
 use aventail::progress::Progress;
 use aventail::{Error, Result, Runtime};
 use pyo3::prelude::*;
+use std::any::Any;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How often Python's thread looks for signals.
@@ -25,31 +26,40 @@ enum Told {
     Done,
 }
 
-/// Where a run's progress goes, and whether it is to stop.
+/// Who is told of a run, and whether it is to stop.
+struct Listener {
+    to: Sender<Told>,
+    stop: Arc<AtomicBool>,
+}
+
+/// Hands progress to whoever asked for the work at hand.
 #[derive(Default)]
 struct Relay {
-    to: Mutex<Option<Sender<Told>>>,
-    stop: AtomicBool,
+    listener: Mutex<Option<Listener>>,
+    /// Held by the work at hand: what was stopped ends before the next begins.
+    turn: Mutex<()>,
 }
 
 /// What a stopped run unwinds with.
 struct Stopped;
 
 impl Relay {
-    fn send_to(&self, to: Option<Sender<Told>>) {
-        *self.to.lock().unwrap_or_else(PoisonError::into_inner) = to;
-    }
-
     /// Hands a word on, or ends a run that is to stop: every stage and every step of one asks here.
     fn tell(&self, told: Told) {
-        if self.stop.load(Ordering::Relaxed) {
+        let listener = held(&self.listener);
+        let Some(Listener { to, stop }) = &*listener else { return };
+        if stop.load(Ordering::Relaxed) {
+            drop(listener);
             resume_unwind(Box::new(Stopped));
         }
-        if let Some(to) = &*self.to.lock().unwrap_or_else(PoisonError::into_inner) {
-            // Nobody listens any longer where Python's thread has gone.
-            let _ = to.send(told);
-        }
+        // Nobody listens any longer where Python's thread has gone.
+        let _ = to.send(told);
     }
+}
+
+/// What a mutex guards; a panic elsewhere must not hide behind one about it.
+fn held<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The relay as the library sees it.
@@ -96,25 +106,32 @@ impl Runs {
         work: impl FnOnce(&Runtime) -> Result<T> + Send + 'static,
     ) -> PyResult<T> {
         let (to, told) = channel();
-        let told = Mutex::new(told);
-        self.relay.send_to(Some(to.clone()));
-        let runtime = Arc::clone(&self.runtime);
+        let (told, stop) = (Mutex::new(told), Arc::new(AtomicBool::new(false)));
+        let listener = Listener { to: to.clone(), stop: Arc::clone(&stop) };
+        let (runtime, relay) = (Arc::clone(&self.runtime), Arc::clone(&self.relay));
         let work = move || {
             // Sent however the work ends.
             let _done = OnDrop(to);
+            let _turn = held(&relay.turn);
+            *held(&relay.listener) = Some(listener);
             work(&runtime)
         };
         let started = std::thread::Builder::new().name("aventail".into()).spawn(work);
         let thread = started.map_err(|e| Error::usage(format!("cannot start a thread: {e}"), "free some memory"));
         let thread = thread.raised(py)?;
         if let Err(raised) = wait(py, progress, &told) {
-            self.relay.stop.store(true, Ordering::Relaxed);
+            stop.store(true, Ordering::Relaxed);
             return Err(raised);
         }
-        self.relay.send_to(None);
         let done = py.detach(|| thread.join());
-        done.unwrap_or_else(|_| Err(Error::Internal("the work ended in a panic".into()))).raised(py)
+        done.unwrap_or_else(|panic| Err(Error::Internal(why(panic.as_ref())))).raised(py)
     }
+}
+
+/// What a panic said.
+fn why(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "the work ended in a panic".into())
 }
 
 /// Tells that the work is done.
@@ -130,7 +147,7 @@ impl Drop for OnDrop {
 fn wait(py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, told: &Mutex<Receiver<Told>>) -> PyResult<()> {
     let mut stage = String::new();
     loop {
-        let next = py.detach(|| told.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(POLL));
+        let next = py.detach(|| held(told).recv_timeout(POLL));
         py.check_signals()?;
         let share = match next {
             Ok(Told::Done) | Err(RecvTimeoutError::Disconnected) => return Ok(()),

@@ -238,6 +238,16 @@ def test_ctrl_c_ends_a_run_and_the_next_one_works() -> None:
     aventail.register(coarse.planning, coarse.bones, coarse.fraction, settings="fast")
 
 
+def test_what_was_stopped_can_be_asked_for_again(registration: aventail.Registration, tmp_path: Path) -> None:
+    def stop(stage: str, share: float | None) -> None:
+        raise LookupError(stage)
+
+    with pytest.raises(LookupError):
+        registration.save(tmp_path / "out", progress=stop)
+    registration.save(tmp_path / "out", view=False)
+    assert (tmp_path / "out" / "report.json").exists()
+
+
 def test_a_pose_moves_what_it_names(phantom: aventail.Phantom) -> None:
     posed = aventail.pose(phantom.planning, phantom.bones, {"skull": {"axial_deg": 5.0}}, settings="fast", margin_mm=6.0)
     turn = posed.bones["skull"][:3, :3]

@@ -6,15 +6,15 @@ use crate::error::Error;
 use clap::Parser;
 use std::ffi::OsString;
 use std::io::{ErrorKind, IsTerminal, Write};
-use std::sync::OnceLock;
+use std::sync::{Mutex, PoisonError};
 
-/// What the program was called with, where that is not this process's own command line.
-static CALLED_WITH: OnceLock<String> = OnceLock::new();
+/// What [`main`] was called with last; it need not be this process's own command line.
+static CALLED_WITH: Mutex<Option<String>> = Mutex::new(None);
 
 /// Runs a command line, whose first entry is the program's name, and returns the process's exit code: 0, or that of
 /// [`Error::exit_code`]. Results go to standard output, progress and errors to standard error.
 pub fn main(arguments: Vec<OsString>) -> u8 {
-    CALLED_WITH.get_or_init(|| joined(&arguments));
+    *CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner) = Some(joined(&arguments));
     let done = match Cli::try_parse_from(arguments) {
         Ok(cli) => super::run(&cli).and_then(|text| print(&format!("{}\n", harmless(text.trim_end())))),
         // Help and version.
@@ -38,7 +38,8 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
 
 /// The command line for a report; bytes that are no text become replacement characters.
 pub(crate) fn command_line() -> String {
-    CALLED_WITH.get().cloned().unwrap_or_else(|| joined(&std::env::args_os().collect::<Vec<_>>()))
+    let called = CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    called.unwrap_or_else(|| joined(&std::env::args_os().collect::<Vec<_>>()))
 }
 
 fn joined(arguments: &[OsString]) -> String {
