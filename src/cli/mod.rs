@@ -19,9 +19,9 @@ pub mod library;
 mod links;
 pub mod man;
 mod organs;
-mod outputs;
 mod phantom;
 pub mod pose;
+mod program;
 mod record;
 mod register;
 mod skeleton;
@@ -33,16 +33,14 @@ pub mod terminal;
 mod version;
 mod warp;
 
+pub(crate) use program::command_line;
+pub use program::main;
+
 use crate::error::Result;
 use crate::io::{Planned, RunFolder};
 use args::{Cli, Verb};
 use clap::CommandFactory;
 use std::path::Path;
-
-/// This process's command line for a report; bytes that are no text become replacement characters.
-pub(crate) fn command_line() -> String {
-    std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
-}
 
 /// Takes hold of the folder of a run that will read `inputs`; see [`RunFolder::open`].
 pub(crate) fn run_folder(folder: &Path, planned: &Planned, inputs: &[&Path]) -> Result<RunFolder> {

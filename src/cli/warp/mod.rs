@@ -4,13 +4,12 @@ mod dicom;
 mod report;
 
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
-use super::dose;
 use super::fields;
 use super::frames::{Names, role_of};
 use super::giveback::Like;
 use super::links::LinkArg;
 use super::register::progress;
-use crate::dose::interpolate;
+use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{
     Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, resample, resample_contours, resample_labels,
@@ -313,7 +312,7 @@ fn map_volume(
         report.warnings.append(&mut image.warnings);
         let mut greatest = None;
         if kind == VolumeKind::Dose {
-            report.warnings.extend(dose::judge(&input.display().to_string(), &mut image.value)?);
+            report.warnings.extend(judge(&input.display().to_string(), &mut image.value)?);
             greatest = Some(image.value.extremes()[1]);
         }
         report.doubt(args, &unsure, image.value.grid(), &grid);
