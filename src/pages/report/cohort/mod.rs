@@ -7,6 +7,7 @@ mod text;
 
 use super::numbers::Report;
 use crate::error::Result;
+use crate::evaluate::verdict::{Mark, against};
 use crate::io::write_file;
 use figures::KINDS;
 use serde::Serialize;
@@ -30,6 +31,10 @@ pub struct Member {
     pub version: String,
     /// Its figures by name, with the unit in the name; nothing where the run has none.
     pub figures: BTreeMap<&'static str, Option<f64>>,
+    /// The worst verdict of its own report; nothing in reports of earlier versions.
+    pub verdict: Option<Mark>,
+    /// What that verdict rests on.
+    pub reasons: Vec<String>,
     /// Figures that stand apart from those of the cohort.
     pub stand_apart: Vec<&'static str>,
     /// Codes of its warnings.
@@ -42,6 +47,7 @@ impl Member {
         let about = report.inputs.iter().find(|i| i.role == "fraction").and_then(|i| i.about.as_ref());
         let mut warnings: Vec<String> = report.warnings.iter().map(|w| w.code.clone()).collect();
         warnings.dedup();
+        let worst = against(&report.verdicts).into_iter().filter(|v| Some(v.verdict) == report.verdict);
         Self {
             patient,
             fraction,
@@ -49,6 +55,8 @@ impl Member {
             folder,
             version: report.version.clone(),
             figures: KINDS.iter().map(|kind| (kind.key, kind.of(report))).collect(),
+            verdict: report.verdict,
+            reasons: worst.into_iter().map(|v| v.reason.clone()).collect(),
             stand_apart: Vec::new(),
             warnings,
         }
@@ -176,7 +184,7 @@ mod tests {
         let table = String::from_utf8(text::csv(&cohort).unwrap()).unwrap();
         let mut lines = table.lines();
         let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-        assert_eq!(header.len(), 4 + KINDS.len() + 2);
+        assert_eq!(header.len(), 5 + KINDS.len() + 2);
         let column = header.iter().position(|h| *h == "landmarks_mean_mm").unwrap();
         let values: Vec<f64> = lines.map(|l| l.split(',').nth(column).unwrap().parse().unwrap()).collect();
         assert_eq!(values.len(), 8);

@@ -4,8 +4,9 @@ use super::super::html::head;
 use super::super::numbers::utc;
 use super::super::viewer::policy;
 use super::figures::{KINDS, Kind};
-use super::text::{apart, counts, value};
+use super::text::{counts, stands_out, value, why};
 use super::{Cohort, Member};
+use crate::evaluate::verdict::Mark;
 use maud::{DOCTYPE, Markup, html};
 
 /// Styles beside the common ones.
@@ -68,13 +69,13 @@ fn report_link(m: &Member) -> String {
 
 /// What stands apart, and what is not finished.
 fn first(cohort: &Cohort) -> Markup {
-    let odd: Vec<&Member> = cohort.runs.iter().filter(|m| !m.stand_apart.is_empty()).collect();
+    let odd: Vec<&Member> = cohort.runs.iter().filter(|m| stands_out(m)).collect();
     html! {
-        @if odd.is_empty() { p { "No figure of any run stands apart." } }
+        @if odd.is_empty() { p { "No run fails, and no figure of any run stands apart." } }
         @if !odd.is_empty() || !cohort.unfinished.is_empty() {
             ul.warnings {
                 @for m in odd {
-                    li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (apart(cohort, m)) }
+                    li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m)) }
                 }
                 @for folder in &cohort.unfinished { li { code { "unfinished" } (folder) } }
             }
@@ -93,14 +94,14 @@ fn runs(cohort: &Cohort, shown: &[&Kind]) -> Markup {
         table.runs {
             thead {
                 tr {
-                    th { "Patient" } th { "Fraction" }
+                    th { "Patient" } th { "Fraction" } th { "Verdict" }
                     @for k in shown { th.n { (k.title) @if !k.unit.is_empty() { br; (k.unit) } } }
                     th { "Warnings" }
                 }
             }
             tbody {
                 tr {
-                    td { em { "median" } } td {}
+                    td { em { "median" } } td {} td {}
                     @for k in shown { td.n { em { (number(k, cohort.medians.get(k.key).copied().flatten())) } } }
                     td {}
                 }
@@ -109,6 +110,7 @@ fn runs(cohort: &Cohort, shown: &[&Kind]) -> Markup {
                         tr.first[n == 0] {
                             td.n.left { @if n == 0 { b { (m.patient) } } }
                             td { a href=(report_link(m)) { (m.fraction) } @if !m.date.is_empty() { br; small { (m.date) } } }
+                            td.odd[m.verdict > Some(Mark::Pass)] { (m.verdict.map_or("", Mark::name)) }
                             @for k in shown {
                                 td.n.odd[m.stand_apart.contains(&k.key)] { (number(k, m.figure(k.key))) }
                             }

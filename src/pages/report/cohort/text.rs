@@ -2,6 +2,7 @@
 
 use super::figures::{KINDS, Kind};
 use super::{Cohort, Member};
+use crate::evaluate::verdict::Mark;
 use crate::io::Sheet;
 use std::fmt::Write as _;
 use std::io;
@@ -11,10 +12,11 @@ pub(super) fn csv(cohort: &Cohort) -> io::Result<Vec<u8>> {
     let mut table = Sheet::default();
     let ends = ["stand_apart", "warnings"];
     table.write_record(
-        ["patient", "fraction", "date", "folder"].into_iter().chain(KINDS.iter().map(|k| k.key)).chain(ends),
+        ["patient", "fraction", "date", "folder", "verdict"].into_iter().chain(KINDS.iter().map(|k| k.key)).chain(ends),
     )?;
     for m in &cohort.runs {
         let mut cells = vec![m.patient.clone(), m.fraction.clone(), m.date.clone(), m.folder.display().to_string()];
+        cells.push(m.verdict.map_or("", Mark::name).to_owned());
         cells.extend(KINDS.iter().map(|kind| m.figure(kind.key).map_or(String::new(), |v| format!("{v:.6}"))));
         cells.extend([m.stand_apart.join(" "), m.warnings.join(" ")]);
         table.write_record(cells)?;
@@ -29,7 +31,7 @@ pub(super) fn value(kind: &Kind, v: f64) -> String {
 }
 
 /// What of a run stands apart, beside the median of the cohort.
-pub(super) fn apart(cohort: &Cohort, m: &Member) -> String {
+fn apart(cohort: &Cohort, m: &Member) -> String {
     let kinds = KINDS.iter().filter(|kind| m.stand_apart.contains(&kind.key));
     let told = kinds.filter_map(|kind| {
         let (v, median) = (m.figure(kind.key)?, cohort.medians.get(kind.key).copied().flatten()?);
@@ -38,13 +40,26 @@ pub(super) fn apart(cohort: &Cohort, m: &Member) -> String {
     told.collect::<Vec<_>>().join("; ")
 }
 
+/// Whether a person looks at a run first: it fails by its own report, or is unlike the others.
+pub(super) fn stands_out(m: &Member) -> bool {
+    m.verdict == Some(Mark::Fail) || !m.stand_apart.is_empty()
+}
+
+/// Why one does.
+pub(super) fn why(cohort: &Cohort, m: &Member) -> String {
+    let failed = m.reasons.iter().filter(|_| m.verdict == Some(Mark::Fail)).map(|reason| format!("FAIL: {reason}"));
+    failed.chain(Some(apart(cohort, m)).filter(|text| !text.is_empty())).collect::<Vec<_>>().join("; ")
+}
+
 /// How many runs of how many patients.
 pub(super) fn counts(cohort: &Cohort) -> String {
     let plural = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let warned = cohort.runs.iter().filter(|m| !m.warnings.is_empty()).count();
     let odd = cohort.runs.iter().filter(|m| !m.stand_apart.is_empty()).count();
+    let of = |mark: Mark| cohort.runs.iter().filter(|m| m.verdict == Some(mark)).count();
+    let (failed, review) = (of(Mark::Fail), of(Mark::Review));
     let mut text = format!(
-        "{} of {}; {warned} with warnings, {odd} with figures that stand apart",
+        "{} of {}; {failed} fail, {review} to review, {warned} with warnings, {odd} with figures that stand apart",
         plural(cohort.runs.len(), "run"),
         plural(cohort.patients().count(), "patient"),
     );
@@ -64,8 +79,8 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
             let _ = writeln!(text, "  {:<28} {median} median, {low} to {high}", kind.title);
         }
     }
-    for m in cohort.runs.iter().filter(|m| !m.stand_apart.is_empty()) {
-        let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, apart(cohort, m));
+    for m in cohort.runs.iter().filter(|m| stands_out(m)) {
+        let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, why(cohort, m));
     }
     for folder in &cohort.unfinished {
         let _ = writeln!(text, "  unfinished: {folder}");
