@@ -113,7 +113,7 @@ fn contours_under_the_identity_agree_with_themselves() {
         );
     }
     assert!(a["transitivity"]["distance_mm"]["max"].as_f64().unwrap() < 1e-6);
-    assert!(a["tolerances"].as_array().unwrap().iter().all(|t| t["mark"] == "pass"));
+    assert!(a["verdicts"].as_array().unwrap().iter().all(|t| t["verdict"] == "pass"));
 }
 
 #[test]

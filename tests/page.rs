@@ -2,7 +2,7 @@
 //! Chromium these tests say so and do nothing (`AVENTAIL_BROWSER` names the one to take).
 
 use crate::support::browser::Browser;
-use crate::support::{Register, done, folder};
+use crate::support::{Register, aventail, done, folder};
 use aventail::io::{read_field, read_image};
 use aventail::volume::{Volume, trilinear_vector};
 use base64::{Engine, engine::general_purpose::STANDARD};
@@ -175,6 +175,87 @@ fn what_it_tells_under_the_crosshair_is_what_the_files_hold() {
         moved += usize::from(v.norm() > 3.0);
     }
     assert!(moved >= 2, "{moved} places moved");
+}
+
+#[test]
+fn the_first_screen_tells_the_verdict_and_has_room_to_sign() {
+    let report: Value = serde_json::from_slice(&std::fs::read(done().out.join("report.json")).unwrap()).unwrap();
+    let verdict = report["verdict"].as_str().expect("a verdict");
+    let all = report["verdicts"].as_array().expect("verdicts");
+    let worst = ["fail", "review", "pass"].into_iter().find(|mark| all.iter().any(|v| v["verdict"] == *mark));
+    assert_eq!(Some(verdict), worst);
+    for v in all {
+        for key in ["name", "unit", "limit", "source", "reason", "remedy"] {
+            assert!(v[key].is_string(), "{key} of {v}");
+        }
+        assert!(v["value"].is_number() && (v["verdict"] == "pass") == (v["remedy"] == ""), "{v}");
+    }
+    assert!(done().stdout.contains(&format!("verdict     {}", verdict.to_uppercase())), "{}", done().stdout);
+    let Some(browser) = opened("first") else { return };
+    browser.call(
+        "Emulation.setDeviceMetricsOverride",
+        json!({ "width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": false }),
+    );
+    browser.value("scrollTo(0, 0)");
+    settle(&browser);
+    let bottom = |selector: &str| {
+        let expression = format!("document.querySelector('{selector}').getBoundingClientRect().bottom");
+        browser.value(&expression).as_f64().expect("a number")
+    };
+    assert_eq!(browser.text("document.querySelector('.verdict .mark').textContent"), verdict);
+    assert!(
+        bottom(".verdict") < bottom("section.sign") && bottom("section.sign") < 900.0,
+        "{}",
+        bottom("section.sign")
+    );
+}
+
+#[test]
+fn planning_can_be_moved_by_the_couch_shift_alone() {
+    let Some(browser) = opened("couch") else { return };
+    let report: Value = serde_json::from_slice(&std::fs::read(done().out.join("report.json")).unwrap()).unwrap();
+    let shift: Vector3<f64> = serde_json::from_value(report["couch_shift"].clone()).expect("a shift");
+    let planning = read_image(crate::support::phantom().planning.clone()).unwrap().value;
+    browser.press("2");
+    let press = |moved: &str| browser.value(&format!("document.querySelector('[data-moved={moved}]').click()"));
+    let (deformed, _) = (pixels(&browser, "axial"), press("couch"));
+    let (couch, _) = (pixels(&browser, "axial"), press("scanned"));
+    assert!(deformed != couch && couch != pixels(&browser, "axial"));
+    assert!(browser.text("document.querySelector('.seen').textContent").contains("as scanned"));
+    press("couch");
+    assert!(browser.text("document.querySelector('.seen').textContent").contains("couch shift alone"));
+    // What is bright where the couch alone has moved it to is bright in the picture.
+    let bright = |at: [f64; 2]| {
+        let [x, y] = at;
+        let expression = format!(
+            "(() => {{ const c = document.querySelector('[data-plane=axial] canvas'); \
+             return c.getContext('2d').getImageData({x} * c.width, {y} * c.height, 1, 1).data[0]; }})()"
+        );
+        browser.value(&expression).as_f64().expect("a number")
+    };
+    browser.value("document.querySelectorAll('[data-flag]').forEach(box => box.checked && box.click())");
+    let (mut seen, mut agree) = (0, 0);
+    for n in 0..80 {
+        let shares = [0.25 + 0.5 * f64::from(n % 10) / 9.0, 0.2 + 0.6 * f64::from(n / 10) / 7.0];
+        click(&browser, on_canvas(&browser, "axial", shares));
+        let from = Point3::from(numbers(&told(&browser, "at"))) - shift;
+        let Some(hu) = aventail::volume::trilinear(&planning, &planning.grid().index(&from)) else { continue };
+        // Beside the crosshair's gap, which leaves its middle free.
+        let tone = bright(shares);
+        if !(-700.0..=-200.0).contains(&hu) {
+            seen += 1;
+            agree += usize::from((hu > 0.0) == (tone > 40.0) || (-200.0..=0.0).contains(&hu));
+        }
+    }
+    assert!(seen > 40 && agree * 10 >= seen * 9, "{agree} of {seen}");
+}
+
+#[test]
+fn the_demos_page_can_be_sent_around() {
+    let out = folder().join("demo");
+    aventail().args(["demo", "--quiet", "--speed", "fast", "--out"]).arg(&out).assert().success();
+    let bytes = std::fs::metadata(out.join("report.html")).unwrap().len();
+    assert!((3_000_000..12_000_000).contains(&bytes), "{bytes} bytes");
 }
 
 #[test]

@@ -137,7 +137,7 @@ fn table(report: &BenchmarkReport) -> String {
 fn against_exact(found: &AgainstExact) -> String {
     let of = |d: &Distances| format!("mean {:.3} mm, 95 % {:.3} mm, worst {:.2} mm", d.mean, d.p95, d.max);
     let mut text = format!(
-        "\nthe default against waves through every voxel, none let go, at the soft tissue's voxels:\n\
+        "\nthe default against influence of every bone at every voxel, none pruned, at the soft tissue's voxels:\n\
          {:<24}{}\n{:<24}{}\n",
         "propagation",
         of(&found.field),

@@ -17,6 +17,7 @@ mod inspect;
 pub mod labels;
 pub mod library;
 mod links;
+pub mod man;
 mod organs;
 mod phantom;
 pub mod pose;
@@ -24,9 +25,12 @@ mod program;
 mod record;
 mod register;
 mod skeleton;
+pub mod slicer;
 mod start;
 pub mod study;
+pub mod summary;
 pub mod terminal;
+mod version;
 mod warp;
 
 pub(crate) use program::command_line;
@@ -64,11 +68,14 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Skeleton(args) => skeleton::run(args),
         Verb::Labels(verb) => labels::run(verb),
         Verb::Study(args) => study::run(args),
+        Verb::Summary(args) => summary::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
+        Verb::Slicer(verb) => slicer::run(verb),
         Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
+        Verb::Man(args) => man::run(args),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "aventail", &mut out);

@@ -17,6 +17,7 @@ use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::volume::region::RegionOptions;
+use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -25,6 +26,11 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &RegisterArgs) -> Result<String> {
+    run_shown(args, progress)
+}
+
+/// As [`run`], with another way to show progress; it is told whether to be quiet.
+pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
@@ -44,9 +50,14 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         start: &args.start,
     };
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
-    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
+    if args.estimate {
+        let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+        let threads = Runtime::new(args.run.threads, progress(true))?.threads();
+        return Estimate { memory_bytes, threads }.told(args.run.json);
+    }
+    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
+    let runtime = Runtime::new(args.run.threads, show(args.run.quiet))?;
     let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
     runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
     within_memory(expected, args.max_memory)?;
@@ -98,6 +109,24 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             named.collect::<Vec<_>>().join("\n\n")
         }
     })
+}
+
+/// What a run is expected to need, for schedulers.
+#[derive(Serialize)]
+struct Estimate {
+    /// Peak resident memory, bytes.
+    memory_bytes: u64,
+    /// Threads that it will use.
+    threads: usize,
+}
+
+impl Estimate {
+    fn told(&self, json: bool) -> Result<String> {
+        if json {
+            return io::json(self);
+        }
+        Ok(format!("about {:.1} GB of memory and {} threads", self.memory_bytes as f64 / 1e9, self.threads))
+    }
 }
 
 /// The bones, by `--bones auto` once the fractions are known to be there.

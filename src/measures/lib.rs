@@ -2,7 +2,7 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
-use aventail_base::{Error, error, geometry, runtime, stats, volume, warning};
+use aventail_base::{Error, error, findings, geometry, runtime, stats, volume, warning};
 use aventail_fields::{body, field};
 
 pub mod dose;

@@ -68,7 +68,11 @@ impl BeyondRange {
 impl fmt::Display for BeyondRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [(self.rotation_deg, "degrees"), (self.shift_mm, "mm")];
-        let parts = parts.iter().filter(|p| p.0 > 0.0).map(|(value, unit)| format!("{value:.1} {unit}"));
+        let parts = parts.iter().filter(|p| p.0 > 0.0).map(|(value, unit)| match value {
+            // Not as "0.0", which reads as if it were inside.
+            v if *v < 0.05 => format!("less than 0.1 {unit}"),
+            v => format!("{v:.1} {unit}"),
+        });
         f.write_str(&parts.collect::<Vec<_>>().join(" and "))
     }
 }

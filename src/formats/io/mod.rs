@@ -46,7 +46,7 @@ pub use atomic::{check_place, open_folder, write_file};
 pub use contours::{ContourFile, contour_json, parse_contours, read_contour_file, read_contours, write_contours};
 pub use density::read_density;
 pub use field::{FieldFile, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
-pub use folder::{Planned, RunFolder};
+pub use folder::{Planned, RunFolder, at_work};
 pub use head::read_grid;
 pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};
 pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};

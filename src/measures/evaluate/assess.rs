@@ -8,7 +8,7 @@ use super::pair::{Direction, FieldPair, nearest, on_grid, per_voxel};
 use super::regularity::{self, Regularity};
 use super::rigidity::{self, BoneRigidity};
 use super::similarity::{self, SimilarityReport};
-use super::tolerance::{self, Checked};
+use super::verdict::{Limits, Verdict};
 use crate::body;
 use crate::error::Result;
 use crate::field::{InverseReport, PullField, PushField, warp_labels};
@@ -64,18 +64,28 @@ pub struct Assessment {
     pub transitivity: Option<Consistency>,
     /// Similarity of the CTs.
     pub similarity: Option<SimilarityReport>,
-    /// Figures beside their tolerances.
-    pub tolerances: Vec<Checked>,
+    /// What the rules say of the figures that have a limit.
+    pub verdicts: Vec<Verdict>,
     /// Where regularity and consistency were measured, in words.
     pub measured_in: String,
 }
 
-/// Measures everything that the inputs allow. Also returns the Jacobian map of the planning-to-fraction field on its grid and
-/// the mapped structures on the fraction's.
+/// What pictures need of an assessment, beside its numbers.
+#[derive(Debug, Clone)]
+pub struct Maps {
+    /// Jacobian map of planning to fraction, on the grid of that field.
+    pub jacobian: Spans<f32>,
+    /// Where it was measured, in the planning frame.
+    pub measured: Mask,
+    /// Planning structures on the fraction's grid, where both have structures.
+    pub structures: Option<LabelMap>,
+}
+
+/// Measures everything that the inputs allow, and judges it by `limits`.
 ///
 /// # Errors
 /// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
-pub fn assess(subject: &Subject<'_>, runtime: &Runtime) -> Result<(Assessment, Spans<f32>, Option<LabelMap>)> {
+pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Result<(Assessment, Maps)> {
     let pair = subject.pair;
     let (mask, measured_in) = runtime.stage("find the tissue", || domain(subject))?;
     let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
@@ -130,11 +140,11 @@ pub fn assess(subject: &Subject<'_>, runtime: &Runtime) -> Result<(Assessment, S
         inversion: pair.inversion,
         transitivity,
         similarity,
-        tolerances: Vec::new(),
+        verdicts: Vec::new(),
         measured_in,
     };
-    assessment.tolerances = tolerances(&assessment);
-    Ok((assessment, map, mapped))
+    assessment.verdicts = verdicts(&assessment, pair, limits);
+    Ok((assessment, Maps { jacobian: map, measured: mask, structures: mapped }))
 }
 
 /// Where to measure, on a grid of the planning frame, and in words.
@@ -195,31 +205,38 @@ fn carried<T: Copy + Default + Send + Sync>(volume: &Volume<T>, pull: &Volume<[f
     Volume::new(grid.clone(), data).expect("one value per voxel")
 }
 
-/// Every figure that has a tolerance.
-fn tolerances(a: &Assessment) -> Vec<Checked> {
+/// What the rules say of every figure that has a limit.
+fn verdicts(a: &Assessment, pair: &FieldPair, limits: &Limits) -> Vec<Verdict> {
+    let grids = [pair.push.displacement.grid(), pair.pull.displacement.grid()];
+    let voxel = grids.iter().flat_map(|grid| grid.spacing()).fold(0.0, f64::max);
     let mut all = Vec::new();
     if let Some(l) = a.landmarks.as_ref().filter(|l| l.after.n > 0) {
-        all.extend(tolerance::landmarks(l.after.mean, l.after.max));
+        all.extend(limits.landmarks(&l.after, voxel));
     }
     for c in &a.contours {
         if let Some(d) = &c.distances {
-            all.push(tolerance::agreement(&c.name, d.mean_mm));
+            all.push(limits.agreement(&c.name, d.mean_mm));
         }
-        all.push(tolerance::dice(&c.name, c.dice));
+        all.push(limits.dice(&c.name, c.dice));
+    }
+    if let Some(bone) = a.rigidity.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm)) {
+        all.push(limits.rigidity(&bone.name, bone.rms_mm));
     }
     for (direction, r) in &a.regularity {
         let name = direction.name();
-        all.push(tolerance::folds(name, r.folds.folded_ml, r.folds.folded_contact + r.folds.folded_interface));
-        all.push(tolerance::jumps(name, r.jacobian.jumps_above_10));
-        all.push(tolerance::curl(name, r.curl.magnitude.max));
+        let grid = match direction {
+            Direction::PlanningToFraction => grids[0],
+            Direction::FractionToPlanning => grids[1],
+        };
+        all.extend(limits.folds(name, &r.jacobian, grid.voxel_volume() / 1000.0));
+        all.push(limits.jumps(name, r.jacobian.jumps_above_10));
+        all.push(limits.curl(name, r.curl.magnitude.max));
     }
     let two = if a.inversion.is_some() { "own inversion" } else { "both fields" };
-    all.push(tolerance::consistency(
-        &format!("inverse consistency ({two})"),
-        a.inverse_consistency[0].distance_mm.p95.max(a.inverse_consistency[1].distance_mm.p95),
-    ));
+    let [there, back] = a.inverse_consistency.map(|c| c.distance_mm.p95);
+    all.push(limits.consistency(&format!("inverse consistency ({two})"), there.max(back), voxel));
     if let Some(t) = &a.transitivity {
-        all.push(tolerance::consistency("transitivity", t.distance_mm.p95));
+        all.push(limits.consistency("transitivity", t.distance_mm.p95, voxel));
     }
     all
 }

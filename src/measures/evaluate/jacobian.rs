@@ -5,9 +5,10 @@ use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
 use crate::field::{FOLDED, PushField, RowOfCells, jacobian_by_rows};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Jacobian characteristics of a whole run. Cells are tissue cells: all 8 corners body above -500 HU.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -31,6 +32,10 @@ pub struct JacobianReport {
     pub digital_folded: usize,
     /// Pairs of neighbouring body cells whose Jacobians differ by more than 10 (thesis 2.3.2).
     pub jumps_above_10: usize,
+    /// Where most of the folded cells of `body` lie, LPS mm in the frame of the field's grid; nothing where none is folded.
+    /// Earlier reports lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub folded_at: Option<Point3<f64>>,
 }
 
 /// Jacobians that differ by more than this between neighbours are errors of the field (thesis 2.3.2).
@@ -98,8 +103,33 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, Ja
         bones: cells.names.iter().cloned().zip(of_bones).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: folds.soft,
         jumps_above_10: jumps(&map, cells, found.iter().flat_map(|f| &f.high).copied()),
+        folded_at: place_of(&map, cells, body.folded),
     };
     (map, report, folds)
+}
+
+/// Folded cells that lie in one cube of this edge are one place, mm.
+const PLACE_MM: f64 = 15.0;
+
+/// The middle of the folded cells of the body where most of them lie; nothing where there are none.
+fn place_of(map: &Spans<f32>, cells: &CellKinds, folded: usize) -> Option<Point3<f64>> {
+    if folded == 0 {
+        return None;
+    }
+    let mut places: BTreeMap<[i64; 3], (usize, Vector3<f64>)> = BTreeMap::new();
+    for row in cells.rows() {
+        let (span, values) = map.row(row);
+        let [j, k] = cells.place_of(row);
+        for (run, _) in cells.row(row).filter(|(_, kind)| kind.body()) {
+            for i in run.filter(|i| values[i - span.start] <= 0.0) {
+                let p = map.grid().world(&Vector3::new(i as f64 + 0.5, j as f64 + 0.5, k as f64 + 0.5));
+                let place = places.entry([p.x, p.y, p.z].map(|x| (x / PLACE_MM).floor() as i64)).or_default();
+                *place = (place.0 + 1, place.1 + p.coords);
+            }
+        }
+    }
+    let (n, sum) = places.into_values().max_by_key(|(n, _)| *n)?;
+    Some(Point3::from(sum / n as f64))
 }
 
 /// What a plane of cells holds that is not in the map.
@@ -217,7 +247,6 @@ fn jumps(map: &Spans<f32>, cells: &CellKinds, high: impl Iterator<Item = [usize;
 mod tests {
     use super::*;
     use crate::geometry::Grid;
-    use std::collections::BTreeMap;
 
     #[test]
     fn cells_go_to_the_right_tissue() {
@@ -279,6 +308,8 @@ mod tests {
         let with = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[([1, 2], 25.0)])).1;
         let without = evaluate(&push, &CellKinds::new(&tissue, &bones, &rigid, &[])).1;
         assert!(without.body.folded > 100 && without.interface.cells == 0);
+        assert!(without.folded_at.is_some_and(|p| (p.x - 18.0).abs() < 2.0), "{:?}", without.folded_at);
+        assert_eq!(with.folded_at, None);
         assert_eq!((with.body.folded, with.interface.folded), (0, without.body.folded));
         assert_eq!(with.body.cells + with.interface.cells, without.body.cells);
         assert_eq!(with.all, without.all);

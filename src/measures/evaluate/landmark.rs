@@ -3,7 +3,7 @@
 use crate::field::PushField;
 use crate::stats::Summary;
 use crate::volume::trilinear_vector;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A point known in both images, LPS mm.
@@ -37,6 +37,10 @@ pub struct LandmarkReport {
     pub each: Vec<LandmarkResidual>,
     /// Distances before, mm.
     pub before: Summary,
+    /// Distances with one shift of the whole scan alone, mm: what is left for the deformation to explain. Nothing where no
+    /// such shift is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shifted: Option<Summary>,
     /// Distances after, mm.
     pub after: Summary,
     /// Mean over landmarks of after / before (thesis eq. 4.2 as eq. 4.3 reads it); landmarks that do not move are left out.
@@ -64,11 +68,21 @@ pub fn evaluate(push: &PushField, landmarks: &[Landmark]) -> LandmarkReport {
     let (before_sum, after_sum) = pairs.iter().fold((0.0, 0.0), |(b, a), p| (b + p.0, a + p.1));
     LandmarkReport {
         before: Summary::of(&all),
+        shifted: None,
         after: Summary::of(&after),
         mean_of_ratios: ratios.mean,
         std_of_ratios: ratios.std,
         ratio_of_means: if before_sum > 0.0 { after_sum / before_sum } else { 0.0 },
         each,
+    }
+}
+
+impl LandmarkReport {
+    /// With the residuals under a shift of the whole planning scan alone, mm.
+    pub fn with_shift(self, shift: &Vector3<f64>) -> Self {
+        let off = |r: &LandmarkResidual| (r.landmark.planning + shift - r.landmark.fraction).norm();
+        let all: Vec<f64> = self.each.iter().map(off).collect();
+        Self { shifted: Some(Summary::of(&all)), ..self }
     }
 }
 
@@ -119,6 +133,10 @@ mod tests {
         close(r.ratio_of_means, 1.95 / 2.55);
         assert_eq!((r.each[3].mapped, r.each[3].after), (None, None));
         close(r.each[1].mapped.unwrap().x, 11.0);
+        // One shift by 2 mm along x: 1.5, 0, 1.95 and |(1, 4)| are left.
+        let shifted = r.with_shift(&Vector3::new(2.0, 0.0, 0.0)).shifted.unwrap();
+        assert_eq!(shifted.n, 4);
+        close(shifted.mean, (1.5 + 0.0 + 1.95 + 17f64.sqrt()) / 4.0);
         assert_eq!(evaluate(&push, &[]).after, Summary::default());
     }
 }

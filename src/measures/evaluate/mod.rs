@@ -1,5 +1,5 @@
 //! Rank 4: how good a field is. Landmark residuals, contours, Jacobian characteristics, folds, curl, consistency, rigidity
-//! of bones and image similarity, each beside its tolerance; `docs/metrics.md` has the formulas.
+//! of bones and image similarity, and one set of rules that judges them; `docs/metrics.md` has the formulas.
 
 mod assess;
 mod cell;
@@ -16,10 +16,10 @@ pub mod regularity;
 pub mod rigidity;
 pub mod similarity;
 mod surface;
-pub mod tolerance;
 pub mod uncertainty;
+pub mod verdict;
 
-pub use assess::{Assessment, Subject, assess};
+pub use assess::{Assessment, Maps, Subject, assess};
 pub use cell::CellKinds;
 pub use pair::{Direction, FieldPair};
 pub use surface::Surface;

@@ -1,5 +1,6 @@
 //! A picture in memory: pixels, smooth lines and discs, text, PNG.
 
+use super::palette::Palette;
 use embedded_graphics::Drawable;
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
@@ -183,45 +184,47 @@ impl Canvas {
         layer(pen.colour, 0.32, 0.3);
     }
 
-    /// Writes the picture as PNG with at most 256 colours, the commonest of 16 levels each: small files for line art.
+    /// Writes the picture as PNG with at most 256 colours, packed as small as can be: for line art, which lasts.
     pub(super) fn write_small_png(&self, out: &mut dyn Write) -> io::Result<()> {
-        let level = |v: u8| (u16::from(v) + 8) / 17;
-        let key = |p: &Rgb| usize::from(level(p[0]) << 8 | level(p[1]) << 4 | level(p[2]));
-        let mut counts = vec![0usize; 1 << 12];
-        self.pixels.iter().for_each(|p| counts[key(p)] += 1);
-        let mut found: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
-        found.sort_by_key(|&k| (std::cmp::Reverse(counts[k]), k));
-        found.truncate(256);
-        let colour = |k: usize| [k >> 8, k >> 4 & 15, k & 15].map(|l| (l * 17) as u8);
-        let palette: Vec<Rgb> = found.iter().map(|&k| colour(k)).collect();
-        let far = |a: Rgb, b: Rgb| (0..3).map(|c| u32::from(a[c].abs_diff(b[c])).pow(2)).sum::<u32>();
-        let nearest = |k: usize| (0..palette.len()).min_by_key(|&n| far(palette[n], colour(k))).unwrap_or(0) as u8;
-        let table: Vec<u8> = (0..counts.len()).map(|k| if counts[k] > 0 { nearest(k) } else { 0 }).collect();
-        let indices: Vec<u8> = self.pixels.iter().map(|p| table[key(p)]).collect();
+        self.write(out, 256, png::DeflateCompression::Level(9))
+    }
+
+    /// Writes the picture as PNG with at most 256 colours, in little time.
+    pub(super) fn write_png(&self, out: &mut dyn Write) -> io::Result<()> {
+        self.write(out, 256, QUICK)
+    }
+
+    /// The picture as a PNG file of at most `most` bytes: with fewer colours where 256 take more, as noise does.
+    pub(super) fn png_within(&self, most: usize) -> io::Result<Vec<u8>> {
+        let mut png = Vec::new();
+        for colours in [256, 64, 20, 8] {
+            png.clear();
+            self.write(&mut png, colours, QUICK)?;
+            if png.len() <= most {
+                break;
+            }
+        }
+        Ok(png)
+    }
+
+    fn write(&self, out: &mut dyn Write, colours: usize, packed: png::DeflateCompression) -> io::Result<()> {
+        let palette = Palette::of(&self.pixels, colours);
         let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Indexed);
         encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_palette(palette.concat());
-        encoder.set_compression(png::Compression::High);
+        encoder.set_palette(palette.bytes());
+        encoder.set_deflate_compression(packed);
         encoder.set_filter(png::Filter::NoFilter);
         let mut writer = encoder.write_header()?;
-        writer.write_image_data(&indices)?;
-        writer.finish()?;
-        Ok(())
-    }
-
-    /// Writes the picture as 8-bit RGB PNG.
-    pub(super) fn write_png(&self, out: &mut dyn Write) -> io::Result<()> {
-        let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(self.pixels.as_flattened())?;
+        let places: Vec<u8> = self.pixels.iter().map(|p| palette.place(p)).collect();
+        writer.write_image_data(&places)?;
         writer.finish()?;
         Ok(())
     }
 }
+
+/// Packs to half of what the fastest way does, in as much time.
+const QUICK: png::DeflateCompression = png::DeflateCompression::Level(4);
 
 /// The nearest of 256 levels.
 pub(super) fn level(value: f64) -> u8 {
@@ -304,29 +307,37 @@ impl DrawTarget for Glyphs {
 mod tests {
     use super::*;
 
-    #[test]
-    fn png_gives_the_pixels_back() {
-        let canvas = Canvas::from_fn(7, 5, |x, y| [x as u8 * 30, y as u8 * 50, 9]);
-        let mut bytes = Vec::new();
-        canvas.write_png(&mut bytes).unwrap();
-        let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
-        let mut back = vec![0; reader.output_buffer_size().unwrap()];
-        reader.next_frame(&mut back).unwrap();
-        assert_eq!(back, canvas.pixels.as_flattened());
-    }
-
-    #[test]
-    fn a_small_png_keeps_few_colours_within_their_rounding() {
-        let canvas = Canvas::from_fn(40, 30, |x, y| if (x / 5 + y / 5) % 2 == 0 { [255; 3] } else { [13, 90, 167] });
-        let mut bytes = Vec::new();
-        canvas.write_small_png(&mut bytes).unwrap();
+    /// The pixels of a PNG file.
+    fn read(bytes: &[u8]) -> Vec<u8> {
         let mut decoder = png::Decoder::new(io::Cursor::new(bytes));
         decoder.set_transformations(png::Transformations::EXPAND);
         let mut reader = decoder.read_info().unwrap();
         let mut back = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut back).unwrap();
-        assert_eq!(back.len(), 3 * 40 * 30);
-        assert!(back.iter().zip(canvas.pixels.as_flattened()).all(|(a, b)| a.abs_diff(*b) <= 9));
+        back
+    }
+
+    #[test]
+    fn png_gives_the_pixels_back() {
+        let canvas = Canvas::from_fn(7, 5, |x, y| [x as u8 * 30, y as u8 * 50, 9]);
+        let (mut quick, mut small) = (Vec::new(), Vec::new());
+        canvas.write_png(&mut quick).unwrap();
+        canvas.write_small_png(&mut small).unwrap();
+        assert_eq!((read(&quick), read(&small)), (canvas.pixels.as_flattened().to_vec(), read(&quick)));
+    }
+
+    #[test]
+    fn noise_loses_colours_until_it_fits() {
+        let noise = |x: usize, y: usize| {
+            let n = (x as u32).wrapping_mul(2_654_435_761) ^ (y as u32).wrapping_mul(40_503).wrapping_mul(97_861);
+            let n = (n ^ n >> 15).wrapping_mul(2_246_822_519);
+            [(n >> 8) as u8, (n >> 16) as u8, (n >> 24) as u8]
+        };
+        let canvas = Canvas::from_fn(300, 200, noise);
+        let whole = canvas.png_within(usize::MAX).unwrap();
+        let less = canvas.png_within(40_000).unwrap();
+        assert!(whole.len() > 50_000 && less.len() <= 40_000, "{} {}", whole.len(), less.len());
+        assert_eq!(read(&less).len(), 3 * 300 * 200);
     }
 
     #[test]

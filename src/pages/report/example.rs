@@ -185,6 +185,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         settings: json!({"fit": {"levels": 3}}),
         threads: 2,
         outputs,
+        limits: Default::default(),
     };
     (case, outcome, run)
 }

@@ -6,6 +6,7 @@
 
 mod canvas;
 mod chart;
+mod cohort;
 mod colour;
 mod concepts;
 mod csv;
@@ -18,6 +19,7 @@ mod html;
 mod library;
 mod numbers;
 mod outputs;
+mod palette;
 mod pictures;
 mod plane;
 mod plot;
@@ -27,6 +29,7 @@ mod table;
 mod transforms;
 mod viewer;
 
+pub use cohort::{Cohort, Member};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};

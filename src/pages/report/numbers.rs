@@ -7,10 +7,11 @@ use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
+use crate::evaluate::verdict::{Limits, Mark, Verdict, overall};
 use crate::field::{ConsistencyReport, InverseReport};
 use crate::fit::BoneFit;
 use crate::geometry::Grid;
-use crate::pipeline::{Case, FractionKind, InputFile, Outcome, VolumeReached};
+use crate::pipeline::{Case, FractionKind, InputFile, Outcome, VolumeReached, judge, moves_most};
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
 use crate::warning::Warning;
@@ -30,6 +31,8 @@ pub struct Run {
     pub threads: usize,
     /// Files that were written beside the report.
     pub outputs: Vec<OutputFile>,
+    /// By which limits it is judged.
+    pub limits: Limits,
 }
 
 /// A file that a run wrote.
@@ -71,6 +74,12 @@ pub struct Report {
     pub inputs: Vec<InputFile>,
     /// The settings it ran with, defaults resolved.
     pub settings: serde_json::Value,
+    /// The worst of the verdicts. Earlier reports lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Mark>,
+    /// What the rules say of each figure that has a limit, and of warnings that count.
+    #[serde(default)]
+    pub verdicts: Vec<Verdict>,
     /// Grid of the planning CT.
     pub planning_grid: Grid,
     /// Grid of the fraction CT.
@@ -82,6 +91,9 @@ pub struct Report {
     pub fraction_kind: Option<FractionKind>,
     /// Each bone's fit.
     pub bones: Vec<BoneFit>,
+    /// Motion of each bone's centroid apart from the couch shift, mm, in the order of the bones.
+    #[serde(default)]
+    pub own_motion_mm: Vec<f64>,
     /// Motion of each joint, in the order of the bones.
     pub pose: Pose,
     /// How rigidly the field moves each bone.
@@ -139,6 +151,7 @@ impl Report {
 
     /// Gathers the numbers of a run; peak memory and time are of now.
     pub fn new(case: &Case, outcome: &Outcome, run: &Run) -> Self {
+        let verdicts = judge(case, outcome, &run.limits);
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
@@ -146,11 +159,14 @@ impl Report {
             folder: String::new(),
             inputs: case.inputs.clone(),
             settings: run.settings.clone(),
+            verdict: Some(overall(&verdicts)),
+            verdicts,
             planning_grid: case.planning.grid().clone(),
             fraction_grid: case.fraction.grid().clone(),
             couch_shift: outcome.couch_shift,
             fraction_kind: outcome.kind.clone(),
             bones: outcome.bone_fits.clone(),
+            own_motion_mm: outcome.own_motion_mm(),
             pose: outcome.pose.clone(),
             rigidity: outcome.rigidity.clone(),
             jacobian: outcome.jacobian_report.clone(),
@@ -178,6 +194,12 @@ impl Report {
     /// Largest departure of any bone from rigid motion, root mean square, mm, and the bone.
     pub fn least_rigid(&self) -> Option<&BoneRigidity> {
         self.rigidity.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))
+    }
+
+    /// The bone that moves most apart from the couch shift, and how far, mm.
+    pub fn moves_most(&self) -> Option<(&BoneFit, f64)> {
+        let n = moves_most(&self.bones, &self.own_motion_mm)?;
+        Some((self.bones.get(n)?, *self.own_motion_mm.get(n)?))
     }
 
     /// Number of bones that the image determined.

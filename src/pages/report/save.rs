@@ -71,7 +71,8 @@ fn fill(
         outputs.extend(files);
         outcome.warnings.extend(warnings);
     }
-    let run = Run { command: command.to_owned(), settings, threads: runtime.threads(), outputs };
+    let limits = config.verdict.clone();
+    let run = Run { command: command.to_owned(), settings, threads: runtime.threads(), outputs, limits };
     outcome.stages = runtime.times();
     let pictures = (pictures?, view?);
     runtime.stage("report", || write(out, case, outcome, &run, pictures))

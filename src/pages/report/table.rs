@@ -1,19 +1,24 @@
 //! The short table at the end of a run on the terminal.
 
 use super::numbers::Report;
+use crate::evaluate::verdict::{Verdict, against, overall};
 use std::fmt::Write;
 
 /// The figures that matter as a text table of one screen.
 pub fn terminal_table(report: &Report) -> String {
-    let mut rows: Vec<(&str, String)> = Vec::new();
+    let mut rows: Vec<(&str, String)> = vec![("verdict", verdict(&report.verdicts))];
     if let Some(l) = &report.landmarks {
         let outside = l.before.n - l.after.n;
         let lost = if outside > 0 { format!(", {outside} outside the planning scan") } else { String::new() };
         rows.push((
             "landmarks",
             format!(
-                "{:.2} -> {:.2} mm mean, {:.2} mm worst, {} points{lost}",
-                l.before.mean, l.after.mean, l.after.max, l.after.n
+                "{:.2} -> {}{:.2} mm mean, {:.2} mm worst, {} points{lost}",
+                l.before.mean,
+                l.shifted.as_ref().map_or(String::new(), |s| format!("{:.2} (couch shift) -> ", s.mean)),
+                l.after.mean,
+                l.after.max,
+                l.after.n
             ),
         ));
     }
@@ -39,7 +44,7 @@ pub fn terminal_table(report: &Report) -> String {
         ));
     }
     if let Some(kind) = &report.fraction_kind {
-        rows.insert(0, ("fraction", kind.to_string()));
+        rows.insert(1, ("fraction", kind.to_string()));
     }
     let links = &report.links;
     rows.push((
@@ -50,7 +55,7 @@ pub fn terminal_table(report: &Report) -> String {
         ),
     ));
     if let Some(waves) = &report.let_go {
-        rows.push(("waves", waves.to_string()));
+        rows.push(("pruning", waves.to_string()));
     }
     let inverse = &report.inverse;
     rows.push((
@@ -79,11 +84,28 @@ pub fn terminal_table(report: &Report) -> String {
     })
 }
 
+/// Verdicts that the line names.
+const NAMED: usize = 3;
+
+/// The overall verdict and what speaks against a pass, in one line.
+pub(super) fn verdict(verdicts: &[Verdict]) -> String {
+    let reasons = against(verdicts);
+    let mut text = overall(verdicts).name().to_uppercase();
+    if reasons.is_empty() {
+        write!(text, " ({} rules)", verdicts.len()).expect("writing to a string does not fail");
+    } else {
+        let named: Vec<&str> = reasons.iter().take(NAMED).map(|v| v.name.as_str()).collect();
+        let more = reasons.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
+        write!(text, ": {}{more}", named.join(", ")).expect("writing to a string does not fail");
+    }
+    text
+}
+
 fn bones(report: &Report) -> String {
     let by = |way: &str| report.bones.iter().filter(|b| b.determined_by == way).count();
-    let most = report.bones.iter().filter(|b| b.determined_by != "joint");
-    let most = most.max_by(|a, b| a.motion_mm.total_cmp(&b.motion_mm));
-    let most = most.map_or(String::new(), |b| format!("; {} moves most, {:.1} mm", b.name, b.motion_mm));
+    let most = report.moves_most().map_or(String::new(), |(bone, mm)| {
+        format!("; {} moves most, {mm:.1} mm apart from the couch shift", bone.name)
+    });
     let given = match by("given") {
         0 => format!("{} found in the image", by("image")),
         n => format!("{n} given"),
@@ -101,10 +123,11 @@ mod tests {
         let (case, outcome, run) = example::small();
         let report = Report::new(&case, &outcome, &run);
         let text = terminal_table(&report);
-        assert!(text.lines().count() <= 12 && text.lines().all(|l| l.chars().count() <= 110), "{text}");
+        assert!(text.lines().count() <= 13 && text.lines().all(|l| l.chars().count() <= 120), "{text}");
         let landmarks = report.landmarks.as_ref().unwrap();
         assert!(
-            text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean)),
+            text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean))
+                && text.contains("verdict"),
             "{text}"
         );
         assert!(text.contains("bone contact"), "{text}");

@@ -91,8 +91,8 @@ impl Task {
         match self {
             Self::Elements => "elements of the chain mail at every voxel",
             Self::Prioritised => "one wave from all bones over every voxel, with displacements",
-            Self::Superposition => "a wave of each bone over every voxel, none let go",
-            Self::Waves => "the default waves: coarse elements, let go where they hardly weigh",
+            Self::Superposition => "influence of each bone over every voxel, none pruned",
+            Self::Waves => "the default: coarse elements, influence pruned where it hardly weighs",
             Self::Propagation => "the default propagation without images",
             Self::PropagationWithImages => "the default propagation with images",
             Self::Invert => "the inverse to 1e-3 mm",

@@ -8,6 +8,7 @@ pub use study::{Published, StudyPlan, StudyStage, StudyTable};
 use crate::body::BodyOptions;
 use crate::chainmail::ChainmailOptions;
 use crate::error::{Error, Result};
+use crate::evaluate::verdict::Limits;
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
 use crate::plausibility::CheckOptions;
@@ -48,6 +49,8 @@ pub struct Config {
     pub resampling: Resampling,
     /// What is written, and how.
     pub output: OutputOptions,
+    /// By which limits the result is judged.
+    pub verdict: Limits,
 }
 
 /// What carries bone motion to soft tissue.
@@ -331,6 +334,7 @@ impl Config {
             within("invert.tolerance_mm", self.invert.tolerance_mm, 1e-9, 10.0),
             count("invert.max_iterations", self.invert.max_iterations),
             within("consistency.limit_mm", self.consistency.limit_mm, 0.01, 100.0),
+            self.verdict.problem(),
             within("output.gzip_level", f64::from(self.output.gzip_level), 0.0, 9.0),
             within("body.threshold_hu", b.threshold_hu, -2000.0, 3000.0),
             within("body.opening_mm", b.opening_mm, 0.0, 100.0),
@@ -425,6 +429,8 @@ mod tests {
             ),
             ("[[sliding.interfaces]]\nname = \"a\"\nbetween = [\"skull\", \"scapla\"]\nreach_mm = 5.0", "scapla"),
             ("[fit]\nlevels = \"many\"", "fit.levels"),
+            ("[verdict]\ndice = [0.7, 0.8]", "verdict.dice"),
+            ("[verdict]\nlandmark_mean_mm = 2.0", "verdict.landmark_mean_mm"),
             ("[chainmail]\nexponent = true", "chainmail.exponent"),
             ("[chainmail]\norder = \"first-moved\"\nstructures = \"third-criterion\"", "structures"),
             ("[chainmail.organs]\ntongue = { min = 1.5, max = 2.0, shear = 0.2 }", "tongue"),

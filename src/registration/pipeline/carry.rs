@@ -201,7 +201,7 @@ pub(super) fn carry_out(
         links,
         inverse,
         consistency,
-        landmarks,
+        landmarks: landmarks.map(|report| report.with_shift(&couch_shift)),
         regions,
         warnings,
         stages: runtime.times(),

@@ -27,6 +27,13 @@ pub struct VolumeReached {
     pub reached: Option<f64>,
 }
 
+/// The bone that moves most: by `own_mm` (see [`Outcome::own_motion_mm`]), of those that an image or the user placed; its
+/// place in the list. The one definition for tables, pictures and the terminal.
+pub fn moves_most(bones: &[BoneFit], own_mm: &[f64]) -> Option<usize> {
+    let placed = bones.iter().zip(own_mm).enumerate().filter(|(_, (bone, _))| bone.determined_by != "joint");
+    placed.max_by(|a, b| a.1.1.total_cmp(b.1.1)).map(|(n, _)| n)
+}
+
 /// Result of a registration, in memory.
 #[derive(Debug, Clone)]
 pub struct Outcome {
@@ -83,4 +90,12 @@ pub struct Outcome {
     pub part: Option<Box<Case>>,
     /// Wall time of each stage.
     pub stages: Vec<StageTime>,
+}
+
+impl Outcome {
+    /// Motion of each bone's centroid apart from the couch shift, mm, in the order of the skeleton.
+    pub fn own_motion_mm(&self) -> Vec<f64> {
+        let bones = self.skeleton.bones.iter().zip(&self.bone_fits);
+        bones.map(|(bone, fit)| (fit.transform * bone.centroid - bone.centroid - self.couch_shift).norm()).collect()
+    }
 }

@@ -17,7 +17,7 @@ const MOST_NUMBER: i32 = 32_000;
 /// Voxels that are shown, at most.
 const MOST: usize = 6_000_000;
 /// Spacing that is finer than one sees, mm; coarser ones where there are too many voxels.
-const FINEST_MM: f64 = 2.0;
+pub const FINEST_MM: f64 = 2.0;
 /// Where something is to be seen, HU.
 const MATTER_HU: f32 = -500.0;
 /// Rim around it, voxels.
@@ -43,9 +43,16 @@ impl PageGrid {
     /// # Errors
     /// [`crate::error::Error::Internal`] when no grid can be made of them.
     pub fn of(scans: &[&Volume<f32>]) -> Result<Self> {
+        Self::thinned(scans, FINEST_MM)
+    }
+
+    /// The same with voxels no finer than about `finest` mm.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Internal`] when no grid can be made of them.
+    pub fn thinned(scans: &[&Volume<f32>], mut finest: f64) -> Result<Self> {
         let scan =
             scans.first().map_or_else(|| Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3]), |s| Ok(s.grid().clone()))?;
-        let mut finest = FINEST_MM;
         loop {
             let whole = Self::with_spacing(&scan, finest)?;
             let cut = whole.cut(&whole.matter(scans))?;

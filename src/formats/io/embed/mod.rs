@@ -4,5 +4,5 @@
 mod grid;
 mod pack;
 
-pub use grid::{HU_FIRST, HU_STEP, PageGrid};
+pub use grid::{FINEST_MM, HU_FIRST, HU_STEP, PageGrid};
 pub use pack::pack;

@@ -2,20 +2,22 @@
 
 mod figures;
 mod page;
+mod pairs;
 mod pictures;
 mod text;
 
 pub use figures::{Figure, figures};
+pub use pairs::{Compared, draw_pair};
 pub use text::terminal_table;
 
 use super::csv::write_landmarks;
 use super::numbers::OutputFile;
 use crate::error::{Error, Result};
-use crate::evaluate::{Assessment, Subject};
+use crate::evaluate::verdict::{Mark, of_warnings, overall};
+use crate::evaluate::{Assessment, Maps, Subject};
 use crate::io::{relative_to, write_file, write_json};
 use crate::pipeline::InputFile;
 use crate::runtime::StageTime;
-use crate::volume::{LabelMap, Spans};
 use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -25,8 +27,23 @@ use std::path::Path;
 pub struct Assessed {
     /// What it is called, for example its file's name.
     pub name: String,
+    /// The worst of its verdicts.
+    pub verdict: Mark,
     /// What was measured.
     pub assessment: Assessment,
+}
+
+impl Assessed {
+    /// A field and what was measured of it, judged by the worst of its verdicts.
+    pub fn new(name: String, assessment: Assessment) -> Self {
+        Self { name, verdict: overall(&assessment.verdicts), assessment }
+    }
+
+    /// Counts warnings in the verdict.
+    pub fn warned(&mut self, warnings: &[Warning]) {
+        self.assessment.verdicts.extend(of_warnings(warnings));
+        self.verdict = overall(&self.assessment.verdicts);
+    }
 }
 
 /// The numbers of an evaluation: one field, or several side by side. Lengths in mm.
@@ -57,10 +74,8 @@ pub struct EvaluationReport {
 pub struct Drawable<'a> {
     /// The field and the images.
     pub subject: Subject<'a>,
-    /// Jacobian map of planning to fraction.
-    pub jacobian: Spans<f32>,
-    /// Planning structures on the fraction's grid.
-    pub mapped: Option<LabelMap>,
+    /// What was made in measuring.
+    pub maps: Maps,
 }
 
 /// One picture, encoded.

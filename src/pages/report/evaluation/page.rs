@@ -1,15 +1,13 @@
-//! `evaluation.html`: one self-contained page. Marks stand beside figures; the reviewer's fields stay blank.
+//! `evaluation.html`: one self-contained page. The verdict comes first; the reviewer's fields stay blank.
 
-use super::super::html::{data_url, head, review};
+use super::super::html::verdict::{identity, review, table as verdicts, verdict};
+use super::super::html::{data_url, head};
 use super::super::numbers::utc;
 use super::super::viewer::policy;
 use super::figures::{PARTS, rows};
 use super::text::marks;
-use super::{EvaluationPicture, EvaluationReport};
-use maud::{DOCTYPE, Markup, PreEscaped, html};
-
-/// Colours of the marks.
-const MARKS: &str = ".pass { color: #0b5d57; } .review-mark { color: #92400e; font-weight: 600; } .fail { color: #b42318; font-weight: 700; }";
+use super::{Assessed, EvaluationPicture, EvaluationReport};
+use maud::{DOCTYPE, Markup, html};
 
 /// The page; everything it needs is inside.
 pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) -> String {
@@ -17,21 +15,30 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail evaluate: {}", names.join(", ")), MARKS, &policy(false)))
+            (head(&format!("aventail evaluate: {}", names.join(", ")), "", &policy(false)))
             body {
                 header {
                     p.brand { "aventail \u{b7} evaluation of displacement fields" }
                     h1 { (names.join(" \u{b7} ")) }
                     p.note { (utc(report.created)) " by aventail " (report.version) }
+                    dl.case { (scan(report, "planning", "Planning")) (scan(report, "fraction", "Fraction")) }
                     @if let Some(first) = report.fields.first() { p.note { "Measured in " (first.assessment.measured_in) "." } }
                 }
+                @for field in &report.fields {
+                    @if report.fields.len() > 1 { h3 { (field.name) } }
+                    (verdict(&field.assessment.verdicts, &missing(field)))
+                }
+                (review())
                 @if !report.warnings.is_empty() {
                     ul.warnings { @for w in &report.warnings { li { code { (w.code) } (w.message) } } }
                 }
+                h2 { "Verdicts" }
+                @match report.fields.as_slice() {
+                    [only] => (verdicts(&only.assessment.verdicts)),
+                    _ => (side_by_side(report, &names)),
+                }
                 h2 { "Pictures" }
-                div.pair { @for p in by_kind(pictures) { (figure(p)) } }
-                h2 { "Figures beside tolerances" }
-                (tolerances(report, &names))
+                div.pair.large { @for p in by_kind(pictures) { (figure(p)) } }
                 @for (part, heading) in PARTS {
                     (table(report, part, heading, &names))
                 }
@@ -45,7 +52,6 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
                         "Research software, not a medical device."
                     }
                 }
-                (PreEscaped(review().into_string()))
                 footer { "Lengths in mm, LPS world frame. Formulas and sources: docs/metrics.md." }
             }
         }
@@ -72,26 +78,43 @@ fn figure(p: &EvaluationPicture) -> Markup {
     }
 }
 
-fn tolerances(report: &EvaluationReport, names: &[&str]) -> Markup {
+/// A scan among the inputs.
+fn scan(report: &EvaluationReport, role: &str, name: &str) -> Markup {
+    html! {
+        @if let Some(input) = report.inputs.iter().find(|i| i.role == role) {
+            div { dt class=(role) { (name) } dd { (identity(input)) } }
+        }
+    }
+}
+
+/// What the rules could judge and was not measured of a field.
+fn missing(field: &Assessed) -> Vec<&'static str> {
+    let a = &field.assessment;
+    let known = [
+        (a.landmarks.as_ref().is_some_and(|l| l.after.n > 0), "target registration error (--landmarks)"),
+        (!a.contours.is_empty(), "agreement of contours (--labels-planning, --labels-fraction)"),
+        (!a.rigidity.is_empty(), "rigidity of bones (--bones)"),
+    ];
+    known.into_iter().filter(|(known, _)| !known).map(|(_, what)| what).collect()
+}
+
+/// The rules of several fields.
+fn side_by_side(report: &EvaluationReport, names: &[&str]) -> Markup {
     let class = |value: &str| match value.rsplit(' ').next() {
         Some("fail") => "n fail",
-        Some("review") => "n review-mark",
+        Some("review") => "n review",
         Some("pass") => "n pass",
         _ => "n",
     };
     html! {
-        p.note {
-            "pass: beyond the stricter end of the quoted range; review: inside it; fail: beyond the looser end. Ranges as AAPM TG-132 (Brock et al., "
-            "Med. Phys. 44 (2017) e43) is commonly quoted; check them against the report itself and your protocol. A mark is no decision."
-        }
         table {
-            thead { tr { th { "Figure" } @for n in names { th.n { (n) } } th { "Tolerance" } th { "Source" } } }
+            thead { tr { th { "Figure" } @for n in names { th.n { (n) } } th { "Limit" } th { "Source" } } }
             tbody {
                 @for row in marks(report) {
                     tr {
                         td { (row.figure) }
                         @for v in &row.values { td class=(class(v)) { (v) } }
-                        td { (row.tolerance) }
+                        td { (row.limit) }
                         td { (row.source) }
                     }
                 }

@@ -7,14 +7,21 @@ use super::super::pictures::{legend::sheet, residuals};
 use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
 use super::{Assessed, Drawable, EvaluationPicture};
 use crate::error::{Error, Result};
+use crate::evaluate::Maps;
 use crate::evaluate::regularity::BIN;
-use crate::volume::{Spans, Volume, trilinear_vector};
+use crate::volume::{Volume, trilinear_vector};
 use nalgebra::Point3;
 
-const BACKDROP: Rgb = [198, 203, 210];
+pub(super) const BACKDROP: Rgb = [198, 203, 210];
 
 /// Encodes a canvas.
-fn encoded(which: usize, file: &str, title: String, caption: String, canvas: &Canvas) -> Result<EvaluationPicture> {
+pub(super) fn encoded(
+    which: usize,
+    file: &str,
+    title: String,
+    caption: String,
+    canvas: &Canvas,
+) -> Result<EvaluationPicture> {
     let mut png = Vec::new();
     canvas.write_png(&mut png).map_err(|e| Error::Internal(format!("{file}: {e}")))?;
     Ok(EvaluationPicture { file: format!("{}_{file}.png", which + 1), title, caption, png })
@@ -31,7 +38,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
         all.push(encoded(which, "fusion", format!("{name}: fusion"), caption.into(), &canvas)?);
     }
     if let Some(planning) = s.planning {
-        let canvas = jacobians(planning, &drawable.jacobian);
+        let canvas = jacobians(planning, &drawable.maps);
         let caption = "Volume after over before of planning to fraction, on the planning CT: red grows, blue shrinks, white keeps \
                        its volume, black is folded. Outlines of bones where they were given.";
         let canvas = match s.bones {
@@ -40,7 +47,9 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
         };
         all.push(encoded(which, "jacobian", format!("{name}: Jacobian map"), caption.into(), &sheet_of(canvas))?);
     }
-    if let (Some(fraction), Some(mapped), Some(reference)) = (s.fraction, &drawable.mapped, s.structures_fraction) {
+    if let (Some(fraction), Some(mapped), Some(reference)) =
+        (s.fraction, &drawable.maps.structures, s.structures_fraction)
+    {
         let canvas = contours(fraction, &mapped.volume, &reference.volume);
         let caption = "Outlines on the fraction CT: mapped from planning blue, drawn on the fraction orange.";
         all.push(encoded(which, "contours", format!("{name}: contours"), caption.into(), &canvas)?);
@@ -74,7 +83,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
 }
 
 /// The three planes through the middle of an image.
-fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
+pub(super) fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
     let region = Region::of(image.grid());
     planes(&[region; 3], &image.grid().middle())
 }
@@ -97,13 +106,15 @@ fn fusion(planning: &Volume<f32>, fraction: &Volume<f32>, pull: &Volume<[f32; 3]
 /// Pictures of the three planes, before they become a sheet.
 type Rows = [(Plane, Canvas); 3];
 
-fn jacobians(planning: &Volume<f32>, map: &Spans<f32>) -> Rows {
+fn jacobians(planning: &Volume<f32>, maps: &Maps) -> Rows {
     middle_planes(planning).map(|plane| {
         let hu = plane.hu(planning);
         let picture = plane.paint(|p, n| {
             let hu = f64::from(hu[n]);
-            match cell_at(map, &p) {
-                Some(j) if hu > -500.0 => {
+            // Couch and mask are no patient: what is not measured is not shown either.
+            let patient = nearest(&maps.measured, &p) == Some(true);
+            match cell_at(&maps.jacobian, &p) {
+                Some(j) if patient && hu > -500.0 => {
                     let shade = 0.86 + 0.14 * tone(hu);
                     shaded(jacobian(f64::from(j)), shade)
                 }

@@ -1,31 +1,33 @@
 //! The evaluation as CSV, Markdown, and a table for the terminal.
 
+use super::super::table::verdict;
 use super::EvaluationReport;
 use super::figures::{PARTS, figures, number, rows};
 use crate::io::Sheet;
 use std::fmt::Write;
 
-/// One line per figure: field, part, item, metric, value, unit; then the tolerances with their marks.
+/// One line per figure: field, part, item, metric, value, unit; then the verdicts.
 pub(super) fn csv(report: &EvaluationReport) -> Result<Vec<u8>, csv::Error> {
     let mut table = Sheet::default();
-    table.write_record(["field", "part", "item", "metric", "value", "unit", "tolerance", "source", "mark"])?;
+    table.write_record(["field", "part", "item", "metric", "value", "unit", "limit", "source", "verdict", "reason"])?;
     for field in &report.fields {
         for f in figures(&field.assessment) {
             let value = f.value.to_string();
-            table.write_record([&field.name, f.part, &f.item, f.metric, &value, f.unit, "", "", ""])?;
+            table.write_record([&field.name, f.part, &f.item, f.metric, &value, f.unit, "", "", "", ""])?;
         }
-        for c in &field.assessment.tolerances {
-            let value = c.value.to_string();
+        for v in &field.assessment.verdicts {
+            let value = v.value.to_string();
             table.write_record([
                 &field.name,
-                "tolerances",
-                &c.figure,
+                "verdicts",
+                &v.name,
                 "",
                 &value,
-                &c.unit,
-                &c.tolerance,
-                &c.source,
-                c.mark.name(),
+                &v.unit,
+                &v.limit,
+                &v.source,
+                v.verdict.name(),
+                &v.reason,
             ])?;
         }
     }
@@ -44,11 +46,14 @@ pub(super) fn markdown(report: &EvaluationReport) -> String {
         line(format!("Measured in {}.\n", first.assessment.measured_in));
     }
     let heads: Vec<&str> = report.fields.iter().map(|f| f.name.as_str()).collect();
-    line("## Figures beside tolerances\n".into());
-    line(format!("| figure | {} | tolerance | source |", heads.join(" | ")));
+    for field in &report.fields {
+        line(format!("**{}**: {}\n", field.name, verdict(&field.assessment.verdicts)));
+    }
+    line("## Verdicts\n".into());
+    line(format!("| figure | {} | limit | source |", heads.join(" | ")));
     line(format!("|---|{}---|---|", "---|".repeat(heads.len())));
     for row in marks(report) {
-        line(format!("| {} | {} | {} | {} |", row.figure, row.values.join(" | "), row.tolerance, row.source));
+        line(format!("| {} | {} | {} | {} |", row.figure, row.values.join(" | "), row.limit, row.source));
     }
     for (part, heading) in PARTS {
         let rows = rows(report, part);
@@ -64,30 +69,30 @@ pub(super) fn markdown(report: &EvaluationReport) -> String {
     out
 }
 
-/// A tolerance with each field's value and mark.
+/// A rule with each field's value and verdict.
 pub(super) struct MarkRow {
     pub(super) figure: String,
     pub(super) values: Vec<String>,
-    pub(super) tolerance: String,
+    pub(super) limit: String,
     pub(super) source: String,
 }
 
-/// The tolerances, fields side by side.
+/// The rules, fields side by side.
 pub(super) fn marks(report: &EvaluationReport) -> Vec<MarkRow> {
     let mut rows: Vec<MarkRow> = Vec::new();
     for (n, field) in report.fields.iter().enumerate() {
-        for c in &field.assessment.tolerances {
-            let at = rows.iter().position(|r| r.figure == c.figure).unwrap_or_else(|| {
+        for c in &field.assessment.verdicts {
+            let at = rows.iter().position(|r| r.figure == c.name).unwrap_or_else(|| {
                 rows.push(MarkRow {
-                    figure: c.figure.clone(),
+                    figure: c.name.clone(),
                     values: vec!["\u{2013}".into(); report.fields.len()],
-                    tolerance: c.tolerance.clone(),
+                    limit: c.limit.clone(),
                     source: c.source.clone(),
                 });
                 rows.len() - 1
             });
             let unit = if c.unit.is_empty() { String::new() } else { format!(" {}", c.unit) };
-            rows[at].values[n] = format!("{}{unit}: {}", number(c.value, &c.unit), c.mark.name());
+            rows[at].values[n] = format!("{}{unit}: {}", number(c.value, &c.unit), c.verdict.name());
         }
     }
     rows
@@ -101,10 +106,12 @@ pub fn terminal_table(report: &EvaluationReport) -> String {
     }
     for field in &report.fields {
         writeln!(out, "{}", field.name).expect("writing to a string does not fail");
-        let shown = |mark: &str| field.assessment.tolerances.iter().filter(|c| c.mark.name() == mark).count();
-        for c in &field.assessment.tolerances {
+        let verdicts = &field.assessment.verdicts;
+        let shown = |mark: &str| verdicts.iter().filter(|c| c.verdict.name() == mark).count();
+        writeln!(out, "  verdict {}", verdict(verdicts)).expect("writing to a string does not fail");
+        for c in verdicts {
             let value = number(c.value, &c.unit);
-            writeln!(out, "  {:<6} {:<52} {value} {}", c.mark.name(), c.figure, c.unit)
+            writeln!(out, "  {:<6} {:<52} {value} {}", c.verdict.name(), c.name, c.unit)
                 .expect("writing to a string does not fail");
         }
         let bones = &field.assessment.rigidity;

@@ -1,15 +1,17 @@
 //! `report.html`: one self-contained page, pictures first, that a physicist reads top to bottom.
 //!
-//! It draws no verdict: figures stand beside the tolerances of AAPM TG-132, and the reviewer's fields stay blank.
+//! The verdict of the rules comes first, and the reviewer's fields, which stay blank.
 
 mod summary;
 mod tables;
+pub(super) mod verdict;
 
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use verdict::review;
 
 /// Head of any of our pages: its title, the common styles and `more` of them, and what the page may do (see [`policy`]).
 pub(super) fn head(title: &str, more: &str, policy: &str) -> Markup {
@@ -36,9 +38,9 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
             (head(&format!("aventail: {title}"), "", &policy(view.is_some())))
             body {
                 (summary::header(report, &title))
+                (verdict::verdict(&report.verdicts, &summary::missing(report)))
+                (review())
                 (summary::cards(report))
-                // On paper one signs the first page, on the screen after having looked.
-                div.paper { (review()) }
                 (warnings(report))
                 @if let Some(view) = view { (section(view)) }
                 div.together {
@@ -68,8 +70,8 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     }
                     (tables::landmarks(report))
                 }
-                h2 { "Figures beside tolerances" }
-                (summary::tolerances(report))
+                h2 { "Verdicts" }
+                (verdict::table(&report.verdicts))
                 h2 { "Bones" }
                 (tables::bones(report))
                 h2 { "Contact and sliding" }
@@ -87,7 +89,6 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 h2 { "Provenance" }
                 (provenance(report))
                 (limits())
-                div.screen { (review()) }
                 footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
             }
         }
@@ -191,20 +192,6 @@ fn limits() -> Markup {
                 "is a guess of mechanics. Tissue that appears or vanishes is not modelled. Landmarks speak for the places where they lie; a Jacobian free of "
                 "folds says that the field is regular, not that it is right. TG-132 gives no tolerance for carrying dose."
             }
-        }
-    }
-}
-
-/// Fields that only a person fills in.
-pub(super) fn review() -> Markup {
-    html! {
-        section.review {
-            h2 { "Review" }
-            p.note { "Left blank by the program. No registration is accepted automatically." }
-            div.choice { span { "accept" } span { "accept with limits" } span { "reject" } }
-            div.line { span { "Purpose, region" } span.blank {} span {} span {} }
-            div.line { span { "Limits, remarks" } span.blank {} span {} span {} }
-            div.line { span { "Name" } span.blank {} span { "Date" } span.blank {} }
         }
     }
 }

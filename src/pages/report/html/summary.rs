@@ -1,6 +1,8 @@
-//! Top of the page: case, key figures, and the figures beside TG-132's tolerances.
+//! Top of the page: whose scans, and the key figures.
 
 use super::super::numbers::{Report, count, utc};
+use super::verdict::identity;
+use crate::evaluate::landmark::LandmarkReport;
 use crate::geometry::Grid;
 use maud::{Markup, html};
 use std::path::Path;
@@ -28,8 +30,19 @@ pub(super) fn title(report: &Report) -> String {
 }
 
 pub(super) fn header(report: &Report, title: &str) -> Markup {
-    let path = |role: &str| input(report, role).map_or(String::new(), |p| p.display().to_string());
-    let fraction = if posed(report) { ARTIFICIAL.to_owned() } else { path("fraction") };
+    let scan = |role: &str| {
+        html! {
+            @match report.inputs.iter().find(|i| i.role == role) {
+                Some(input) => (identity(input)),
+                None => { "made by aventail, no file" }
+            }
+        }
+    };
+    let fraction = if posed(report) {
+        html! { (ARTIFICIAL) }
+    } else {
+        scan("fraction")
+    };
     // Adding 0 turns the minus of a zero away.
     let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
     html! {
@@ -37,7 +50,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             p.brand { "aventail \u{b7} deformable registration report" }
             h1 { (title) }
             dl.case {
-                div { dt.planning { "Planning" } dd { (path("planning")) br; span.note { (grid(&report.planning_grid)) } } }
+                div { dt.planning { "Planning" } dd { (scan("planning")) br; span.note { (grid(&report.planning_grid)) } } }
                 div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
                 div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
@@ -57,6 +70,11 @@ fn card(what: &str, value: Markup, more: &str) -> Markup {
     html! { div.card { span.what { (what) } b { (value) } div.more { (more) } } }
 }
 
+/// What landmarks are off by with the couch shift alone, in words.
+fn shifted(l: &LandmarkReport) -> String {
+    l.shifted.as_ref().map_or(String::new(), |s| format!("couch shift alone {:.2}; ", s.mean))
+}
+
 /// The figures that a reader wants first.
 pub(super) fn cards(report: &Report) -> Markup {
     let mm = |v: f64, digits: usize| html! { (format!("{v:.digits$}")) small { " mm" } };
@@ -73,7 +91,7 @@ pub(super) fn cards(report: &Report) -> Markup {
     html! {
         div.cards {
             @if let Some(l) = &report.landmarks {
-                (card("Landmarks after, mean", mm(l.after.mean, 2), &format!("before {:.2}; worst after {:.2} mm, {} points", l.before.mean, l.after.max, l.after.n)))
+                (card("Landmarks after, mean", mm(l.after.mean, 2), &format!("before {:.2}; {}worst after {:.2} mm, {} points", l.before.mean, shifted(l), l.after.max, l.after.n)))
             } @else {
                 (card("Landmarks", html! { "none" }, "no landmarks were given"))
             }
@@ -89,41 +107,13 @@ pub(super) fn cards(report: &Report) -> Markup {
     }
 }
 
-/// Figures of the run beside the tolerances of AAPM TG-132, without a verdict.
-pub(super) fn tolerances(report: &Report) -> Markup {
-    let voxel = [&report.planning_grid, &report.fraction_grid].iter().flat_map(|g| g.spacing()).fold(0.0, f64::max);
-    let (j, back) = (&report.jacobian, &report.consistency.there_and_back_mm);
-    html! {
-        p.note {
-            "Tolerances as AAPM TG-132 (Brock et al., Med. Phys. 44 (2017) e43) is commonly quoted; check them against the report "
-            "itself and your own protocol. Largest voxel edge here: " (format!("{voxel:.1} mm")) ". No verdict is drawn."
-        }
-        table {
-            thead { tr { th { "Figure" } th { "This run" } th { "TG-132" } } }
-            tbody {
-                @if let Some(l) = &report.landmarks {
-                    tr {
-                        td { "Target registration error, " (l.after.n) " landmarks" }
-                        td { (format!("mean {:.2}, 95 % {:.2}, worst {:.2} mm", l.after.mean, l.after.p95, l.after.max)) }
-                        td { "largest voxel edge, about 2\u{2013}3 mm" }
-                    }
-                }
-                tr {
-                    td { "Jacobian, tissue outside bone contact and sliding interfaces" }
-                    td { (format!("{} cells not positive; 1 % {:.2}, 99 % {:.2}, largest {:.2}", count(j.body.folded), j.body.p1, j.body.p99, j.body.max)) }
-                    td { "no negative values; deviation from 1 as clinically expected" }
-                }
-                tr {
-                    td { "Consistency, there and back" }
-                    td { (format!("mean {:.3}, 95 % {:.3}, worst {:.3} mm away from bone contact", back.mean, back.p95, back.max)) }
-                    td { "largest voxel edge, about 2\u{2013}3 mm" }
-                }
-                tr {
-                    td { "Contours: mean distance to agreement, Dice" }
-                    td { "not measured in this run" }
-                    td { "within contouring uncertainty; about 2\u{2013}3 mm, 0.80\u{2013}0.90" }
-                }
-            }
-        }
-    }
+/// What the rules could judge and this run did not measure.
+pub(super) fn missing(report: &Report) -> Vec<&'static str> {
+    let landmarks = report.landmarks.as_ref().is_some_and(|l| l.after.n > 0);
+    let known = [
+        (landmarks, "target registration error (no landmarks)"),
+        (false, "agreement of contours (see aventail evaluate)"),
+        (report.uncertainty.is_some(), "uncertainty"),
+    ];
+    known.into_iter().filter(|(known, _)| !known).map(|(_, what)| what).collect()
 }

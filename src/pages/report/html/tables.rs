@@ -19,25 +19,26 @@ pub(super) fn bones(report: &Report) -> Markup {
     let rigid_rms = |bone: &BoneFit| report.rigidity.iter().find(|r| r.name == bone.name).map(|r| r.rms_mm);
     html! {
         p.note {
-            "Motion is the mean displacement of a bone's points, from planning to fraction, couch shift included. Uncertainty is one standard "
+            "Motion is the displacement of a bone's centre, from planning to fraction; own motion is that apart from the couch shift. Uncertainty is one standard "
             "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the couch "
             "shift alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
         table {
             thead {
                 tr {
-                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Rotation" br; "deg" }
+                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Own" br; "mm" } th.n { "Rotation" br; "deg" }
                     th.n { "Uncertainty" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
                 }
             }
             tbody {
-                @for b in &report.bones {
+                @for (n, b) in report.bones.iter().enumerate() {
                     tr {
                         td { (b.name) }
                         td { span.tag.image[b.determined_by == "image"] { (b.determined_by) } }
                         td { (format!("{:.0} %", 100.0 * b.visible)) span.meter { i style=(format!("width: {:.0}%", 100.0 * b.visible)) {} } }
                         td.n { (number(b.similarity_before, 2)) " \u{2192} " (number(b.similarity_after, 2)) }
                         td.n { (format!("{:.1}", b.motion_mm)) }
+                        td.n { (number(report.own_motion_mm.get(n).copied(), 1)) }
                         td.n { (format!("{:.1}", rotation_angle_deg(&b.transform))) }
                         td.n { (uncertainty(b)) }
                         td.n { @if b.beyond_range.any() { (b.beyond_range) } @else { (MISSING) } }
@@ -69,7 +70,7 @@ pub(super) fn landmark_figures(report: &Report) -> Markup {
         h3 { "Residuals, mm" }
         table {
             thead { tr { th {} th.n { "points" } th.n { "mean" } th.n { "sd" } th.n { "median" } th.n { "95 %" } th.n { "worst" } } }
-            tbody { (row("before", &l.before)) (row("after", &l.after)) }
+            tbody { (row("before", &l.before)) @if let Some(s) = &l.shifted { (row("couch shift alone", s)) } (row("after", &l.after)) }
         }
         table {
             tbody {
@@ -284,8 +285,8 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                     tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", count(links.violated), links.violated_percent)) } }
                     tr { td { "Excess, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", links.mean_excess_mm, links.p95_excess_mm, links.max_excess_mm)) } }
                     @if let Some(waves) = &report.let_go {
-                        tr { td { "Waves let go where they hardly weigh" } td.n { (waves.waves) " of " (waves.of) } }
-                        tr { td { "Weight of one there / change of an element by all, at most" } td.n { (format!("{:.4} % / {:.2} mm", waves.each_percent, waves.most_mm)) } }
+                        tr { td { "Bones whose influence was pruned where it hardly weighs" } td.n { (waves.waves) " of " (waves.of) } }
+                        tr { td { "Weight of one there / change of a node by all of them, at most" } td.n { (format!("{:.4} % / {:.2} mm", waves.each_percent, waves.most_mm)) } }
                     }
                 }
             }

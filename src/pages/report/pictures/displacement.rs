@@ -101,7 +101,7 @@ fn high_percentile(values: impl Iterator<Item = f64>, p: f64) -> f64 {
 }
 
 /// The least number that reaches `value` and has short quarters.
-fn ceil_nice(value: f64) -> f64 {
+pub(in crate::report) fn ceil_nice(value: f64) -> f64 {
     let power = 10f64.powf(value.max(0.1).log10().floor());
     [1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 6.0, 8.0, 10.0]
         .into_iter()
@@ -111,7 +111,7 @@ fn ceil_nice(value: f64) -> f64 {
 }
 
 /// A number without trailing zeros.
-fn short(value: f64) -> String {
+pub(in crate::report) fn short(value: f64) -> String {
     format!("{}", (value * 1e4).round() / 1e4)
 }
 

@@ -2,11 +2,9 @@
 //! moves most.
 
 use super::super::plane::{KINDS, Kind, Region};
-use crate::pipeline::Outcome;
+use crate::pipeline::{Outcome, moves_most};
 use nalgebra::Point3;
 
-/// Bones that are visible by less are not looked at.
-const LEAST_VISIBLE: f64 = 0.5;
 /// What the bones of the spine are called.
 const SPINE: &str = "vertebrae_";
 /// Least part of the patient's mean section that a plane shows.
@@ -61,15 +59,16 @@ pub(in crate::report) fn focus(
     Focus { from, to, told: told.join(", ") }
 }
 
-/// Motion of each visible bone apart from the couch shift, mm, its centroid in planning and
+/// Motion of each placed bone apart from the couch shift, mm, its centroid in planning and
 /// fraction, and its description.
 fn moved(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point3<f64>, String))> {
-    let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).filter(|(_, fit)| fit.visible >= LEAST_VISIBLE);
-    bones.map(|(bone, fit)| {
-        let to = fit.transform * bone.centroid;
-        let mm = (to - bone.centroid - outcome.couch_shift).norm();
-        let what = format!("the bone that moves most apart from the couch shift: {} ({mm:.1} mm)", bone.name);
-        (mm, (bone.centroid, to, what))
+    let own = outcome.own_motion_mm();
+    let most = moves_most(&outcome.bone_fits, &own);
+    let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).zip(own).enumerate();
+    bones.filter(|(_, ((_, fit), _))| fit.determined_by != "joint").map(move |(n, ((bone, fit), mm))| {
+        let which = if most == Some(n) { "the bone that moves most" } else { "the bone in view that moves most" };
+        let what = format!("{which} apart from the couch shift: {} ({mm:.1} mm)", bone.name);
+        (mm, (bone.centroid, fit.transform * bone.centroid, what))
     })
 }
 

@@ -1,7 +1,7 @@
 //! The pictures of a report. Each kind is one PNG of axial, coronal and sagittal plane at one scale, with its legend.
 
 mod bones;
-mod displacement;
+pub(super) mod displacement;
 mod focus;
 mod fusion;
 mod jacobian;
@@ -9,7 +9,7 @@ mod landmarks;
 pub(super) mod legend;
 pub(super) mod residuals;
 mod scene;
-mod uncertainty;
+pub(super) mod uncertainty;
 
 use super::canvas::Canvas;
 use super::plane::WIDTH;
@@ -84,6 +84,9 @@ pub(super) fn write(folder: &Path, pictures: &[Picture]) -> Result<()> {
     pictures.iter().try_for_each(|p| write_file(folder.join(p.file), |out| out.write_all(&p.png)))
 }
 
+/// Bytes of a picture at most, so that a page of nine stays small.
+const MOST_BYTES: usize = 450_000;
+
 /// Draws one kind of picture.
 type Draw<'a> = Box<dyn Fn(&Scene<'_>) -> Plate + Sync + 'a>;
 
@@ -97,8 +100,8 @@ pub(super) struct Plate {
 
 impl Plate {
     fn encoded(self) -> Result<Picture> {
-        let mut png = Vec::new();
-        self.canvas.write_png(&mut png).map_err(|e| crate::Error::Internal(format!("{}: {e}", self.file)))?;
+        let png =
+            self.canvas.png_within(MOST_BYTES).map_err(|e| crate::Error::Internal(format!("{}: {e}", self.file)))?;
         Ok(Picture { file: self.file, title: self.title, caption: self.caption, png })
     }
 }

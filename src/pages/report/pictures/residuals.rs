@@ -16,35 +16,33 @@ const PLOT: [f64; 4] = [80.0, 60.0, WIDTH as f64 - 20.0, HEIGHT as f64 - 80.0];
 pub(in crate::report) fn draw(report: &LandmarkReport) -> Plate {
     let before: Vec<f64> = report.each.iter().map(|r| r.before).collect();
     let after: Vec<f64> = report.each.iter().filter_map(|r| r.after).collect();
-    let most = before.iter().chain(&after).fold(0.0f64, |a, &b| a.max(b));
-    let width = bin_width(most);
-    let bins = (most / width) as usize + 1;
-    let counts = [histogram(&before, width, bins), histogram(&after, width, bins)];
+    let edges = edges(before.iter().chain(&after).copied());
+    let bins = edges.len() - 1;
+    let counts = [histogram(&before, &edges), histogram(&after, &edges)];
     let tallest = counts.iter().flatten().copied().max().unwrap_or(1).max(1);
     let mut canvas = Canvas::new(WIDTH, HEIGHT, [255; 3]);
     let [left, top, right, bottom] = PLOT;
-    let x = |mm: f64| left + (right - left) * mm / (bins as f64 * width);
+    let x = |edge: usize| left + (right - left) * edge as f64 / bins as f64;
     let y = |count: f64| bottom - (bottom - top) * count / tallest as f64;
     axes(&mut canvas, tallest, y);
     for (which, colour) in [BEFORE, AFTER].into_iter().enumerate() {
         for (bin, &count) in counts[which].iter().enumerate().filter(|(_, c)| **c > 0) {
-            let (low, high) = (x(bin as f64 * width), x((bin + 1) as f64 * width));
+            let (low, high) = (x(bin), x(bin + 1));
             let half = (high - low) * 0.42;
             let start = low + (high - low) * 0.08 + which as f64 * half;
             canvas.rectangle([start, y(count as f64)], [start + half, bottom], colour);
         }
     }
     let pen = |align| Pen { size: 26.0, colour: INK, halo: None, align };
-    let every = bins.div_ceil(12);
-    for bin in (0..=bins).step_by(every) {
-        canvas.text(&format!("{}", bin as f64 * width), [x(bin as f64 * width), bottom + 20.0], pen(Align::Centre));
+    for (n, edge) in edges.iter().enumerate() {
+        canvas.text(&format!("{edge}"), [x(n), bottom + 20.0], pen(Align::Centre));
     }
     canvas.text("residual, mm", [(left + right) / 2.0, bottom + 54.0], pen(Align::Centre));
     key(&mut canvas, report);
     Plate {
         file: "residuals.png",
         title: "Landmark residuals",
-        caption: "Number of landmarks by their distance from the true position in the fraction.".to_owned(),
+        caption: "Number of landmarks by their distance from the true position in the fraction; bins about twice as wide each.".to_owned(),
         canvas,
     }
 }
@@ -72,15 +70,26 @@ fn key(canvas: &mut Canvas, report: &LandmarkReport) {
     }
 }
 
-/// Bin width that gives at most about 24 bins.
-fn bin_width(most: f64) -> f64 {
-    [0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0].into_iter().find(|w| most / w <= 24.0).unwrap_or(most / 24.0)
+/// Edges of bins, mm: narrow where the registration leaves residuals, wide where they were before.
+const EDGES: [f64; 14] = [0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0];
+
+/// The edges around all values; beyond the last one the bin is open and ends at the greatest value.
+fn edges(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let (least, most) = values.fold((f64::INFINITY, 0.0f64), |(l, m), v| (l.min(v), m.max(v)));
+    let from = EDGES.partition_point(|e| *e <= least).max(1) - 1;
+    let to = EDGES.partition_point(|e| *e <= most).max(1);
+    let mut edges = EDGES[from.min(to - 1)..(to + 1).min(EDGES.len())].to_vec();
+    if edges.last().is_none_or(|last| *last <= most) {
+        edges.push(most.ceil().max(1.0) + 1.0);
+    }
+    edges
 }
 
-fn histogram(values: &[f64], width: f64, bins: usize) -> Vec<usize> {
-    let mut counts = vec![0; bins];
+fn histogram(values: &[f64], edges: &[f64]) -> Vec<usize> {
+    let mut counts = vec![0; edges.len() - 1];
     for v in values {
-        counts[((v / width) as usize).min(bins - 1)] += 1;
+        let bin = edges.partition_point(|e| e <= v).max(1) - 1;
+        counts[bin.min(edges.len() - 2)] += 1;
     }
     counts
 }
@@ -90,8 +99,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bins_count_every_value_once() {
-        assert_eq!(histogram(&[0.0, 0.4, 0.5, 1.9, 2.0], 0.5, 5), [2, 1, 0, 1, 1]);
-        assert!((bin_width(11.0) - 0.5).abs() < 1e-12 && (bin_width(0.0) - 0.25).abs() < 1e-12);
+    fn bins_fit_the_values_and_count_each_once() {
+        let values = [0.12, 0.3, 0.5, 8.0, 9.9];
+        let own = edges(values.into_iter());
+        assert_eq!(own, [0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 7.5, 10.0]);
+        assert_eq!(histogram(&values, &own), [1, 1, 1, 0, 0, 0, 0, 2]);
+        let wide = edges([0.0, 80.5].into_iter());
+        assert_eq!((wide[0], wide[wide.len() - 1]), (0.0, 82.0));
+        assert_eq!(histogram(&[0.0, 80.5], &wide).iter().sum::<usize>(), 2);
+        assert_eq!((edges(std::iter::empty()).len(), edges([0.0].into_iter())), (2, vec![0.0, 0.1]));
     }
 }

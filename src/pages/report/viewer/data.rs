@@ -1,11 +1,12 @@
 //! What the page's script needs of a run: volumes, packed, and what is told of places.
 
+use super::super::pictures::uncertainty;
 use super::super::plane::{cell_at, nearest};
 use super::places::{Place, bones, landmarks, places, start};
 use super::structures;
 use crate::error::Result;
 use crate::geometry::Grid;
-use crate::io::embed::{HU_FIRST, HU_STEP, PageGrid, pack};
+use crate::io::embed::{FINEST_MM, HU_FIRST, HU_STEP, PageGrid, pack};
 use crate::pipeline::{Case, Outcome};
 use crate::volume::contour::Contours;
 use nalgebra::{Point3, Vector3};
@@ -19,6 +20,10 @@ const STEPS: [f64; 3] = [0.1, 0.01, 0.05];
 /// Least Jacobian that is told, so that 0 is free for places outside the patient; folded cells hold
 /// -1.
 const LEAST_JACOBIAN: f64 = -2.0;
+/// Bytes of the packed volumes at most: with the pictures the page stays below 12 MB.
+const MOST_BYTES: usize = 5_300_000;
+/// Voxels that are never too many.
+const FEW: usize = 1000;
 /// Largest number of the script's volumes.
 const MOST: f64 = 32_000.0;
 /// Share of the patient's motions, the largest left out, that the colours of arrows span.
@@ -33,6 +38,13 @@ pub struct View {
     pub(super) about: Value,
 }
 
+impl View {
+    /// Bytes of all volumes.
+    fn bytes(&self) -> usize {
+        self.volumes.iter().map(|(_, bytes)| bytes.len()).sum()
+    }
+}
+
 /// Makes the numbers of a volume.
 type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 
@@ -44,9 +56,32 @@ type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 /// # Errors
 /// [`crate::error::Error::Internal`] when a volume cannot be packed.
 pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
+    within(MOST_BYTES, case, outcome, contours)
+}
+
+/// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
+fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
+    let scans = [&case.fraction, &outcome.planning_on_fraction];
+    let mut finest = FINEST_MM;
+    let mut page = PageGrid::thinned(&scans, finest)?;
+    loop {
+        let view = embed_on(&page, case, outcome, contours)?;
+        let over = view.bytes() as f64 / most as f64;
+        let voxels = page.grid().len();
+        if over <= 1.0 || voxels <= FEW {
+            return Ok(view);
+        }
+        while page.grid().len() >= voxels {
+            finest *= over.cbrt().max(1.1);
+            page = PageGrid::thinned(&scans, finest)?;
+        }
+    }
+}
+
+/// The same on the voxels of a page.
+fn embed_on(page: &PageGrid, case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
     let shift_before = super::super::pictures::shift_before(case, outcome);
     let shift = shift_before.unwrap_or_default();
-    let page = PageGrid::of(&[&case.fraction, &outcome.planning_on_fraction])?;
     let coarse = page.coarser(FIELD_MM)?;
     let whole: [(&'static str, Values<'_>); 5] = [
         ("fraction", Box::new(|| page.hu(&case.fraction))),
@@ -67,7 +102,7 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
     let maps = maps.into_par_iter().map(|(name, values)| Ok((name, pack(&values, size)?)));
     volumes.extend(maps.collect::<Result<Vec<_>>>()?);
     if let Some(contours) = contours {
-        let [before, after] = structures::bits((case, outcome), contours, &page, &shift)?;
+        let [before, after] = structures::bits((case, outcome), contours, page, &shift)?;
         volumes.push(("structures_before", pack(&before, page.grid().size())?));
         volumes.push(("structures_after", pack(&after, page.grid().size())?));
     }
@@ -85,6 +120,9 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
         "shift": shift.as_slice(),
         "shifted": shift_before.is_some(),
         "top": top,
+        // Motion of the couch beyond that shift.
+        "couch": (outcome.couch_shift - shift).as_slice(),
+        "unsure": outcome.uncertainty.as_ref().map_or([3.0, 0.0], |(map, _)| uncertainty::scale(map)),
         "names": case.bones.names,
         "structures": structures::about(contours),
         "start": start(case, outcome),
@@ -128,4 +166,24 @@ fn maps(outcome: &Outcome, coarse: &PageGrid, shift: &Vector3<f64>) -> (Vec<(&'s
     let mut maps = vec![("ux", x), ("uy", y), ("uz", z), ("jacobian", jacobian)];
     maps.extend(unsure.is_some().then_some(("uncertainty", uncertainty)));
     (maps, top.max(1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::example;
+    use super::*;
+
+    #[test]
+    fn what_packs_badly_is_shown_in_fewer_voxels() {
+        let (case, outcome, _) = example::small();
+        let whole = embed(&case, &outcome, None).unwrap();
+        let most = whole.bytes() / 3;
+        let less = within(most, &case, &outcome, None).unwrap();
+        assert!(less.bytes() <= most, "{} {most}", less.bytes());
+        let voxels = |view: &View| {
+            view.about["grid"]["size"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).product::<u64>()
+        };
+        assert!(voxels(&less) < voxels(&whole) && voxels(&less) > 100, "{} {}", voxels(&less), voxels(&whole));
+        assert_eq!(whole.volumes.len(), less.volumes.len());
+    }
 }

@@ -36,7 +36,7 @@ pub(in crate::report) fn section(view: &View) -> Markup {
         section.viewer #viewer hidden {
             h2 { "Look through" }
             p.failed.note hidden { "This browser cannot show the volumes; the pictures below need no script." }
-            (tools())
+            (tools(view.about["shifted"] == true))
             p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
             div.planes {
                 (plane("axial"))
@@ -59,7 +59,8 @@ fn data(value: &serde_json::Value) -> PreEscaped<String> {
     PreEscaped(value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026"))
 }
 
-fn tools() -> Markup {
+/// `shifted`: planning as scanned is already moved by the couch shift.
+fn tools(shifted: bool) -> Markup {
     let modes = [
         ("colour", "Colour"),
         ("curtain", "Curtain"),
@@ -91,8 +92,9 @@ fn tools() -> Markup {
                 @for (mode, name) in modes { button type="button" data-mode=(mode) { (name) } }
             }
             span.joined role="group" aria-label="Planning CT" {
-                button type="button" data-moved="no" { "as scanned" }
-                button type="button" data-moved="yes" { "deformed" }
+                button type="button" data-moved="scanned" { "as scanned" }
+                @if !shifted { button type="button" data-moved="couch" { "couch shift only" } }
+                button type="button" data-moved="deformed" { "deformed" }
             }
         }
         div.tools {
@@ -151,7 +153,7 @@ fn notes(view: &View) -> Markup {
         p.note {
             "Click or drag moves the crosshair; the wheel, Page Up and Page Down turn the slices; arrow keys move it by a voxel. "
             "Keys: 1 planning as scanned, 2 planning deformed, 3 fraction, 4 colour, 5 curtain, 6 checkerboard, 7 difference, B blink, "
-            "M as scanned or deformed, O bones, A arrows, + and \u{2212} zoom. Right button or Shift and drag: level and width."
+            "M as scanned, couch shift only or deformed, O bones, A arrows, + and \u{2212} zoom. Right button or Shift and drag: level and width."
         }
         p.note {
             "Shown are voxels of the fraction, " (edges("grid")) " mm apart, by their values: HU in steps of 4, all below \u{2212}900 alike. "

@@ -111,12 +111,12 @@ fn least_certain(outcome: &Outcome) -> Option<(f32, Point3<f64>)> {
     (*mm > 0.0).then_some((*mm, at))
 }
 
-/// Each bone's centre in the fraction and its motion, mm.
+/// Each bone's centre in the fraction and its motion apart from the couch shift, mm.
 pub(super) fn bones(outcome: &Outcome) -> Value {
-    let fits = outcome.skeleton.bones.iter().zip(&outcome.bone_fits);
-    let one = fits.map(|(bone, fit)| {
+    let fits = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).zip(outcome.own_motion_mm());
+    let one = fits.map(|((bone, fit), mm)| {
         let at = fit.transform * bone.centroid;
-        json!({ "name": bone.name, "mm": fit.motion_mm, "at": at.coords.as_slice() })
+        json!({ "name": bone.name, "mm": mm, "at": at.coords.as_slice() })
     });
     one.collect()
 }

@@ -12,7 +12,7 @@ const PRESETS = {
 const CHECK_MM = 20, SLAB_MM = 4;
 
 const s = {
-  pos: grid.nearest(about.start), moved: true, mode: 'colour', preset: 'both', level: 40, width: 400, zoom: 1,
+  pos: grid.nearest(about.start), moved: 'deformed', mode: 'colour', preset: 'both', level: 40, width: 400, zoom: 1,
   curtain: 0.5, flip: false, bonesBefore: true, bonesAfter: true, arrows: false, marks: true, map: '',
   structures: new Set(about.structures.keys()),
 };
@@ -68,7 +68,7 @@ const MAPS = {
     return j <= 0 ? [0, 0, 0] : ramp(GROWTH, 0.5 + Math.log2(j) / 2);
   },
   uncertainty: n => volumes.uncertainty[n]
-    ? ramp(HEAT, (volumes.uncertainty[n] - 1) * about.steps.uncertainty / 3) : [120, 120, 128],
+    ? ramp(HEAT, (volumes.uncertainty[n] - 1) * about.steps.uncertainty / about.unsure[0]) : [120, 120, 128],
 };
 
 class Plane {
@@ -124,10 +124,42 @@ class Plane {
     const canvas = this.room[room], context = canvas.getContext('2d');
     const image = context.createImageData(canvas.width, canvas.height);
     const pixels = new Uint32Array(image.data.buffer);
-    const a = s.moved ? volumes.deformed : volumes.planning, b = volumes.fraction;
-    this.walk((n, at, i, j) => { pixels[n] = 0xff000000 | colour(toneA[a[at]], toneB[b[at]], i, j); });
+    const b = volumes.fraction;
+    if (s.moved === 'couch') {
+      const a = this.couched();
+      this.walk((n, at, i, j) => { pixels[n] = 0xff000000 | colour(toneA[a[n]], toneB[b[at]], i, j); });
+    } else {
+      const a = s.moved === 'deformed' ? volumes.deformed : volumes.planning;
+      this.walk((n, at, i, j) => { pixels[n] = 0xff000000 | colour(toneA[a[at]], toneB[b[at]], i, j); });
+    }
     context.putImageData(image, 0, 0);
     return canvas;
+  }
+
+  // The plane of planning as scanned, moved by the couch shift alone: between voxels; 0 where there is no data.
+  couched() {
+    if (this.shifted && this.shifted.at === s.pos[this.c]) return this.shifted.values;
+    const values = new Int16Array(this.size[0] * this.size[1]), { size, strides } = grid, from = volumes.planning;
+    const back = about.couch.map((mm, a) => -mm / grid.spacing[a]), low = back.map(Math.floor);
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map(n => {
+      const by = [n & 1, n >> 1 & 1, n >> 2];
+      const weight = by.reduce((w, b, a) => w * (b ? back[a] - low[a] : 1 - back[a] + low[a]), 1);
+      return { offset: by.reduce((sum, b, a) => sum + (low[a] + b) * strides[a], 0), weight };
+    }).filter(corner => corner.weight > 0);
+    const fits = (i, a) => i + low[a] >= 0 && i + low[a] + (back[a] > low[a] ? 1 : 0) < size[a];
+    const b = j => this.up ? size[this.b] - 1 - j : j;
+    if (fits(s.pos[this.c], this.c)) this.walk((n, at, i, j) => {
+      if (!fits(i, this.a) || !fits(b(j), this.b)) return;
+      let sum = 0;
+      for (const { offset, weight } of corners) {
+        const value = from[at + offset];
+        if (!value) return;
+        sum += weight * value;
+      }
+      values[n] = Math.round(sum);
+    });
+    this.shifted = { at: s.pos[this.c], values };
+    return values;
   }
 
   draw() {

@@ -41,7 +41,10 @@ function tell() {
   const bone = name => volumes[name][n] ? about.names[volumes[name][n]] || `label ${volumes[name][n]}` : '';
   const [was, is] = [bone('bones_before'), bone('bones_after')];
   set('bone', is || was ? `${is || 'none'}; before: ${was || 'none'}` : 'none');
-  const plan = s.moved ? 'planning deformed' : about.shifted ? 'planning, moved by the couch shift' : 'planning as scanned';
+  const plan = {
+    deformed: 'planning deformed', couch: 'planning, moved by the couch shift alone',
+    scanned: about.shifted ? 'planning, moved by the couch shift' : 'planning as scanned',
+  }[s.moved];
   const seen = {
     colour: `${plan} blue, fraction orange, grey where both agree`, curtain: `${plan} on the left, fraction on the right`,
     checker: `${plan} and fraction in turns, ${CHECK_MM} mm`, difference: `blue: ${plan} is brighter; orange: fraction is`,
@@ -54,7 +57,7 @@ function tell() {
 function scale() {
   const length = [MAGNITUDE, 'moves 0', `${fixed(about.top, 0)} mm`];
   const known = {
-    displacement: length, jacobian: [GROWTH, 'volume 0.5', '2'], uncertainty: [HEAT, 'uncertainty 0', '3 mm'],
+    displacement: length, jacobian: [GROWTH, 'volume 0.5', '2'], uncertainty: [HEAT, 'uncertainty 0', `${about.unsure[0]} mm; greatest ${fixed(about.unsure[1], 1)} mm`],
   }[s.map] || (s.arrows ? length : null);
   $('.scale').hidden = !known;
   if (!known) return;
@@ -68,7 +71,7 @@ function show() {
     button.setAttribute('aria-pressed', button.dataset.mode === s.mode);
   }
   for (const button of root.querySelectorAll('[data-moved]')) {
-    button.setAttribute('aria-pressed', (button.dataset.moved === 'yes') === s.moved);
+    button.setAttribute('aria-pressed', button.dataset.moved === s.moved);
   }
   for (const box of root.querySelectorAll('[data-flag]')) box.checked = s[box.dataset.flag];
   $('[data-preset]').value = s.preset;
@@ -165,9 +168,9 @@ function key(event) {
     }[k];
     step(axis, by);
   } else if (!inside && document.activeElement !== document.body) return;
-  else if (k === '1' || k === '2') { s.mode = 'planning'; s.moved = k === '2'; show(); }
+  else if (k === '1' || k === '2') { s.mode = 'planning'; s.moved = k === '2' ? 'deformed' : 'scanned'; show(); }
   else if (MODES[k]) { s.mode = s.mode === 'blink' && k === 'b' ? 'colour' : MODES[k]; show(); }
-  else if (k === 'm') { s.moved = !s.moved; show(); }
+  else if (k === 'm') { s.moved = { deformed: 'scanned', scanned: about.shifted ? 'deformed' : 'couch', couch: 'deformed' }[s.moved]; show(); }
   else if (k === 'o') { s.bonesBefore = s.bonesAfter = !s.bonesAfter; show(); }
   else if (k === 'a') { s.arrows = !s.arrows; show(); }
   else if (k === '+' || k === '=') zoom(1.25);
@@ -228,7 +231,7 @@ async function start() {
   root.addEventListener('click', event => {
     const { mode, moved } = event.target.dataset;
     if (mode) s.mode = mode;
-    if (moved) s.moved = moved === 'yes';
+    if (moved) s.moved = moved;
     if (mode || moved) show();
   });
   root.addEventListener('change', event => {
@@ -243,7 +246,7 @@ async function start() {
   list('places', 'Places to look at', about.places.map(p => [p.what, p.more, p.at]));
   list('landmarks', 'Landmarks, worst first', worst.map(m => [`${m.n + 1} ${m.name}`, after(m), m.fraction]));
   structures();
-  list('bones', 'Bones', about.bones.map(b => [b.name, `moves ${b.mm.toFixed(1)} mm`, b.at]));
+  list('bones', 'Bones, motion apart from the couch shift', about.bones.map(b => [b.name, `${b.mm.toFixed(1)} mm`, b.at]));
   show();
   root.dataset.state = 'ready';
 }

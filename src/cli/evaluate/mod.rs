@@ -1,120 +1,30 @@
 //! `aventail evaluate`: how good a field is, ours or another tool's; several fields side by side.
 
+mod args;
+
+pub(super) use args::AFTER;
+pub use args::{DirectionName, EvaluateArgs};
+
 use super::fields::{self, Known, Role};
 use super::frames::place;
+use super::inputs::config_file;
 use super::register::progress;
 use super::{command_line, planned, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::evaluate::verdict::Limits;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::Outside;
 use crate::geometry::Grid;
 use crate::io::{self, Loaded, Planned, dicom};
 use crate::pipeline::InputFile;
-use crate::report::evaluation::{self, Assessed, Drawable, EvaluationPicture, EvaluationReport};
+use crate::report::evaluation::{self, Assessed, Compared, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
 use crate::skeleton;
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
-use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// What `aventail evaluate --help` adds.
-pub(super) const AFTER: &str = "\
-What is measured depends on what is given:
-  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
-  --planning                measured in the patient instead of the whole grid; Jacobian picture
-  --planning --fraction     similarity of the CTs before and after; fusion picture
-  --bones                   departure from rigid motion per bone; bone contact and sliding interfaces counted apart
-  --labels-planning --labels-fraction
-                            Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
-  --landmarks               residuals before and after, per landmark
-  --then --direct           transitivity over three images
-Figures with a tolerance (AAPM TG-132) are marked pass, review or fail. A mark is no decision.
-
-Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
-
-Examples:
-  aventail evaluate --planning-to-fraction vf.mha --planning ct.nii.gz --fraction fx.nii.gz --bones bones.nii.gz --out eval
-  aventail evaluate --compare ours.nii.gz plastimatch.nii.gz --planning ct.nii.gz --landmarks points.csv --out compare";
-
-/// Options of `evaluate`.
-#[derive(Debug, Args)]
-pub struct EvaluateArgs {
-    /// Field on the planning grid: planning x goes to x + u(x); what a tool writes for fixed = planning
-    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
-    pub planning_to_fraction: Option<PathBuf>,
-    /// Field on the fraction grid: fraction y shows planning y + v(y); what a tool writes for fixed = fraction
-    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
-    pub fraction_to_planning: Option<PathBuf>,
-    /// Several fields of one case, side by side; all in the direction of --direction
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    pub compare: Vec<PathBuf>,
-    /// Direction of the fields of --compare
-    #[arg(long, value_enum, default_value = "planning-to-fraction")]
-    pub direction: DirectionName,
-    /// Planning CT in HU
-    #[arg(long, value_name = "FILE")]
-    pub planning: Option<PathBuf>,
-    /// Fraction CT in HU
-    #[arg(long, value_name = "FILE")]
-    pub fraction: Option<PathBuf>,
-    /// Bone labels in the planning frame
-    #[arg(long, value_name = "FILE")]
-    pub bones: Option<PathBuf>,
-    /// Structures in the planning frame
-    #[arg(long, value_name = "FILE")]
-    pub labels_planning: Option<PathBuf>,
-    /// The same structures drawn on the fraction, equal names
-    #[arg(long, value_name = "FILE", requires = "labels_planning")]
-    pub labels_fraction: Option<PathBuf>,
-    /// Names of labels, {"labels": {"1": "skull", ...}}, for label files whose header has none
-    #[arg(long, value_name = "FILE")]
-    pub labels: Option<PathBuf>,
-    /// Points known in both images (CSV)
-    #[arg(long, value_name = "FILE")]
-    pub landmarks: Option<PathBuf>,
-    /// Where to measure, in the planning frame (not zero: inside), instead of the patient
-    #[arg(long, value_name = "FILE")]
-    pub mask: Option<PathBuf>,
-    /// Field from the fraction to a third image, for transitivity
-    #[arg(long, value_name = "FILE", requires = "direct")]
-    pub then: Option<PathBuf>,
-    /// Field from planning straight to the third image
-    #[arg(long, value_name = "FILE", requires = "then")]
-    pub direct: Option<PathBuf>,
-    /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
-    /// Print the numbers as JSON instead of the table
-    #[arg(long)]
-    pub json: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
-}
-
-/// Names of directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DirectionName {
-    /// On the planning grid, as fixed = planning
-    PlanningToFraction,
-    /// On the fraction grid, as fixed = fraction
-    FractionToPlanning,
-}
-
-impl From<DirectionName> for Direction {
-    fn from(name: DirectionName) -> Self {
-        match name {
-            DirectionName::PlanningToFraction => Self::PlanningToFraction,
-            DirectionName::FractionToPlanning => Self::FractionToPlanning,
-        }
-    }
-}
 
 /// Tissue above this counts as the patient, HU.
 const TISSUE_HU: f32 = -500.0;
@@ -152,6 +62,14 @@ impl Ledger {
         loaded.value
     }
 
+    /// Takes a scan, which may tell whose it is.
+    pub(super) fn take_scan<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
+        let about = dicom::About::of(&loaded.path);
+        let value = self.take(role, loaded);
+        self.inputs.iter_mut().rev().take(1).for_each(|input| input.about.clone_from(&about));
+        value
+    }
+
     /// The files, as seen from the folder of the report that names them.
     pub(super) fn seen_from(&self, folder: &Path) -> Vec<InputFile> {
         let own = |i: &InputFile| InputFile { path: io::relative_to(folder, &i.path), ..i.clone() };
@@ -181,16 +99,28 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let files = field_files(args)?;
     let mut folder = run_folder(&args.out, &planned_files(&files), &args.files())?;
     let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let limits = args.config.as_deref().map(limits).transpose()?.unwrap_or_default();
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
+    let common = ledger.warnings.len();
     let option = (!args.compare.is_empty()).then_some("--compare");
-    let mut assessed = Vec::new();
+    let mut first: Option<Compared> = None;
+    let mut others = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
-        let (field, drawn) = one(n, file, option, &inputs, &mut ledger, &runtime)?;
-        assessed.push(field);
+        let before = ledger.warnings.len();
+        let (mut own, drawn) = one(n, file, option, (&inputs, &limits), &mut ledger, &runtime)?;
+        own.field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
         pictures.extend(drawn);
+        let Some(first) = &first else {
+            first = Some(own);
+            continue;
+        };
+        let planning = inputs.planning.as_ref();
+        pictures.extend(runtime.stage("draw", || evaluation::draw_pair(n, first, &own, planning))?);
+        others.push(own.field);
     }
+    let assessed = first.map(|first| first.field).into_iter().chain(others).collect();
     let mut report = EvaluationReport {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
@@ -213,25 +143,9 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     Ok(format!("{}\nThe report: {}", evaluation::terminal_table(&report), page.display()))
 }
 
-impl EvaluateArgs {
-    /// All files to read.
-    fn files(&self) -> Vec<&Path> {
-        let one = [
-            &self.planning_to_fraction,
-            &self.fraction_to_planning,
-            &self.planning,
-            &self.fraction,
-            &self.bones,
-            &self.labels_planning,
-            &self.labels_fraction,
-            &self.labels,
-            &self.landmarks,
-            &self.mask,
-            &self.then,
-            &self.direct,
-        ];
-        one.into_iter().flatten().chain(&self.compare).map(PathBuf::as_path).collect()
-    }
+/// The limits of a file of settings.
+fn limits(path: &Path) -> Result<Limits> {
+    Ok(config_file(path)?.resolve(None)?.verdict)
 }
 
 /// What will be written, besides pictures.
@@ -275,7 +189,7 @@ fn name(path: &Path) -> String {
 /// Reads everything but the fields.
 fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     let mut image = |role: &str, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
-        path.as_ref().map(|p| Ok(ledger.take(role, io::read_image(p)?))).transpose()
+        path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
     };
     let planning = image("planning", &args.planning)?;
     let fraction = image("fraction", &args.fraction)?;
@@ -372,10 +286,10 @@ fn one(
     which: usize,
     (name, push, pull): &FieldFiles,
     option: Option<&'static str>,
-    inputs: &Inputs,
+    (inputs, limits): (&Inputs, &Limits),
     ledger: &mut Ledger,
     runtime: &Runtime,
-) -> Result<(Assessed, Vec<EvaluationPicture>)> {
+) -> Result<(Compared, Vec<EvaluationPicture>)> {
     let pair = runtime
         .stage(&format!("read {name}"), || read_pair((push.as_deref(), pull.as_deref()), option, inputs, ledger))?;
     for direction in &pair.given {
@@ -402,11 +316,12 @@ fn one(
         landmarks: &inputs.landmarks,
         triangle: inputs.triangle.as_ref().map(|[a, b]| [a, b]),
     };
-    let (assessment, jacobian, mapped) = assess(&subject, runtime)?;
-    let field = Assessed { name: name.clone(), assessment };
-    let drawable = Drawable { subject, jacobian, mapped };
+    let (assessment, maps) = assess(&subject, limits, runtime)?;
+    let field = Assessed::new(name.clone(), assessment);
+    let drawable = Drawable { subject, maps };
     let pictures = runtime.stage("draw", || evaluation::draw(which, &field, &drawable))?;
-    Ok((field, pictures))
+    let measured = drawable.maps.measured;
+    Ok((Compared { field, pair, measured }, pictures))
 }
 
 /// Reads the given direction or directions of a field and makes the missing one.

@@ -1,0 +1,128 @@
+//! Options of `aventail evaluate`.
+
+use crate::evaluate::Direction;
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+
+/// What `aventail evaluate --help` adds.
+pub(in crate::cli) const AFTER: &str = "\
+What is measured depends on what is given:
+  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
+  --planning                measured in the patient instead of the whole grid; Jacobian picture
+  --compare A B             also where each field differs from the first, and landmarks against landmarks
+  --planning --fraction     similarity of the CTs before and after; fusion picture
+  --bones                   departure from rigid motion per bone; bone contact and sliding interfaces counted apart
+  --labels-planning --labels-fraction
+                            Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
+  --landmarks               residuals before and after, per landmark
+  --then --direct           transitivity over three images
+Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, is to be reviewed or fails, by the rules
+that also judge `register`; --config sets the limits ([verdict]). A verdict is no decision.
+
+Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
+
+Examples:
+  aventail evaluate --planning-to-fraction vf.mha --planning ct.nii.gz --fraction fx.nii.gz --bones bones.nii.gz --out eval
+  aventail evaluate --compare ours.nii.gz plastimatch.nii.gz --planning ct.nii.gz --landmarks points.csv --out compare";
+
+/// Options of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Field on the planning grid: planning x goes to x + u(x); what a tool writes for fixed = planning
+    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
+    pub planning_to_fraction: Option<PathBuf>,
+    /// Field on the fraction grid: fraction y shows planning y + v(y); what a tool writes for fixed = fraction
+    #[arg(long, value_name = "FILE", conflicts_with = "compare")]
+    pub fraction_to_planning: Option<PathBuf>,
+    /// Several fields of one case, side by side; all in the direction of --direction
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub compare: Vec<PathBuf>,
+    /// Direction of the fields of --compare
+    #[arg(long, value_enum, default_value = "planning-to-fraction")]
+    pub direction: DirectionName,
+    /// Planning CT in HU
+    #[arg(long, value_name = "FILE")]
+    pub planning: Option<PathBuf>,
+    /// Fraction CT in HU
+    #[arg(long, value_name = "FILE")]
+    pub fraction: Option<PathBuf>,
+    /// Bone labels in the planning frame
+    #[arg(long, value_name = "FILE")]
+    pub bones: Option<PathBuf>,
+    /// Structures in the planning frame
+    #[arg(long, value_name = "FILE")]
+    pub labels_planning: Option<PathBuf>,
+    /// The same structures drawn on the fraction, equal names
+    #[arg(long, value_name = "FILE", requires = "labels_planning")]
+    pub labels_fraction: Option<PathBuf>,
+    /// Names of labels, {"labels": {"1": "skull", ...}}, for label files whose header has none
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Points known in both images (CSV)
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Where to measure, in the planning frame (not zero: inside), instead of the patient
+    #[arg(long, value_name = "FILE")]
+    pub mask: Option<PathBuf>,
+    /// Field from the fraction to a third image, for transitivity
+    #[arg(long, value_name = "FILE", requires = "direct")]
+    pub then: Option<PathBuf>,
+    /// Field from planning straight to the third image
+    #[arg(long, value_name = "FILE", requires = "then")]
+    pub direct: Option<PathBuf>,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Settings (TOML), or the report.json of a run: its limits, [verdict], judge the field
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
+    pub threads: usize,
+    /// Print the numbers as JSON instead of the table
+    #[arg(long)]
+    pub json: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Names of directions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DirectionName {
+    /// On the planning grid, as fixed = planning
+    PlanningToFraction,
+    /// On the fraction grid, as fixed = fraction
+    FractionToPlanning,
+}
+
+impl From<DirectionName> for Direction {
+    fn from(name: DirectionName) -> Self {
+        match name {
+            DirectionName::PlanningToFraction => Self::PlanningToFraction,
+            DirectionName::FractionToPlanning => Self::FractionToPlanning,
+        }
+    }
+}
+
+impl EvaluateArgs {
+    /// All files to read.
+    pub(super) fn files(&self) -> Vec<&Path> {
+        let one = [
+            &self.planning_to_fraction,
+            &self.fraction_to_planning,
+            &self.planning,
+            &self.fraction,
+            &self.bones,
+            &self.labels_planning,
+            &self.labels_fraction,
+            &self.labels,
+            &self.landmarks,
+            &self.mask,
+            &self.then,
+            &self.direct,
+            &self.config,
+        ];
+        one.into_iter().flatten().chain(&self.compare).map(PathBuf::as_path).collect()
+    }
+}

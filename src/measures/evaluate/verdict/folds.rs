@@ -1,0 +1,122 @@
+//! Folded cells, judged by how much of the tissue they are and where they lie.
+
+use super::super::jacobian::JacobianReport;
+use super::{Figure, Limits, Mark, TG132, Verdict, number};
+
+impl Limits {
+    /// Folds of a field in this direction: those of tissue, then those of bone contact and sliding interfaces, where
+    /// there are cells of these. `cell_ml`: volume of an undeformed cell.
+    pub fn folds(&self, direction: &str, jacobian: &JacobianReport, cell_ml: f64) -> Vec<Verdict> {
+        let mut all = vec![self.in_tissue(direction, jacobian, cell_ml)];
+        if jacobian.contact.cells + jacobian.interface.cells > 0 {
+            all.push(self.in_contact(direction, jacobian, cell_ml));
+        }
+        all
+    }
+
+    fn in_tissue(&self, direction: &str, jacobian: &JacobianReport, cell_ml: f64) -> Verdict {
+        let (folded, cells) = (jacobian.body.folded, jacobian.body.cells);
+        let (ml, percent) = (folded as f64 * cell_ml, jacobian.body.folded_percent);
+        let within = |n: usize| percent <= self.folded_percent[n] && ml <= self.folded_ml[n];
+        let mark = if folded == 0 || within(0) {
+            Mark::Pass
+        } else if within(1) {
+            Mark::Review
+        } else {
+            Mark::Fail
+        };
+        let place = jacobian.folded_at.map_or(String::new(), |p| {
+            format!(", most at {:.0}, {:.0}, {:.0} (LPS mm, {})", p.x, p.y, p.z, start_of(direction))
+        });
+        let reason = if folded == 0 {
+            "no cell is folded".to_owned()
+        } else {
+            format!("{folded} of {cells} cells: {} ml, {} % of the tissue{place}", number(ml), number(percent))
+        };
+        let [[p0, p1], [m0, m1]] = [self.folded_percent, self.folded_ml];
+        let figure = Figure {
+            name: format!("folded tissue, {direction}"),
+            value: ml,
+            unit: "ml",
+            source: "AAPM TG-132: no negative Jacobian",
+            remedy: "look at the place in the Jacobian map; do not map dose there",
+        };
+        figure.said(format!("pass up to {m0} ml and {p0} %, review up to {m1} ml and {p1} %"), mark, reason)
+    }
+
+    fn in_contact(&self, direction: &str, jacobian: &JacobianReport, cell_ml: f64) -> Verdict {
+        let (contact, interface) = (jacobian.contact.folded, jacobian.interface.folded);
+        let percent = 100.0 * (contact + interface) as f64 / jacobian.all.cells.max(1) as f64;
+        let mark = if percent <= self.folded_contact_percent { Mark::Pass } else { Mark::Review };
+        let ml = (contact + interface) as f64 * cell_ml;
+        let reason = match contact + interface {
+            0 => "no cell is folded".to_owned(),
+            _ => format!(
+                "{contact} cells between touching bones, {interface} of sliding interfaces: {} ml, {} % of the tissue; rigid \
+                 bones that slide on each other fold what lies between them",
+                number(ml),
+                number(percent)
+            ),
+        };
+        let figure = Figure {
+            name: format!("folded in contact and interfaces, {direction}"),
+            value: ml,
+            unit: "ml",
+            source: TG132,
+            remedy: "do not trust the field in these joints and interfaces",
+        };
+        figure.said(format!("pass up to {} %, else review", self.folded_contact_percent), mark, reason)
+    }
+}
+
+/// The scan that a direction starts from.
+fn start_of(direction: &str) -> &str {
+    direction.split(' ').next().unwrap_or(direction)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::jacobian::JacobianStats;
+    use super::*;
+    use nalgebra::Point3;
+
+    fn report(cells: usize, folded: usize, contact: usize) -> JacobianReport {
+        let stats = |cells: usize, folded: usize| JacobianStats {
+            cells,
+            folded,
+            folded_percent: 100.0 * folded as f64 / cells.max(1) as f64,
+            ..JacobianStats::default()
+        };
+        JacobianReport {
+            all: stats(cells + 1000, folded + contact),
+            body: stats(cells, folded),
+            contact: stats(1000, contact),
+            folded_at: (folded > 0).then(|| Point3::new(12.0, -30.0, 101.0)),
+            ..JacobianReport::default()
+        }
+    }
+
+    #[test]
+    fn four_cells_of_two_million_do_not_fail_and_tell_where_they_are() {
+        let limits = Limits::default();
+        let judged = |folded| limits.folds("planning to fraction", &report(2_000_000, folded, 0), 0.003_75);
+        let few = &judged(4)[0];
+        assert_eq!(few.verdict, Mark::Pass);
+        assert!((few.value - 0.015).abs() < 1e-12 && few.unit == "ml");
+        assert!(few.reason.contains("0.0150 ml") && few.reason.contains("12, -30, 101"), "{}", few.reason);
+        assert_eq!(
+            [0, 40, 400, 4000].map(|n| judged(n)[0].verdict),
+            [Mark::Pass, Mark::Review, Mark::Review, Mark::Fail]
+        );
+        // A small scan: a large share fails, however few ml.
+        assert_eq!(limits.folds("planning to fraction", &report(1000, 4, 0), 0.003_75)[0].verdict, Mark::Fail);
+    }
+
+    #[test]
+    fn folds_between_bones_are_looked_at_and_never_fail() {
+        let limits = Limits::default();
+        let judged = |contact| limits.folds("planning to fraction", &report(100_000, 0, contact), 0.004);
+        assert_eq!([0, 50, 900].map(|n| judged(n)[1].verdict), [Mark::Pass, Mark::Pass, Mark::Review]);
+        assert!(judged(50)[1].reason.contains("50 cells between touching bones"));
+    }
+}

@@ -1,0 +1,101 @@
+//! Warnings as verdicts: those that put the result itself in doubt.
+
+use super::{Mark, Verdict};
+use crate::findings::{FINDINGS, Told};
+use crate::warning::Warning;
+
+/// Warnings of these codes say that the result may be wrong somewhere, and ask for a look at it. The others tell of
+/// files, of what is judged by its figures, or of what is expected.
+const DOUBTS: [&str; 28] = [
+    "bone-not-explained",
+    "bones-apart",
+    "bones-auto",
+    "bones-by-label",
+    "bones-lost",
+    "bones-overlap",
+    "field-direction",
+    "fit-iterations",
+    "fraction-scaled",
+    "hu-doubtful",
+    "input-changed",
+    "joint-limit",
+    "label-doubtful",
+    "label-on-wrong-side",
+    "landmarks-outside",
+    "landmarks-worse",
+    "level-unsure",
+    "levels-shifted",
+    "no-orientation",
+    "no-spacing",
+    "no-tissue",
+    "outside-field",
+    "side-unsure",
+    "skin-meets-skin",
+    "spine-order",
+    "start-left",
+    "vertebra-missing",
+    "weak-start",
+];
+
+/// A verdict for each kind of warning that counts: what would be refused if the settings did not let it through fails,
+/// what puts the result in doubt is reviewed.
+pub fn of_warnings(warnings: &[Warning]) -> Vec<Verdict> {
+    let mut codes: Vec<&str> = Vec::new();
+    for warning in warnings {
+        if !codes.contains(&warning.code.as_str()) {
+            codes.push(&warning.code);
+        }
+    }
+    codes.into_iter().filter_map(|code| of_code(code, warnings)).collect()
+}
+
+fn of_code(code: &str, warnings: &[Warning]) -> Option<Verdict> {
+    let finding = FINDINGS.iter().find(|f| f.code == code)?;
+    let let_through = finding.told == Told::Refused;
+    if !let_through && !DOUBTS.contains(&code) {
+        return None;
+    }
+    let of_kind: Vec<&str> = warnings.iter().filter(|w| w.code == code).map(|w| w.message.as_str()).collect();
+    // A refusal's own words end with its code and remedy.
+    let first = of_kind.first()?.split(&format!(" [{code}]")).next()?;
+    let more = if of_kind.len() > 1 { format!(" (and {} more)", of_kind.len() - 1) } else { String::new() };
+    let (mark, limit) = if let_through { (Mark::Fail, "refused, unless let through") } else { (Mark::Review, "none") };
+    Some(Verdict {
+        name: format!("warning: {code}"),
+        value: of_kind.len() as f64,
+        unit: if of_kind.len() == 1 { "warning" } else { "warnings" }.into(),
+        limit: limit.into(),
+        source: "docs/refusals.md".into(),
+        verdict: mark,
+        reason: format!("{first}{more}"),
+        remedy: finding.remedy.into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_doubt_is_a_finding_that_is_warned_of() {
+        for code in DOUBTS {
+            let finding = FINDINGS.iter().find(|f| f.code == code);
+            assert!(finding.is_some_and(|f| f.told != Told::Refused), "{code}");
+        }
+    }
+
+    #[test]
+    fn doubts_are_reviewed_refusals_let_through_fail_and_the_rest_is_silent() {
+        let warning = |code: &str, message: &str| Warning::new(code, message);
+        let all = of_warnings(&[
+            warning("label-doubtful", "skull: its label may miss the bone"),
+            warning("bones-meet", "12 cells"),
+            warning("label-doubtful", "mandible: its label may miss the bone"),
+            warning("labels-off-bone", "they lie 8 mm aside [labels-off-bone] remedy: give others"),
+        ]);
+        let told: Vec<_> = all.iter().map(|v| (v.name.as_str(), v.verdict)).collect();
+        assert_eq!(told, [("warning: label-doubtful", Mark::Review), ("warning: labels-off-bone", Mark::Fail)]);
+        assert!(all[0].reason.contains("skull") && all[0].reason.contains("1 more") && !all[0].remedy.is_empty());
+        assert_eq!(all[1].reason, "they lie 8 mm aside");
+    }
+}

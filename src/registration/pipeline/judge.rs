@@ -1,0 +1,31 @@
+//! What the rules say of a registration.
+
+use super::{Case, Outcome};
+use crate::evaluate::verdict::{Limits, Verdict, of_warnings};
+
+/// The rules of [`crate::evaluate::verdict`] on what a run has measured and warned of: those that fail, those to be
+/// reviewed, and those that pass.
+pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
+    let grids = [case.planning.grid(), case.fraction.grid()];
+    let voxel = grids.iter().flat_map(|grid| grid.spacing()).fold(0.0, f64::max);
+    let (direction, jacobian) = ("planning to fraction", &outcome.jacobian_report);
+    let mut all = Vec::new();
+    if let Some(l) = outcome.landmarks.as_ref().filter(|l| l.after.n > 0) {
+        all.extend(limits.landmarks(&l.after, voxel));
+    }
+    if let Some(bone) = outcome.rigidity.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm)) {
+        all.push(limits.rigidity(&bone.name, bone.rms_mm));
+    }
+    all.extend(limits.folds(direction, jacobian, grids[0].voxel_volume() / 1000.0));
+    all.push(limits.jumps(direction, jacobian.jumps_above_10));
+    let back = &outcome.consistency.there_and_back_mm;
+    if back.n > 0 {
+        all.push(limits.consistency("inverse consistency away from bone contact", back.p95, voxel));
+    }
+    all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.voxels));
+    if let Some((_, u)) = &outcome.uncertainty {
+        all.push(limits.uncertainty(u.soft_tissue_mm.p95, u.above_2mm_ml));
+    }
+    all.extend(of_warnings(&outcome.warnings));
+    all
+}
