@@ -171,7 +171,8 @@ def _of_sitk(image: Any, kind: Kind) -> Image:
     sitk = imported("SimpleITK")
     if image.GetDimension() != 3:
         raise _errors.unsuitable("image", f"it has {image.GetDimension()} dimensions", "give an image of three")
-    array = sitk.GetArrayViewFromImage(image)
+    # A view of it would point to memory that goes with the image.
+    array = sitk.GetArrayFromImage(image)
     return Image(array, image.GetSpacing(), image.GetOrigin(), np.asarray(image.GetDirection()), kind=kind)
 
 

@@ -43,6 +43,14 @@ def test_simpleitk_and_nibabel_come_back() -> None:
         assert np.allclose(back.affine, own.affine, atol=1e-5)
 
 
+def test_an_image_outlives_the_simpleitk_image_that_it_is_made_of() -> None:
+    made = aventail.Image.of(image().to_sitk())
+    # Fresh memory, filled with something else.
+    others = [sitk.Image([3, 4, 5], sitk.sitkFloat32) + 7.0 for _ in range(50)]
+    assert len(others) == 50 and np.array_equal(made.array, image().array)
+    assert made.array.flags.owndata
+
+
 @pytest.mark.parametrize("extension", ["nii.gz", "mha", "nrrd"])
 def test_files_are_those_of_simpleitk(tmp_path: Path, extension: str) -> None:
     own = image()
