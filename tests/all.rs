@@ -14,6 +14,7 @@ mod dicom;
 mod dose;
 mod evaluate;
 mod files;
+mod finished;
 mod fractions;
 mod guide;
 mod images;

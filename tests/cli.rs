@@ -62,7 +62,7 @@ fn at(name: &str) -> PathBuf {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 10] = [
+    let verbs: [(&str, &[&str]); 12] = [
         (
             "register",
             &[
@@ -94,6 +94,8 @@ fn help_names_every_option_of_every_verb() {
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
         ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
+        ("figure", &["<OUT>", "--kind", "--plane", "--at", "--out", "Examples:"]),
+        ("view", &["<OUT>", "--no-browser", "Example:"]),
         ("curve", &["--planning", "--landmarks", "--plan", "--peers", "--out", "Examples:"]),
     ];
     for (verb, names) in verbs {
@@ -117,6 +119,8 @@ fn help_names_every_option_of_every_verb() {
         "inspect",
         "bench",
         "curve",
+        "figure",
+        "view",
         "completions",
         "Exit codes",
         "not a medical device",

@@ -9,6 +9,8 @@ mod demo;
 pub mod dose;
 pub mod evaluate;
 mod fields;
+pub mod figure;
+mod finished;
 mod frames;
 mod giveback;
 mod headers;
@@ -27,6 +29,7 @@ mod skeleton;
 mod start;
 pub mod study;
 pub mod terminal;
+pub mod view;
 mod warp;
 
 use crate::error::Result;
@@ -68,6 +71,8 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Study(args) => study::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
+        Verb::Figure(args) => figure::run(args),
+        Verb::View(args) => view::run(args),
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
         Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
