@@ -15,6 +15,7 @@ mod docs;
 mod dose;
 mod evaluate;
 mod files;
+mod finished;
 mod fractions;
 mod guide;
 mod images;

@@ -83,7 +83,7 @@ fn every_verb_has_a_manual_page_and_the_version_tells_the_build() {
 
 #[test]
 fn help_names_every_option_of_every_verb() {
-    let verbs: [(&str, &[&str]); 10] = [
+    let verbs: [(&str, &[&str]); 12] = [
         (
             "register",
             &[
@@ -115,6 +115,8 @@ fn help_names_every_option_of_every_verb() {
         ("study", &["--concepts", "--out", "--threads", "Example:"]),
         ("inspect", &["<FILE>", "--json"]),
         ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
+        ("figure", &["<OUT>", "--kind", "--plane", "--at", "--out", "Examples:"]),
+        ("view", &["<OUT>", "--no-browser", "Example:"]),
         ("curve", &["--planning", "--landmarks", "--plan", "--peers", "--out", "Examples:"]),
     ];
     for (verb, names) in verbs {
@@ -138,6 +140,8 @@ fn help_names_every_option_of_every_verb() {
         "inspect",
         "bench",
         "curve",
+        "figure",
+        "view",
         "completions",
         "Exit codes",
         "not a medical device",

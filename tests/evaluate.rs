@@ -186,7 +186,7 @@ fn dose_goes_there_and_back_and_adds_up() {
     let mut dvh = run_dose("dvh", &curves);
     dvh.arg("--dose").arg(&dose).arg(&sum).arg("--structures").arg(&f.bones).args(["--at", "20", "50"]);
     dvh.assert().success();
-    assert_eq!(files_below(&curves), ["dvh.csv", "dvh.json", "dvh.png", "dvh_figures.csv", "dvh_run.json"]);
+    assert_eq!(files_below(&curves), ["dvh.csv", "dvh.html", "dvh.json", "dvh.png", "dvh_figures.csv", "dvh_run.json"]);
     let figures = fs::read_to_string(curves.join("dvh_figures.csv")).unwrap();
     assert!(figures.contains("v50gy_percent") && figures.contains("mandible"), "{figures}");
 }

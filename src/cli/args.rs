@@ -69,6 +69,12 @@ pub enum Verb {
     Summary(super::summary::SummaryArgs),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(super::inspect::InspectArgs),
+    /// Look through a finished run at full resolution, in the browser of this machine
+    #[command(after_help = super::view::AFTER)]
+    View(super::view::ViewArgs),
+    /// Draw one plane of a finished run for papers and slides: fusion, displacement, Jacobian or uncertainty, as SVG or PNG
+    #[command(after_help = super::figure::AFTER)]
+    Figure(super::figure::FigureArgs),
     /// Time the hot paths on a scene of clinical size, beside what the memory allows
     #[command(after_help = super::bench::HELP)]
     Bench(super::bench::BenchArgs),

@@ -145,7 +145,7 @@ fn against_exact(found: &AgainstExact) -> String {
         of(&found.superposition)
     );
     if let Some(waves) = &found.let_go {
-        writeln!(text, "{:<24}{waves}", "waves").expect("writing to a string does not fail");
+        writeln!(text, "{:<24}{waves}", "pruning").expect("writing to a string does not fail");
     }
     text
 }

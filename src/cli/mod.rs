@@ -9,6 +9,8 @@ mod demo;
 pub mod dose;
 pub mod evaluate;
 mod fields;
+pub mod figure;
+mod finished;
 mod frames;
 mod giveback;
 mod headers;
@@ -31,6 +33,7 @@ pub mod study;
 pub mod summary;
 pub mod terminal;
 mod version;
+pub mod view;
 mod warp;
 
 pub(crate) use program::command_line;
@@ -71,6 +74,8 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Summary(args) => summary::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
+        Verb::Figure(args) => figure::run(args),
+        Verb::View(args) => view::run(args),
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
         Verb::Slicer(verb) => slicer::run(verb),

@@ -89,6 +89,13 @@ impl Browser {
         Some(browser)
     }
 
+    /// Opens an address.
+    pub fn open_address(&self, address: &str) {
+        let answer = self.call("Page.navigate", json!({ "url": address }));
+        assert!(answer["errorText"].is_null(), "{answer}");
+        self.wait(&format!("location.href === {} && document.readyState === 'complete'", json!(address)));
+    }
+
     /// Calls a method of the protocol; returns its result.
     pub fn call(&self, method: &str, parameters: Value) -> Value {
         self.number.set(self.number.get() + 1);
@@ -136,9 +143,7 @@ impl Browser {
     pub fn open(&self, file: &Path) {
         let file = std::fs::canonicalize(file).expect("the page is there");
         let address = format!("file://{}", file.display());
-        let answer = self.call("Page.navigate", json!({ "url": address }));
-        assert!(answer["errorText"].is_null(), "{answer}");
-        self.wait(&format!("location.href === {} && document.readyState === 'complete'", json!(address)));
+        self.open_address(&address);
     }
 
     /// Presses and releases a key.

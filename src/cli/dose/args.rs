@@ -34,17 +34,18 @@ Example:
   aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --out sum.nii.gz";
 
 const DVH: &str = "\
-Writes dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
+Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
 
 Example:
   aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh";
 
 const COMPARE: &str = "\
 Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm: how exactly the field must be
-known so that no voxel's dose changes by the tolerance) and compare.json to OUT.
+known so that no voxel's dose changes by the tolerance), compare.html (isodoses and differences as pictures) and compare.json to
+OUT.
 
 Example:
-  aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --tolerance 2 --out compare";
+  aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --ct planning_ct.nii.gz --tolerance 2 --out compare";
 
 /// How dose is carried.
 #[derive(Debug, Args)]
@@ -185,6 +186,12 @@ pub struct CompareArgs {
     /// Dose that it is compared with, same frame
     #[arg(long, value_name = "FILE")]
     pub reference: PathBuf,
+    /// CT of the reference, in HU and its frame: the page draws isodoses on it
+    #[arg(long, value_name = "FILE")]
+    pub ct: Option<PathBuf>,
+    /// CT that the dose is drawn on instead, same frame: for example the fraction CT mapped to planning
+    #[arg(long, value_name = "FILE", requires = "ct")]
+    pub dose_ct: Option<PathBuf>,
     /// Dose difference that matters, Gy; 3 % of the reference's maximum without
     #[arg(long, value_name = "GY")]
     pub tolerance: Option<f64>,

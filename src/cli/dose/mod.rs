@@ -2,6 +2,7 @@
 
 mod args;
 mod out;
+mod pages;
 
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
 
@@ -295,6 +296,14 @@ impl Structures {
         }
     }
 
+    /// The colours that contours were drawn in, in the order of the histograms; none of labels.
+    fn colours(&self) -> Vec<Option<[u8; 3]>> {
+        match self {
+            Self::Labels(_) => Vec::new(),
+            Self::Contours(all) => all.structures.iter().map(|s| s.colour).collect(),
+        }
+    }
+
     /// A word about names in the file of names whose label no voxel has: a small structure may have been lost in a mask.
     fn missing(&self, args: &DvhArgs) -> Option<Warning> {
         let Self::Labels(map) = self else { return None };
@@ -317,7 +326,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
         return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
     }
     let files = args.dose.iter().chain([&args.structures]).chain(&args.labels).map(PathBuf::as_path);
-    let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png"]);
+    let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png", "dvh.html"]);
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let structures = Structures::read(&mut ledger, args)?;
@@ -335,20 +344,24 @@ fn histograms(args: &DvhArgs) -> Result<String> {
         doses.push(DoseDvh { name, structures, warnings });
     }
     folder.begin()?;
-    write_dvh(&args.out, &doses)?;
+    let picture = write_dvh(&args.out, &doses, &structures.colours())?;
+    pages::write_dvh(&args.out, &doses, picture, &ledger)?;
     record::write(&folder, &args.out, "dvh_run.json", ledger.inputs)?;
     folder.finish();
     if args.json {
         return io::json(&doses);
     }
-    Ok(format!("{}The curves: {}", dvh_table(&doses), args.out.join("dvh.png").display()))
+    Ok(format!("{}The curves: {}", dvh_table(&doses), args.out.join("dvh.html").display()))
 }
 
 fn compare(args: &CompareArgs) -> Result<String> {
-    let names = planned(&["compare.json"], &["dose_difference.nii.gz", "distance_to_dose_difference.nii.gz"]);
-    let mut folder = run_folder(&args.out, &names, &[&args.dose, &args.reference])?;
+    let maps = ["dose_difference.nii.gz", "distance_to_dose_difference.nii.gz", "compare.html"];
+    let files = [&args.dose, &args.reference].into_iter().chain(&args.ct).chain(&args.dose_ct).map(PathBuf::as_path);
+    let mut folder = run_folder(&args.out, &planned(&["compare.json"], &maps), &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let (dose, reference) = (read_dose(&mut ledger, &args.dose)?, read_dose(&mut ledger, &args.reference)?);
+    ledger.inputs.iter_mut().skip(1).for_each(|input| input.role = "reference".into());
+    let cts = pages::read_cts(args, &mut ledger)?;
     let most = f64::from(reference.extremes()[1].max(0.0));
     let tolerance = args.tolerance.unwrap_or(0.03 * most);
     if !(tolerance.is_finite() && tolerance > 0.0 && args.limit > 0.0 && args.limit <= 100.0) {
@@ -366,6 +379,9 @@ fn compare(args: &CompareArgs) -> Result<String> {
     io::write_image(path, &map, Stored::Float32, &options("aventail: dose minus reference, Gy"))?;
     let path = args.out.join("distance_to_dose_difference.nii.gz");
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
+    let (dose, reference) = (&dose, &reference);
+    let found = pages::Found { dose, reference, difference: &map, figures: &figures, cts: &cts };
+    pages::write_compare(&args.out, &found, &ledger)?;
     let json = serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"), "command": command_line(),
         "inputs": ledger.seen_from(&args.out), "outputs": record::outputs(&args.out, &folder.written())?,
@@ -378,13 +394,13 @@ fn compare(args: &CompareArgs) -> Result<String> {
         return io::json(&json);
     }
     Ok(format!(
-        "{}  dose minus reference, where both are known and either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe maps: {}",
+        "{}  dose minus reference, where both are known and either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe page: {}",
         listed(&ledger.warnings),
         figures.signed.mean,
         figures.magnitude.mean,
         figures.magnitude.p95,
         figures.magnitude.max,
-        args.out.display()
+        args.out.join("compare.html").display()
     ))
 }
 

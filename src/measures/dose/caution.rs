@@ -1,6 +1,6 @@
 //! Where a mapped dose deserves doubt: an uncertain field in a steep dose.
 
-use crate::volume::Volume;
+use crate::volume::{Mask, Volume};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,6 +23,26 @@ pub struct Caution {
     pub greatest_gy: f64,
 }
 
+/// Where a dose changes by more than [`STEEP`] of its maximum per mm.
+pub fn steep(dose: &Volume<f32>) -> Mask {
+    let most = f64::from(dose.extremes()[1].max(0.0));
+    let steep: Vec<bool> =
+        (0..dose.data().len()).into_par_iter().map(|l| most > 0.0 && gradient(dose, l) > STEEP * most).collect();
+    Volume::new(dose.grid().clone(), steep).expect("one value per voxel")
+}
+
+/// Change of a dose per mm at a voxel, Gy: central differences, one-sided at the edges.
+fn gradient(dose: &Volume<f32>, l: usize) -> f64 {
+    let grid = dose.grid();
+    let (size, strides, v) = (grid.size(), grid.strides(), grid.voxel(l));
+    let by_index = [0, 1, 2].map(|a| {
+        let (down, up) = (usize::from(v[a] > 0), usize::from(v[a] + 1 < size[a]));
+        let span = (down + up).max(1) as f64;
+        f64::from(dose.data()[l + up * strides[a]] - dose.data()[l - down * strides[a]]) / span
+    });
+    (grid.inverse_step().transpose() * Vector3::from(by_index)).norm()
+}
+
 /// Compares `uncertainty_mm` (residual of the field at each voxel; infinite where it folds or leaves the image) with the
 /// gradient of `dose`, on one grid.
 pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
@@ -30,21 +50,12 @@ pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
     let size = grid.size();
     let strides = grid.strides();
     let most = f64::from(dose.extremes()[1].max(0.0));
-    let gradient = |l: usize| {
-        let v = grid.voxel(l);
-        let by_index = [0, 1, 2].map(|a| {
-            let (down, up) = (usize::from(v[a] > 0), usize::from(v[a] + 1 < size[a]));
-            let span = (down + up).max(1) as f64;
-            f64::from(dose.data()[l + up * strides[a]] - dose.data()[l - down * strides[a]]) / span
-        });
-        (grid.inverse_step().transpose() * Vector3::from(by_index)).norm()
-    };
     let planes: Vec<Caution> = (0..size[2])
         .into_par_iter()
         .map(|k| {
             let mut found = Caution::default();
             for l in k * strides[2]..(k + 1) * strides[2] {
-                let (g, u) = (gradient(l), f64::from(uncertainty_mm.data()[l]));
+                let (g, u) = (gradient(dose, l), f64::from(uncertainty_mm.data()[l]));
                 if u.is_infinite() {
                     found.folded_or_outside += usize::from(g > STEEP * most && most > 0.0);
                 } else {
@@ -87,6 +98,11 @@ mod tests {
         assert_eq!((doubt.uncertain, doubt.folded_or_outside), (25, 0));
         assert!((doubt.greatest_gy - 1.0).abs() < 1e-6 && (doubt.ml - 25.0 * 0.005).abs() < 1e-9);
         assert_eq!(caution(&dose, &at(0.05, 10.0)).uncertain, 0);
+        let row: Vec<bool> = steep(&dose).data()[..40].to_vec();
+        assert_eq!(
+            row.iter().enumerate().filter(|(_, s)| **s).map(|(i, _)| i).collect::<Vec<_>>(),
+            (10..=20).collect::<Vec<_>>()
+        );
         assert_eq!(caution(&Volume::filled(grid.clone(), 0.0), &at(9.0, 9.0)), Caution::default());
     }
 }

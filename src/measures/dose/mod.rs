@@ -9,7 +9,7 @@ mod interpolate;
 mod judge;
 mod sample;
 
-pub use caution::{Caution, STEEP, caution};
+pub use caution::{Caution, STEEP, caution, steep};
 pub use density::DensityTable;
 pub use difference::{DoseDifference, difference, distance_to_difference};
 pub use dvh::{Dvh, Share, doubts, dvh, dvh_of_contours};

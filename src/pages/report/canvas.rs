@@ -1,6 +1,7 @@
 //! A picture in memory: pixels, smooth lines and discs, text, PNG.
 
 use super::palette::Palette;
+use super::svg::Shape;
 use embedded_graphics::Drawable;
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
@@ -21,6 +22,8 @@ pub(super) struct Canvas {
     width: usize,
     height: usize,
     pixels: Vec<Rgb>,
+    /// What is drawn over the pixels, where it is kept apart from them.
+    shapes: Option<Vec<Shape>>,
 }
 
 /// Where a text sits relative to its anchor.
@@ -32,7 +35,7 @@ pub(super) enum Align {
 }
 
 /// How a text looks. Its anchor is at half its height.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pen {
     /// Height of a line of text, pixels.
     pub(super) size: f64,
@@ -44,7 +47,7 @@ pub(super) struct Pen {
 
 impl Canvas {
     pub(super) fn new(width: usize, height: usize, fill: Rgb) -> Self {
-        Self { width, height, pixels: vec![fill; width * height] }
+        Self { width, height, pixels: vec![fill; width * height], shapes: None }
     }
 
     /// A canvas with `colour(x, y)` at each pixel.
@@ -59,6 +62,37 @@ impl Canvas {
         let mut canvas = Self::new(width, height, [0; 3]);
         canvas.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| paint(y, row));
         canvas
+    }
+
+    /// Keeps what is drawn from now on apart from the pixels, and so do the pictures that this one is pasted into.
+    pub(super) fn keep_shapes(&mut self) {
+        self.shapes.get_or_insert_default();
+    }
+
+    /// What was kept apart.
+    pub(super) fn shapes(&self) -> &[Shape] {
+        self.shapes.as_deref().unwrap_or_default()
+    }
+
+    /// The picture with what was kept apart drawn into its pixels.
+    pub(super) fn with_shapes_drawn(&self) -> Self {
+        let mut drawn = Self { shapes: None, ..self.clone() };
+        for shape in self.shapes() {
+            match shape {
+                Shape::Line { ends: [a, b], width, colour } => drawn.line(*a, *b, *width, *colour),
+                Shape::Arrow { ends: [a, b], width, colour } => drawn.arrow(*a, *b, *width, *colour),
+                Shape::Ring { centre, radius, width, colour } => drawn.ring(*centre, *radius, *width, *colour),
+                Shape::Rectangle { corners: [a, b], colour } => drawn.rectangle(*a, *b, *colour),
+                Shape::Text { text, at, pen } => drawn.text(text, *at, *pen),
+            }
+        }
+        drawn
+    }
+
+    /// Whether a shape was kept.
+    fn kept(&mut self, shape: impl FnOnce() -> Shape) -> bool {
+        let keeps = self.shapes.as_mut().map(|shapes| shapes.push(shape()));
+        keeps.is_some()
     }
 
     pub(super) fn width(&self) -> usize {
@@ -95,6 +129,10 @@ impl Canvas {
 
     /// Copies `other` with its top left corner at `x`, `y`; what sticks out is cut off.
     pub(super) fn paste(&mut self, other: &Self, x: usize, y: usize) {
+        if let Some(shapes) = &other.shapes {
+            let by = [x as f64, y as f64];
+            self.shapes.get_or_insert_default().extend(shapes.iter().map(|shape| shape.moved(by)));
+        }
         let wide = other.width.min(self.width.saturating_sub(x));
         for row in 0..other.height.min(self.height.saturating_sub(y)) {
             let to = x + self.width * (y + row);
@@ -104,6 +142,9 @@ impl Canvas {
 
     /// Fills the rectangle from `from` to `to`.
     pub(super) fn rectangle(&mut self, from: [f64; 2], to: [f64; 2], colour: Rgb) {
+        if self.kept(|| Shape::Rectangle { corners: [from, to], colour }) {
+            return;
+        }
         let inside = |low: f64, high: f64, at: i64| (high.min(at as f64 + 1.0) - low.max(at as f64)).clamp(0.0, 1.0);
         for y in from[1].floor() as i64..to[1].ceil() as i64 {
             for x in from[0].floor() as i64..to[0].ceil() as i64 {
@@ -114,6 +155,9 @@ impl Canvas {
 
     /// A line with round ends.
     pub(super) fn line(&mut self, a: [f64; 2], b: [f64; 2], width: f64, colour: Rgb) {
+        if self.kept(|| Shape::Line { ends: [a, b], width, colour }) {
+            return;
+        }
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
         let long = (dx * dx + dy * dy).max(1e-12);
         self.shape([a, b], width / 2.0, colour, |x, y| {
@@ -124,6 +168,9 @@ impl Canvas {
 
     /// A circle line around `centre`.
     pub(super) fn ring(&mut self, centre: [f64; 2], radius: f64, width: f64, colour: Rgb) {
+        if self.kept(|| Shape::Ring { centre, radius, width, colour }) {
+            return;
+        }
         self.shape([centre, centre], radius + width, colour, |x, y| {
             width / 2.0 - ((x - centre[0]).hypot(y - centre[1]) - radius).abs()
         });
@@ -131,6 +178,9 @@ impl Canvas {
 
     /// An arrow from `a` to `b` with a filled head.
     pub(super) fn arrow(&mut self, a: [f64; 2], b: [f64; 2], width: f64, colour: Rgb) {
+        if self.kept(|| Shape::Arrow { ends: [a, b], width, colour }) {
+            return;
+        }
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
         let long = dx.hypot(dy);
         if long < 1e-6 {
@@ -161,6 +211,9 @@ impl Canvas {
 
     /// Writes `text` at `at`. Characters beyond Latin-1 show as question marks.
     pub(super) fn text(&mut self, text: &str, at: [f64; 2], pen: Pen) {
+        if self.kept(|| Shape::Text { text: text.to_owned(), at, pen }) {
+            return;
+        }
         let glyphs = Glyphs::of(text);
         let scale = pen.size / GLYPH_HEIGHT as f64;
         let (wide, high) = (glyphs.width as f64 * scale, pen.size);
@@ -205,6 +258,17 @@ impl Canvas {
             }
         }
         Ok(png)
+    }
+
+    /// Writes the pixels as 8-bit RGB PNG, none changed.
+    pub(super) fn write_whole_png(&self, out: &mut dyn Write) -> io::Result<()> {
+        let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.pixels.as_flattened())?;
+        writer.finish()?;
+        Ok(())
     }
 
     fn write(&self, out: &mut dyn Write, colours: usize, packed: png::DeflateCompression) -> io::Result<()> {

@@ -39,7 +39,7 @@ const TEXT: f64 = 26.0;
 pub(super) fn chart(title: &str, range: [f64; 2], curves: &[Curve]) -> Canvas {
     let key = key_lines(curves);
     let mut canvas = Canvas::new(WIDTH, HEIGHT + LINE * (key.len() + 1), [255; 3]);
-    let (right, top, bottom) = (WIDTH as f64 - 30.0, 24.0, HEIGHT as f64 - 60.0);
+    let (right, top, bottom) = (WIDTH as f64 - 30.0, 60.0, HEIGHT as f64 - 60.0);
     let x = |v: f64| LEFT + (right - LEFT) * (v - range[0]) / (range[1] - range[0]).max(1e-9);
     let y = |v: f64| bottom - (bottom - top) * v / 100.0;
     let pen = |colour, align| Pen { size: TEXT, colour, halo: None, align };
@@ -56,6 +56,7 @@ pub(super) fn chart(title: &str, range: [f64; 2], curves: &[Curve]) -> Canvas {
     }
     canvas.line([LEFT, bottom], [right, bottom], 2.0, INK);
     canvas.text(title, [(LEFT + right) / 2.0, bottom + 54.0], pen(INK, Align::Centre));
+    canvas.text("share of the volume", [14.0, 26.0], pen(INK, Align::Left));
     for curve in curves {
         for pair in curve.points.windows(2) {
             if pair[1][0] >= range[0] && pair[0][0] <= range[1] {
@@ -113,8 +114,8 @@ mod tests {
             Curve { name: "cord".into(), colour: [200, 0, 0], width: 6.0, points: vec![[0.0, 50.0], [70.0, 50.0]] };
         let canvas = chart("dose, Gy", [0.0, 70.0], &[curve]);
         let red = |x: usize, y: usize| canvas.pixel(x, y) == [200, 0, 0];
-        // Half way between top (24) and bottom (560).
-        assert!(red(500, 292) && !red(500, 250) && !red(500, 330));
+        // Half way between top (60) and bottom (560).
+        assert!(red(500, 310) && !red(500, 270) && !red(500, 350));
         assert!((tick(70.0) - 10.0).abs() < 1e-9 && (tick(3.0) - 0.5).abs() < 1e-9);
     }
 }

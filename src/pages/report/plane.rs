@@ -49,9 +49,12 @@ impl Region {
 
 /// Orientation of a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
+    /// Across the body.
     Axial,
+    /// From side to side.
     Coronal,
+    /// From front to back.
     Sagittal,
 }
 
@@ -66,6 +69,10 @@ impl Kind {
             Self::Coronal => 1,
             Self::Sagittal => 0,
         }
+    }
+    /// Extent of a region to the right (axis 0) or down (1), mm.
+    fn size(self, region: &Region, axis: usize) -> f64 {
+        self.axes()[axis].dot(&region.extent()).abs().max(1.0)
     }
     /// World directions of image right and image down.
     fn axes(self) -> [Vector3<f64>; 2] {
@@ -94,6 +101,8 @@ pub(super) struct Plane {
     pub(super) scale: f64,
     pub(super) width: usize,
     pub(super) height: usize,
+    /// Whether what is drawn over its pictures is kept apart from their pixels.
+    shapes: bool,
 }
 
 /// Width of a picture, pixels: twice what it takes on the page, for print.
@@ -105,23 +114,11 @@ const MAX_SCALE: f64 = 6.0;
 
 /// Axial, coronal and sagittal plane through a point, each cut to its region, all at one scale.
 pub(super) fn planes(regions: &[Region; 3], through: &Point3<f64>) -> [Plane; 3] {
-    let size = |kind: Kind, axis: usize| {
-        let direction = kind.axes()[axis];
-        direction.dot(&regions[kind as usize].extent()).abs().max(1.0)
-    };
+    let size = |kind: Kind, axis: usize| kind.size(&regions[kind as usize], axis);
     let widest = KINDS.map(|kind| size(kind, 0)).into_iter().fold(0.0, f64::max);
     let tall: f64 = KINDS.map(|kind| size(kind, 1)).iter().sum();
     let scale = (WIDTH as f64 / widest).min(MAX_HEIGHT / tall).min(MAX_SCALE);
-    KINDS.map(|kind| {
-        let region = &regions[kind as usize];
-        let pixels = |axis| (size(kind, axis) * scale).round().max(1.0) as usize;
-        let mut corner = *through;
-        for axis in kind.axes() {
-            let a = axis.iamax();
-            corner[a] = if axis[a] > 0.0 { region.low[a] } else { region.high[a] };
-        }
-        Plane { kind, corner, scale, width: pixels(0).min(WIDTH), height: pixels(1) }
-    })
+    KINDS.map(|kind| Plane::at_scale(kind, &regions[kind as usize], through, scale))
 }
 
 /// The letter of a direction towards the patient's right, left, front, back, head or feet.
@@ -131,6 +128,28 @@ fn letter(direction: &Vector3<f64>) -> &'static str {
 }
 
 impl Plane {
+    fn at_scale(kind: Kind, region: &Region, through: &Point3<f64>, scale: f64) -> Self {
+        let pixels = |axis| (kind.size(region, axis) * scale).round().max(1.0) as usize;
+        let mut corner = *through;
+        for axis in kind.axes() {
+            let a = axis.iamax();
+            corner[a] = if axis[a] > 0.0 { region.low[a] } else { region.high[a] };
+        }
+        Self { kind, corner, scale, width: pixels(0).min(WIDTH), height: pixels(1), shapes: false }
+    }
+
+    /// One plane through a point, as large as a picture can be.
+    pub(super) fn alone(kind: Kind, region: &Region, through: &Point3<f64>) -> Self {
+        let [wide, high] = [0, 1].map(|axis| kind.size(region, axis));
+        let scale = (WIDTH as f64 / wide).min(MAX_HEIGHT / high).min(MAX_SCALE);
+        Self::at_scale(kind, region, through, scale)
+    }
+
+    /// What is drawn over its pictures stays apart from their pixels.
+    pub(super) fn keeping_shapes(self) -> Self {
+        Self { shapes: true, ..self }
+    }
+
     /// The same part of the world with `factor` as many pixels along each side.
     pub(super) fn scaled(&self, factor: f64) -> Self {
         let pixels = |n: usize| ((n as f64 * factor).round() as usize).max(1);
@@ -164,11 +183,15 @@ impl Plane {
     /// A picture with `colour` of each pixel's world position and of its number, row after row.
     pub(super) fn paint(&self, colour: impl Fn(Point3<f64>, usize) -> Rgb + Sync) -> Canvas {
         let columns: Vec<Vector3<f64>> = (0..self.width).map(|x| self.along(0, x)).collect();
-        Canvas::by_rows(self.width, self.height, |y, row| {
+        let mut canvas = Canvas::by_rows(self.width, self.height, |y, row| {
             let start = self.corner + self.along(1, y);
             let pixels = row.iter_mut().zip(&columns).zip(y * self.width..);
             pixels.for_each(|((pixel, column), n)| *pixel = colour(start + column, n));
-        })
+        });
+        if self.shapes {
+            canvas.keep_shapes();
+        }
+        canvas
     }
 
     /// CT numbers at the pixels, row after row; negative infinity outside the image.

@@ -67,11 +67,8 @@ pub fn terminal_table(report: &Report) -> String {
     ));
     let back = &report.consistency.there_and_back_mm;
     rows.push((
-        "there, back",
-        format!(
-            "planning to fraction and back {:.3} mm mean, {:.2} mm worst away from bone contact",
-            back.mean, back.max
-        ),
+        "consistency",
+        format!("inverse-consistency error {:.3} mm mean, {:.2} mm worst away from bone contact", back.mean, back.max),
     ));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
     rows.push(("run", format!("{:.1} s on {} threads{memory}", report.seconds(), report.threads)));

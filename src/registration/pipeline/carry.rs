@@ -2,15 +2,14 @@
 
 use super::contact;
 use super::couch::{Couch, couch_shift};
-use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
+use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
 use super::outcome::CARRYING;
 use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, SlidingRegion, Tissue, VolumeChange,
-    check_links,
+    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};

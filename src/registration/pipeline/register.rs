@@ -10,14 +10,11 @@ use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::{BoneFit, FitResult, FitStart, fit_pose, from_landmarks, given};
-use crate::geometry::Grid;
-use crate::plausibility::in_hounsfield;
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::view::View;
-use crate::volume::{Mask, Volume};
+use crate::volume::Mask;
 use crate::warning::Warning;
-use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Registers a case.

@@ -43,10 +43,10 @@ impl fmt::Display for LetGo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { waves, of, each_percent, most_mm, .. } = self;
         if *waves == 0 {
-            return write!(f, "the influence of none of {of} bones was pruned");
+            return write!(f, "influence of none of {of} bones was pruned");
         }
-        let changes = format!("which changes no node by more than {most_mm:.2} mm");
-        write!(f, "the influence of {waves} of {of} bones ends where it weighs {each_percent:.4} % at most, {changes}")
+        let changes = format!("no node changes by more than {most_mm:.2} mm");
+        write!(f, "influence of {waves} of {of} bones ends where it weighs {each_percent:.4} % at most; {changes}")
     }
 }
 

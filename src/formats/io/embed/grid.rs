@@ -46,13 +46,26 @@ impl PageGrid {
         Self::thinned(scans, FINEST_MM)
     }
 
+    /// Every voxel of scans on one grid, cut to what they show, however many there are.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Internal`] when no grid can be made of them.
+    pub fn whole(scans: &[&Volume<f32>]) -> Result<Self> {
+        let scan = Self::scan_of(scans)?;
+        let all = Self::with_spacing(&scan, 0.0)?;
+        all.cut(&all.matter(scans))
+    }
+
+    fn scan_of(scans: &[&Volume<f32>]) -> Result<Grid> {
+        scans.first().map_or_else(|| Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3]), |s| Ok(s.grid().clone()))
+    }
+
     /// The same with voxels no finer than about `finest` mm.
     ///
     /// # Errors
     /// [`crate::error::Error::Internal`] when no grid can be made of them.
     pub fn thinned(scans: &[&Volume<f32>], mut finest: f64) -> Result<Self> {
-        let scan =
-            scans.first().map_or_else(|| Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3]), |s| Ok(s.grid().clone()))?;
+        let scan = Self::scan_of(scans)?;
         loop {
             let whole = Self::with_spacing(&scan, finest)?;
             let cut = whole.cut(&whole.matter(scans))?;

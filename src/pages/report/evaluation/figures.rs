@@ -105,7 +105,10 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
     if let Some((_, r)) = a.regularity.first() {
         r.structures.iter().for_each(|(name, j)| list.jacobian("structures", name, j));
     }
-    for (from, c) in ["planning, there and back", "fraction, there and back"].iter().zip(&a.inverse_consistency) {
+    for (from, c) in ["inverse consistency, from planning", "inverse consistency, from the fraction"]
+        .iter()
+        .zip(&a.inverse_consistency)
+    {
         list.summary("consistency", from, &c.distance_mm);
         list.add("consistency", from, "chain leaves the images", c.outside as f64, "voxels");
     }

@@ -5,6 +5,7 @@
 mod summary;
 mod tables;
 pub(super) mod verdict;
+mod view;
 
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
@@ -12,6 +13,7 @@ use super::viewer::{View, policy, section};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use verdict::review;
+pub use view::view_page;
 
 /// Head of any of our pages: its title, the common styles and `more` of them, and what the page may do (see [`policy`]).
 pub(super) fn head(title: &str, more: &str, policy: &str) -> Markup {
@@ -126,13 +128,19 @@ fn figure(picture: Option<&Picture>) -> Markup {
     }
 }
 
+/// Warnings of one kind that are printed; the screen has room for all.
+const ON_PAPER: usize = 2;
+
 fn warnings(report: &Report) -> Markup {
     html! {
         @if !report.warnings.is_empty() {
             h3 { "Warnings" }
             ul.warnings {
                 @for of_one_kind in report.warnings.chunk_by(|a, b| a.code == b.code) {
-                    li { code { (of_one_kind[0].code) } @for w in of_one_kind { span { (w.message) } } }
+                    li { code { (of_one_kind[0].code) }
+                        @for (n, w) in of_one_kind.iter().enumerate() { span.screen[n >= ON_PAPER] { (w.message) } }
+                        @if of_one_kind.len() > ON_PAPER { span.paper { "and " (of_one_kind.len() - ON_PAPER) " more" } }
+                    }
                 }
             }
         }

@@ -267,7 +267,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Planning to fraction and back away from bone contact, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
+                    tr { td { "Inverse-consistency error (planning to fraction and back) away from bone contact, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
                     tr { td { "Of those, beyond the limit (before soft tissue was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
                     tr { td { "Voxels inverted" } td.n { (count(r.n)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }

@@ -67,13 +67,13 @@ pub(in crate::report) fn table(verdicts: &[Verdict]) -> Markup {
     let mut all: Vec<&Verdict> = verdicts.iter().collect();
     all.sort_by_key(|v| std::cmp::Reverse(v.verdict));
     html! {
-        p.note {
+        p.note.screen {
             "Where AAPM TG-132 (Brock et al., Med. Phys. 44 (2017) e43) gives a range, as commonly quoted, a figure passes beyond the "
             "stricter end, is reviewed inside it and fails beyond the looser end; check it against the report itself and your protocol. "
             "The limits can be set: [verdict] in the settings."
         }
-        table {
-            thead { tr { th { "Verdict" } th { "Figure" } th { "Value and reason" } th { "Limit" } th { "Source" } } }
+        table.verdicts {
+            thead { tr { th { "Verdict" } th { "Figure" } th { "Value and reason" } th { "Limit" } th.screen { "Source" } } }
             tbody {
                 @for v in all {
                     tr {
@@ -81,7 +81,7 @@ pub(in crate::report) fn table(verdicts: &[Verdict]) -> Markup {
                         td { (v.name) }
                         td.wide { (v.reason) }
                         td { (v.limit) }
-                        td { (v.source) }
+                        td.screen { (v.source) }
                     }
                 }
             }

@@ -20,7 +20,7 @@ type Arrow = ([f64; 2], Vector3<f64>);
 
 /// The in-plane part of the push field as arrows at the planning positions.
 pub(super) fn draw(scene: &Scene<'_>) -> Plate {
-    let arrows = scene.planning.each_ref().map(|plane| arrows(scene, plane));
+    let arrows: Vec<Vec<Arrow>> = scene.planning.iter().map(|plane| arrows(scene, plane)).collect();
     let scale = scene.planning[0].scale;
     let top = ceil_nice(high_percentile(arrows.iter().flatten().map(|(_, u)| u.norm()), 99.0));
     let in_plane =

@@ -93,7 +93,8 @@ const DASH: (usize, usize) = (8, 12);
 
 /// The same in a window for lung: where planning's planes show some.
 pub(super) fn lung(scene: &Scene<'_>) -> Option<Plate> {
-    let planning = scene.fraction.each_ref().map(|plane| plane.hu(&scene.outcome.planning_on_fraction));
+    let planning: Vec<Vec<f32>> =
+        scene.fraction.iter().map(|plane| plane.hu(&scene.outcome.planning_on_fraction)).collect();
     let all = planning.iter().flatten();
     let thin = all.clone().filter(|hu| LUNG_HU.contains(*hu)).count();
     if thin as f64 <= LEAST_LUNG * all.count() as f64 {

@@ -2,6 +2,7 @@
 
 mod bones;
 pub(super) mod displacement;
+mod figure;
 mod focus;
 mod fusion;
 mod jacobian;
@@ -19,6 +20,7 @@ use crate::concepts::transfer_functions;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
+pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::focus;
 use rayon::prelude::*;
 use scene::Scene;

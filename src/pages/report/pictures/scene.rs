@@ -2,7 +2,7 @@
 
 use super::super::canvas::{Canvas, Rgb};
 use super::super::colour::INK;
-use super::super::plane::{KINDS, Plane, Region, planes};
+use super::super::plane::{KINDS, Kind, Plane, Region, planes};
 use super::focus::{Focus, focus, in_the_patient};
 use crate::geometry::Grid;
 use crate::pipeline::{Case, Outcome};
@@ -13,13 +13,13 @@ pub(super) struct Scene<'a> {
     pub(super) case: &'a Case,
     pub(super) outcome: &'a Outcome,
     /// Planes in the planning CT.
-    pub(super) planning: [Plane; 3],
+    pub(super) planning: Vec<Plane>,
     /// CT numbers at their pixels.
-    pub(super) planning_hu: [Vec<f32>; 3],
+    pub(super) planning_hu: Vec<Vec<f32>>,
     /// The corresponding planes in the fraction CT.
-    pub(super) fraction: [Plane; 3],
+    pub(super) fraction: Vec<Plane>,
     /// CT numbers at their pixels.
-    pub(super) fraction_hu: [Vec<f32>; 3],
+    pub(super) fraction_hu: Vec<Vec<f32>>,
     /// Points of the patient in the fraction, before and after registration together.
     moved: Vec<Point3<f64>>,
     /// What the planes go through and why.
@@ -49,9 +49,35 @@ impl<'a> Scene<'a> {
         for kind in KINDS.into_iter().filter(|kind| (to - meant)[kind.across()].abs() > POINTS_MM) {
             told.push_str(&format!("; the {} one moved to where more of the patient is", kind.name()));
         }
-        let planning = planes(&regions(&body, &from, case.planning.grid()), &from);
-        let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to);
-        let hu = |ct, planes: &[Plane; 3]| planes.each_ref().map(|plane| plane.hu(ct));
+        let planning = planes(&regions(&body, &from, case.planning.grid()), &from).into();
+        let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to).into();
+        Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
+    }
+
+    /// One plane of planning and one of the fraction, through this coordinate (LPS mm) of both; what is drawn over them
+    /// stays apart from their pixels.
+    pub(super) fn single(case: &'a Case, outcome: &'a Outcome, kind: Kind, at: f64) -> Self {
+        let shift_before = shift_before(case, outcome);
+        let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
+        let plane = |points: &[Point3<f64>], grid: &Grid| {
+            let mut through = grid.middle();
+            through[kind.across()] = at;
+            let region = regions(points, &through, grid)[kind as usize];
+            vec![Plane::alone(kind, &region, &through).keeping_shapes()]
+        };
+        let (planning, fraction) = (plane(&body, case.planning.grid()), plane(&moved, case.fraction.grid()));
+        let told = format!("{} at {at:.1} mm", kind.name());
+        Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
+    }
+
+    fn of_planes(
+        (case, outcome): (&'a Case, &'a Outcome),
+        planning: Vec<Plane>,
+        fraction: Vec<Plane>,
+        moved: Vec<Point3<f64>>,
+        (focus, shift_before): (String, Option<Vector3<f64>>),
+    ) -> Self {
+        let hu = |ct, planes: &[Plane]| planes.iter().map(|plane| plane.hu(ct)).collect::<Vec<_>>();
         let mut fraction_hu = hu(&case.fraction, &fraction);
         if let Some(kind) = &outcome.kind {
             // One window shows both scans: a cone-beam CT on planning's scale.
@@ -65,7 +91,7 @@ impl<'a> Scene<'a> {
             planning,
             fraction,
             moved,
-            focus: told,
+            focus,
             shift_before,
         }
     }

@@ -59,6 +59,15 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
     within(MOST_BYTES, case, outcome, contours)
 }
 
+/// The same with every voxel of the fraction, however many there are.
+///
+/// # Errors
+/// As [`embed`].
+pub fn embed_whole(case: &Case, outcome: &Outcome) -> Result<View> {
+    let page = PageGrid::whole(&[&case.fraction, &outcome.planning_on_fraction])?;
+    embed_on(&page, case, outcome, None)
+}
+
 /// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
 fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
     let scans = [&case.fraction, &outcome.planning_on_fraction];

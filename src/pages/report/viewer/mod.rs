@@ -7,5 +7,5 @@ mod markup;
 mod places;
 mod structures;
 
-pub use data::{View, embed};
+pub use data::{View, embed, embed_whole};
 pub(super) use markup::{policy, policy_of_files, section};

@@ -1,6 +1,14 @@
-//! Dose-volume histograms as CSV, picture and text.
+//! Dose-volume histograms as CSV, picture, page and text; pages of doses.
 
+mod isodose;
+mod page;
+
+pub use isodose::{differences, isodoses};
+pub use page::{DosePage, DosePicture, DoseTable};
+
+use super::canvas::{Canvas, Rgb};
 use super::chart::{COLOURS, Curve, chart};
+use super::colour::shaded;
 use crate::dose::Dvh;
 use crate::error::{Error, Result};
 use crate::io::{write_file, write_json};
@@ -19,18 +27,48 @@ pub struct DoseDvh {
     pub warnings: Vec<Warning>,
 }
 
-/// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists.
+/// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists; returns the
+/// picture. `colours`: those of the structures, in their order, where they have their own.
 ///
 /// # Errors
 /// [`Error::Write`] when a file cannot be written.
-pub fn write_dvh(folder: &Path, doses: &[DoseDvh]) -> Result<()> {
+pub fn write_dvh(folder: &Path, doses: &[DoseDvh], colours: &[Option<[u8; 3]>]) -> Result<DosePicture> {
     let internal = |e: csv::Error| Error::Internal(format!("dose-volume histogram as CSV: {e}"));
     let curves = curves(doses).map_err(internal)?;
     write_file(folder.join("dvh.csv"), |out| out.write_all(&curves))?;
     let figures = figures(doses).map_err(internal)?;
     write_file(folder.join("dvh_figures.csv"), |out| out.write_all(&figures))?;
     write_json(folder.join("dvh.json"), doses)?;
-    write_file(folder.join("dvh.png"), |out| plot(doses).write_png(out))
+    let mut png = Vec::new();
+    plot(doses, colours).write_png(&mut png).map_err(|e| Error::Internal(format!("dvh.png: {e}")))?;
+    write_file(folder.join("dvh.png"), |out| out.write_all(&png))?;
+    let thick = if doses.len() > 1 { "; the first dose is thick" } else { "" };
+    let caption = format!("Share of each structure's volume that receives at least this dose{thick}.");
+    Ok(DosePicture { title: "Dose-volume histogram".into(), caption, png })
+}
+
+/// The figures of each dose and structure for a page.
+pub fn dvh_tables(doses: &[DoseDvh]) -> Vec<DoseTable> {
+    let head = ["structure", "ml", "mean", "D98", "D95", "D50", "D2", "D0.03cc", "greatest", "outside, ml"];
+    let row = |s: &crate::dose::Dvh| {
+        let text = |v: f64| if v.is_nan() { "\u{2013}".into() } else { format!("{v:.2}") };
+        let figures = [s.mean, s.d98, s.d95, s.d50, s.d2, s.d003cc, s.max].map(text);
+        let own = [s.name.clone(), format!("{:.2}", s.volume_ml)];
+        own.into_iter().chain(figures).chain([format!("{:.2}", s.outside_ml)]).collect()
+    };
+    let table = |dose: &DoseDvh| DoseTable {
+        title: format!("{}, Gy", dose.name),
+        note: String::new(),
+        head: head.map(str::to_owned).into(),
+        rows: dose.structures.iter().map(row).collect(),
+    };
+    doses.iter().map(table).collect()
+}
+
+/// A structure's colour as a line on white: bright ones are darkened.
+fn legible(colour: Rgb) -> Rgb {
+    let light = colour.iter().map(|c| u32::from(*c)).sum::<u32>();
+    if light > 540 { shaded(colour, 0.7) } else { colour }
 }
 
 /// One line per dose, structure and bin.
@@ -70,7 +108,7 @@ fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
 }
 
 /// A curve for each structure; the first dose is thick.
-fn plot(doses: &[DoseDvh]) -> super::canvas::Canvas {
+fn plot(doses: &[DoseDvh], colours: &[Option<Rgb>]) -> Canvas {
     let all = || doses.iter().flat_map(|d| &d.structures);
     let most = all().map(|s| s.max).fold(1.0, f64::max);
     let curves: Vec<Curve> = doses
@@ -80,7 +118,7 @@ fn plot(doses: &[DoseDvh]) -> super::canvas::Canvas {
             let known = |(_, s): &(usize, &Dvh)| !s.cumulative.is_empty();
             dose.structures.iter().enumerate().filter(known).map(move |(n, s)| Curve {
                 name: if doses.len() == 1 { s.name.clone() } else { format!("{}, {}", s.name, dose.name) },
-                colour: COLOURS[n % COLOURS.len()],
+                colour: colours.get(n).copied().flatten().map_or(COLOURS[n % COLOURS.len()], legible),
                 width: if d == 0 { 5.0 } else { 2.5 },
                 points: s.cumulative.iter().enumerate().map(|(b, v)| [b as f64 * s.bin, 100.0 * v]).collect(),
             })
@@ -149,7 +187,7 @@ mod tests {
         let dose = [dose];
         let text = String::from_utf8(figures(&dose).unwrap()).unwrap();
         assert!(text.contains("plan,beyond,0.0120,0.0000,0.0000,,0.0000"), "{text}");
-        assert!(dvh_table(&dose).contains("warning (structure-outside-dose)") && plot(&dose).height() > 600);
+        assert!(dvh_table(&dose).contains("warning (structure-outside-dose)") && plot(&dose, &[]).height() > 600);
         assert!(serde_json::to_string(&dose).unwrap().contains("\"mean\":null"));
     }
 
@@ -165,6 +203,13 @@ mod tests {
             "{text}"
         );
         assert!(dvh_table(&[one()]).contains("V20 12.5 %"));
-        assert!(plot(&[one()]).height() > 600);
+        assert!(plot(&[one()], &[]).height() > 600);
+        let tables = dvh_tables(&[one()]);
+        assert_eq!((tables[0].title.as_str(), tables[0].rows[0][2].as_str()), ("plan, Gy", "10.00"));
+        // White is no line on white.
+        assert_eq!((legible([255; 3]), legible([200, 0, 0])), ([179; 3], [200, 0, 0]));
+        let own = plot(&[one()], &[Some([200, 0, 0])]);
+        let red = (0..own.width()).flat_map(|x| (0..own.height()).map(move |y| (x, y)));
+        assert!(red.filter(|&(x, y)| own.pixel(x, y) == [200, 0, 0]).count() > 500);
     }
 }

@@ -1,0 +1,103 @@
+//! `aventail figure`: one plane of a finished run, for papers and slides.
+
+use super::finished::Finished;
+use super::register::progress;
+use crate::error::{Error, Result};
+use crate::io;
+use crate::report::{FigureKind, PlaneKind, figure};
+use crate::runtime::Runtime;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// What `aventail figure --help` adds.
+pub(super) const AFTER: &str = "\
+Drawn as in the report, from the run's own files and inputs, which must be unchanged. An .svg holds the scans as pixels, and
+lines, arrows and letters as such; a .png holds all as pixels.
+
+Examples:
+  aventail figure out --kind fusion --plane sagittal --at 3.5 --out fusion.svg
+  aventail figure out --kind displacement --plane axial --out displacement.png";
+
+/// Options of `figure`.
+#[derive(Debug, Args)]
+pub struct FigureArgs {
+    /// The --out folder of a finished run of `aventail register`
+    #[arg(value_name = "OUT")]
+    pub run: PathBuf,
+    /// What is drawn: fusion in the fraction's frame, the others in planning's
+    #[arg(long, value_enum)]
+    pub kind: FigureKindName,
+    /// The plane
+    #[arg(long, value_enum)]
+    pub plane: PlaneName,
+    /// Where it lies: x of a sagittal, y of a coronal, z of an axial plane, LPS mm; the middle of the scan without
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    pub at: Option<f64>,
+    /// The file: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Names of the kinds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FigureKindName {
+    /// Planning CT deformed (blue) and fraction CT (orange), outlines of bones
+    Fusion,
+    /// Displacement as arrows over the planning CT
+    Displacement,
+    /// Volume after over before
+    Jacobian,
+    /// How far the result may be trusted, mm
+    Uncertainty,
+}
+
+/// Names of the planes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlaneName {
+    /// Across the body
+    Axial,
+    /// From side to side
+    Coronal,
+    /// From front to back
+    Sagittal,
+}
+
+/// Draws the figure; returns what was written.
+///
+/// # Errors
+/// When the run cannot be read, the place lies outside, or the file cannot be written.
+pub(super) fn run(args: &FigureArgs) -> Result<String> {
+    let extension = args.out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let svg = match extension.as_deref() {
+        Some("svg") => true,
+        Some("png") => false,
+        _ => {
+            return Err(Error::usage(
+                format!("{}: the figure's format is not told", args.out.display()),
+                "give a file that ends in .svg or .png",
+            ));
+        }
+    };
+    io::check_files(&[&args.run.join("report.json")], std::slice::from_ref(&args.out))?;
+    io::check_place(&args.out)?;
+    let runtime = Runtime::new(0, progress(args.quiet))?;
+    let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
+    let kind = match args.kind {
+        FigureKindName::Fusion => FigureKind::Fusion,
+        FigureKindName::Displacement => FigureKind::Displacement,
+        FigureKindName::Jacobian => FigureKind::Jacobian,
+        FigureKindName::Uncertainty => FigureKind::Uncertainty,
+    };
+    let plane = match args.plane {
+        PlaneName::Axial => PlaneKind::Axial,
+        PlaneName::Coronal => PlaneKind::Coronal,
+        PlaneName::Sagittal => PlaneKind::Sagittal,
+    };
+    let made = runtime.stage("draw", || figure(&case, &outcome, kind, plane, args.at))?;
+    let bytes = if svg { made.svg()? } else { made.png()? };
+    io::write_file(&args.out, |out| out.write_all(&bytes))?;
+    Ok(format!("The figure: {}", args.out.display()))
+}

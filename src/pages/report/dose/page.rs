@@ -1,0 +1,145 @@
+//! The pages of `dose`: pictures, tables, warnings, and where a person signs.
+
+use super::super::html::verdict::{identity, review};
+use super::super::html::{data_url, head};
+use super::super::viewer::policy;
+use crate::error::Result;
+use crate::io::write_file;
+use crate::pipeline::InputFile;
+use crate::warning::Warning;
+use maud::{DOCTYPE, html};
+use std::path::Path;
+
+/// A picture of a page.
+#[derive(Debug, Clone)]
+pub struct DosePicture {
+    /// Its heading.
+    pub title: String,
+    /// What it shows and how to read it.
+    pub caption: String,
+    /// The PNG file.
+    pub png: Vec<u8>,
+}
+
+/// A table of a page: the first cell of each line is text, the others are numbers.
+#[derive(Debug, Clone)]
+pub struct DoseTable {
+    /// Its heading.
+    pub title: String,
+    /// What is to be known of it.
+    pub note: String,
+    /// Heads of the columns.
+    pub head: Vec<String>,
+    /// Lines of as many cells.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// What a page of `dose` tells.
+#[derive(Debug, Clone)]
+pub struct DosePage<'a> {
+    /// What was done, for example `dose compared`.
+    pub title: String,
+    /// The command line.
+    pub command: String,
+    /// Files that were read.
+    pub inputs: &'a [InputFile],
+    /// What the user should know.
+    pub warnings: &'a [Warning],
+    /// Pictures, two in a row.
+    pub pictures: Vec<DosePicture>,
+    /// Tables.
+    pub tables: Vec<DoseTable>,
+}
+
+impl DosePage<'_> {
+    /// Writes the page; everything it needs is inside.
+    ///
+    /// # Errors
+    /// [`crate::Error::Write`] when the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let page = self.page();
+        write_file(path, |out| out.write_all(page.as_bytes()))
+    }
+
+    fn page(&self) -> String {
+        html! {
+            (DOCTYPE)
+            html lang="en" {
+                (head(&format!("aventail dose: {}", self.title), "", &policy(false)))
+                body {
+                    header {
+                        p.brand { "aventail \u{b7} dose" }
+                        h1 { (self.title) }
+                        dl.case {
+                            @for input in self.inputs { div { dt { (input.role) } dd { (identity(input)) } } }
+                        }
+                    }
+                    (review())
+                    @if !self.warnings.is_empty() {
+                        ul.warnings { @for w in self.warnings { li { code { (w.code) } (w.message) } } }
+                    }
+                    div.large.pair[self.pictures.len() > 1] {
+                        @for p in &self.pictures {
+                            figure { h3 { (p.title) } img alt=(p.title) src=(data_url(&p.png)); figcaption { (p.caption) } }
+                        }
+                    }
+                    @for table in &self.tables {
+                        h2 { (table.title) }
+                        @if !table.note.is_empty() { p.note { (table.note) } }
+                        table {
+                            thead { tr { @for (n, cell) in table.head.iter().enumerate() { th class=[(n > 0).then_some("n")] { (cell) } } } }
+                            tbody {
+                                @for row in &table.rows {
+                                    tr { @for (n, cell) in row.iter().enumerate() { td class=[(n > 0).then_some("n")] { (cell) } } }
+                                }
+                            }
+                        }
+                    }
+                    h2 { "Provenance" }
+                    table {
+                        thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
+                        tbody {
+                            @for i in self.inputs { tr { td { (i.role) } td.wide { (i.path.display()) } td.mono { (i.sha256) } } }
+                        }
+                    }
+                    pre { (self.command) }
+                    section.limits {
+                        p {
+                            "TG-132 gives no tolerance for carrying dose: a mapped dose is as good as the field, and in a steep dose a "
+                            "millimetre of error is a large difference. Research software, not a medical device."
+                        }
+                    }
+                    footer { "aventail " (env!("CARGO_PKG_VERSION")) ". Doses in Gy, positions in LPS mm." }
+                }
+            }
+        }
+        .into_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_escaped_and_nothing_is_fetched() {
+        let warnings = [Warning::new("dose-outside", "<script>alert(1)</script>")];
+        let row = vec!["<b>cord".to_owned(), "1.0".into()];
+        let table = DoseTable { title: "Doses".into(), note: String::new(), head: row.clone(), rows: vec![row] };
+        let page = DosePage {
+            title: "a & b".into(),
+            command: "aventail dose".into(),
+            inputs: &[],
+            warnings: &warnings,
+            pictures: vec![DosePicture { title: "isodoses".into(), caption: "<i>".into(), png: vec![1, 2, 3] }],
+            tables: vec![table],
+        };
+        let text = page.page();
+        for outside in ["<script", "<b>cord", "<i>", "http:", "https:"] {
+            assert!(!text.contains(outside), "{outside}");
+        }
+        assert!(
+            text.contains("&lt;b&gt;cord") && text.contains("default-src 'none'") && text.contains("class=\"sign\"")
+        );
+    }
+}

@@ -1,0 +1,151 @@
+//! `aventail figure` and `aventail view` on a finished run.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
+use crate::support::browser::Browser;
+use crate::support::{Register, aventail, done, folder, small_phantom};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+fn figure(run: &Path, kind: &str, plane: &str, out: &Path) -> assert_cmd::Command {
+    let mut command = aventail();
+    command.arg("figure").arg(run).args(["--quiet", "--kind", kind, "--plane", plane, "--out"]).arg(out);
+    command
+}
+
+#[test]
+fn figures_of_a_run_are_drawn_in_both_formats() {
+    let run = &done().out;
+    for (kind, plane, name) in [
+        ("fusion", "sagittal", "fusion.svg"),
+        ("displacement", "axial", "displacement.svg"),
+        ("jacobian", "coronal", "jacobian.png"),
+        ("uncertainty", "axial", "uncertainty.png"),
+    ] {
+        let out = folder().join(name);
+        figure(run, kind, plane, &out).args(["--at", "-4"]).assert().success();
+        let bytes = fs::read(&out).unwrap();
+        if name.ends_with("svg") {
+            let text = String::from_utf8(bytes).unwrap();
+            assert!(
+                text.starts_with("<svg") && text.contains("= -4.0 mm") && text.contains("data:image/png"),
+                "{name}"
+            );
+            assert!(text.matches('M').count() > 50 && text.contains("<text"), "{name}");
+        } else {
+            let mut reader = png_size(&bytes);
+            assert!(reader.remove(0) == 1080 && reader[0] > 200, "{name}");
+        }
+    }
+    let out = folder().join("far.png");
+    let far = figure(run, "fusion", "axial", &out).args(["--at", "5000"]).assert().code(2);
+    assert!(String::from_utf8_lossy(&far.get_output().stderr).contains("outside the fraction scan") && !out.exists());
+    figure(run, "fusion", "axial", &folder().join("figure.gif")).assert().code(2);
+}
+
+/// Width and height in the header of a PNG file.
+fn png_size(bytes: &[u8]) -> Vec<u32> {
+    [16, 20].map(|at| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap())).into()
+}
+
+#[test]
+fn a_run_whose_files_or_inputs_have_changed_is_refused() {
+    let changed = Register::quick("changed");
+    changed.command().assert().success();
+    let out = folder().join("changed.png");
+    figure(&changed.out, "jacobian", "axial", &out).assert().success();
+    fs::write(changed.out.join("body.nii.gz"), "other").unwrap();
+    let refused = figure(&changed.out, "jacobian", "axial", &out).assert().code(4);
+    assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("run-changed"));
+    // An input that is another file now.
+    let own = folder().join("own_fraction.nii.gz");
+    fs::copy(&small_phantom().fraction, &own).unwrap();
+    let run = Register::quick("own").fraction(&own);
+    run.command().assert().success();
+    fs::copy(&small_phantom().planning, &own).unwrap();
+    let refused = figure(&run.out, "fusion", "axial", &out).assert().code(4);
+    let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(message.contains("run-changed") && message.contains("own_fraction"), "{message}");
+}
+
+/// A served run; ended with the test.
+struct Served {
+    process: Child,
+    /// Address and port.
+    host: String,
+    path: String,
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn serve(run: &Path) -> Served {
+    let mut process = Command::new(env!("CARGO_BIN_EXE_aventail"))
+        .args(["view", "--quiet", "--no-browser"])
+        .arg(run)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut line = String::new();
+    BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let address = line.trim().strip_prefix("http://").unwrap_or_else(|| panic!("no address: {line}"));
+    let (host, path) = address.split_once('/').unwrap();
+    Served { host: host.into(), path: format!("/{path}"), process }
+}
+
+/// Status and body of what a request gets.
+fn ask(served: &Served, method: &str, path: &str, host: &str) -> (u16, String) {
+    let mut stream = TcpStream::connect(&served.host).expect("it listens");
+    write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    let status = answer.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or_else(|| panic!("{answer}"));
+    (status, answer.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned()))
+}
+
+#[test]
+fn a_run_is_served_to_whom_has_the_address_on_this_machine_alone() {
+    let served = serve(&done().out);
+    assert!(served.host.starts_with("127.0.0.1:"), "{}", served.host);
+    let own = served.host.clone();
+    let (status, page) = ask(&served, "GET", &served.path, &own);
+    assert!(status == 200 && page.contains("view-fraction") && page.contains("default-src 'none'"), "{status}");
+    for path in ["/", "/report.json", "/0123456789abcdef0123456789abcdef/"] {
+        assert_eq!(ask(&served, "GET", path, &own).0, 404, "{path}");
+    }
+    for more in ["../report.json", "report.json", "..%2freport.json", "../../../../etc/passwd"] {
+        let (status, body) = ask(&served, "GET", &format!("{}{more}", served.path), &own);
+        assert!(status == 404 && body.is_empty(), "{more}: {status}");
+    }
+    assert_eq!(ask(&served, "POST", &served.path, &own).0, 405);
+    assert_eq!(ask(&served, "GET", &served.path, "evil.example").0, 403);
+    // Nothing listens on that port but on loopback.
+    if let Ok(table) = fs::read_to_string("/proc/net/tcp") {
+        let port: u16 = own.rsplit(':').next().unwrap().parse().unwrap();
+        let listening: Vec<&str> =
+            table.lines().filter(|l| l.contains(&format!(":{port:04X} 00000000:0000 0A"))).collect();
+        assert!(listening.len() == 1 && listening[0].contains("0100007F:"), "{listening:?}");
+    }
+    // The page shows every voxel of the fraction.
+    let report: Value = serde_json::from_slice(&fs::read(done().out.join("report.json")).unwrap()).unwrap();
+    let about = page.split("id=\"view-about\"").nth(1).and_then(|rest| rest.split_once('>')).unwrap().1;
+    let about = about.split("</script>").next().unwrap();
+    let about: Value = serde_json::from_str(about).unwrap();
+    let spacing = &report["fraction_grid"]["spacing"];
+    for a in 0..3 {
+        let apart = |v: &Value| v[a].as_f64().unwrap();
+        assert!((apart(&about["grid"]["spacing"]) - apart(spacing)).abs() < 1e-9, "{}", about["grid"]);
+    }
+    let Some(browser) = Browser::start(&folder().join("profile")) else { return };
+    browser.open_address(&format!("http://{}{}", served.host, served.path));
+    browser.wait("!!document.getElementById('viewer').dataset.state");
+    assert_eq!(browser.text("document.getElementById('viewer').dataset.state"), "ready");
+}
