@@ -1,4 +1,4 @@
-//! The documents: every link leads somewhere, and every page is in the book.
+//! The documents: every link leads somewhere, every page is in the book, prose is in lines that a person reads.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read the sources fails")]
 
@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
+
+/// Longest line of prose, characters.
+const WIDEST: usize = 100;
 
 /// All Markdown files of the project.
 fn documents() -> Vec<PathBuf> {
@@ -86,4 +89,20 @@ fn every_page_is_in_the_book() {
     let pages = documents().into_iter().filter(|p| p.starts_with(&docs) && !p.ends_with("SUMMARY.md"));
     let missing: Vec<PathBuf> = pages.filter(|p| !listed.contains(p)).collect();
     assert!(missing.is_empty(), "not in docs/SUMMARY.md: {missing:?}");
+}
+
+#[test]
+fn prose_is_in_lines_that_a_person_reads() {
+    let mut long = Vec::new();
+    for path in documents() {
+        let text = fs::read_to_string(&path).unwrap();
+        for (n, line) in prose(&text) {
+            // A table's row and a lone link cannot be broken.
+            let whole = line.trim_start().starts_with('|') || !line.trim().contains(' ') || line.starts_with("![");
+            if !whole && line.chars().count() > WIDEST {
+                long.push(format!("{}:{n}", path.strip_prefix(root()).unwrap().display()));
+            }
+        }
+    }
+    assert!(long.is_empty(), "{} lines are longer than {WIDEST} characters:\n{}", long.len(), long.join("\n"));
 }
