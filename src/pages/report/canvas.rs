@@ -1,7 +1,8 @@
 //! A picture in memory: pixels, smooth lines and discs, text, PNG.
 
 use super::palette::Palette;
-use super::svg::Shape;
+use super::shape::Shape;
+pub(super) use super::shape::{Align, Pen, Rgb};
 use embedded_graphics::Drawable;
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
@@ -13,9 +14,6 @@ use rayon::prelude::*;
 use std::convert::Infallible;
 use std::io::{self, Write};
 
-/// Red, green, blue.
-pub(super) type Rgb = [u8; 3];
-
 /// Rows of pixels, top left first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Canvas {
@@ -24,25 +22,6 @@ pub(super) struct Canvas {
     pixels: Vec<Rgb>,
     /// What is drawn over the pixels, where it is kept apart from them.
     shapes: Option<Vec<Shape>>,
-}
-
-/// Where a text sits relative to its anchor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Align {
-    Left,
-    Centre,
-    Right,
-}
-
-/// How a text looks. Its anchor is at half its height.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pen {
-    /// Height of a line of text, pixels.
-    pub(super) size: f64,
-    pub(super) colour: Rgb,
-    /// Colour of a rim that keeps the text legible over an image.
-    pub(super) halo: Option<Rgb>,
-    pub(super) align: Align,
 }
 
 impl Canvas {

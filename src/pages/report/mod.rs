@@ -25,6 +25,7 @@ mod plane;
 mod plot;
 mod restore;
 mod save;
+mod shape;
 mod study;
 mod svg;
 mod table;

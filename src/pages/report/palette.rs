@@ -1,6 +1,6 @@
 //! Few colours that stand for all of a picture's: what makes its file small.
 
-use super::canvas::Rgb;
+use super::shape::Rgb;
 
 /// Bits of each colour that tell colours apart.
 const BITS: u32 = 6;

@@ -1,39 +1,10 @@
 //! Shapes of a picture that stay lines and letters, and their file.
 
-use super::canvas::{Align, Canvas, Pen, Rgb};
+use super::canvas::Canvas;
+use super::shape::{Align, Rgb, Shape};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use std::fmt::Write as _;
 use std::io;
-
-/// Something drawn over the pixels of a picture; places in pixels.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Shape {
-    /// A line with round ends.
-    Line { ends: [[f64; 2]; 2], width: f64, colour: Rgb },
-    /// An arrow to the second end.
-    Arrow { ends: [[f64; 2]; 2], width: f64, colour: Rgb },
-    /// A circle line.
-    Ring { centre: [f64; 2], radius: f64, width: f64, colour: Rgb },
-    /// A filled rectangle.
-    Rectangle { corners: [[f64; 2]; 2], colour: Rgb },
-    /// Letters.
-    Text { text: String, at: [f64; 2], pen: Pen },
-}
-
-impl Shape {
-    /// The same `by` pixels further right and down.
-    pub(super) fn moved(&self, by: [f64; 2]) -> Self {
-        let to = |p: [f64; 2]| [p[0] + by[0], p[1] + by[1]];
-        let mut moved = self.clone();
-        match &mut moved {
-            Self::Line { ends, .. } | Self::Arrow { ends, .. } => *ends = ends.map(to),
-            Self::Ring { centre, .. } => *centre = to(*centre),
-            Self::Rectangle { corners, .. } => *corners = corners.map(to),
-            Self::Text { at, .. } => *at = to(*at),
-        }
-        moved
-    }
-}
 
 fn css([r, g, b]: Rgb) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
