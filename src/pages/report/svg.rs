@@ -115,6 +115,7 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::shape::Pen;
     use super::*;
 
     #[test]
