@@ -71,7 +71,12 @@ def pose(
     progress: _Reporter,
 ) -> Registration: ...
 def evaluate(
-    push: _Source | None, pull: _Source | None, measured: dict[str, Any], threads: int, progress: _Reporter
+    push: _Source | None,
+    pull: _Source | None,
+    measured: dict[str, Any],
+    settings: dict[str, Any],
+    threads: int,
+    progress: _Reporter,
 ) -> str: ...
 def map_dose(
     dose: _Source,

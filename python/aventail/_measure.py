@@ -9,7 +9,7 @@ from . import _aventail
 from ._field import Field, FieldLike, field_source
 from ._image import ImageLike, Names, label_source, name_source, source
 from ._progress import Progress, told
-from ._registration import Landmarks, Registration, landmark_source
+from ._registration import Landmarks, Registration, Settings, landmark_source, settings_source
 
 if TYPE_CHECKING:
     from .reports import Assessment, Skeleton
@@ -41,6 +41,7 @@ def evaluate(
     structures_fraction: ImageLike | None = None,
     structure_names: Names | None = None,
     landmarks: Landmarks | None = None,
+    settings: Settings = None,
     threads: int = 0,
     progress: Progress = None,
 ) -> Assessment:
@@ -48,7 +49,7 @@ def evaluate(
 
     ``fields`` is a registration or one field; else name the direction. A direction that is missing is made by inversion.
     ``mask`` says where to measure; without it the patient in the planning CT. Structures of one name in planning and
-    fraction are compared.
+    fraction are compared. Of ``settings`` only the limits count (``{"verdict": {"dice": [0.9, 0.8]}}``), which judge the field.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -76,7 +77,9 @@ def evaluate(
             given[key], names = label_source(thing, structure_names, key)
             given["structure_names"] = given["structure_names"] or names
     with told(progress) as function:
-        assessment: Assessment = json.loads(_aventail.evaluate(push, pull, given, threads, function))
+        assessment: Assessment = json.loads(
+            _aventail.evaluate(push, pull, given, settings_source(settings), threads, function)
+        )
     return assessment
 
 

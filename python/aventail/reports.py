@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 
 class Summary(TypedDict):
@@ -122,9 +122,7 @@ class JacobianStats(TypedDict):
     max: float
 
 
-class JacobianReport(TypedDict):
-    """Jacobian characteristics; ``bones`` are pairs of a name and :class:`JacobianStats`."""
-
+class _JacobianReport(TypedDict):
     all: JacobianStats
     body: JacobianStats
     soft_tissue: JacobianStats
@@ -133,6 +131,15 @@ class JacobianReport(TypedDict):
     bones: list[list[Any]]
     digital_folded: int
     jumps_above_10: int
+
+
+class JacobianReport(_JacobianReport, total=False):
+    """Jacobian characteristics; ``bones`` are pairs of a name and :class:`JacobianStats`.
+
+    ``folded_at`` is where most of the folded cells lie.
+    """
+
+    folded_at: list[float]
 
 
 class BoneOverlap(TypedDict):
@@ -238,15 +245,32 @@ class Residual(TypedDict):
     after: float | None
 
 
-class LandmarkReport(TypedDict):
-    """Residuals of landmarks."""
-
+class _LandmarkReport(TypedDict):
     each: list[Residual]
     before: Summary
     after: Summary
     mean_of_ratios: float
     std_of_ratios: float
     ratio_of_means: float
+
+
+class LandmarkReport(_LandmarkReport, total=False):
+    """Residuals of landmarks; ``shifted`` under the couch shift alone."""
+
+    shifted: Summary
+
+
+class Verdict(TypedDict):
+    """A figure beside its limits, with what it means."""
+
+    name: str
+    value: float
+    unit: str
+    limit: str
+    source: str
+    verdict: Literal["pass", "review", "fail"]
+    reason: str
+    remedy: str
 
 
 class Stage(TypedDict, total=False):
@@ -264,10 +288,12 @@ class _Report(TypedDict):
     folder: str
     inputs: list[InputFile]
     settings: dict[str, Any]
+    verdicts: list[Verdict]
     planning_grid: Grid
     fraction_grid: Grid
     couch_shift: list[float]
     bones: list[BoneFit]
+    own_motion_mm: list[float]
     pose: Pose
     rigidity: list[BoneRigidity]
     jacobian: JacobianReport
@@ -287,8 +313,13 @@ class _Report(TypedDict):
 
 
 class Report(_Report, total=False):
-    """The numbers of a run; ``fraction_kind`` where images took part in soft tissue."""
+    """The numbers of a run; ``fraction_kind`` where images took part in soft tissue.
 
+    ``verdict`` is the worst of ``verdicts``; ``own_motion_mm`` is the
+    motion of each bone's centroid apart from the couch shift.
+    """
+
+    verdict: Literal["pass", "review", "fail"]
     fraction_kind: dict[str, Any]
 
 
@@ -336,17 +367,6 @@ class Similarity(TypedDict):
     after: SimilarityFigures
 
 
-class Checked(TypedDict):
-    """A figure beside its tolerance."""
-
-    figure: str
-    value: float
-    unit: str
-    tolerance: str
-    source: str
-    mark: str
-
-
 class Assessment(TypedDict):
     """What was measured of a field; parts that need inputs that were not given are ``None`` or empty.
 
@@ -361,7 +381,7 @@ class Assessment(TypedDict):
     inversion: Inverse | None
     transitivity: ThereAndBack | None
     similarity: Similarity | None
-    tolerances: list[Checked]
+    verdicts: list[Verdict]
     measured_in: str
 
 

@@ -1,7 +1,7 @@
 //! What fields, doses and labels are judged by.
 
 use crate::arrays::{self, Given, Raster, raster};
-use crate::case::{self, Ledger};
+use crate::case::{self, Ledger, Settings};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp::Target;
@@ -61,15 +61,17 @@ pub(crate) struct Measured<'py> {
 
 /// Everything that can be measured of a field, as JSON.
 #[pyfunction]
-#[pyo3(signature = (push, pull, measured, threads, progress))]
+#[pyo3(signature = (push, pull, measured, settings, threads, progress))]
 pub(crate) fn evaluate(
     py: Python<'_>,
     push: Option<&Bound<'_, PyAny>>,
     pull: Option<&Bound<'_, PyAny>>,
     measured: Measured<'_>,
+    settings: Settings,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
+    let limits = settings.config().raised(py)?.verdict;
     let (push, pull) = (push.map(arrays::field).transpose()?, pull.map(arrays::field).transpose()?);
     let image = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::image).transpose();
     let labels = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::labels).transpose();
@@ -112,7 +114,7 @@ pub(crate) fn evaluate(
             landmarks: &landmarks,
             triangle: None,
         };
-        io::json(&assess(&subject, runtime)?.0)
+        io::json(&assess(&subject, &limits, runtime)?.0)
     })
 }
 

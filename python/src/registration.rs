@@ -56,7 +56,8 @@ impl Registration {
         let threads = self.runs.runtime().threads();
         self.taken(py, |found| {
             let settings = found.config.value()?;
-            let run = Run { command: command(), settings, threads, outputs: Vec::new() };
+            let limits = found.config.verdict.clone();
+            let run = Run { command: command(), settings, threads, outputs: Vec::new(), limits };
             Report::new(&found.case, &found.outcome, &run).json()
         })
         .raised(py)

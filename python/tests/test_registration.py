@@ -186,6 +186,10 @@ def test_dicts_are_what_their_types_say(phantom: aventail.Phantom, registration:
     )
     keys_match(found, aventail.reports.Assessment, "assessment")
     assert found["landmarks"] is not None and found["inversion"] is None
+    limits = {"verdict": {"landmark_mean_mm": [1e-3, 2e-3]}}
+    mild, strict = (aventail.evaluate(registration, landmarks=phantom.landmarks, settings=s) for s in (None, limits))
+    passed = [sum(v["verdict"] == "pass" for v in found["verdicts"]) for found in (mild, strict)]
+    assert passed[1] < passed[0]
     # What we carry ourselves is what we compare with.
     assert min(c["dice"] for c in found["contours"] if c["reference_ml"] > 5) > 0.9
     keys_match(aventail.skeleton(phantom.bones), aventail.reports.Skeleton, "skeleton")
