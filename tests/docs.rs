@@ -1,7 +1,5 @@
 //! The documents: every link leads somewhere, every page is in the book, prose is in lines that a person reads.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot read the sources fails")]
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};

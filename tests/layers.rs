@@ -137,10 +137,8 @@ impl Code {
             "super" if up == depth => Some(at),
             _ => None,
         };
-        match first.map(|at| &tokens[at]) {
-            Some(rooms) => names_at(rooms).iter().for_each(|room| self.room(room)),
-            None => {}
-        }
+        let rooms = first.map_or_else(Vec::new, |at| names_at(&tokens[at]));
+        rooms.iter().for_each(|room| self.room(room));
     }
 
     /// Notes what `use name::...` at token `n` hands on, where it does.
