@@ -73,7 +73,7 @@ pub struct EvaluateArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Settings (TOML), or the report.json of a run: its limits, [verdict], judge the field
+    /// Settings (TOML), or the report.json of a run: its limits (table verdict) judge the field
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Threads; 0 takes one per core. Results do not depend on it
