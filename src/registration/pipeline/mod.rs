@@ -26,7 +26,7 @@ pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use judge::judge;
 pub use kind::FractionKind;
 pub use memory::memory_estimate;
-pub use outcome::{Outcome, VolumeReached, moves_most};
+pub use outcome::{Outcome, VolumeReached, is_placed, moves_most};
 pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
