@@ -12,6 +12,28 @@
 //! - [`field::PushField`] on the planning grid: planning point `x` goes to `x + u(x)` in the fraction;
 //! - [`field::PullField`] on the fraction grid: fraction voxel `y` shows what was at `y + v(y)` in planning.
 //!
+//! # A registration
+//!
+//! ```
+//! use aventail::phantom::{Phantom, PhantomOptions};
+//! use aventail::{Case, Config, Runtime, register};
+//!
+//! # fn main() -> aventail::Result<()> {
+//! let runtime = Runtime::silent()?;
+//! let phantom = Phantom::new(&PhantomOptions::default().with_spacing([6.0, 6.0, 6.0]))?;
+//! let case = Case::from(phantom); // or Case::new(planning, bones, fraction), as `io` reads them
+//! let outcome = register(&case, &Config::default(), &runtime)?;
+//!
+//! let push = &outcome.push.displacement; // on the planning grid, LPS mm
+//! assert_eq!(push.data().len(), case.planning.data().len());
+//! let landmarks = outcome.landmarks.expect("the phantom has landmarks");
+//! assert!(landmarks.after.mean < 0.4 * landmarks.before.mean);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! [`report::save`] writes what a run of the program writes; [`field`] carries images, labels and points.
+//!
 //! # Rooms
 //!
 //! Each room imports only from rooms of lower rank; `tests/layers.rs` proves it.
@@ -33,5 +55,8 @@ pub use aventail_pages::report;
 pub use aventail_registration::{benchmark, config, pipeline};
 pub use aventail_scenes::{concepts, phantom};
 pub use aventail_tissue::{chainmail, comparator, refine};
+pub use config::Config;
+pub use pipeline::{Case, Outcome, register};
+pub use runtime::Runtime;
 
 pub mod cli;

@@ -11,6 +11,7 @@ mod cli;
 mod clinic;
 mod curve;
 mod dicom;
+mod docs;
 mod dose;
 mod evaluate;
 mod files;
@@ -28,6 +29,8 @@ mod real_cases;
 #[path = "refusals/main.rs"]
 mod refusals;
 mod skeleton_on_phantom;
+mod slicer;
 mod stress;
+mod summary;
 mod support;
 mod warp;

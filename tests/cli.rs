@@ -61,6 +61,27 @@ fn at(name: &str) -> PathBuf {
 }
 
 #[test]
+fn every_verb_has_a_manual_page_and_the_version_tells_the_build() {
+    let out = at("man");
+    aventail().arg("man").arg(&out).assert().success();
+    let help = stdout(&aventail().arg("--help").assert().success());
+    let verbs = help.lines().skip_while(|l| !l.starts_with("Commands:")).skip(1).take_while(|l| !l.is_empty());
+    let verbs: Vec<&str> = verbs.filter(|l| l.starts_with("  ") && !l.starts_with("   ")).map(str::trim).collect();
+    assert!(verbs.len() > 15, "{help}");
+    for verb in verbs.iter().filter_map(|l| l.split(' ').next()).filter(|v| *v != "help") {
+        let page = fs::read_to_string(out.join(format!("aventail-{verb}.1"))).unwrap();
+        assert!(page.contains(".SH OPTIONS") || page.contains(".SH SUBCOMMANDS"), "{verb}");
+    }
+    let short = stdout(&aventail().arg("-V").assert().success());
+    let long = stdout(&aventail().arg("--version").assert().success());
+    assert_eq!(short.trim(), format!("aventail {}", env!("CARGO_PKG_VERSION")));
+    assert!(
+        long.starts_with(short.trim()) && long.contains(std::env::consts::ARCH) && long.contains("in use"),
+        "{long}"
+    );
+}
+
+#[test]
 fn help_names_every_option_of_every_verb() {
     let verbs: [(&str, &[&str]); 12] = [
         (
@@ -127,7 +148,7 @@ fn help_names_every_option_of_every_verb() {
     ] {
         assert!(help.contains(name), "`{name}` is not in\n{help}");
     }
-    let version = stdout(&aventail().arg("--version").assert().success());
+    let version = stdout(&aventail().arg("-V").assert().success());
     assert_eq!(version.trim(), format!("aventail {}", env!("CARGO_PKG_VERSION")));
 }
 

@@ -351,6 +351,45 @@ fn results_of_the_fraction_come_back_as_dicom() {
     assert!(said.contains("alone in its folder"), "{said}");
 }
 
+/// The other direction of a field is written as an object that readers take for what it is.
+#[test]
+fn a_chain_is_written_as_a_registration() {
+    let (day, dicom) = (day(), phantom().join("dicom"));
+    let (planning, fraction) = (dicom.join("planning"), dicom.join("fraction"));
+    let push = day.join("dicom/REG_planning_to_fraction.dcm");
+    let ends: [(&str, &Path); 2] = [("--dicom-like", &fraction), ("--dicom-to", &planning)];
+    // The inverse of the push field, from the fraction to planning.
+    let out = folder().join("REG_inverse.dcm");
+    done(&TO_PLANNING, &[&[("--field", push.as_path()), ("--out-field", &out)][..], &ends].concat());
+    let (_, from) = read_series(&fraction).unwrap().value;
+    let (ct, to) = read_series(&planning).unwrap().value;
+    let read = read_deformable(&out).unwrap();
+    assert_eq!((&read.from, &read.to), (&from.frame_of_reference, &to.frame_of_reference));
+    // The same by another format, on the same grid.
+    let plain_file = folder().join("inverse.nii.gz");
+    done(&TO_PLANNING, &[("--field", push.as_path()), ("--grid", &fraction), ("--out-field", &plain_file)]);
+    let plain = read_field(&plain_file).unwrap().value;
+    let most = field_difference(&read.displacement, &plain);
+    assert!(most < 1e-4, "{most} mm");
+    // It carries planning to the fraction as the other format does.
+    let [by_dicom, by_other] = ["by_dicom.nii.gz", "by_other.nii.gz"].map(|name| folder().join(name));
+    let image = [&TO_FRACTION[..], &["--kind", "image"]].concat();
+    for (field, carried) in [(&out, &by_dicom), (&plain_file, &by_other)] {
+        done(&image, &[("--field", field), ("--input", &planning), ("--grid", &fraction), ("--out", carried)]);
+    }
+    let [a, b] = [by_dicom, by_other].map(|path| read_image(path).unwrap().value);
+    assert!(greatest_difference(&a, &b) < 0.1 && a.extremes()[1] > 0.4 * ct.extremes()[1]);
+
+    let field = ("--field", push.as_path());
+    let said = refused(2, &TO_PLANNING, &[field, ("--out-field", &out)]);
+    assert!(said.contains("--dicom-to"), "{said}");
+    let said = refused(2, &TO_PLANNING, &[&[field, ("--out-field", &folder().join("x.nrrd"))][..], &ends].concat());
+    assert!(said.contains("written as DICOM"), "{said}");
+    // The registration joins other scans than these.
+    let ends: [(&str, &Path); 2] = [("--dicom-like", &dicom.join("fraction_2")), ("--dicom-to", &planning)];
+    refused(4, &TO_PLANNING, &[&[field, ("--out-field", &folder().join("x.dcm"))][..], &ends].concat());
+}
+
 #[test]
 fn a_dose_without_a_plan_says_so() {
     let (day, out) = (day(), folder().join("RD_bare.dcm"));

@@ -58,9 +58,10 @@ fn page() -> String {
     let mut page = String::from(
         "# Refusals and warnings\n\n\
          What aventail refuses or warns of, by code. Codes stand in square brackets behind a refusal and in\n\
-         `report.json` beside a warning. This page is made from the program's own table (`src/base/findings.rs`).\n\n\
-         Exit codes: 0 done, 1 defect of aventail, 2 usage, 3 unreadable file, 4 unsuitable input, 5 unwritable\n\
-         output, 6 registration failed.\n\n\
+         `report.json` beside a warning. This page is made from the program's own table\n\
+         (`src/base/findings.rs`).\n\n\
+         Exit codes: 0 done, 1 defect of aventail, 2 usage, 3 unreadable file, 4 unsuitable input,\n\
+         5 unwritable output, 6 registration failed.\n\n\
          | code | told | reason | remedy |\n|---|---|---|---|\n",
     );
     for f in FINDINGS {

@@ -4,7 +4,7 @@
 //! Sources are read as tokens, so comments, strings and line breaks inside `use` cannot mislead; tests are left out.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -39,6 +39,9 @@ const CRATES: [(&str, &[&str]); 9] = [
 /// Imports inside rank 0 that are meant: a runtime shows progress and reports errors.
 const EXCEPTIONS: [(&str, &str); 2] = [("runtime", "progress"), ("runtime", "error")];
 
+/// Folders whose files still import each other in circles; none is added.
+const CIRCLES: [&str; 3] = ["cli", "formats/io", "pages/report"];
+
 /// Greatest length of a source file in lines, tests left out.
 const LONGEST: usize = 450;
 
@@ -60,6 +63,10 @@ struct Code {
     rooms: BTreeSet<String>,
     /// Crates and local names that begin a path or a `use`.
     heads: BTreeSet<String>,
+    /// What follows paths of `super`, with their number: `super::super::grid` is (2, "grid").
+    ups: BTreeSet<(usize, String)>,
+    /// Names that this module hands on from modules of its own, each with the module: `pub use grid::Grid`.
+    exports: BTreeMap<String, String>,
     /// Lines that call `.unwrap()`.
     unwraps: Vec<usize>,
     /// Modules that exist in tests only and lie in files of their own.
@@ -108,6 +115,9 @@ impl Code {
             }
             return;
         }
+        if n > 0 && word(&tokens[n - 1]).is_some_and(|w| w == "use") {
+            self.export(name, tokens, n);
+        }
         if n > 0 && word(&tokens[n - 1]).is_some_and(|w| w == "use") || after_colons(tokens, n).is_some() {
             self.heads.insert(name.to_owned());
         }
@@ -119,23 +129,26 @@ impl Code {
                 None => return,
             }
         }
+        if up > 0 {
+            self.ups.extend(names_at(&tokens[at]).into_iter().map(|name| (up, name)));
+        }
         let first = match name {
             "crate" => after_colons(tokens, n),
             "super" if up == depth => Some(at),
             _ => None,
         };
         match first.map(|at| &tokens[at]) {
-            Some(TokenTree::Ident(room)) => self.room(&room.to_string()),
-            Some(TokenTree::Group(rooms)) => {
-                let list: Vec<TokenTree> = rooms.stream().into_iter().collect();
-                for part in list.split(|t| punct(t, ',')) {
-                    if let Some(room) = part.first().and_then(word) {
-                        self.room(&room);
-                    }
-                }
-            }
-            _ => {}
+            Some(rooms) => names_at(rooms).iter().for_each(|room| self.room(room)),
+            None => {}
         }
+    }
+
+    /// Notes what `use name::...` at token `n` hands on, where it does.
+    fn export(&mut self, name: &str, tokens: &[TokenTree], n: usize) {
+        let public = n >= 2
+            && (word(&tokens[n - 2]).is_some_and(|w| w == "pub") || matches!(&tokens[n - 2], TokenTree::Group(_)));
+        let Some(at) = after_colons(tokens, n).filter(|_| public) else { return };
+        self.exports.extend(names_at(&tokens[at]).into_iter().map(|symbol| (symbol, name.to_owned())));
     }
 
     fn room(&mut self, name: &str) {
@@ -163,6 +176,17 @@ impl Code {
             }
         }
         n
+    }
+}
+
+/// The name that a token is, or those that begin the parts of a group.
+fn names_at(token: &TokenTree) -> Vec<String> {
+    match token {
+        TokenTree::Group(group) => {
+            let list: Vec<TokenTree> = group.stream().into_iter().collect();
+            list.split(|t| punct(t, ',')).filter_map(|part| part.first().and_then(word)).collect()
+        }
+        other => word(other).into_iter().collect(),
     }
 }
 
@@ -272,6 +296,78 @@ fn rooms_import_only_from_lower_ranks() {
         wrong.extend(violations(&room(&s.path), &s.code.rooms).iter().map(|v| format!("{}: {v}", s.path.display())));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Where a file's module lies: folders and its own name, without the crate.
+fn module(path: &Path) -> Vec<String> {
+    let whole = path.with_extension("");
+    let parts = whole.components().map(|c| c.as_os_str().to_string_lossy().into_owned());
+    let mut parts: Vec<String> = parts.collect();
+    parts.pop_if(|last| last == "mod");
+    parts
+}
+
+/// Who imports whom among the files and folders of each folder: folder, from, to. The folder's own `mod.rs` is its head: what it
+/// holds is not counted, what it hands on counts as the file that it comes from.
+fn imports_by_folder(sources: &[Source]) -> BTreeMap<PathBuf, BTreeSet<(String, String)>> {
+    let of_crate = |s: &Source| s.file.parent().map(Path::to_owned).unwrap_or_default();
+    let heads: BTreeMap<PathBuf, &Code> =
+        sources.iter().filter(|s| s.path.ends_with("mod.rs")).map(|s| (of_crate(s), &s.code)).collect();
+    let mut found: BTreeMap<PathBuf, BTreeSet<(String, String)>> = BTreeMap::new();
+    for s in sources {
+        let own = module(&s.path);
+        for (up, name) in &s.code.ups {
+            let Some(from) = own.len().checked_sub(*up).and_then(|n| own.get(n)) else { continue };
+            // The folder in which both lie, of which `from` is a part.
+            let levels = if s.path.ends_with("mod.rs") { *up } else { *up - 1 };
+            let Some(folder) = of_crate(s).ancestors().nth(levels).map(Path::to_owned) else { continue };
+            let Some(head) = heads.get(&folder) else { continue };
+            let is_file = |name: &str| {
+                sources.iter().any(|o| {
+                    o.file == folder.join(name).with_extension("rs") || o.file == folder.join(name).join("mod.rs")
+                })
+            };
+            let to = if is_file(name) { Some(name) } else { head.exports.get(name) };
+            if let Some(to) = to.filter(|to| *to != from) {
+                found.entry(folder).or_default().insert((from.clone(), to.clone()));
+            }
+        }
+    }
+    found
+}
+
+/// What is left when files that import none of the others are taken away, again and again: those in circles, and those that import
+/// them.
+fn in_circles(imports: &BTreeSet<(String, String)>) -> BTreeSet<(String, String)> {
+    let mut left = imports.clone();
+    loop {
+        let from: BTreeSet<String> = left.iter().map(|(from, _)| from.clone()).collect();
+        let before = left.len();
+        left.retain(|(_, to)| from.contains(to));
+        if left.len() == before {
+            return left;
+        }
+    }
+}
+
+#[test]
+fn files_of_a_folder_import_only_downwards() {
+    let circles: BTreeMap<PathBuf, _> = imports_by_folder(&sources())
+        .into_iter()
+        .map(|(f, i)| (f, in_circles(&i)))
+        .filter(|(_, c)| !c.is_empty())
+        .collect();
+    let of = |folder: &Path| {
+        circles.get(folder).into_iter().flatten().map(|(a, b)| format!("  {a} -> {b}")).collect::<Vec<_>>()
+    };
+    let wrong: Vec<String> = circles
+        .keys()
+        .filter(|f| !CIRCLES.iter().any(|known| f.as_path() == Path::new(known)))
+        .map(|f| format!("{}:\n{}", f.display(), of(f).join("\n")))
+        .collect();
+    assert!(wrong.is_empty(), "files import each other in circles:\n{}", wrong.join("\n"));
+    let cured: Vec<&&str> = CIRCLES.iter().filter(|f| !circles.contains_key(Path::new(f))).collect();
+    assert!(cured.is_empty(), "no circles are left in {cured:?}: take them out of the list");
 }
 
 /// The rooms that a crate's root holds.
@@ -409,6 +505,19 @@ fn the_manifest_reader_tells_tests_apart() {
     assert_eq!(dependencies(manifest), [names(&["base"]), names(&["x"])]);
     assert_eq!(in_crate(Path::new("tissue/chainmail/dial.rs")), Path::new("chainmail/dial.rs"));
     assert_eq!(in_crate(Path::new("cli/mod.rs")), Path::new("cli/mod.rs"));
+}
+
+#[test]
+fn circles_are_found() {
+    let edges =
+        |list: &[(&str, &str)]| list.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect::<BTreeSet<_>>();
+    assert!(in_circles(&edges(&[("a", "b"), ("b", "c"), ("a", "c")])).is_empty());
+    let found = in_circles(&edges(&[("a", "b"), ("b", "c"), ("c", "b"), ("c", "d")]));
+    assert!(found.contains(&("b".into(), "c".into())) && !found.contains(&("c".into(), "d".into())));
+    let code =
+        Code::of("use super::grid::Grid; pub use volume::{Volume, Mask}; fn f() { super::super::other::g() }", 3);
+    assert!(code.ups.contains(&(1, "grid".into())) && code.ups.contains(&(2, "other".into())));
+    assert_eq!(code.exports.get("Mask"), Some(&"volume".to_owned()));
 }
 
 #[test]

@@ -154,6 +154,29 @@ fn a_dose_is_never_negative_and_zero_outside() {
     );
 }
 
+/// The outermost half voxel of a dose counts for both: a fine grid has voxels there.
+#[test]
+fn a_dose_is_carried_as_dose_map_carries_it() {
+    let dir = object("shift");
+    let grid = |n: usize, by: f64| aventail::geometry::Grid::axis_aligned([n; 3], [by; 3], [-20.0; 3]).unwrap();
+    let coarse = grid(10, 4.0);
+    let dose = aventail::volume::Volume::from_fn(coarse.clone(), |n| 10.0 + coarse.voxel(n)[2] as f32);
+    let dose = files::image(&at("coarse_dose.nii.gz"), &dose);
+    let fine = files::image(&at("fine.nii.gz"), &aventail::volume::Volume::filled(grid(60, 1.0), 0.0));
+    let field = dir.join("fraction_to_planning.nii.gz");
+    let [warped, mapped] = ["warped_dose.nii.gz", "mapped_dose.nii.gz"].map(at);
+    let common = ["--grid", text(&fine), "--kind", "dose", "--input", text(&dose), "--out", text(&warped)];
+    warp(&[&["--field", text(&field), "--from", "planning", "--to", "fraction"][..], &common].concat()).success();
+    let map = ["dose", "map", "--to", "fraction", "--grid", text(&fine), "--fraction-to-planning", text(&field)];
+    aventail().args(map).args(["--dose", text(&dose), "--out", text(&mapped)]).assert().success();
+    let [warped, mapped] = [warped, mapped].map(|path| read_image(path).unwrap().value);
+    let differ = warped.data().iter().zip(mapped.data()).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+    assert_eq!(differ, 0);
+    let inside = warped.data().iter().filter(|d| **d > 0.0).count();
+    // Ten voxels of 4 mm to their outer faces, as far as the fine grid sees them; nine between their centres.
+    assert!(inside > 37 * 37 * 37, "{inside}");
+}
+
 #[test]
 fn every_layout_is_written_read_and_maps_alike() {
     let dir = object("swirl");

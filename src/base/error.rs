@@ -113,6 +113,39 @@ impl Error {
         }
     }
 
+    /// What is wrong, with the value found; without the file or thing at fault, which [`Error::what`] names.
+    pub fn problem(&self) -> &str {
+        match self {
+            Self::Usage { problem, .. }
+            | Self::Read { problem, .. }
+            | Self::Input { problem, .. }
+            | Self::Write { problem, .. }
+            | Self::Registration { problem, .. }
+            | Self::Internal(problem) => problem,
+        }
+    }
+
+    /// The file or thing at fault, where one is.
+    pub fn what(&self) -> Option<String> {
+        match self {
+            Self::Read { path, .. } | Self::Write { path, .. } => Some(path.display().to_string()),
+            Self::Input { what, .. } => Some(what.clone()),
+            Self::Usage { .. } | Self::Registration { .. } | Self::Internal(_) => None,
+        }
+    }
+
+    /// What the user can do; of a defect nothing but to report it.
+    pub fn remedy(&self) -> &str {
+        match self {
+            Self::Usage { remedy, .. }
+            | Self::Read { remedy, .. }
+            | Self::Input { remedy, .. }
+            | Self::Write { remedy, .. }
+            | Self::Registration { remedy, .. } => remedy,
+            Self::Internal(_) => "report it with the command line",
+        }
+    }
+
     /// Process exit code of this cause: 1 internal, 2 usage, 3 unreadable file, 4 unsuitable input,
     /// 5 unwritable output, 6 registration failed.
     pub fn exit_code(&self) -> u8 {

@@ -1,6 +1,9 @@
 //! Progress records: the library emits them, the terminal decides how they look.
 
 /// Receives what a run is doing. Implementations must be cheap: `step` is called often.
+///
+/// An implementation that wants to end a run may unwind out of any of its methods with [`std::panic::resume_unwind`]: nothing
+/// of the run remains.
 pub trait Progress: Send + Sync {
     /// A stage begins, for example "fit skeleton".
     fn stage(&self, name: &str);

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Deformable image registration for adaptive radiotherapy: bones move rigidly as a skeleton, a chain mail of soft
 /// tissue carries their motion to every voxel.
 #[derive(Debug, Parser)]
-#[command(name = "aventail", version, max_term_width = 110, arg_required_else_help = true, after_help = AFTER)]
+#[command(name = "aventail", version, long_version = super::version::long(), max_term_width = 110, arg_required_else_help = true, after_help = AFTER)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -64,6 +64,9 @@ pub enum Verb {
     /// Carry dose through a field, accumulate it, compare it, read dose-volume histograms
     #[command(subcommand)]
     Dose(super::dose::DoseVerb),
+    /// Gather many runs into one table and one page: figures, what stands apart, each patient's course over the fractions
+    #[command(after_help = super::summary::HELP)]
+    Summary(super::summary::SummaryArgs),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
     Inspect(super::inspect::InspectArgs),
     /// Look through a finished run at full resolution, in the browser of this machine
@@ -78,6 +81,11 @@ pub enum Verb {
     /// Draw error against run time over the settings that matter
     #[command(after_help = super::curve::HELP)]
     Curve(Box<super::curve::CurveArgs>),
+    /// Be a module of 3D Slicer
+    #[command(subcommand, after_help = super::slicer::HELP)]
+    Slicer(super::slicer::SlicerVerb),
+    /// Write the help of every verb as manual pages
+    Man(super::man::ManArgs),
     /// Print a completion script for your shell
     Completions {
         /// Which shell
@@ -158,6 +166,9 @@ pub struct RegisterArgs {
     /// Refuse to begin when the run is expected to need more memory than this
     #[arg(long, value_name = "GB")]
     pub max_memory: Option<f64>,
+    /// Only tell what the run is expected to need, from headers and labels; with --json for schedulers. Nothing is written
+    #[arg(long)]
+    pub estimate: bool,
     /// Settings (TOML), or the report.json of an earlier run to repeat it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -265,9 +276,13 @@ pub struct WarpArgs {
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
     /// DICOM series of the scan that the result lies in: the result is DICOM of its patient, study and frame of reference.
-    /// Structures and dose need --out *.dcm, an image a folder
-    #[arg(long, value_name = "SERIES", requires = "out")]
+    /// Structures and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in the scan of --from
+    #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
+    /// For a field as DICOM also the series of the scan that it leads to, that of --to: a Deformable Spatial Registration
+    /// names both
+    #[arg(long, value_name = "SERIES", requires = "out_field", requires = "dicom_like")]
+    pub dicom_to: Option<PathBuf>,
     /// Between voxels of an image or dose
     #[arg(long, value_enum)]
     pub interpolation: Option<InterpolationName>,
@@ -289,7 +304,7 @@ pub struct WarpArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "input")]
     pub out_field: Option<PathBuf>,
     /// Layout of --out-field [default: by its extension]
-    #[arg(long, value_enum, requires = "out_field", value_name = "FORMAT")]
+    #[arg(long, value_enum, requires = "out_field", conflicts_with = "dicom_like", value_name = "FORMAT")]
     pub dvf_format: Option<FormatName>,
     /// Threads; 0 takes one per core. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]

@@ -1,10 +1,9 @@
 //! What a registration gives back to a planning system as DICOM: `register --dicom`.
 
-use super::dose::judge;
 use super::fields::{WORTH_OF_LABELS, outside};
 use super::giveback::{CAUTION, no_plan};
 use crate::config::Config;
-use crate::dose::interpolate;
+use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use crate::geometry::{Grid, Rigid};

@@ -1,13 +1,13 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
 use super::args::RunArgs;
-use super::outputs::planned;
 use super::register::{Told, finish, progress, settings};
 use super::run_folder;
 use crate::config::ConfigFile;
 use crate::error::Result;
 use crate::phantom::{Phantom, PhantomOptions};
 use crate::pipeline::Case;
+use crate::report::planned;
 use crate::runtime::Runtime;
 use clap::Args;
 use std::path::PathBuf;

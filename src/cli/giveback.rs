@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io::checksum::sha256_file;
-use crate::io::dicom::registration::reference_of;
+use crate::io::dicom::registration::{DerivedRegistration, reference_of, write_deformable};
 use crate::io::dicom::write::{
     DerivedCt, DerivedDose, DerivedStructures, Origin, write_ct, write_dose, write_structures,
 };
@@ -199,6 +199,26 @@ impl Like {
         };
         write_dose(out, dose, &about, &self.origin(made)?)?;
         Ok(warnings)
+    }
+}
+
+impl Like {
+    /// Writes a field that lies in this scan and leads to another, as a Deformable Spatial Registration.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; [`Error::Input`] when the other scan is of another patient.
+    pub(super) fn field(&self, out: &Path, field: &Volume<[f32; 3]>, to: &Self, made: &Made<'_>) -> Result<()> {
+        self.same_patient(&to.path, &to.series.patient)?;
+        let about = DerivedRegistration {
+            role: "field",
+            description: "Displacement field (aventail, research only)",
+            number: 907,
+            from: &self.series,
+            to: &to.series,
+        };
+        let mut origin = self.origin(made)?;
+        origin.parts.push(to.series.uid.clone());
+        write_deformable(out, field, &about, &origin).map(|_| ())
     }
 }
 

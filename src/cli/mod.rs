@@ -19,29 +19,31 @@ mod inspect;
 pub mod labels;
 pub mod library;
 mod links;
+pub mod man;
 mod organs;
-mod outputs;
 mod phantom;
 pub mod pose;
+mod program;
 mod record;
 mod register;
 mod skeleton;
+pub mod slicer;
 mod start;
 pub mod study;
+pub mod summary;
 pub mod terminal;
+mod version;
 pub mod view;
 mod warp;
+
+pub(crate) use program::command_line;
+pub use program::main;
 
 use crate::error::Result;
 use crate::io::{Planned, RunFolder};
 use args::{Cli, Verb};
 use clap::CommandFactory;
 use std::path::Path;
-
-/// This process's command line for a report; bytes that are no text become replacement characters.
-pub(crate) fn command_line() -> String {
-    std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
-}
 
 /// Takes hold of the folder of a run that will read `inputs`; see [`RunFolder::open`].
 pub(crate) fn run_folder(folder: &Path, planned: &Planned, inputs: &[&Path]) -> Result<RunFolder> {
@@ -69,13 +71,16 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Skeleton(args) => skeleton::run(args),
         Verb::Labels(verb) => labels::run(verb),
         Verb::Study(args) => study::run(args),
+        Verb::Summary(args) => summary::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
         Verb::Dose(verb) => dose::run(verb),
         Verb::Figure(args) => figure::run(args),
         Verb::View(args) => view::run(args),
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
+        Verb::Slicer(verb) => slicer::run(verb),
         Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
+        Verb::Man(args) => man::run(args),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "aventail", &mut out);

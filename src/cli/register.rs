@@ -5,7 +5,6 @@ use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
-use super::outputs::{planned, write_outputs};
 use super::terminal::Terminal;
 use super::{command_line, run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
@@ -14,11 +13,11 @@ use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
 use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, register_fraction};
 use crate::progress::{Progress, Silent};
-use crate::report::{self, OutputFile, Run};
+use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::volume::region::RegionOptions;
-use crate::warning::Warning;
+use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -27,6 +26,11 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// Of every kind; see [`Error`].
 pub fn run(args: &RegisterArgs) -> Result<String> {
+    run_shown(args, progress)
+}
+
+/// As [`run`], with another way to show progress; it is told whether to be quiet.
+pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
@@ -46,9 +50,14 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
         start: &args.start,
     };
     let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
-    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
+    if args.estimate {
+        let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+        let threads = Runtime::new(args.run.threads, progress(true))?.threads();
+        return Estimate { memory_bytes, threads }.told(args.run.json);
+    }
+    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
+    let runtime = Runtime::new(args.run.threads, show(args.run.quiet))?;
     let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
     runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
     within_memory(expected, args.max_memory)?;
@@ -100,6 +109,24 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
             named.collect::<Vec<_>>().join("\n\n")
         }
     })
+}
+
+/// What a run is expected to need, for schedulers.
+#[derive(Serialize)]
+struct Estimate {
+    /// Peak resident memory, bytes.
+    memory_bytes: u64,
+    /// Threads that it will use.
+    threads: usize,
+}
+
+impl Estimate {
+    fn told(&self, json: bool) -> Result<String> {
+        if json {
+            return io::json(self);
+        }
+        Ok(format!("about {:.1} GB of memory and {} threads", self.memory_bytes as f64 / 1e9, self.threads))
+    }
 }
 
 /// The bones, by `--bones auto` once the fractions are known to be there.
@@ -245,41 +272,17 @@ impl Told<'_> {
     }
 }
 
-/// Writes more files of an outcome; returns them, and what is to be known.
-pub(super) type More<'a> = dyn Fn(&Outcome) -> Result<(Vec<OutputFile>, Vec<Warning>)> + Sync + 'a;
-
 /// Writes an outcome with its report into `out`; shared with `pose`.
 pub(super) fn write_run(
-    whole: &Case,
-    outcome: Outcome,
+    case: &Case,
+    mut outcome: Outcome,
     config: &Config,
     runtime: &Runtime,
-    (mut folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
+    (folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
     Told { json, view, contours }: Told<'_>,
 ) -> Result<String> {
-    folder.begin()?;
-    let (part, outcome) = (outcome.part, Outcome { part: None, ..outcome });
-    let case = part.as_deref().unwrap_or(whole);
-    let settings = config.value()?;
-    let draw = || {
-        rayon::join(
-            || report::draw(case, &outcome),
-            || view.then(|| report::embed(case, &outcome, contours)).transpose(),
-        )
-    };
-    let (outputs, (pictures, view)) =
-        runtime.stage("write, draw", || rayon::join(|| write_outputs(out, &outcome, config), draw));
-    let (mut outputs, mut outcome) = (outputs?, outcome);
-    if let Some(more) = more {
-        let (files, warnings) = runtime.stage("write DICOM", || more(&outcome))?;
-        outputs.extend(files);
-        outcome.warnings.extend(warnings);
-    }
-    let limits = config.verdict.clone();
-    let run = Run { command: command_line(), settings, threads: runtime.threads(), outputs, limits };
-    let outcome = Outcome { stages: runtime.times(), ..outcome };
-    let report = runtime.stage("report", || report::write(out, case, &outcome, &run, (pictures?, view?)))?;
-    folder.finish();
+    let saving = Saving { command: &command_line(), view, contours, more };
+    let report = report::save(case, &mut outcome, config, runtime, (folder, out), saving)?;
     if json {
         return report.json();
     }

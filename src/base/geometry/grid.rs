@@ -210,6 +210,11 @@ impl Grid {
     pub fn middle(&self) -> Point3<f64> {
         self.world(&Vector3::from(self.size.map(|n| (n - 1) as f64 / 2.0)))
     }
+    /// Edge of the cube with the volume of a voxel, mm.
+    pub fn mean_edge(&self) -> f64 {
+        self.spacing().iter().product::<f64>().cbrt()
+    }
+
     /// Whether both grids have the same size and their corners agree within `tolerance` mm.
     pub fn matches(&self, other: &Self, tolerance: f64) -> bool {
         self.size == other.size && self.corners().iter().zip(other.corners()).all(|(a, b)| (a - b).norm() <= tolerance)

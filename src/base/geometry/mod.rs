@@ -8,4 +8,4 @@ pub mod wide_vector;
 
 pub use grid::Grid;
 pub use rigid::{Rigid, about, rigid_from_matrix, rotation_angle_deg, rotation_matrices};
-pub use wide::{LANES, Wide, vectorised};
+pub use wide::{LANES, Wide, simd, vectorised};

@@ -61,6 +61,15 @@ pub fn vectorised<R>(work: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(work)
 }
 
+/// Name of the vector instructions that [`vectorised`] uses on this machine.
+pub fn simd() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if matches!(pulp::Arch::new(), pulp::Arch::V3(_)) {
+        return "x86-64-v3 (AVX2, FMA)";
+    }
+    if cfg!(target_arch = "x86_64") { "SSE2" } else { "the target's own vector instructions" }
+}
+
 impl Add for Wide {
     type Output = Self;
     #[inline(always)]

@@ -1,9 +1,9 @@
 //! Rank 5: the pose of the skeleton that best explains the fraction CT.
 
+pub use attempts::fit_pose;
 pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
 pub use planning::BoneSamples;
 pub use prior::BeyondRange;
-pub use schedule::fit_pose;
 pub use similarity::Measure;
 pub use start::FitStart;
 
@@ -44,6 +44,7 @@ pub struct BoneFit {
     pub determined_by: String,
 }
 mod accept;
+mod attempts;
 mod given;
 mod level;
 mod lie;

@@ -1,17 +1,15 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
-use super::accept::{LEAST_FOUND, accept, found_share, not_found};
-use super::given::given;
+use super::accept::found_share;
 use super::level::Level;
 use super::planning::BoneSamples;
 use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
-use super::rivals::best_level;
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
-use super::start::{FitStart, Starts, WEAK_START, common_motions, left, near_motions};
+use super::start::WEAK_START;
 use super::{BoneFit, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -54,80 +52,13 @@ pub(super) struct Fitter<'a> {
     nothing: Samples,
 }
 
-/// Fits the pose of the skeleton to the fraction CT.
-///
-/// `samples` are the skeleton's bones in the planning CT, drawn with the same options; the two images (HU) may have any
-/// offset. Bones outside the fraction's field of view follow their joints.
-///
-/// # Errors
-/// [`Error::Registration`] when the images show no common anatomy: no couch shift explains the bones, or no bone is found
-/// in the end.
-pub fn fit_pose(
-    skeleton: &Skeleton,
-    samples: &BoneSamples,
-    fraction: &Volume<f32>,
-    start: FitStart<'_>,
-    options: &FitOptions,
-    progress: &dyn Progress,
-) -> Result<FitResult> {
-    let steps = 1 + options.outward.len() + options.levels.len();
-    progress.step(0, steps, "couch shift");
-    let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
-    let fitter = Fitter::new(skeleton, options, &level);
-    let common = |found: Starts| -> Vec<Start> {
-        let of = |(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] };
-        found.into_iter().map(of).collect()
-    };
-    let (all, image) = (&level.drawn.all, &level.fraction);
-    let fresh = !matches!(start, FitStart::Placed(_));
-    let mut doubt = None;
-    let starts = match &start {
-        FitStart::Placed(known) => {
-            let placed = given(skeleton, known)?;
-            vec![Start { common: placed.common, share: 1.0, transforms: placed.transforms }]
-        }
-        FitStart::Near(known) => {
-            let (found, odd) = near_motions(known, all, image, options.measure)?;
-            doubt = odd;
-            common(found)
-        }
-        FitStart::Search => common(common_motions(all, image, options.measure)?),
-    };
-    let mut refused = None;
-    for begin in starts {
-        let mut tried = fitter.from(begin, (samples, fraction), fresh, progress)?;
-        if fresh && tried.found >= LEAST_FOUND {
-            let again = |common| {
-                let share = level.explained(&common, options.measure);
-                let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
-                fitter.from(begin, (samples, fraction), true, progress)
-            };
-            let explained = |common: &Rigid| level.explained(common, options.measure);
-            tried = best_level(&fitter, tried, fraction.grid(), again, explained)?;
-        }
-        if tried.found >= LEAST_FOUND {
-            let Tried { mut fit, found, scale, .. } = tried;
-            accept(&mut fit, (&scale, found), (all, image), options.measure)?;
-            if let FitStart::Near(known) = &start {
-                fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
-            }
-            return Ok(fit);
-        }
-        // What is said of the best start.
-        refused.get_or_insert(tried);
-    }
-    let Tried { fit, found, scale, .. } = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
-    scale.judge()?;
-    Err(not_found((&fit, found), (all, image), (samples, fraction, skeleton), options)?)
-}
-
 /// What came of a start.
 pub(super) struct Tried {
     pub(super) fit: FitResult,
     /// Share of the bone volume in view that the image determines.
     pub(super) found: f64,
     /// Scale of the fraction.
-    scale: Scale,
+    pub(super) scale: Scale,
     /// Cost in the end; the less, the more evidence.
     pub(super) cost: f64,
 }
@@ -141,15 +72,15 @@ pub(super) fn weak_start(share: f64) -> Option<Warning> {
 }
 
 /// Where a fit begins.
-struct Start {
+pub(super) struct Start {
     /// Motion of all bones together, and the share of the bones' contrast that it explains.
-    common: Rigid,
-    share: f64,
-    transforms: Vec<Rigid>,
+    pub(super) common: Rigid,
+    pub(super) share: f64,
+    pub(super) transforms: Vec<Rigid>,
 }
 
 impl<'a> Fitter<'a> {
-    fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'a>) -> Self {
+    pub(super) fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'a>) -> Self {
         let mut centres = Vec::new();
         let mut radii = Vec::new();
         for s in &level.drawn.bones {
@@ -164,7 +95,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// The fit from a start. `fresh`: no bone has a guess of its own.
-    fn from(
+    pub(super) fn from(
         &self,
         Start { common, share, mut transforms }: Start,
         (samples, fraction): (&'a BoneSamples, &Volume<f32>),

@@ -1,12 +1,10 @@
 //! `aventail dose`: map, accumulate, compare, and read dose-volume histograms.
 
 mod args;
-mod intake;
 mod out;
 mod pages;
 
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
-pub(super) use intake::judge;
 
 use super::evaluate::{DirectionName, Ledger};
 use super::fields::{self, Known};
@@ -16,7 +14,7 @@ use super::register::progress;
 use super::{command_line, planned, record, run_folder};
 use crate::dose::{
     DensityTable, DoseDifference, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, dvh,
-    dvh_of_contours,
+    dvh_of_contours, judge, judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
@@ -116,7 +114,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     for (k, path) in args.dose.iter().enumerate() {
         let dose = read_dose(&mut ledger, path)?;
         if weights[k] >= 2.0 {
-            ledger.warnings.extend(intake::question(&path.display().to_string(), dose.extremes()[1], weights[k]));
+            ledger.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
         }
         let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
         let field = Some(args.fields[k].as_path());
@@ -188,7 +186,7 @@ fn finish(
     (sources, made): (&[&Path], &Made<'_>),
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
-    ledger.warnings.extend(intake::judge_result(&out.display().to_string(), dose)?);
+    ledger.warnings.extend(judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
     if let Err(e) = std::fs::remove_file(beside(out))
@@ -264,7 +262,7 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
     let mut dose = ledger.take("dose", io::read_dose(path)?);
-    ledger.warnings.extend(intake::judge(&path.display().to_string(), &mut dose)?);
+    ledger.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
     Ok(dose)
 }
 

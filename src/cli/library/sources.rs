@@ -1,7 +1,6 @@
 //! What a library is made from: files and flags, read and judged.
 
 use super::super::auto::{Ask, Bones};
-use super::super::dose::judge as judge_dose;
 use super::super::headers::judge;
 use super::super::inputs::{Flags, Inputs, changed, config_file, either, named};
 use super::super::phantom::cbct_options;
@@ -9,6 +8,7 @@ use super::super::register::{progress, settings};
 use super::args::{LibraryArgs, problem};
 use crate::chainmail::VolumeChange;
 use crate::config::{Config, RecordedInput};
+use crate::dose::judge as judge_dose;
 use crate::error::{Error, Result};
 use crate::io::checksum::sha256;
 use crate::io::dicom::{Role, check_frames, is_dicom_path};

@@ -1,6 +1,5 @@
 //! The files of one posture.
 
-use super::super::outputs::Files;
 use super::args::LibraryArgs;
 use super::sources::Carried;
 use crate::config::Config;
@@ -11,7 +10,7 @@ use crate::geometry::Grid;
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::phantom::{CbctOptions, degrade};
 use crate::pipeline::Outcome;
-use crate::report::{OutputFile, PostureRecord, RECORD, write_bone_transforms};
+use crate::report::{Files, OutputFile, PostureRecord, RECORD, write_bone_transforms};
 use crate::skeleton::Pose;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};

@@ -230,11 +230,7 @@ fn named(error: Error, args: &PhantomArgs) -> Error {
 fn options(args: &PhantomArgs, cbct: bool) -> Result<PhantomOptions> {
     let mut options = PhantomOptions::default();
     if let Some(spacing) = args.spacing {
-        options.size = std::array::from_fn(|a| {
-            (options.size[a] as f64 * options.spacing_mm[a] / spacing[a]).round().max(4.0) as usize
-        });
-        options.edge_mm *= (spacing[0] / options.spacing_mm[0]).max(0.5);
-        options.spacing_mm = spacing;
+        options = options.with_spacing(spacing);
     }
     if cbct {
         (options.fraction_noise_hu, options.fraction_gain, options.fraction_offset_hu) = (0.0, 1.0, 0.0);

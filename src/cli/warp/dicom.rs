@@ -42,6 +42,48 @@ pub(super) fn check(args: &WarpArgs, input: Input, out: &Path) -> Result<()> {
     giveback::check(out, like, input == Input::Volume && args.kind == Some(VolumeKind::Image))
 }
 
+/// Refuses a field as DICOM without both scans, and both scans for a field that is none, before anything is read.
+pub(super) fn check_field(args: &WarpArgs, out: &Path) -> Result<()> {
+    let dcm = giveback::is_dcm(out);
+    if dcm && (args.dicom_like.is_none() || args.dicom_to.is_none()) {
+        return Err(Error::usage(
+            format!("{}: a field as DICOM names the scan that it lies in and the one that it leads to", out.display()),
+            "add --dicom-like and --dicom-to, the folders of the DICOM series of --from and of --to",
+        ));
+    }
+    if !dcm && args.dicom_like.is_some() {
+        return Err(Error::usage(
+            format!("{}: with --dicom-like the field is written as DICOM", out.display()),
+            "name it *.dcm, or leave --dicom-like and --dicom-to out",
+        ));
+    }
+    for series in [&args.dicom_like, &args.dicom_to].into_iter().flatten() {
+        if !is_dicom_path(series) {
+            return Err(Error::usage(
+                format!("{}: it is no DICOM series", series.display()),
+                "give the folders of the DICOM series of --from and of --to",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The scans that a field as DICOM lies in and leads to; `None` where it is written as another format.
+pub(super) fn ends(args: &WarpArgs) -> Result<Option<[Like; 2]>> {
+    let (Some(from), Some(to)) = (&args.dicom_like, &args.dicom_to) else { return Ok(None) };
+    Ok(Some([Like::read(from)?, Like::read(to)?]))
+}
+
+/// Writes a field as a Deformable Spatial Registration.
+pub(super) fn write_field(
+    args: &WarpArgs,
+    (from, to): (&Like, &Like),
+    field: &Volume<[f32; 3]>,
+    out: &Path,
+) -> Result<()> {
+    from.field(out, field, to, &made(args, &paths(args)))
+}
+
 /// The scan that the result refers to.
 pub(super) fn like(args: &WarpArgs) -> Result<Option<Like>> {
     args.dicom_like.as_deref().map(Like::read).transpose()

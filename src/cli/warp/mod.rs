@@ -4,12 +4,12 @@ mod dicom;
 mod report;
 
 use super::args::{InterpolationName, VolumeKind, WarpArgs};
-use super::dose;
 use super::fields;
 use super::frames::{Names, role_of};
 use super::giveback::Like;
 use super::links::LinkArg;
 use super::register::progress;
+use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{
     Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, resample, resample_contours, resample_labels,
@@ -96,17 +96,21 @@ fn names(args: &WarpArgs) -> Result<Names> {
     let lies_in = if args.out_field.is_some() { &args.from } else { &args.to };
     let there = [&args.grid, &args.dicom_like].into_iter().flatten();
     let there = there.map(|p| (lies_in.as_str(), p.as_path(), Role::Image));
-    let things: Vec<_> = here.into_iter().chain(there).collect();
+    let led_to = args.dicom_to.as_ref().map(|p| (args.to.as_str(), p.as_path(), Role::Image));
+    let things: Vec<_> = here.into_iter().chain(there).chain(led_to).collect();
     Names::new(&things, (args.field.len() == 1).then_some((args.from.as_str(), args.to.as_str())))
 }
 
 /// Refuses results that would take the place of inputs or cannot be written, before anything is read.
 fn check_paths(args: &WarpArgs) -> Result<()> {
     let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
-    let more = [&args.input, &args.grid, &args.dicom_like, &args.labels];
+    let more = [&args.input, &args.grid, &args.dicom_like, &args.dicom_to, &args.labels];
     let inputs = fields.iter().chain(more.into_iter().flatten());
     let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
     io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
+    if let Some(out) = &args.out_field {
+        dicom::check_field(args, out)?;
+    }
     if let (Some(input), Some(out)) = (&args.input, &args.out) {
         let kind = match input {
             i if points::point_extension(i).is_some() => dicom::Input::Points,
@@ -146,11 +150,19 @@ fn refuse_volume_options(args: &WarpArgs, input: &Path) -> Result<()> {
 
 /// The chain as one field.
 fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut Report) -> Result<()> {
-    let grid = target(args, chain, &args.from, &mut report.warnings)?;
+    let ends = dicom::ends(args)?;
+    let grid = match ends.as_ref().filter(|_| args.grid.is_none()) {
+        Some([from, _]) => from.grid.clone(),
+        None => target(args, chain, &args.from, &mut report.warnings)?,
+    };
     let (field, mapped) = chain.displacement_on(&grid)?;
-    let format = args.dvf_format.map_or_else(|| FieldFormat::of(out), |name| Ok(name.into()))?;
-    let description = io::direction(&args.from, &args.to, format);
-    io::write_field(out, &field, format, &WriteOptions { description, ..WriteOptions::default() })?;
+    if let Some([from, to]) = &ends {
+        dicom::write_field(args, (from, to), &field, out)?;
+    } else {
+        let format = args.dvf_format.map_or_else(|| FieldFormat::of(out), |name| Ok(name.into()))?;
+        let description = io::direction(&args.from, &args.to, format);
+        io::write_field(out, &field, format, &WriteOptions { description, ..WriteOptions::default() })?;
+    }
     report.notes.push(format!(
         "a field on {0}'s grid that takes {0} points to {1}; it resamples images of {1} onto {0}",
         args.from, args.to
@@ -300,7 +312,7 @@ fn map_volume(
         report.warnings.append(&mut image.warnings);
         let mut greatest = None;
         if kind == VolumeKind::Dose {
-            report.warnings.extend(dose::judge(&input.display().to_string(), &mut image.value)?);
+            report.warnings.extend(judge(&input.display().to_string(), &mut image.value)?);
             greatest = Some(image.value.extremes()[1]);
         }
         report.doubt(args, &unsure, image.value.grid(), &grid);
@@ -377,7 +389,11 @@ fn scalar(
         return Ok(warped);
     };
     report.kind = "dose";
-    let mut warped = resample(v, image, interpolation, 0.0)?;
+    let mut warped = match interpolation {
+        // As `dose map` does, to the outer faces of the outermost voxels.
+        Interpolation::Linear => interpolate(image, v, v.grid())?,
+        Interpolation::Cubic => resample(v, image, interpolation, 0.0)?,
+    };
     let [below, peak] = warped.extremes();
     if below < 0.0 {
         warped.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));

@@ -5,7 +5,8 @@
 //! numerical inversion. A field maps points outside its grid to themselves, as ITK's transforms do; its edge voxels
 //! reach half a voxel beyond their centres.
 
-use super::invert::{Inverse, InvertOptions};
+use super::invert::Inverse;
+use super::pre_image::InvertOptions;
 use crate::error::{Error, Result};
 use crate::geometry::{Grid, Rigid};
 use crate::stats::Summary;
@@ -160,6 +161,11 @@ impl Step<'_> {
 }
 
 impl<'a> Chain<'a> {
+    /// The chain of one field, used as it is: `x` goes to `x + u(x)`.
+    pub fn along(field: &'a Volume<[f32; 3]>) -> Self {
+        Self { steps: vec![Step::Displace(field)], description: vec!["one field, as it is".into()] }
+    }
+
     /// The chain that takes points of frame `from` to frame `to` through all links, in their order.
     ///
     /// Two neighbouring links between the same two frames are one step: the one that points the right way is taken.

@@ -7,6 +7,7 @@
 
 use super::bones::MovedBones;
 use super::newton::thinned;
+use super::pre_image::{Continued, InvertOptions, solve};
 use super::reach::Reach;
 use super::sampler::Sampler;
 use super::search::{Search, Tally};
@@ -15,26 +16,10 @@ use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
-use crate::volume::{Volume, trilinear_vector};
-use nalgebra::{Matrix3, Point3, Vector3};
+use crate::volume::Volume;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-
-/// How exactly to invert.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct InvertOptions {
-    /// A voxel has converged when |v + u(y + v)| is below this, mm.
-    pub tolerance_mm: f64,
-    /// Iteration limit per voxel.
-    pub max_iterations: usize,
-}
-
-impl Default for InvertOptions {
-    fn default() -> Self {
-        Self { tolerance_mm: 1e-3, max_iterations: 40 }
-    }
-}
 
 /// How well the pull field inverts the push field.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -61,38 +46,6 @@ pub struct InverseReport {
 const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.
 const MOST_GUESSES: f64 = 1e7;
-
-/// A field with its edge values continued, so that voxels near the scan's end find a smooth pre-image.
-pub(super) struct Continued<'a> {
-    u: &'a Volume<[f32; 3]>,
-    last: Vector3<f64>,
-}
-
-impl<'a> Continued<'a> {
-    pub(super) fn new(u: &'a Volume<[f32; 3]>) -> Self {
-        Self { u, last: Vector3::from(u.grid().size().map(|n| (n - 1) as f64)) }
-    }
-
-    fn at(&self, index: &Vector3<f64>) -> Vector3<f64> {
-        let inside = index.zip_map(&self.last, |i, l| i.clamp(0.0, l));
-        trilinear_vector(self.u, &inside).unwrap_or_default()
-    }
-
-    /// The value at a world position.
-    pub(super) fn value(&self, p: &Point3<f64>) -> Vector3<f64> {
-        self.at(&self.u.grid().index(p))
-    }
-
-    /// Derivative of u by the index, by central differences of half a voxel.
-    fn slope(&self, index: &Vector3<f64>) -> Matrix3<f64> {
-        let column = |a: usize| {
-            let mut d = Vector3::zeros();
-            d[a] = 0.5;
-            self.at(&(index + d)) - self.at(&(index - d))
-        };
-        Matrix3::from_columns(&[column(0), column(1), column(2)])
-    }
-}
 
 /// Nearest-voxel scatter of -u on a coarse fraction grid, holes filled from their neighbours.
 fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> {
@@ -151,51 +104,6 @@ fn guess(field: &Volume<[f32; 3]>, fraction: &Grid) -> Result<Volume<[f32; 3]>> 
     Volume::new(grid, known.into_iter().map(Option::unwrap_or_default).collect())
 }
 
-/// Iterates one voxel; returns v, its residual (mm) and whether it converged.
-pub(super) fn solve(
-    y: &Vector3<f64>,
-    start: Vector3<f64>,
-    field: &Continued<'_>,
-    (tolerance_mm, max_iterations): (f64, usize),
-) -> (Vector3<f64>, f64, bool) {
-    let grid = field.u.grid();
-    let index = |v: &Vector3<f64>| grid.inverse_step() * (y + v - grid.origin().coords);
-    let mut v = start;
-    let mut at = index(&v);
-    let mut r = v + field.at(&at);
-    let mut best = (v, r.norm());
-    for _ in 0..max_iterations {
-        let size = r.norm();
-        if size < best.1 {
-            best = (v, size);
-        }
-        if size < tolerance_mm {
-            return (v, size, true);
-        }
-        let fixed = v - r;
-        at = index(&fixed);
-        let next = fixed + field.at(&at);
-        if next.norm() < 0.5 * size {
-            (v, r) = (fixed, next);
-            continue;
-        }
-        // The fixed point stalls: a Newton step, shortened to a voxel or two so that it stays in its basin.
-        let here = index(&v);
-        let jacobian = Matrix3::identity() + field.slope(&here) * grid.inverse_step();
-        let step = jacobian.try_inverse().map_or(r, |inverse| inverse * r);
-        let limit = (2.0 * size).max(tolerance_mm);
-        let step = if step.norm() > limit { step * (limit / step.norm()) } else { step };
-        v -= step;
-        at = index(&v);
-        r = v + field.at(&at);
-    }
-    let size = r.norm();
-    if size < best.1 {
-        best = (v, size);
-    }
-    (best.0, best.1, best.1 < tolerance_mm)
-}
-
 /// The inverse of a field x -> x + u(x), one point at a time.
 pub struct Inverse<'a> {
     field: Continued<'a>,
@@ -250,7 +158,7 @@ impl<'a> Inverse<'a> {
 
     /// The grid of the field that is inverted.
     pub fn grid(&self) -> &Grid {
-        self.field.u.grid()
+        self.field.grid()
     }
 }
 
@@ -321,6 +229,7 @@ pub fn invert(
 mod tests {
     use super::*;
     use crate::volume::Volume;
+    use crate::volume::trilinear_vector;
 
     fn push(f: impl Fn(Vector3<f64>) -> Vector3<f64> + Sync) -> PushField {
         let grid = Grid::axis_aligned([40, 30, 20], [2.0, 2.0, 3.0], [-40.0, -30.0, -30.0]).unwrap();

@@ -4,8 +4,7 @@
 //! wins nowhere, because it is smaller than a voxel or falls between voxels, takes the voxels where its share is
 //! greatest, as many as its shares add up to and at least one: small structures survive.
 
-use super::walk::{Corner, Hull, Place, walked};
-use super::warp::pulled;
+use super::walk::{Corner, Hull, Place, pulled, walked};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};

@@ -15,6 +15,7 @@ mod multiple;
 mod newton;
 mod outside;
 mod overlap;
+mod pre_image;
 mod reach;
 mod sampler;
 mod scatter;
@@ -29,12 +30,13 @@ pub use consistency::{ConsistencyOptions, ConsistencyReport, agree, beside_conta
 pub use contour::resample_contours;
 pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;
-pub use invert::{Inverse, InverseReport, InvertOptions, Solved, invert};
+pub use invert::{Inverse, InverseReport, Solved, invert};
 pub use jacobian::{FOLDED, RowOfCells, digital_folds, folded_cells, jacobian, jacobian_by_rows};
 pub use label_vote::resample_labels;
 pub use multiple::multiple_preimages;
 pub use outside::{Outside, covers};
 pub use overlap::overlaps;
+pub use pre_image::InvertOptions;
 pub use scatter::{Resampling, ScatterReport, scatter_image};
 pub use warp::{Interpolation, push_point, resample, warp_image, warp_labels, warp_mask};
 

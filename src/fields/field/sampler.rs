@@ -313,7 +313,7 @@ fn in_cell(edges: [&[f32; 7]; 4], t: [f32; 3]) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::invert::Continued;
+    use super::super::pre_image::Continued;
     use super::*;
     use crate::geometry::Grid;
     use nalgebra::{Point3, Rotation3};

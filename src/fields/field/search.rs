@@ -2,7 +2,7 @@
 
 use super::bones::MovedBones;
 use super::extent::{extent, union};
-use super::invert::{Continued, InvertOptions, solve};
+use super::pre_image::{Continued, InvertOptions, solve};
 use super::reach::Reach;
 use super::sampler::{NOWHERE, Sampler};
 use super::tetrahedra::{Drop, Mesh};

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// How far outside the hull of the voxel centres an index still counts as on it, voxels: rounding of the field's single
 /// precision must not push the outermost voxel outside.
-pub(super) const ROUNDING: f64 = 1e-3;
+const ROUNDING: f64 = 1e-3;
 
 /// A place between voxels: the lower ones along each axis, which may lie outside the grid, and the way to the upper ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,7 +97,36 @@ const FAR: f32 = 1e6;
 /// The lower voxel of what is.
 const OUTSIDE: i32 = -400_000_000;
 
-/// As [`pulled`](super::warp::pulled), with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
+/// `value(continuous index in the source)` at every voxel of the displacements' grid, in parallel over rows. Indices that
+/// rounding puts outside the hull of the voxel centres are put back on it.
+pub(super) fn pulled<T: Send + Default + Clone>(
+    v: &Volume<[f32; 3]>,
+    source: &Grid,
+    value: impl Fn(&Vector3<f64>) -> T + Sync,
+) -> Vec<T> {
+    let last = Vector3::from(source.size().map(|n| (n - 1) as f64));
+    let near = |i: f64, l: f64| {
+        let held = i.clamp(0.0, l);
+        if (i - held).abs() < ROUNDING { held } else { i }
+    };
+    let grid = v.grid();
+    let [nx, ny, _] = grid.size();
+    let base = source.index(&grid.origin());
+    let step = source.inverse_step() * grid.step();
+    let turn = *source.inverse_step();
+    let mut out = vec![T::default(); grid.len()];
+    out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
+        let start = base + step * Vector3::new(0.0, (row % ny) as f64, (row / ny) as f64);
+        let along: Vector3<f64> = step.column(0).into_owned();
+        for (i, (o, v)) in out.iter_mut().zip(v).enumerate() {
+            let index = start + along * i as f64 + turn * Vector3::from(v.map(f64::from));
+            *o = value(&index.zip_map(&last, near));
+        }
+    });
+    out
+}
+
+/// As [`pulled`], with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
 pub(super) fn walked<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,

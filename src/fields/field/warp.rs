@@ -1,12 +1,11 @@
 //! Carrying images and labels through a pull field, and points through a push field.
 
-use super::walk::{Corner, Hull, Places, ROUNDING, walked};
+use super::walk::{Corner, Hull, Places, pulled, walked};
 use super::{PullField, PushField};
 use crate::error::Result;
-use crate::geometry::{Grid, LANES};
+use crate::geometry::LANES;
 use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
-use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use nalgebra::Point3;
 
 /// How values between voxels are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -152,41 +151,14 @@ pub fn push_point(push: &PushField, point: &Point3<f64>) -> Option<Point3<f64>> 
     Some(point + u)
 }
 
-/// `value(continuous index in the source)` at every voxel of the displacements' grid, in parallel over rows. Indices that
-/// rounding puts outside the hull of the voxel centres are put back on it.
-pub(super) fn pulled<T: Send + Default + Clone>(
-    v: &Volume<[f32; 3]>,
-    source: &Grid,
-    value: impl Fn(&Vector3<f64>) -> T + Sync,
-) -> Vec<T> {
-    let last = Vector3::from(source.size().map(|n| (n - 1) as f64));
-    let near = |i: f64, l: f64| {
-        let held = i.clamp(0.0, l);
-        if (i - held).abs() < ROUNDING { held } else { i }
-    };
-    let grid = v.grid();
-    let [nx, ny, _] = grid.size();
-    let base = source.index(&grid.origin());
-    let step = source.inverse_step() * grid.step();
-    let turn = *source.inverse_step();
-    let mut out = vec![T::default(); grid.len()];
-    out.par_chunks_mut(nx).zip(v.data().par_chunks(nx)).enumerate().for_each(|(row, (out, v))| {
-        let start = base + step * Vector3::new(0.0, (row % ny) as f64, (row / ny) as f64);
-        let along: Vector3<f64> = step.column(0).into_owned();
-        for (i, (o, v)) in out.iter_mut().zip(v).enumerate() {
-            let index = start + along * i as f64 + turn * Vector3::from(v.map(f64::from));
-            *o = value(&index.zip_map(&last, near));
-        }
-    });
-    out
-}
-
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
     use super::super::walk::Place;
     use super::*;
+    use crate::geometry::Grid;
     use crate::volume::trilinear;
+    use nalgebra::Vector3;
 
     fn shifted(shift: [f32; 3]) -> (PullField, Grid) {
         let grid = Grid::axis_aligned([12, 10, 8], [1.0, 2.0, 3.0], [5.0, -7.0, 11.0]).unwrap();

@@ -77,7 +77,16 @@ pub fn read_contours(path: impl AsRef<Path>) -> Result<(Contours, Option<String>
 }
 
 fn read_json(path: &Path) -> Result<(Contours, Option<String>)> {
-    let file: File = serde_json::from_str(&read_text(path)?).map_err(|e| {
+    parse_contours(&read_text(path)?, path)
+}
+
+/// Contours of a contour JSON's text, and the frame that it says they lie in; `path` is its name in messages.
+///
+/// # Errors
+/// As [`read_contours`].
+pub fn parse_contours(text: &str, path: impl AsRef<Path>) -> Result<(Contours, Option<String>)> {
+    let path = path.as_ref();
+    let file: File = serde_json::from_str(text).map_err(|e| {
         let remedy = "give aventail's contour JSON, as docs/formats.md describes it";
         Error::read(path, format!("it is no contour file ({e})"), remedy)
     })?;
@@ -141,6 +150,15 @@ fn polygon(axes: &Matrix3<f64>, points: &[[f64; 3]]) -> Result<Polygon, String> 
 /// # Errors
 /// [`Error::Write`] when the file cannot be written.
 pub fn write_contours(path: impl AsRef<Path>, contours: &Contours, frame: &str) -> Result<()> {
+    let text = contour_json(contours, frame)?;
+    super::write_file(path, |out| out.write_all(&text))
+}
+
+/// The text of a contour JSON, for contours that lie in frame `frame`.
+///
+/// # Errors
+/// [`Error::Internal`] when a value has no JSON.
+pub fn contour_json(contours: &Contours, frame: &str) -> Result<Vec<u8>> {
     // A tenth of a micrometre.
     let short = |v: f64| (v * 1e4).round() / 1e4 + 0.0;
     let structures = contours
@@ -159,8 +177,7 @@ pub fn write_contours(path: impl AsRef<Path>, contours: &Contours, frame: &str) 
     let axis = |a: usize| contours.axes.column(a);
     let orientation = [axis(0)[0], axis(0)[1], axis(0)[2], axis(1)[0], axis(1)[1], axis(1)[2]];
     let file = File { aventail_contours: VERSION, frame: Some(frame.into()), orientation, structures };
-    let text = serde_json::to_vec(&file).map_err(|e| Error::Internal(format!("contours as JSON: {e}")))?;
-    super::write_file(path, |out| out.write_all(&text))
+    serde_json::to_vec(&file).map_err(|e| Error::Internal(format!("contours as JSON: {e}")))
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ pub(super) const PARTS: [&str; 10] = [
     "dicom",
 ];
 /// Files that tell in `outputs` what a run has written.
-pub(super) const REPORTS: [&str; 9] = [
+pub(super) const REPORTS: [&str; 10] = [
     "report.json",
     "evaluation.json",
     "dvh_run.json",
@@ -42,6 +42,7 @@ pub(super) const REPORTS: [&str; 9] = [
     "concepts.json",
     "phantom.json",
     "library.json",
+    "summary.json",
 ];
 
 /// The folders that this process holds.
@@ -352,7 +353,7 @@ fn busy(folder: &Path, file: &mut File) -> Error {
 }
 
 /// Who is at work in a folder, without taking it.
-pub(super) fn at_work(folder: &Path) -> Option<String> {
+pub fn at_work(folder: &Path) -> Option<String> {
     let mut file = File::open(folder.join(LOCK)).ok()?;
     let owner = content(&mut file).0;
     let who = owner.map_or_else(|| "a process".into(), |o| format!("process {} ({})", o.process, o.command));

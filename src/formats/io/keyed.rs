@@ -13,7 +13,11 @@ pub(super) struct Keyed<'a> {
 
 /// Reads and parses a TOML file.
 pub(super) fn parse(path: &Path) -> Result<Table> {
-    let text = super::text::read_text(path)?;
+    parse_text(&super::text::read_text(path)?, path)
+}
+
+/// Parses the text of a TOML file; `path` is its name in messages.
+pub(super) fn parse_text(text: &str, path: &Path) -> Result<Table> {
     let wrong = |e: toml::de::Error| Error::read(path, e.to_string().trim_end(), "correct the TOML at that place");
     text.parse::<Table>().map_err(wrong)
 }

@@ -29,13 +29,34 @@ const SCALED_TOLERANCE: f64 = 1e-3;
 pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
     let read = named(path, names)?;
-    if let Some((label, owner)) = twins(&read.value).first_key_value() {
-        let name = read.value.names.get(label).map_or("", String::as_str);
-        let problem = format!("labels {owner} and {label} have the same name, {name}");
-        let remedy = "give each label its own name, or merge them";
-        return Err(Error::input(path.display().to_string(), problem, remedy));
-    }
+    one_name_each(path, &read.value)?;
     Ok(read)
+}
+
+/// Refuses labels as [`read_labels`] does, for those that come from elsewhere than a file; `what` is their name in messages.
+///
+/// # Errors
+/// [`Error::Input`] when no voxel is labelled, or a label that occurs has no name or shares one.
+pub fn check_labels(what: &str, map: &LabelMap) -> Result<()> {
+    check(Path::new(what), map)?;
+    one_name_each(Path::new(what), map)
+}
+
+/// Refuses two labels of one name.
+fn one_name_each(path: &Path, map: &LabelMap) -> Result<()> {
+    let twins = twins(map);
+    let Some((label, owner)) = twins.first_key_value() else { return Ok(()) };
+    let name = map.names.get(label).map_or("", String::as_str);
+    let problem = format!("labels {owner} and {label} have the same name, {name}");
+    Err(Error::input(path.display().to_string(), problem, "give each label its own name, or merge them"))
+}
+
+/// Names of labels of a JSON file, `{"labels": {"1": "skull"}}` or nnU-Net's `{"labels": {"skull": 1}}`.
+///
+/// # Errors
+/// [`Error::Read`] when it is neither; [`Error::Input`] when a label has two names.
+pub fn read_label_names(path: impl AsRef<Path>) -> Result<BTreeMap<u16, String>> {
+    read_names(path.as_ref())
 }
 
 /// Reads bones on the planning CT's grid: a label map as [`read_labels`], or a DICOM structure set whose structures have names

@@ -43,15 +43,17 @@ mod voxels;
 mod tests;
 
 pub use atomic::{check_place, open_folder, write_file};
-pub use contours::{ContourFile, read_contour_file, read_contours, write_contours};
+pub use contours::{ContourFile, contour_json, parse_contours, read_contour_file, read_contours, write_contours};
 pub use density::read_density;
 pub use field::{FieldFile, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
-pub use folder::{Planned, RunFolder};
+pub use folder::{Planned, RunFolder, at_work};
 pub use head::read_grid;
 pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};
 pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
-pub use labels::{read_bones, read_label_map, read_labels, read_organs, read_structures, write_labels};
+pub use labels::{
+    check_labels, read_bones, read_label_map, read_label_names, read_labels, read_organs, read_structures, write_labels,
+};
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 pub use sheet::{Sheet, plain_cell};

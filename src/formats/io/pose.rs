@@ -1,6 +1,6 @@
 //! `pose.toml`: how far each joint of a skeleton is moved, by bone name.
 
-use super::keyed::{Keyed, near, parse};
+use super::keyed::{Keyed, near, parse, parse_text};
 use super::skeleton::bare;
 use super::write_file;
 use crate::error::Result;
@@ -18,6 +18,15 @@ use std::path::Path;
 /// file, key and value, for unknown bones and keys, values of the wrong type, and a pose of the root under its name.
 pub fn read_pose(path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Pose> {
     let table = parse(path.as_ref())?;
+    pose_in(&Keyed::new(path.as_ref(), &table), skeleton, &[])
+}
+
+/// The pose of a pose file's text; `path` is its name in messages.
+///
+/// # Errors
+/// As [`read_pose`].
+pub fn parse_pose(text: &str, path: impl AsRef<Path>, skeleton: &Skeleton) -> Result<Pose> {
+    let table = parse_text(text, path.as_ref())?;
     pose_in(&Keyed::new(path.as_ref(), &table), skeleton, &[])
 }
 

@@ -6,6 +6,7 @@ mod difference;
 mod dvh;
 mod energy;
 mod interpolate;
+mod judge;
 mod sample;
 
 pub use caution::{Caution, STEEP, caution, steep};
@@ -14,3 +15,4 @@ pub use difference::{DoseDifference, difference, distance_to_difference};
 pub use dvh::{Dvh, Share, doubts, dvh, dvh_of_contours};
 pub use energy::{EnergyBalance, EnergyMassOptions, energy_mass};
 pub use interpolate::{accumulate, interpolate};
+pub use judge::{judge, judge_result, question};

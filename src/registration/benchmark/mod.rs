@@ -2,6 +2,7 @@
 
 mod exact;
 mod floor;
+mod run;
 mod scene;
 mod task;
 

@@ -192,6 +192,20 @@ impl ConfigFile {
         Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), ..Self::default() })
     }
 
+    /// Settings in memory, as the TOML file or `settings` of a report nests them.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when it is no table.
+    pub fn of(settings: Value) -> Result<Self> {
+        match settings {
+            Value::Object(settings) => Ok(Self { settings, ..Self::default() }),
+            other => Err(Error::usage(
+                format!("the settings are {other}, not a table"),
+                "nest them as a TOML file of settings does",
+            )),
+        }
+    }
+
     /// The complete settings: the preset (the argument's, else the file's, else the default), overlaid with the file.
     ///
     /// # Errors

@@ -2,14 +2,14 @@
 
 use super::contact;
 use super::couch::{Couch, couch_shift};
+use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
+use super::outcome::CARRYING;
 use super::planning::Resting;
-use super::study::CARRYING;
 use super::{Case, FractionKind, Outcome, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, SlidingRegion, Tissue, VolumeChange,
-    check_links,
+    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -107,14 +107,6 @@ fn bones_alone(mail: &Mail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
     let centroids = moved.centroids();
     let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
     Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
-}
-
-/// Spacing of the field of the bones alone, mm: it is compared with, not used.
-const ALONE_MM: f64 = 8.0;
-
-/// Spacing of the field of the bones alone under these options, mm.
-pub(super) fn alone_mm(options: &ChainmailOptions) -> f64 {
-    options.spacing_mm.max(ALONE_MM)
 }
 
 /// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
@@ -241,32 +233,6 @@ fn missed(v: &VolumeReached) -> Option<Warning> {
         );
         Warning::new("volume-change", message)
     })
-}
-
-/// Whether the images, and with them the patient in the fraction CT, take part in soft tissue.
-pub(super) fn images_pull(config: &Config) -> bool {
-    config.refine.pulls() && config.soft_tissue == SoftTissue::ChainMail
-}
-
-/// Position in the skeleton of each possible label.
-pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
-    let mut out = vec![None; usize::from(u16::MAX) + 1];
-    for (b, bone) in skeleton.bones.iter().enumerate() {
-        out[usize::from(bone.label)] = Some(b as u16);
-    }
-    out
-}
-
-/// What the chain mail of a case is made from.
-pub(super) fn tissue<'a>(
-    case: &'a Case,
-    (body, lung, sliding): (&'a Mask, Option<&'a Mask>, Option<&'a Mask>),
-    bone_of_label: &'a [Option<u16>],
-    options: &ChainmailOptions,
-) -> Tissue<'a> {
-    let along = options.slip.along;
-    let sliding = sliding.map(|region| SlidingRegion { region, along });
-    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
 }
 
 /// Carries the bones' motion to every voxel by the model that the settings name: the chain mail with the images that pull it,

@@ -2,10 +2,12 @@
 
 mod carry;
 mod case;
+mod checks;
 mod contact;
 mod couch;
 mod curve;
 mod dose;
+mod elements;
 mod fraction;
 mod judge;
 mod kind;
@@ -21,14 +23,15 @@ mod study;
 mod uncertainty;
 
 pub use case::{Case, InputFile};
+pub use checks::{check_fraction, check_grids, check_size};
 pub use curve::{CurvePoint, measure, phantom_case};
 pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use judge::judge;
 pub use kind::FractionKind;
 pub use memory::memory_estimate;
-pub use outcome::{Outcome, VolumeReached, is_placed, moves_most};
+pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, is_placed, moves_most};
 pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
-pub use register::{check_fraction, check_grids, check_inputs, check_size, register, register_fraction};
-pub use study::{CARRYING, LINKING, carry_again};
+pub use register::{check_inputs, register, register_fraction};
+pub use study::carry_again;

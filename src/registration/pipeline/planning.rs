@@ -1,10 +1,10 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
 use super::Case;
-use super::carry::{alone_mm, bone_of_label, images_pull, tissue};
+use super::checks::{check_image, check_labels};
 use super::contact;
-use super::register::{check_image, check_labels};
-use super::study::LINKING;
+use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
+use super::outcome::LINKING;
 use super::uncertainty;
 use crate::body;
 use crate::chainmail::{Mail, Organs, organ_label};

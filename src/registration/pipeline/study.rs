@@ -1,6 +1,7 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
-use super::carry::{carry_out, images_pull};
+use super::carry::carry_out;
+use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
 use super::{Case, Outcome};
@@ -9,11 +10,6 @@ use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
 use crate::view::View;
-
-/// Name of the stage of [`Outcome::stages`] that makes the chain mail, and the bones' surfaces beside it.
-pub const LINKING: &str = "link elements";
-/// Name of the stage that carries the motion: what a study compares the time of, with [`LINKING`].
-pub const CARRYING: &str = "propagate to soft tissue";
 
 /// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction`.
 ///

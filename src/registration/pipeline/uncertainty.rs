@@ -1,6 +1,6 @@
 //! How far a registration may be trusted, place by place.
 
-use super::carry::bone_of_label;
+use super::elements::bone_of_label;
 use super::{Case, Outcome};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};

@@ -82,6 +82,15 @@ impl PhantomOptions {
         Self { size: [103, 72, 70], spacing_mm: [5.0, 5.0, 6.0], edge_mm: 4.0, ..Self::default() }
     }
 
+    /// The same field of view with another spacing, mm; borders of tissues widen with it.
+    #[must_use]
+    pub fn with_spacing(self, spacing: [f64; 3]) -> Self {
+        let size =
+            std::array::from_fn(|a| (self.size[a] as f64 * self.spacing_mm[a] / spacing[a]).round().max(4.0) as usize);
+        let edge_mm = self.edge_mm * (spacing[0] / self.spacing_mm[0]).max(0.5);
+        Self { size, edge_mm, spacing_mm: spacing, ..self }
+    }
+
     /// The thesis's scan: 512 x 512 x 126 voxels of 0.98 x 0.98 x 3 mm, from the forehead down, of a patient of 7 million voxels.
     pub fn thesis_scale() -> Self {
         Self {

@@ -1,11 +1,14 @@
 //! How the waves of several bones become one displacement: superposition or prioritisation (thesis 5.4).
 
-use super::carry::{Carrier, Carry, Initiators};
+use super::average::{FirstWave, each_active, weight, weighted_mean};
+use super::carry::{Carrier, Initiators};
 use super::engine::{Scene, Source, Wave, run};
-use super::front::{FrontRules, NEVER, Order, Structures, TICKS};
-use super::lattice::{Lattice, Node};
+use super::front::{FrontRules, NEVER, TICKS};
+use super::lattice::Lattice;
+use super::node::Node;
 use super::options::{ChainmailOptions, Combination};
 use super::superpose;
+use super::variants::{Carry, Order, Structures};
 use rayon::prelude::*;
 
 impl<'a> Scene<'a> {
@@ -25,19 +28,6 @@ impl<'a> Scene<'a> {
         let parcel = wave.trace.parcel.get(node).copied().unwrap_or_default();
         self.carrier.displacement(&parcel, owner, &self.lattice.grid.centre(voxel))
     }
-}
-
-/// One wave from all bones at once, in every detail: the regions of influence and the order of processing.
-#[derive(Debug, Clone)]
-pub struct FirstWave {
-    /// Nodes of soft tissue in the order in which they were processed.
-    pub order: Vec<u32>,
-    /// Time of each node along its path, mm at relative shear 1; infinite where the wave does not come.
-    pub time: Vec<f64>,
-    /// Bone (position in the skeleton) that reaches each node first; `None` where no bone does.
-    pub owner: Vec<Option<u16>>,
-    /// Angle left of the bone's rotation at each node, radians; empty for [`super::Carry::Rigid`].
-    pub angle: Vec<f32>,
 }
 
 /// Runs the wave from all bones at once.
@@ -84,22 +74,6 @@ pub(super) fn only_times(options: &ChainmailOptions) -> bool {
     options.order == Order::Timestamps && options.structures == Structures::None && options.carry == Carry::Rigid
 }
 
-/// Weight t^-n of a wave that took `time` ticks, of which there is at least one.
-pub(super) fn weight(time: f64, exponent: f64) -> f64 {
-    if is_usual(exponent) { usual_weight(time) } else { time.powf(-exponent) }
-}
-
-/// Whether weights are [`usual_weight`].
-pub(super) fn is_usual(exponent: f64) -> bool {
-    (exponent - 4.0).abs() < f64::EPSILON
-}
-
-/// Weight by the usual exponent of 4, without the cost of a general power.
-#[inline(always)]
-pub(super) fn usual_weight(time: f64) -> f64 {
-    (time * time * time * time).recip()
-}
-
 /// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
 fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
     let lattice = scene.lattice;
@@ -126,25 +100,4 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) 
         });
     }
     each_active(lattice, bones, |node, _| weighted_mean(sums[node]))
-}
-
-/// The mean displacement of a sum of weights and one of weighted displacements; `None` without weight.
-pub(super) fn weighted_mean([weight, x, y, z]: [f64; 4]) -> Option<[f32; 3]> {
-    (weight > 0.0).then(|| [x, y, z].map(|sum| (sum / weight) as f32))
-}
-
-/// Bones' own motion, and `soft(node, voxel)` of every node of soft tissue; in the order of the active nodes.
-pub(super) fn each_active(
-    lattice: &Lattice,
-    bones: &Initiators<'_>,
-    soft: impl Fn(usize, [usize; 3]) -> Option<[f32; 3]> + Sync,
-) -> Vec<Option<[f32; 3]>> {
-    let of = |&n: &u32| {
-        let (node, voxel) = (n as usize, lattice.grid.voxel(n as usize));
-        let Node::Bone(b) = lattice.node[node] else { return soft(node, voxel) };
-        let x = lattice.grid.centre(voxel);
-        let u = bones.transforms[usize::from(b)] * x - x;
-        Some([u.x as f32, u.y as f32, u.z as f32])
-    };
-    lattice.active.par_iter().map(of).collect()
 }

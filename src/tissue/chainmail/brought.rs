@@ -1,6 +1,6 @@
 //! What waves bring to the elements that they run through, taken over by elements of other spacings.
 
-use super::blend::each_active;
+use super::average::each_active;
 use super::carry::Initiators;
 use super::lattice::Lattice;
 use super::let_go::LetGo;

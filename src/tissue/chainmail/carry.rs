@@ -3,26 +3,9 @@
 use super::front::Hop;
 use super::lattice::Lattice;
 use super::material::Constraint;
+use super::variants::Carry;
 use crate::geometry::Rigid;
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
-
-/// What a bone hands to the tissue around it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Carry {
-    /// Its rigid motion, undiminished: the blend of several bones does the rest.
-    #[default]
-    Rigid,
-    /// The displacement of each of its elements as a translation, reduced by the play of each link: the chain mail
-    /// without rotation (thesis 2.4).
-    Translation,
-    /// An orientation whose valid regions turn with it and limit both position and angle (thesis 5.3.1, eq. 5.1-5.2).
-    ConstraintBased,
-    /// Its translation, reduced by the play of each link, and its rotation about the bone's centroid with linear decay
-    /// (thesis 5.3.2, eq. 5.3-5.6, on displacements so that the bone itself moves exactly).
-    LinearDecay,
-}
 
 /// The bones' motion: one transform and one centroid (LPS mm, the thesis's rotation point) per bone of the skeleton.
 #[derive(Debug, Clone, Copy)]

@@ -3,7 +3,8 @@
 
 use super::arrival::Medium;
 use super::brick::{Brick, CELLS, value};
-use super::front::{FrontRules, LinkTime, MOST_TICKS, TICKS_ZERO};
+use super::front::{FrontRules, MOST_TICKS, TICKS_ZERO};
+use super::variants::LinkTime;
 use crate::geometry::vectorised;
 use std::ops::Range;
 

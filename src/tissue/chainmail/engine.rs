@@ -2,9 +2,11 @@
 //! hand on, the source which bones send out the wave.
 
 use super::carry::{Carrier, Parcel};
-use super::front::{FrontRules, Hop, NEVER, Order, Structures, TICKS};
-use super::lattice::{Lattice, Node};
+use super::front::{FrontRules, Hop, NEVER, TICKS};
+use super::lattice::Lattice;
+use super::node::Node;
 use super::queue::{BucketQueue, HeapQueue, Queue};
+use super::variants::{Order, Structures};
 
 /// Where a wave starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

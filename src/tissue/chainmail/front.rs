@@ -2,59 +2,9 @@
 
 use super::lattice::Lattice;
 use super::options::ChainmailOptions;
+use super::variants::{Front, LinkTime};
 use crate::geometry::stencil::{NEIGHBOURS_6, NEIGHBOURS_26};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
-
-/// How long a front takes along a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LinkTime {
-    /// Length / shear: stiff tissue is slow (thesis eq. in 5.2.2, in units of length so that spacing does not matter).
-    #[default]
-    SlowInStiff,
-    /// Length * shear: stiff tissue is fast (the text of thesis 2.4 and Fig. 14).
-    FastInStiff,
-    /// 1 / (length * shear): eq. in 5.2.2 to the letter, whose constraints are multiplied by the link's length.
-    Literal,
-}
-
-/// Which links a front runs along.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Front {
-    /// 26 links, each by its length: at most 13 % too long on cubes, 9 % on the mean; 25 and 16 % on voxels three times as high.
-    #[default]
-    Round,
-    /// 6 links: rhombus fronts (thesis Fig. 14, 15).
-    Rhombus,
-}
-
-/// Which element is processed next.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Order {
-    /// Least time along the path first (thesis 5.2.2).
-    #[default]
-    Timestamps,
-    /// Largest constraint violation first: the enhanced chain mail (thesis 5.2.1, eq. 2.7).
-    ConstraintViolation,
-    /// First moved, first processed: the original chain mail, for homogeneous material (thesis 2.4).
-    FirstMoved,
-}
-
-/// Sorting criteria after the time, with averaging along wave fronts (thesis 5.5).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Structures {
-    /// Time only: an element takes what arrives first.
-    #[default]
-    None,
-    /// Elements with more informations first, averaged by eq. 5.9-5.10: cures L-shapes.
-    SecondCriterion,
-    /// Then elements nearest along the front to where informations first met: cures U-shapes.
-    ThirdCriterion,
-}
 
 /// Time that a node was not reached.
 pub const NEVER: u32 = u32::MAX;

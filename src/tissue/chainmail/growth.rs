@@ -4,8 +4,9 @@
 //! rest lengths are therefore adapted until the organ's mean Jacobian is the factor (Eshelby 1957 gives the share that
 //! a uniform surrounding lets through; ours is neither uniform nor free).
 
-use super::lattice::{Lattice, Node, Tissue};
+use super::lattice::{Lattice, Tissue};
 use super::material::organ_label;
+use super::node::Node;
 use crate::error::Result;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

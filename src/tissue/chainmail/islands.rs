@@ -1,6 +1,7 @@
 //! Small pieces of tissue that hang on nothing: vessels and noise in the lung.
 
-use super::lattice::{Lattice, Node};
+use super::lattice::Lattice;
+use super::node::Node;
 use crate::volume::components::{Components, Connectivity};
 use crate::volume::{Mask, Volume};
 

@@ -1,23 +1,13 @@
 //! The chain mail's elements: a padded grid over the planning CT with the material of each node.
 
 use super::material::{Constraint, Material, Organs, RIGID};
+use super::node::Node;
 use super::slip::{SlidingRegion, Slip};
 use crate::geometry::{Grid, stencil::NEIGHBOURS_26};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// What a node is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Node {
-    /// Air or outside the patient: takes no part.
-    Outside,
-    /// Soft tissue, or rigid material without a bone label.
-    Soft,
-    /// Part of a bone (position in the skeleton): an initiator.
-    Bone(u16),
-}
 
 /// Chain-mail elements on a grid that covers the planning CT with a border of one node that is always outside.
 ///

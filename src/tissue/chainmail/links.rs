@@ -1,6 +1,7 @@
 //! Do the links hold? Each link of the result against its valid region (thesis 2.4, Fig. 7), which turns with the tissue.
 
-use super::lattice::{Lattice, Node};
+use super::lattice::Lattice;
+use super::node::Node;
 use super::relax::rotations;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use nalgebra::{Matrix3, Vector3};

@@ -1,11 +1,9 @@
 //! Settings of the chain mail: the one place where a variant is chosen.
 
-use super::carry::Carry;
-use super::front::{Front, LinkTime, Order, Structures};
 use super::growth::VolumeChange;
 use super::material::{Constraint, Material};
-use super::relax::Elasticity;
 use super::slip::SlipOptions;
+use super::variants::{Carry, Elasticity, Front, LinkTime, Order, Structures};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 

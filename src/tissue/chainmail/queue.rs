@@ -1,6 +1,7 @@
 //! Which element is processed next: the queues behind the propagation.
 
-use super::front::{FrontRules, Order, Structures};
+use super::front::FrontRules;
+use super::variants::{Order, Structures};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

@@ -2,28 +2,16 @@
 //! 1997; heterogeneous after Rodriguez). In the corotated kind links turn with the tissue (Sorkine and Alexa 2007).
 //! Stiffness of a link is the inverse of its play.
 
-use super::lattice::{Lattice, Node};
+use super::lattice::Lattice;
+use super::node::Node;
 use super::pull::{Pull, settle};
 use super::rest::{HELD, RestingLinks, RestingPlane, softness};
 use super::stencil::{Links, ROWS, columns_of};
 use super::turn::{Lanes, Turn, WideTurn, add_scaled, narrow, nearest_rotation, scaled, strained, wide};
+use super::variants::Elasticity;
 use crate::geometry::{LANES, Wide, vectorised};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-/// What pulls the elements in the relaxation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Elasticity {
-    /// 26 links that turn with the tissue, stiffer where their play is less.
-    #[default]
-    Corotated,
-    /// 6 equal links that do not turn: an element moves to the mean of the places where its neighbours want it.
-    Gibson,
-    /// 6 links that do not turn, stiffer where their play is less.
-    Heterogeneous,
-}
 
 /// What the links of a plane's soft elements hold as they move.
 struct Plane {

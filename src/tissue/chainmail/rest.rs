@@ -1,9 +1,10 @@
 //! The links of the chain mail at rest: what every relaxation of the same elements begins with, however the bones move.
 
-use super::lattice::{Lattice, Node};
-use super::relax::Elasticity;
-use super::slip::Sliding;
+use super::crossing::Sliding;
+use super::lattice::Lattice;
+use super::node::Node;
 use super::stencil::{Links, Stencil, lean};
+use super::variants::Elasticity;
 use rayon::prelude::*;
 
 /// The links of a lattice's soft elements.

@@ -98,11 +98,11 @@ fn moved(nodes: &[u32], before: &[[f32; 3]], after: &[[f32; 3]], least: f64) -> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::lattice::Node;
     use super::super::material::Constraint;
+    use super::super::node::Node;
     use super::super::pull::{Comparison, Passes};
-    use super::super::relax::Elasticity;
     use super::super::rest::RestingLinks;
+    use super::super::variants::Elasticity;
     use super::*;
     use crate::geometry::Grid;
     use std::sync::Mutex;

@@ -2,12 +2,13 @@
 //! row, along which a rigid motion's displacement is linear.
 
 use super::arrival::{Arrival, Medium, came};
-use super::blend::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
+use super::average::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
 use super::brick::{Brick, CELLS, TILE, value};
 use super::carry::Initiators;
 use super::engine::Source;
 use super::front::{FrontRules, TICKS};
-use super::lattice::{Lattice, Node};
+use super::lattice::Lattice;
+use super::node::Node;
 use super::options::{ChainmailOptions, Combination};
 use crate::geometry::{Rigid, vectorised};
 use nalgebra::Vector3;

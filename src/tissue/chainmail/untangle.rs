@@ -1,6 +1,7 @@
 //! Elements whose cells are turned inside out or nearly so, to be let go by whatever pulls them.
 
-use super::lattice::{Lattice, Node};
+use super::lattice::Lattice;
+use super::node::Node;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 

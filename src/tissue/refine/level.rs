@@ -48,11 +48,6 @@ pub(super) struct Level<'a> {
 /// Stiffness of soft tissue's links together along an axis, against which [`RefineOptions::unseen_mm`] is a length.
 const HOLD: f64 = 17.0;
 
-/// Edge of the cube with the volume of a cell.
-pub(super) fn mean_edge(spacing: &[f64; 3]) -> f64 {
-    spacing.iter().product::<f64>().cbrt()
-}
-
 impl<'a> Level<'a> {
     pub(super) fn new(
         planning: &Planning<'_>,
@@ -61,9 +56,8 @@ impl<'a> Level<'a> {
         (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
         alone: Option<&Volume<[f32; 3]>>,
     ) -> Self {
-        let spacing = lattice.grid.spacing();
-        let mean = mean_edge(&spacing);
-        let voxel = mean_edge(&planning.ct.grid().spacing()).max(mean_edge(&fraction.grid().spacing()));
+        let mean = lattice.grid.mean_edge();
+        let voxel = planning.ct.grid().mean_edge().max(fraction.grid().mean_edge());
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let soft: Vec<u32> = lattice.soft().collect();
         let (planning, fraction) = rayon::join(|| planning.shown(lattice, &soft, sigma), || blurred(fraction, sigma));

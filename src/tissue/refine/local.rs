@@ -3,7 +3,6 @@
 //! With them the squared difference of two neighbourhoods is what their correlation leaves unexplained (the squared differences
 //! of Cachier et al. 2003 for local correlation), and stays a quadratic in an element's step.
 
-use super::level::mean_edge;
 use crate::chainmail::Lattice;
 use crate::volume::{Volume, gaussian};
 use rayon::prelude::*;
@@ -23,7 +22,7 @@ pub(super) fn grey_values(
     (gain, offset, noise): (f64, f64, f64),
     pair: impl Fn(usize, usize) -> Option<(f64, f64)> + Sync,
 ) -> Vec<(f64, f64, f64)> {
-    let sigma = neighbourhood_mm.max(mean_edge(&lattice.grid.spacing()));
+    let sigma = neighbourhood_mm.max(lattice.grid.mean_edge());
     let sums: Vec<[f32; 5]> = (0..soft.len())
         .into_par_iter()
         .map(|s| {

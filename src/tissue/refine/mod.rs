@@ -14,7 +14,7 @@ pub use shading::{GreyValues, Shading};
 
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};
-use level::{Level, mean_edge};
+use level::Level;
 use planning::{Planning, windowed};
 use skin::Skin;
 
@@ -97,7 +97,7 @@ impl ImagePull for Images<'_> {
     }
 
     fn passes(&self, lattice: &Lattice) -> Passes {
-        let settled_mm = self.options.settled * mean_edge(&lattice.grid.spacing());
+        let settled_mm = self.options.settled * lattice.grid.mean_edge();
         Passes {
             most: self.options.passes,
             rounds: self.options.rounds,

@@ -1,6 +1,5 @@
 //! Settings of the refinement by image.
 
-use super::level::mean_edge;
 use crate::chainmail::Lattice;
 use crate::volume::Window;
 use serde::{Deserialize, Serialize};
@@ -104,7 +103,7 @@ impl RefineOptions {
 
     /// [`crate::chainmail::Pull::farthest`] on a lattice, mm.
     pub(super) fn farthest(&self, lattice: &Lattice) -> f32 {
-        (self.departure * mean_edge(&lattice.grid.spacing())) as f32
+        (self.departure * lattice.grid.mean_edge()) as f32
     }
 }
 

@@ -4,7 +4,6 @@
 //! is off by `r - n d` with `r = p - f` and `n` the gradient of the fraction's distance. Along the skin nothing pulls.
 
 use super::SkinOptions;
-use super::level::mean_edge;
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume, distance::squared_distance_within, gaussian, trilinear};
@@ -32,7 +31,7 @@ impl Skin {
 
     /// Prepares for a lattice.
     pub(super) fn at(&self, lattice: &Lattice) -> Outline<'_> {
-        let edge = mean_edge(&lattice.grid.spacing());
+        let edge = lattice.grid.mean_edge();
         let grid = self.planning.grid();
         let beside = |&n: &u32| {
             let rest = lattice.rest(n as usize);

@@ -12,7 +12,7 @@ mod system;
 #[cfg(test)]
 mod tests;
 
-use super::invert::InvertOptions;
+use super::pre_image::InvertOptions;
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;

@@ -3,7 +3,7 @@
 use super::ball::{Balls, Marks};
 use super::miss::Miss;
 use super::{BoneOf, REACH_MM};
-use crate::field::invert::{Continued, InvertOptions, solve};
+use crate::field::pre_image::{Continued, InvertOptions, solve};
 use crate::field::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;

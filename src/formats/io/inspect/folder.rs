@@ -11,7 +11,7 @@ use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 
 /// Names of files that verbs write into folders, up to the first dot.
-const OURS: [&str; 22] = [
+const OURS: [&str; 23] = [
     "body",
     "bone_transforms",
     "bones_on_fraction",
@@ -33,6 +33,7 @@ const OURS: [&str; 22] = [
     "settings",
     "skin_contact",
     "study",
+    "summary",
     "uncertainty",
 ];
 

@@ -9,7 +9,7 @@ mod element;
 mod rigid;
 
 pub(in super::super) use deformable::read_field;
-pub use deformable::{Deformable, read_deformable, write_pull, write_push};
+pub use deformable::{Deformable, read_deformable, write_deformable, write_pull, write_push};
 pub use rigid::{RigidRegistration, read_rigid, write_rigid};
 
 use super::open::{Opened, is_dicom, open};

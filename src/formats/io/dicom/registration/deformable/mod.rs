@@ -40,7 +40,7 @@ pub struct Deformable {
 /// [`Error::Write`] when a vector is not finite, the grid takes more than 4 GB, the origin has no date, which this kind of
 /// object must have, or the file cannot be written.
 pub fn write_push(path: &Path, field: &PushField, about: &DerivedRegistration<'_>, origin: &Origin) -> Result<Written> {
-    write(path, &field.displacement, about, origin)
+    write_deformable(path, &field.displacement, about, origin)
 }
 
 /// Writes a pull field: the registered frame is the fraction's (`about.from`), and planning (`about.to`) is sampled.
@@ -48,10 +48,20 @@ pub fn write_push(path: &Path, field: &PushField, about: &DerivedRegistration<'_
 /// # Errors
 /// As [`write_push`].
 pub fn write_pull(path: &Path, field: &PullField, about: &DerivedRegistration<'_>, origin: &Origin) -> Result<Written> {
-    write(path, &field.displacement, about, origin)
+    write_deformable(path, &field.displacement, about, origin)
 }
 
-fn write(path: &Path, field: &Volume<[f32; 3]>, about: &DerivedRegistration<'_>, origin: &Origin) -> Result<Written> {
+/// Writes any field: it lies on a grid of `about.from`, the registered frame, and takes its points `x` to `x + u(x)` in
+/// `about.to`, LPS mm.
+///
+/// # Errors
+/// As [`write_push`].
+pub fn write_deformable(
+    path: &Path,
+    field: &Volume<[f32; 3]>,
+    about: &DerivedRegistration<'_>,
+    origin: &Origin,
+) -> Result<Written> {
     let grid = field.grid();
     if let Some(n) = field.data().iter().position(|u| !u.iter().all(|c| c.is_finite())) {
         let problem = format!("voxel {:?} has the displacement {:?}", grid.voxel(n), field.data()[n]);

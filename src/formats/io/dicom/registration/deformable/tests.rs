@@ -126,7 +126,7 @@ fn changed(path: &Path, mut change: impl FnMut(&mut InMemDicomObject)) {
     let planning = series_in("1.2.3.4", "planning", "1.9.1", &grid);
     let fraction = series_in("1.2.3.4", "fraction", "1.9.2", &grid);
     let about = DerivedRegistration { role: "d", description: "d", number: 905, from: &fraction, to: &planning };
-    write(path, &wavy(&grid), &about, &origin()).unwrap();
+    write_deformable(path, &wavy(&grid), &about, &origin()).unwrap();
     let mut object = open(path);
     object.update_value(tags::DEFORMABLE_REGISTRATION_SEQUENCE, |v| change(&mut v.items_mut().unwrap()[0]));
     object.write_to_file(path).unwrap();
@@ -218,5 +218,5 @@ fn fields_that_are_not_finite_are_not_written() {
     let about = DerivedRegistration { role: "d", description: "d", number: 905, from: &series, to: &series };
     let mut field = wavy(&grid);
     field.data_mut()[7][1] = f32::NAN;
-    assert!(write(&path, &field, &about, &origin()).unwrap_err().to_string().contains("[1, 1, 0]"));
+    assert!(write_deformable(&path, &field, &about, &origin()).unwrap_err().to_string().contains("[1, 1, 0]"));
 }

@@ -1,4 +1,4 @@
-//! What counts as a dose in Gy: judged when it comes in and when it goes out, by every verb alike.
+//! What counts as a dose in Gy: judged when it comes in and when it goes out, by everyone alike.
 
 use crate::error::{Error, Result};
 use crate::volume::Volume;
@@ -13,8 +13,12 @@ const MUCH_A_FRACTION_GY: f32 = 40.0;
 /// Values below 0 down to this share of the greatest dose are rounding.
 const ROUNDING: f32 = 1e-4;
 
-/// Refuses what is no dose in Gy, sets what rounding made negative to 0, and says what is doubtful.
-pub(in crate::cli) fn judge(what: &str, dose: &mut Volume<f32>) -> Result<Vec<Warning>> {
+/// Refuses what is no dose in Gy, sets what rounding made negative to 0, and says what is doubtful. `what` is its name in
+/// messages.
+///
+/// # Errors
+/// [`Error::Input`] when a voxel is negative, no number, or above 500 Gy.
+pub fn judge(what: &str, dose: &mut Volume<f32>) -> Result<Vec<Warning>> {
     let [least, most] = dose.extremes();
     let below = -(ROUNDING * most.clamp(0.0, MOST_GY)).max(1e-5);
     if least < below || most > MOST_GY || dose.data().iter().any(|d| d.is_nan()) {
@@ -38,8 +42,8 @@ pub(in crate::cli) fn judge(what: &str, dose: &mut Volume<f32>) -> Result<Vec<Wa
     Ok(found)
 }
 
-/// A word about a dose that is hardly one in Gy, given for `fractions` fractions.
-pub(super) fn question(what: &str, most: f32, fractions: f64) -> Option<Warning> {
+/// A word about a dose that is hardly one in Gy, given for `fractions` fractions; `most` is its greatest value.
+pub fn question(what: &str, most: f32, fractions: f64) -> Option<Warning> {
     let much = if fractions >= 2.0 { MUCH_A_FRACTION_GY } else { MUCH_GY };
     let message = if most <= 0.0 {
         format!("{what}: the dose is 0 Gy everywhere")
@@ -54,7 +58,10 @@ pub(super) fn question(what: &str, most: f32, fractions: f64) -> Option<Warning>
 }
 
 /// Refuses a result that is no dose in Gy.
-pub(super) fn judge_result(what: &str, dose: &Volume<f32>) -> Result<Option<Warning>> {
+///
+/// # Errors
+/// [`Error::Input`] when a voxel is above 500 Gy.
+pub fn judge_result(what: &str, dose: &Volume<f32>) -> Result<Option<Warning>> {
     let most = dose.extremes()[1];
     if most > MOST_GY {
         let problem = format!("its greatest dose would be {most} Gy, more than {MOST_GY} Gy; nothing is written");

@@ -1,15 +1,15 @@
 //! The fields, images and masks of a run as files.
 
+use super::OutputFile;
 use crate::config::Config;
 use crate::error::Result;
 use crate::io::{self, Planned, Stored, WriteOptions};
 use crate::pipeline::Outcome;
-use crate::report::OutputFile;
 use rayon::prelude::*;
 use std::path::Path;
 
-/// What a run with these settings may write, besides pictures.
-pub(super) fn planned(config: &Config) -> Planned {
+/// What a run with these settings may write, besides pictures: what its folder must have room for.
+pub fn planned(config: &Config) -> Planned {
     let format = config.output.field_format.extension();
     let fields = ["planning_to_fraction", "fraction_to_planning"].map(|name| format!("{name}.{format}"));
     let masks = ["planning_on_fraction", "bones_on_fraction", "jacobian", "body", "computed", "inside_planning"];
@@ -96,7 +96,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
 type Writing<'a> = Box<dyn Fn(&Path) -> Result<()> + Sync + 'a>;
 
 /// Files of a folder, still to be written.
-pub(super) struct Files<'a> {
+pub struct Files<'a> {
     folder: &'a Path,
     /// Name, what it holds, and how it is written.
     files: Vec<((String, String), Writing<'a>)>,
@@ -104,17 +104,21 @@ pub(super) struct Files<'a> {
 
 impl<'a> Files<'a> {
     /// None yet, of this folder.
-    pub(super) fn of(folder: &'a Path) -> Self {
+    pub fn of(folder: &'a Path) -> Self {
         Self { folder, files: Vec::new() }
     }
 
-    pub(super) fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
+    /// One more: its name, what it holds, and how it is written.
+    pub fn add(&mut self, name: &str, what: &str, write: impl Fn(&Path) -> Result<()> + Sync + 'a) {
         self.files.push(((name.into(), what.into()), Box::new(write)));
     }
 
     /// Writes them side by side, so that one thread can compress while another waits for the disk; of several failures the first
     /// file's is told.
-    pub(super) fn write(self) -> Result<Vec<OutputFile>> {
+    ///
+    /// # Errors
+    /// What writing reports; [`Error::Read`](crate::error::Error::Read) when a file cannot be read back for its checksum.
+    pub fn write(self) -> Result<Vec<OutputFile>> {
         let one = |((name, what), write): &((String, String), Writing<'a>)| {
             write(&self.folder.join(name))?;
             OutputFile::written(self.folder, name, what)

@@ -1,0 +1,96 @@
+"""The built-in phantom: head, neck and shoulders of which everything is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _aventail
+from ._contours import Contours
+from ._field import Field
+from ._image import Image, _of_raster
+from ._registration import _plain, _point
+
+
+class Phantom:
+    """A planning CT and a fraction CT of the same anatomy, with everything that is true about them."""
+
+    def __init__(self, native: _aventail.Phantom) -> None:
+        self._native = native
+
+    def __repr__(self) -> str:
+        x, y, z = self.planning.size
+        return f"<aventail.Phantom, {x} x {y} x {z} voxels, {len(self.landmarks)} landmarks>"
+
+    @cached_property
+    def planning(self) -> Image:
+        """Planning CT, HU."""
+        return _of_raster(self._native.planning(), "image")
+
+    @cached_property
+    def fraction(self) -> Image:
+        """Fraction CT, HU."""
+        return _of_raster(self._native.fraction(), "image")
+
+    @cached_property
+    def bones(self) -> Image:
+        """Bone labels on the planning grid, with TotalSegmentator's names."""
+        raster, names = self._native.bones()
+        return _of_raster(raster, "labels", names)
+
+    @cached_property
+    def body(self) -> Image:
+        """The patient on the planning grid, cavities filled."""
+        return _of_raster(self._native.body(), "labels")
+
+    @cached_property
+    def landmarks(self) -> dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]]:
+        """Points of soft tissue in planning and fraction, LPS mm."""
+        return {name: (planning, fraction) for name, planning, fraction in self._native.landmarks()}
+
+    @cached_property
+    def transforms(self) -> dict[str, NDArray[np.float64]]:
+        """True 4x4 of each bone, planning to fraction, LPS mm."""
+        return {name: np.asarray(rows) for name, rows in self._native.transforms()}
+
+    @cached_property
+    def truth(self) -> Field:
+        """The true field, planning to fraction."""
+        return Field(lambda: _of_raster(self._native.truth()), "planning", "fraction")
+
+    @cached_property
+    def _plan(self) -> tuple[Image, Contours]:
+        raster, text = self._native.plan()
+        return _of_raster(raster, "dose"), Contours._parse(text)
+
+    @property
+    def dose(self) -> Image:
+        """Planned dose, Gy, on a grid of its own."""
+        return self._plan[0]
+
+    @property
+    def contours(self) -> Contours:
+        """``body``, ``ctv``, ``ptv``, ``spinal_cord``, ``brainstem``, ``parotid_left``, ``parotid_right``."""
+        return self._plan[1]
+
+
+def phantom(
+    spacing: Sequence[float] | None = None, *, second: bool = False, cbct: bool = False, **options: Any
+) -> Phantom:
+    """Makes the phantom.
+
+    ``spacing`` in mm along x, y, z keeps the field of view; 2 x 2 x 3 without it. ``second`` takes the posture of the second
+    fraction; ``cbct`` shows the fraction as a cone-beam machine does. Further options are those of docs/python.md, such as
+    ``seed`` and ``soft_tissue_mm``.
+
+    >>> import aventail
+    >>> aventail.phantom(spacing=(6, 6, 6))
+    <aventail.Phantom, 85 x 59 x 70 voxels, 18 landmarks>
+    """
+    text = json.dumps(options, allow_nan=False, default=_plain)
+    return Phantom(_aventail.Phantom(text, None if spacing is None else _point(spacing), second, cbct))

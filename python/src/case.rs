@@ -1,0 +1,269 @@
+//! Inputs of a registration, from files and from memory.
+
+use crate::arrays::{self, Given, Names};
+use aventail::config::{ConfigFile, Preset};
+use aventail::evaluate::landmark::Landmark;
+use aventail::fit::BoneLandmark;
+use aventail::geometry::{Grid, Rigid};
+use aventail::io::checksum::sha256_file;
+use aventail::io::dicom::{About, Role, check_frames, is_dicom_path};
+use aventail::io::{self, Loaded};
+use aventail::pipeline::InputFile;
+use aventail::volume::{LabelMap, Volume};
+use aventail::warning::Warning;
+use aventail::{Case, Config, Error, Result, skeleton};
+use pyo3::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// The files behind a case and what reading them found.
+#[derive(Default)]
+pub(crate) struct Ledger {
+    inputs: Vec<InputFile>,
+    warnings: Vec<Warning>,
+}
+
+impl Ledger {
+    fn take<T>(&mut self, role: &str, file: Loaded<T>) -> T {
+        let about = About::of(&file.path);
+        self.inputs.push(InputFile { role: role.into(), path: file.path, sha256: file.sha256, about });
+        self.warnings.extend(file.warnings);
+        file.value
+    }
+
+    fn named(&mut self, role: &str, path: &Path) -> Result<()> {
+        let sha256 = sha256_file(path)?;
+        self.inputs.push(InputFile { role: role.into(), path: path.to_owned(), sha256, about: None });
+        Ok(())
+    }
+
+    /// An image's values.
+    pub(crate) fn image(&mut self, role: &str, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
+        match given {
+            Given::Path(path) => Ok(self.take(role, io::read_image(path)?)),
+            Given::Value(volume) => Ok(volume),
+        }
+    }
+
+    /// Bone labels on the planning grid, every one with a name of its own.
+    pub(crate) fn bones(
+        &mut self,
+        given: Given<Volume<u16>>,
+        names: Option<Given<Names>>,
+        (planning, grid): (Option<&Path>, &Grid),
+    ) -> Result<LabelMap> {
+        if let Some(path) = names.as_ref().and_then(Given::path) {
+            self.named("labels", path)?;
+        }
+        match (given, names) {
+            (Given::Path(path), names) if is_dicom_path(&path) => {
+                if let Some(planning) = planning {
+                    check_frames((&path, Role::Structures), (planning, Role::Image))?;
+                }
+                let file = names.as_ref().and_then(Given::path);
+                Ok(self.take("bones", io::read_bones(&path, file, grid)?))
+            }
+            (Given::Path(path), Some(Given::Value(names))) => {
+                let volume = self.take("bones", io::read_label_map(&path, None)?).volume;
+                checked(&path.display().to_string(), volume, names)
+            }
+            (Given::Path(path), names) => {
+                let file = names.as_ref().and_then(Given::path);
+                Ok(self.take("bones", io::read_labels(&path, file)?))
+            }
+            (Given::Value(volume), names) => checked("bones", volume, table(names)?),
+        }
+    }
+
+    /// Structures, whose labels need names only where they have some.
+    pub(crate) fn structures(
+        &mut self,
+        role: &str,
+        given: Given<Volume<u16>>,
+        names: Option<Given<Names>>,
+    ) -> Result<LabelMap> {
+        let mut map = match given {
+            Given::Path(path) => self.take(role, io::read_label_map(path, None)?),
+            Given::Value(volume) => LabelMap { volume, names: Names::new() },
+        };
+        if names.is_some() {
+            map.names = table(names)?;
+        }
+        map.one_number_a_name();
+        io::check_labels(role, &map)?;
+        Ok(map)
+    }
+}
+
+/// Labels with names, none left out and none twice.
+fn checked(what: &str, volume: Volume<u16>, names: Names) -> Result<LabelMap> {
+    let map = LabelMap { volume, names };
+    io::check_labels(what, &map)?;
+    Ok(map)
+}
+
+/// The table of names.
+fn table(names: Option<Given<Names>>) -> Result<Names> {
+    match names {
+        None => Ok(Names::new()),
+        Some(Given::Value(names)) => Ok(names),
+        Some(Given::Path(path)) => io::read_label_names(path),
+    }
+}
+
+/// Landmarks as Python gives them: name, planning, fraction.
+pub(crate) type Points = Vec<(String, [f64; 3], [f64; 3])>;
+
+/// Landmarks on bones: bone, name, planning, fraction.
+type BonePoints = Vec<(String, String, [f64; 3], [f64; 3])>;
+
+/// Landmarks of a file or a table.
+pub(crate) fn landmarks(given: Given<Points>) -> Result<Vec<Landmark>> {
+    let own = |(name, planning, fraction): (String, [f64; 3], [f64; 3])| Landmark {
+        name,
+        planning: planning.into(),
+        fraction: fraction.into(),
+    };
+    match given {
+        Given::Path(path) => io::read_landmarks(path),
+        Given::Value(points) => Ok(points.into_iter().map(own).collect()),
+    }
+}
+
+/// A path or a table of points.
+pub(crate) fn points<T: for<'a, 'py> FromPyObject<'a, 'py>>(any: &Bound<'_, PyAny>) -> PyResult<Given<T>> {
+    match any.extract::<PathBuf>() {
+        Ok(path) => Ok(Given::Path(path)),
+        Err(_) => any.extract::<T>().map_err(Into::into).map(Given::Value),
+    }
+}
+
+/// What a registration or a pose is given, still to be read.
+pub(crate) struct Inputs {
+    planning: Given<Volume<f32>>,
+    bones: Given<Volume<u16>>,
+    fraction: Option<Given<Volume<f32>>>,
+    names: Option<Given<Names>>,
+    landmarks: Option<Given<Points>>,
+    bone_landmarks: Option<Given<BonePoints>>,
+    skeleton: Option<PathBuf>,
+    start: Option<[[f64; 4]; 4]>,
+}
+
+impl Inputs {
+    /// Of Python's keywords.
+    pub(crate) fn new(
+        planning: &Bound<'_, PyAny>,
+        bones: &Bound<'_, PyAny>,
+        fraction: Option<&Bound<'_, PyAny>>,
+        more: More<'_>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            planning: arrays::image(planning)?,
+            bones: arrays::labels(bones)?,
+            fraction: fraction.map(arrays::image).transpose()?,
+            names: more.labels.as_ref().map(arrays::names).transpose()?,
+            landmarks: more.landmarks.as_ref().map(points).transpose()?,
+            bone_landmarks: more.bone_landmarks.as_ref().map(points).transpose()?,
+            skeleton: more.skeleton,
+            start: more.start,
+        })
+    }
+
+    /// Reads the files.
+    pub(crate) fn read(self) -> Result<Case> {
+        let mut ledger = Ledger::default();
+        let planning_file = self.planning.path().map(Path::to_owned);
+        let planning = ledger.image("planning", self.planning)?;
+        let bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), planning.grid()))?;
+        let fraction = match self.fraction {
+            Some(given) => ledger.image("fraction", given)?,
+            None => Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0),
+        };
+        let files = [
+            ("landmarks", self.landmarks.as_ref().and_then(Given::path)),
+            ("bone-landmarks", self.bone_landmarks.as_ref().and_then(Given::path)),
+            ("skeleton", self.skeleton.as_deref()),
+        ];
+        for (role, path) in files {
+            path.map_or(Ok(()), |path| ledger.named(role, path))?;
+        }
+        let skeleton = match &self.skeleton {
+            Some(path) => Some(io::skeleton::load_override(path, skeleton::build(&bones)?.skeleton)?),
+            None => None,
+        };
+        Ok(Case {
+            landmarks: self.landmarks.map(landmarks).transpose()?.unwrap_or_default(),
+            bone_landmarks: self.bone_landmarks.map(on_bones).transpose()?.unwrap_or_default(),
+            start: self.start.map(|rows| arrays::rigid("start", &rows)).transpose()?,
+            skeleton,
+            warnings: ledger.warnings,
+            inputs: ledger.inputs,
+            ..Case::new(planning, bones, fraction)
+        })
+    }
+}
+
+/// Landmarks on bones, of a file or a table.
+fn on_bones(given: Given<BonePoints>) -> Result<Vec<BoneLandmark>> {
+    match given {
+        Given::Path(path) => io::read_bone_landmarks(path),
+        Given::Value(points) => {
+            let own = |(bone, name, planning, fraction): (String, String, [f64; 3], [f64; 3])| BoneLandmark {
+                bone,
+                name,
+                planning: planning.into(),
+                fraction: fraction.into(),
+            };
+            Ok(points.into_iter().map(own).collect())
+        }
+    }
+}
+
+/// Inputs beside the images.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct More<'py> {
+    labels: Option<Bound<'py, PyAny>>,
+    landmarks: Option<Bound<'py, PyAny>>,
+    bone_landmarks: Option<Bound<'py, PyAny>>,
+    skeleton: Option<PathBuf>,
+    start: Option<[[f64; 4]; 4]>,
+}
+
+/// How a run is set up.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Settings {
+    /// The settings as JSON, nested as the TOML.
+    json: Option<String>,
+    /// A TOML file of them, or the report.json of a run.
+    file: Option<PathBuf>,
+    /// What they start from.
+    preset: Option<String>,
+}
+
+impl Settings {
+    /// Complete settings.
+    pub(crate) fn config(&self) -> Result<Config> {
+        let file = match (&self.json, &self.file) {
+            (Some(text), _) => ConfigFile::of(serde_json::from_str(text).map_err(|e| {
+                Error::usage(format!("the settings are no JSON: {e}"), "give numbers, texts, lists and dicts only")
+            })?)?,
+            (None, Some(path)) => ConfigFile::read(path)?,
+            (None, None) => ConfigFile::default(),
+        };
+        let preset = |name: &String| {
+            serde_json::from_value::<Preset>(name.as_str().into()).map_err(|_| {
+                let remedy =
+                    "take default, fast, accurate or thesis, a dict of settings, or the path of a file of them";
+                Error::usage(format!("{name:?} is no preset"), remedy)
+            })
+        };
+        file.resolve(self.preset.as_ref().map(preset).transpose()?)
+    }
+}
+
+/// Transforms of bones by name.
+pub(crate) fn transforms(all: Vec<(String, [[f64; 4]; 4])>) -> Result<std::collections::BTreeMap<String, Rigid>> {
+    all.into_iter().map(|(name, rows)| Ok((name.clone(), arrays::rigid(&name, &rows)?))).collect()
+}

@@ -1,0 +1,268 @@
+//! What fields, doses and labels are judged by.
+
+use crate::arrays::{self, Given, Raster, raster};
+use crate::case::{self, Ledger};
+use crate::errors::Raised;
+use crate::runs::Runs;
+use crate::warp::Target;
+use aventail::dose::{self, DensityTable, EnergyMassOptions};
+use aventail::evaluate::{Direction, FieldPair, Subject, assess};
+use aventail::geometry::Grid;
+use aventail::pipeline::{self, DoseMethod};
+use aventail::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
+use aventail::volume::{LabelMap, Volume};
+use aventail::{Error, Result, io, skeleton as bone_tree};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+
+/// A field of one direction as it was given.
+type GivenField = Given<Volume<[f32; 3]>>;
+
+/// The field of a file, whose header must not say that it points the other way, or of memory.
+fn field(given: GivenField, from: &str, to: &str) -> Result<Volume<[f32; 3]>> {
+    let path = match given {
+        Given::Value(field) => return Ok(field),
+        Given::Path(path) => path,
+    };
+    let file = io::read_field(&path)?;
+    let own = io::frames_of(&file.header.description);
+    match own.filter(|(a, b)| a == to || b == from) {
+        Some((a, b)) => {
+            let problem = format!("its header says that it takes {a} points to {b}, not {from} to {to}");
+            Err(Error::refused("field-direction", path.display().to_string(), problem, "give it the other way round"))
+        }
+        None => Ok(file.value),
+    }
+}
+
+/// Both directions of a field; the one that is missing is made on the grid that is known of its frame.
+fn pair(push: Option<GivenField>, pull: Option<GivenField>, grids: [Option<&Grid>; 2]) -> Result<FieldPair> {
+    let push = push.map(|f| field(f, "planning", "fraction")).transpose()?;
+    let pull = pull.map(|f| field(f, "fraction", "planning")).transpose()?;
+    FieldPair::new(push, pull, grids[0], grids[1])?.ok_or_else(|| {
+        Error::usage("no field is given", "give planning_to_fraction, fraction_to_planning or a registration")
+    })
+}
+
+/// Inputs of an evaluation.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Measured<'py> {
+    planning: Option<Bound<'py, PyAny>>,
+    fraction: Option<Bound<'py, PyAny>>,
+    mask: Option<Bound<'py, PyAny>>,
+    bones: Option<Bound<'py, PyAny>>,
+    labels: Option<Bound<'py, PyAny>>,
+    structures: Option<Bound<'py, PyAny>>,
+    structures_fraction: Option<Bound<'py, PyAny>>,
+    structure_names: Option<Bound<'py, PyAny>>,
+    landmarks: Option<Bound<'py, PyAny>>,
+}
+
+/// Everything that can be measured of a field, as JSON.
+#[pyfunction]
+#[pyo3(signature = (push, pull, measured, threads, progress))]
+pub(crate) fn evaluate(
+    py: Python<'_>,
+    push: Option<&Bound<'_, PyAny>>,
+    pull: Option<&Bound<'_, PyAny>>,
+    measured: Measured<'_>,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    let (push, pull) = (push.map(arrays::field).transpose()?, pull.map(arrays::field).transpose()?);
+    let image = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::image).transpose();
+    let labels = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::labels).transpose();
+    let names = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::names).transpose();
+    let (planning, fraction, mask) = (image(&measured.planning)?, image(&measured.fraction)?, image(&measured.mask)?);
+    let (bones, bone_names) = (labels(&measured.bones)?, names(&measured.labels)?);
+    let structures = [labels(&measured.structures)?, labels(&measured.structures_fraction)?];
+    let structure_names = [names(&measured.structure_names)?, names(&measured.structure_names)?];
+    let landmarks = measured.landmarks.as_ref().map(case::points).transpose()?;
+    Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
+        let mut ledger = Ledger::default();
+        let planning = planning.map(|p| ledger.image("planning", p)).transpose()?;
+        let fraction = fraction.map(|p| ledger.image("fraction", p)).transpose()?;
+        let mask = mask.map(|p| ledger.image("mask", p)).transpose()?.map(|m| m.map(|v| *v != 0.0));
+        let bones = bones.map(|b| ledger.structures("bones", b, bone_names)).transpose()?;
+        let [own, other] = structures;
+        let [own_names, other_names] = structure_names;
+        let own = own.map(|s| ledger.structures("structures", s, own_names)).transpose()?;
+        let other = other.map(|s| ledger.structures("structures_fraction", s, other_names)).transpose()?;
+        let labelled = |map: &Option<LabelMap>| map.as_ref().map(|m| m.volume.grid().clone());
+        let grids = [
+            planning.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&bones)).or_else(|| labelled(&own)),
+            fraction.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&other)),
+        ];
+        let pair =
+            runtime.stage("read and invert the field", || pair(push, pull, grids.each_ref().map(Option::as_ref)))?;
+        let rigid = bones.as_ref().map(rigid).unwrap_or_default();
+        let sliding = bone_tree::SlidingOptions::default().pairs(&rigid);
+        let landmarks = landmarks.map(case::landmarks).transpose()?.unwrap_or_default();
+        let subject = Subject {
+            pair: &pair,
+            planning: planning.as_ref(),
+            fraction: fraction.as_ref(),
+            mask: mask.as_ref(),
+            bones: bones.as_ref(),
+            rigid: &rigid,
+            sliding: &sliding,
+            structures: own.as_ref(),
+            structures_fraction: other.as_ref(),
+            landmarks: &landmarks,
+            triangle: None,
+        };
+        io::json(&assess(&subject, runtime)?.0)
+    })
+}
+
+/// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
+fn rigid(bones: &LabelMap) -> Vec<(u16, String)> {
+    match bone_tree::build(bones) {
+        Ok(built) => built.skeleton.labels_and_names(),
+        Err(_) => bones.names.iter().map(|(label, name)| (*label, name.clone())).collect(),
+    }
+}
+
+/// A dose that is one in Gy.
+fn gray(what: &str, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
+    let mut dose = match given {
+        Given::Path(path) => io::read_dose(path)?.value,
+        Given::Value(volume) => volume,
+    };
+    dose::judge(what, &mut dose)?;
+    Ok(dose)
+}
+
+/// Fields of a mapping.
+type Fields<'a, 'py> = (Option<&'a Bound<'py, PyAny>>, Option<&'a Bound<'py, PyAny>>);
+
+/// A dose in the other frame, and what is to be said about it as JSON.
+#[pyfunction]
+#[pyo3(signature = (dose, push, pull, to_fraction, grid, parts, ct, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn map_dose<'py>(
+    py: Python<'py>,
+    dose: &Bound<'py, PyAny>,
+    push: Option<&Bound<'py, PyAny>>,
+    pull: Option<&Bound<'py, PyAny>>,
+    to_fraction: bool,
+    grid: Option<Target>,
+    parts: Option<usize>,
+    ct: Option<&Bound<'py, PyAny>>,
+    threads: usize,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<(Raster<'py, f32>, String)> {
+    let fields: Fields<'_, 'py> = (push, pull);
+    let (push, pull) = (fields.0.map(arrays::field).transpose()?, fields.1.map(arrays::field).transpose()?);
+    let (given, ct) = (arrays::image(dose)?, ct.map(arrays::image).transpose()?);
+    let target = grid.map(Target::grid).transpose().raised(py)?;
+    let method = match parts {
+        None => DoseMethod::Interpolate,
+        Some(parts) => DoseMethod::EnergyMass(EnergyMassOptions { parts, density: DensityTable::default() }),
+    };
+    let mapped = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
+        let dose = gray("dose", given)?;
+        let ct = ct.map(|ct| Ledger::default().image("ct", ct)).transpose()?;
+        let (own, there) = (Some(dose.grid()), target.as_ref());
+        let grids = if to_fraction { [own, there] } else { [there, own] };
+        let pair = runtime.stage("read and invert the field", || pair(push, pull, grids))?;
+        let (direction, of_field) = if to_fraction {
+            (Direction::PlanningToFraction, pair.pull.displacement.grid())
+        } else {
+            (Direction::FractionToPlanning, pair.push.displacement.grid())
+        };
+        let to = target.as_ref().unwrap_or(of_field);
+        let map = || pipeline::map_dose(&dose, &pair, direction, to, &method, ct.as_ref());
+        let (mapped, report) = runtime.stage("map dose", map)?;
+        dose::judge_result("the mapped dose", &mapped)?;
+        Ok((mapped, io::json(&report)?))
+    })?;
+    Ok((raster(py, &mapped.0.grid().clone(), mapped.0.into_data())?, mapped.1))
+}
+
+/// Dose-volume histograms as JSON, of labels with names or of contours.
+#[pyfunction]
+#[pyo3(signature = (dose, labels, names, contours, contour_file, at, bin))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn dvh(
+    py: Python<'_>,
+    dose: &Bound<'_, PyAny>,
+    labels: Option<&Bound<'_, PyAny>>,
+    names: Option<&Bound<'_, PyAny>>,
+    contours: Option<&str>,
+    contour_file: Option<PathBuf>,
+    at: Vec<f64>,
+    bin: f64,
+) -> PyResult<String> {
+    let (given, labels) = (arrays::image(dose)?, labels.map(arrays::labels).transpose()?);
+    let names = names.map(arrays::names).transpose()?;
+    let count = || {
+        if !(bin.is_finite() && bin >= 1e-3) {
+            return Err(Error::usage(format!("a bin of {bin} Gy is too small"), "give at least 0.001 Gy"));
+        }
+        let dose = gray("dose", given)?;
+        let all = match labels {
+            Some(labels) => dose::dvh(&dose, &Ledger::default().structures("structures", labels, names)?, &at, bin),
+            None => {
+                let mut all = arrays::contours(contours, contour_file.as_deref())?;
+                all.tidy();
+                dose::dvh_of_contours(&dose, &all, &at, bin)
+            }
+        };
+        io::json(&all)
+    };
+    py.detach(count).raised(py)
+}
+
+/// Difference of two doses, the distance to dose difference, and figures as JSON.
+#[pyfunction]
+#[pyo3(signature = (dose, reference, tolerance, limit))]
+pub(crate) fn compare_doses<'py>(
+    py: Python<'py>,
+    dose: &Bound<'py, PyAny>,
+    reference: &Bound<'py, PyAny>,
+    tolerance: Option<f64>,
+    limit: f64,
+) -> PyResult<(Raster<'py, f32>, Raster<'py, f32>, String)> {
+    let (given, other) = (arrays::image(dose)?, arrays::image(reference)?);
+    let compare = || {
+        let (dose, reference) = (gray("dose", given)?, gray("reference", other)?);
+        let tolerance = tolerance.unwrap_or_else(|| 0.03 * f64::from(reference.extremes()[1].max(0.0)));
+        if !(tolerance.is_finite() && tolerance > 0.0 && limit > 0.0 && limit <= 100.0) {
+            return Err(Error::usage(
+                format!("tolerance {tolerance} Gy, limit {limit} mm: out of range"),
+                "give a tolerance above 0 Gy and a limit above 0 and up to 100 mm",
+            ));
+        }
+        let (map, figures) = dose::difference(&dose, &reference)?;
+        Ok((map, dose::distance_to_difference(&reference, tolerance, limit), io::json(&figures)?))
+    };
+    let (map, distance, figures) = py.detach(compare).raised(py)?;
+    let own = |volume: Volume<f32>| raster(py, &volume.grid().clone(), volume.into_data());
+    Ok((own(map)?, own(distance)?, figures))
+}
+
+/// The joint tree of bone labels as JSON and as text.
+#[pyfunction]
+#[pyo3(signature = (bones, names))]
+pub(crate) fn skeleton(
+    py: Python<'_>,
+    bones: &Bound<'_, PyAny>,
+    names: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, String)> {
+    let (given, names) = (arrays::labels(bones)?, names.map(arrays::names).transpose()?);
+    let show = || {
+        let grid = Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?;
+        let map = Ledger::default().bones(given, names, (None, &grid))?;
+        let built = bone_tree::build(&map)?;
+        let mut warnings = built.warnings;
+        warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&map))?);
+        warnings.extend(levels_by_landmarks(&map));
+        let shown = serde_json::json!({
+            "bones": built.skeleton.bones, "voxels": built.voxels, "ignored": built.ignored, "warnings": warnings,
+        });
+        Ok::<_, Error>((io::json(&shown)?, bone_tree::tree(&built.skeleton, &built.voxels)))
+    };
+    py.detach(show).raised(py)
+}

@@ -1,0 +1,302 @@
+//! Registrations and poses, and what they found.
+
+use crate::arrays::{Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
+use crate::case::{Inputs, More, Settings, transforms};
+use crate::errors::Raised;
+use crate::runs::Runs;
+use crate::warp;
+use aventail::io::RunFolder;
+use aventail::pipeline::{self, BoneMotion};
+use aventail::report::{self, Report, Run, Saving, planned};
+use aventail::volume::{LabelMap, Volume};
+use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
+use numpy::PyReadonlyArrayDyn;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
+
+/// A case and what was found of it.
+struct Found {
+    case: Case,
+    config: Config,
+    outcome: Outcome,
+}
+
+/// The outcome of a registration or a pose.
+#[pyclass(frozen, module = "aventail._aventail")]
+pub(crate) struct Registration {
+    runs: Runs,
+    found: Arc<RwLock<Found>>,
+}
+
+/// A raster of labels, or none.
+type MaybeLabels<'py> = Option<LabelRaster<'py>>;
+
+impl Registration {
+    fn new(runs: Runs, (case, config, mut outcome): (Case, Config, Outcome)) -> Self {
+        // Of a region everything lies on the part's grids.
+        let case = outcome.part.take().map_or(case, |part| *part);
+        Self { runs, found: Arc::new(RwLock::new(Found { case, config, outcome })) }
+    }
+
+    fn found(&self) -> RwLockReadGuard<'_, Found> {
+        self.found.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What `of` takes out of the results, without the interpreter's lock.
+    fn taken<T: Send>(&self, py: Python<'_>, of: impl FnOnce(&Found) -> T + Send) -> T {
+        py.detach(|| of(&self.found()))
+    }
+}
+
+#[pymethods]
+impl Registration {
+    /// The report as JSON.
+    fn report(&self, py: Python<'_>) -> PyResult<String> {
+        let threads = self.runs.runtime().threads();
+        self.taken(py, |found| {
+            let settings = found.config.value()?;
+            let run = Run { command: command(), settings, threads, outputs: Vec::new() };
+            Report::new(&found.case, &found.outcome, &run).json()
+        })
+        .raised(py)
+    }
+
+    /// One of the two fields.
+    fn field<'py>(&self, py: Python<'py>, to_fraction: bool) -> PyResult<Raster<'py, f32>> {
+        let field = self.taken(py, |found| displacement(&found.outcome, to_fraction).clone());
+        field_raster(py, field)
+    }
+
+    /// A scalar image by its name; `None` where this run has none.
+    fn image<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Raster<'py, f32>>> {
+        let image = self.taken(py, |found| match name {
+            "planning_on_fraction" => Some(found.outcome.planning_on_fraction.clone()),
+            "jacobian" => Some(found.outcome.jacobian.to_volume()),
+            "uncertainty" => found.outcome.uncertainty.as_ref().map(|(map, _)| map.clone()),
+            _ => None,
+        });
+        image.map(|image| raster(py, &image.grid().clone(), image.into_data())).transpose()
+    }
+
+    /// A label map by its name; `None` where this run has none.
+    fn labels<'py>(&self, py: Python<'py>, name: &str) -> PyResult<MaybeLabels<'py>> {
+        let labels = self.taken(py, |found| match name {
+            "bones_on_fraction" => Some(found.outcome.bones_on_fraction.clone()),
+            "regions" => found.outcome.regions.clone(),
+            _ => None,
+        });
+        labels.map(|labels| label_raster(py, labels)).transpose()
+    }
+
+    /// A mask by its name; `None` where this run has none.
+    fn mask<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Raster<'py, bool>>> {
+        let mask = self.taken(py, |found| match name {
+            "body" => Some(found.outcome.body.clone()),
+            "computed" => Some(found.outcome.push.computed.clone()),
+            "inside_planning" => Some(found.outcome.pull.inside.clone()),
+            "skin_contact" => found.outcome.skin_contact.clone(),
+            _ => None,
+        });
+        mask.map(|mask| raster(py, &mask.grid().clone(), mask.into_data())).transpose()
+    }
+
+    /// Each bone's name and transform.
+    fn bones(&self) -> Vec<(String, [[f64; 4]; 4])> {
+        self.found().outcome.bone_fits.iter().map(|bone| (bone.name.clone(), rows(&bone.transform))).collect()
+    }
+
+    /// Code and message of each warning.
+    fn warnings(&self) -> Vec<(String, String)> {
+        self.found().outcome.warnings.iter().map(|w| (w.code.clone(), w.message.clone())).collect()
+    }
+
+    /// Writes what the program writes.
+    #[pyo3(signature = (folder, view, progress))]
+    fn save(&self, py: Python<'_>, folder: PathBuf, view: bool, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let all = Arc::clone(&self.found);
+        self.runs.run(py, progress, move |runtime| {
+            let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
+            let Found { case, config, outcome } = &mut *found;
+            let inputs: Vec<_> = case.inputs.iter().map(|input| input.path.clone()).collect();
+            let inputs: Vec<_> = inputs.iter().map(PathBuf::as_path).collect();
+            let command = command();
+            let held = RunFolder::open(&folder, &planned(config), &inputs, &command)?;
+            let saving = Saving { command: &command, view, contours: None, more: None };
+            report::save(case, outcome, config, runtime, (held, &folder), saving).map(drop)
+        })
+    }
+
+    /// Points of one frame in the other, and which of them the field covers.
+    fn warp_points<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArrayDyn<'py, f64>,
+        to_fraction: bool,
+    ) -> PyResult<warp::Points<'py>> {
+        warp::points(py, &points, |points| {
+            self.taken(py, |found| warp::pushed(displacement(&found.outcome, to_fraction), points))
+        })
+    }
+
+    /// A scalar image or dose in the other frame, on its image's grid.
+    #[pyo3(signature = (image, to_fraction, cubic, outside, dose, grid))]
+    #[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+    fn warp_image<'py>(
+        &self,
+        py: Python<'py>,
+        image: &Bound<'py, PyAny>,
+        to_fraction: bool,
+        cubic: bool,
+        outside: f32,
+        dose: bool,
+        grid: Option<warp::Target>,
+    ) -> PyResult<Raster<'py, f32>> {
+        let given = crate::arrays::image(image)?;
+        let target = grid.map(warp::Target::grid).transpose().raised(py)?;
+        let warped = self.taken(py, |found| {
+            let back = displacement(&found.outcome, !to_fraction);
+            warp::image(back, given, target.as_ref(), warp::Kind { cubic, outside, dose })
+        });
+        let warped: Volume<f32> = warped.raised(py)?;
+        raster(py, &warped.grid().clone(), warped.into_data())
+    }
+
+    /// A label map in the other frame, on its image's grid.
+    #[pyo3(signature = (labels, names, to_fraction, grid))]
+    fn warp_labels<'py>(
+        &self,
+        py: Python<'py>,
+        labels: &Bound<'py, PyAny>,
+        names: Option<crate::arrays::Names>,
+        to_fraction: bool,
+        grid: Option<warp::Target>,
+    ) -> PyResult<LabelRaster<'py>> {
+        let given = crate::arrays::labels(labels)?;
+        let target = grid.map(warp::Target::grid).transpose().raised(py)?;
+        let warped = self.taken(py, |found| {
+            let map = match given {
+                Given::Path(path) => io::read_label_map(path, None)?.value,
+                Given::Value(volume) => LabelMap { volume, names: Default::default() },
+            };
+            let map = LabelMap { names: names.unwrap_or(map.names), volume: map.volume };
+            warp::labels(displacement(&found.outcome, !to_fraction), &map, target.as_ref())
+        });
+        label_raster(py, warped.raised(py)?)
+    }
+
+    /// Contours, as the text of a contour JSON, on the slices of the other frame's image.
+    #[pyo3(signature = (json, to_fraction, grid))]
+    fn warp_contours(
+        &self,
+        py: Python<'_>,
+        json: &str,
+        to_fraction: bool,
+        grid: Option<warp::Target>,
+    ) -> PyResult<String> {
+        let target = grid.map(warp::Target::grid).transpose().raised(py)?;
+        self.taken(py, |found| {
+            let both = [to_fraction, !to_fraction].map(|to| displacement(&found.outcome, to));
+            let frame = if to_fraction { "fraction" } else { "planning" };
+            warp::contours(both, crate::arrays::contours(Some(json), None)?, target.as_ref(), frame)
+        })
+        .raised(py)
+    }
+}
+
+/// One of the two fields.
+fn displacement(outcome: &Outcome, to_fraction: bool) -> &Volume<[f32; 3]> {
+    if to_fraction { &outcome.push.displacement } else { &outcome.pull.displacement }
+}
+
+/// What reports name as the command.
+fn command() -> String {
+    "aventail (Python)".into()
+}
+
+/// Registers a fraction.
+#[pyfunction]
+#[pyo3(signature = (planning, bones, fraction, more, settings, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn register(
+    py: Python<'_>,
+    planning: &Bound<'_, PyAny>,
+    bones: &Bound<'_, PyAny>,
+    fraction: &Bound<'_, PyAny>,
+    more: More<'_>,
+    settings: Settings,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Registration> {
+    let config = settings.config().raised(py)?;
+    let inputs = Inputs::new(planning, bones, Some(fraction), more)?;
+    let runs = Runs::new(threads).raised(py)?;
+    let found = runs.run(py, progress, move |runtime| {
+        let case = runtime.stage("read", || inputs.read())?;
+        let outcome = pipeline::register(&case, &config, runtime)?;
+        Ok((case, config, outcome))
+    })?;
+    Ok(Registration::new(runs, found))
+}
+
+/// How bones are told to move.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Motion {
+    /// A pose file's text.
+    text: Option<String>,
+    /// A pose file.
+    file: Option<PathBuf>,
+    /// Transforms by bone name.
+    transforms: Option<Vec<(String, [[f64; 4]; 4])>>,
+}
+
+impl Motion {
+    /// The motion for the case, whose skeleton it fixes where it names joints.
+    fn of(self, case: &mut Case) -> Result<BoneMotion> {
+        if let Some(all) = self.transforms {
+            return Ok(BoneMotion::Transforms(transforms(all)?));
+        }
+        if self.text.is_none() && self.file.is_none() {
+            return Ok(BoneMotion::Landmarks);
+        }
+        let skeleton = match case.skeleton.take() {
+            Some(own) => own,
+            None => skeleton::build(&case.bones)?.skeleton,
+        };
+        let pose = match (self.text, self.file) {
+            (Some(text), _) => io::pose::parse_pose(&text, "pose", &skeleton)?,
+            (None, Some(file)) => io::pose::read_pose(file, &skeleton)?,
+            (None, None) => return Err(Error::Internal("a pose was just there".into())),
+        };
+        case.skeleton = Some(skeleton);
+        Ok(BoneMotion::Pose(pose))
+    }
+}
+
+/// Poses a patient.
+#[pyfunction]
+#[pyo3(signature = (planning, bones, motion, margin_mm, more, settings, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn pose(
+    py: Python<'_>,
+    planning: &Bound<'_, PyAny>,
+    bones: &Bound<'_, PyAny>,
+    motion: Motion,
+    margin_mm: f64,
+    more: More<'_>,
+    settings: Settings,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Registration> {
+    let config = settings.config().raised(py)?;
+    let inputs = Inputs::new(planning, bones, None, more)?;
+    let runs = Runs::new(threads).raised(py)?;
+    let found = runs.run(py, progress, move |runtime| {
+        let mut case = runtime.stage("read", || inputs.read())?;
+        let motion = motion.of(&mut case)?;
+        let (case, outcome) = pipeline::pose(case, &motion, margin_mm, &config, runtime)?;
+        Ok((case, config, outcome))
+    })?;
+    Ok(Registration::new(runs, found))
+}

@@ -1,0 +1,280 @@
+"""A registration of the phantom: its fields, what it carries, and what it is given as."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+import pytest
+
+import aventail
+
+sitk = pytest.importorskip("SimpleITK")
+
+
+def test_simpleitk_resamples_as_we_do(phantom: aventail.Phantom, registration: aventail.Registration) -> None:
+    resampled = sitk.GetArrayFromImage(
+        sitk.Resample(
+            phantom.planning.to_sitk(),
+            phantom.fraction.to_sitk(),
+            registration.fraction_to_planning.to_sitk(),
+            sitk.sitkLinear,
+            -1000.0,
+        )
+    )
+    own = registration.planning_on_fraction
+    assert own.size == phantom.fraction.size and np.allclose(own.affine, phantom.fraction.affine)
+    inside = registration.inside_planning.array
+    difference = (resampled - own.array)[inside]
+    assert inside.mean() > 0.5 and np.sqrt(np.mean(difference**2)) < 0.3
+
+
+def test_the_fields_lie_on_their_grids_and_lead_to_each_other(
+    phantom: aventail.Phantom, registration: aventail.Registration
+) -> None:
+    push, pull = registration.planning_to_fraction, registration.fraction_to_planning
+    assert push.size == phantom.planning.size and pull.size == phantom.fraction.size
+    assert push.array.dtype == np.float32 and push.array.shape == (*reversed(push.size), 3)
+    assert push.array is push.array
+    points = np.array([planning for planning, _ in phantom.landmarks.values()])
+    there = registration.warp(points, to="fraction", kind="points")
+    transform = push.to_sitk()
+    assert np.allclose(there, [transform.TransformPoint(p) for p in points], atol=1e-3)
+    back = registration.warp(there, to="planning", kind="points")
+    assert np.abs(back - points).max() < 0.6
+    # The report has the same landmarks.
+    after = registration.report["landmarks"]
+    assert after is not None
+    truth = np.array([fraction for _, fraction in phantom.landmarks.values()])
+    residuals = np.linalg.norm(there - truth, axis=1)
+    assert np.allclose(residuals, [each["after"] for each in after["each"]], atol=1e-3)
+
+
+def test_points_outside_stay_and_are_told(registration: aventail.Registration) -> None:
+    far = np.array([[0.0, 0.0, 5000.0], [0.0, 0.0, 0.0]])
+    with pytest.warns(RuntimeWarning, match="1 of 2 points"):
+        carried = registration.warp(far, to="fraction")
+    assert np.array_equal(carried[0], far[0]) and not np.array_equal(carried[1], far[1])
+
+
+def test_images_labels_dose_and_contours_are_carried(
+    phantom: aventail.Phantom, registration: aventail.Registration, tmp_path: Path
+) -> None:
+    image = registration.warp(phantom.planning, to="fraction")
+    assert np.array_equal(image.array, registration.planning_on_fraction.array)
+    labels = registration.warp(phantom.bones, to="fraction")
+    assert np.array_equal(labels.array, registration.bones_on_fraction.array)
+    assert labels.names == phantom.bones.names == registration.bones_on_fraction.names
+    phantom.bones.save(tmp_path / "bones.nii.gz")
+    by_file = registration.warp(tmp_path / "bones.nii.gz", to="fraction", kind="labels")
+    assert np.array_equal(by_file.array, labels.array) and by_file.names == labels.names
+    dose = registration.warp(phantom.dose, to="fraction")
+    mapped = aventail.dose.map(phantom.dose, registration, to="fraction")
+    assert dose.array.min() >= 0 and np.array_equal(dose.array, mapped.dose.array)
+    there = registration.warp(phantom.contours, to="fraction")
+    assert list(there.structures) == list(phantom.contours.structures)
+    heights = {round(float(p[0, 2]), 3) for polygons in there.structures.values() for p in polygons}
+    z = {round(phantom.fraction.point((0, 0, k))[2], 3) for k in range(phantom.fraction.size[2])}
+    assert heights <= z
+    there.save(tmp_path / "day.json", "fraction")
+    again = aventail.Contours.of(tmp_path / "day.json")
+    assert np.allclose(again.structures["ctv"][0], there.structures["ctv"][0], atol=1e-3)
+    # On another grid, and back.
+    coarse = aventail.Image(np.zeros((20, 20, 20), np.float32), (12, 12, 12), (-120, -140, -200))
+    assert registration.warp(phantom.planning, to="fraction", grid=coarse).size == (20, 20, 20)
+    home = registration.warp(phantom.fraction, to="planning")
+    assert home.size == phantom.planning.size
+    still = sitk.Resample(phantom.fraction.to_sitk(), phantom.planning.to_sitk(), sitk.Transform(), sitk.sitkLinear, -1000)
+    bones = (phantom.bones.array > 0) & (home.array > -900)
+    off = [np.abs(i - phantom.planning.array)[bones].mean() for i in (home.array, sitk.GetArrayFromImage(still))]
+    assert off[0] < 0.5 * off[1]
+
+
+def test_every_kind_of_input_gives_the_same_bits(phantom: aventail.Phantom, tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    names = {"planning": phantom.planning, "bones": phantom.bones, "fraction": phantom.fraction}
+    for name, image in names.items():
+        image.save(tmp_path / f"{name}.nii.gz")
+    files = [tmp_path / f"{name}.nii.gz" for name in names]
+    settings = {"preset": "fast"}
+    by_path = aventail.register(*files, settings=settings)
+    expected = by_path.planning_to_fraction.array
+    assert [i["role"] for i in by_path.report["inputs"]] == ["planning", "bones", "fraction"]
+    read = [sitk.ReadImage(str(file)) for file in files]
+    by_sitk = aventail.register(*read, labels=phantom.bones.names, settings=settings, threads=1)
+    assert np.array_equal(by_sitk.planning_to_fraction.array, expected)
+    by_name = {name: label for label, name in (phantom.bones.names or {}).items()}
+    loaded = [nibabel.load(file) for file in files]
+    by_nibabel = aventail.register(*loaded, settings="fast", threads=2)
+    assert np.array_equal(by_nibabel.planning_to_fraction.array, expected)
+    bare = aventail.Image(phantom.bones.array, *(getattr(phantom.bones, a) for a in ("spacing", "origin", "direction")))
+    by_array = aventail.register(files[0], bare, files[2], labels=by_name, settings=settings)
+    assert np.array_equal(by_array.planning_to_fraction.array, expected)
+
+
+def test_what_is_saved_is_what_the_program_writes(phantom: aventail.Phantom, tmp_path: Path) -> None:
+    from test_program import program
+
+    for name, image in {"p": phantom.planning, "b": phantom.bones, "f": phantom.fraction}.items():
+        image.save(tmp_path / f"{name}.nii.gz")
+    (tmp_path / "s.toml").write_text('preset = "fast"\n')
+    files = [tmp_path / f"{name}.nii.gz" for name in "pbf"]
+    aventail.register(*files, settings=tmp_path / "s.toml").save(tmp_path / "own")
+    options = [f"--{role}={file}" for role, file in zip(("planning", "bones", "fraction"), files, strict=True)]
+    done = program("register", *options, f"--config={tmp_path / 's.toml'}", f"--out={tmp_path / 'other'}", "--quiet")
+    assert done.returncode == 0, done.stderr
+
+    def listed(folder: str) -> dict[str, str]:
+        report = json.loads((tmp_path / folder / "report.json").read_text())
+        # The page tells time and command.
+        return {o["name"]: o["sha256"] for o in report["outputs"] if o["name"] != "report.html"}
+
+    assert listed("own") == listed("other") and len(listed("own")) > 10
+    # And the run can be repeated from its report.
+    again = program("register", f"--config={tmp_path / 'own' / 'report.json'}", f"--out={tmp_path / 'again'}", "--quiet")
+    assert again.returncode == 0, again.stderr
+    assert listed("again") == listed("own")
+
+
+def test_maps_bones_and_warnings(phantom: aventail.Phantom, registration: aventail.Registration) -> None:
+    assert registration.jacobian.size == phantom.planning.size
+    assert 0.8 < np.median(registration.jacobian.array[registration.body.array]) < 1.2
+    assert registration.uncertainty is not None and registration.uncertainty.array.max() > 0
+    assert registration.regions is None
+    assert set(registration.bones) == set(phantom.transforms)
+    for name, matrix in registration.bones.items():
+        assert matrix.shape == (4, 4) and np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9), name
+    point = np.array([0.0, 20.0, -60.0, 1.0])
+    off = [np.linalg.norm((registration.bones[n] - phantom.transforms[n]) @ point) for n in ("skull", "vertebrae_C4")]
+    assert max(off) < 2.0
+    assert all(w.code and w.message for w in registration.warnings)
+
+
+def keys_match(value: Any, hint: Any, where: str) -> None:
+    """Whether dicts have the keys that their TypedDict says, all the way down."""
+    if hasattr(hint, "__required_keys__"):
+        assert hint.__required_keys__ <= set(value) <= hint.__required_keys__ | hint.__optional_keys__, where
+        for key, inner in get_type_hints(hint).items():
+            if key in value:
+                keys_match(value[key], inner, f"{where}.{key}")
+        return
+    inner = get_args(hint)
+    if isinstance(value, list) and inner:
+        for entry in value:
+            keys_match(entry, inner[0], where)
+    elif isinstance(value, dict) and inner:
+        for option in inner:
+            if hasattr(option, "__required_keys__"):
+                keys_match(value, option, where)
+
+
+def test_dicts_are_what_their_types_say(phantom: aventail.Phantom, registration: aventail.Registration) -> None:
+    keys_match(registration.report, aventail.reports.Report, "report")
+    found = aventail.evaluate(
+        registration,
+        planning=phantom.planning,
+        fraction=phantom.fraction,
+        bones=phantom.bones,
+        structures=phantom.bones,
+        structures_fraction=registration.bones_on_fraction,
+        landmarks=phantom.landmarks,
+    )
+    keys_match(found, aventail.reports.Assessment, "assessment")
+    assert found["landmarks"] is not None and found["inversion"] is None
+    # What we carry ourselves is what we compare with.
+    assert min(c["dice"] for c in found["contours"] if c["reference_ml"] > 5) > 0.9
+    keys_match(aventail.skeleton(phantom.bones), aventail.reports.Skeleton, "skeleton")
+    mapped = aventail.dose.map(phantom.dose, registration, to="fraction")
+    keys_match(mapped.report, aventail.reports.DoseReport, "dose")
+    for curve in aventail.dose.dvh(mapped.dose, registration.warp(phantom.contours, to="fraction"), at=[20]):
+        keys_match(curve, aventail.reports.Dvh, "dvh")
+    figures = aventail.dose.compare(phantom.dose, phantom.dose).figures
+    keys_match(figures, aventail.reports.DoseDifference, "difference")
+
+
+def test_progress_is_told_in_this_thread_and_what_it_raises_ends_the_run(phantom: aventail.Phantom) -> None:
+    told: list[tuple[str, float | None]] = []
+
+    def tell(stage: str, share: float | None) -> None:
+        assert threading.current_thread() is threading.main_thread()
+        told.append((stage, share))
+        if stage == "fit skeleton":
+            raise LookupError("enough")
+
+    with pytest.raises(LookupError, match="enough"):
+        aventail.register(phantom.planning, phantom.bones, phantom.fraction, progress=tell)
+    assert ("read", None) in told and ("read", 1.0) in told
+    assert told[-1] == ("fit skeleton", None)
+
+
+def test_ctrl_c_ends_a_run_and_the_next_one_works() -> None:
+    phantom = aventail.phantom(spacing=(3.5, 3.5, 4))
+    begun = threading.Event()
+    ran = threading.Event()
+
+    def later() -> None:
+        begun.wait()
+        # Python's other threads run: the lock is free.
+        ran.set()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    watcher = threading.Thread(target=later)
+    watcher.start()
+
+    def tell(stage: str, share: float | None) -> None:
+        if stage == "find the patient":
+            begun.set()
+
+    with pytest.raises(KeyboardInterrupt):
+        aventail.register(phantom.planning, phantom.bones, phantom.fraction, progress=tell)
+    watcher.join()
+    assert ran.is_set()
+    coarse = aventail.phantom(spacing=(8, 8, 8))
+    aventail.register(coarse.planning, coarse.bones, coarse.fraction, settings="fast")
+
+
+def test_what_was_stopped_can_be_asked_for_again(registration: aventail.Registration, tmp_path: Path) -> None:
+    def stop(stage: str, share: float | None) -> None:
+        raise LookupError(stage)
+
+    with pytest.raises(LookupError):
+        registration.save(tmp_path / "out", progress=stop)
+    registration.save(tmp_path / "out", view=False)
+    assert (tmp_path / "out" / "report.json").exists()
+
+
+def test_a_pose_moves_what_it_names(phantom: aventail.Phantom) -> None:
+    posed = aventail.pose(phantom.planning, phantom.bones, {"skull": {"axial_deg": 5.0}}, settings="fast", margin_mm=6.0)
+    turn = posed.bones["skull"][:3, :3]
+    assert np.isclose(np.degrees(np.arccos((np.trace(turn) - 1) / 2)), 5.0, atol=1e-6)
+    assert np.allclose(posed.bones["vertebrae_C7"], np.eye(4))
+    x, y, z = phantom.planning.size
+    assert posed.planning_on_fraction.size == (x + 4, y + 4, z + 2)
+    back = aventail.pose(phantom.planning, phantom.bones, transforms=posed.bones, settings="fast", margin_mm=6.0)
+    assert np.allclose(back.planning_to_fraction.array, posed.planning_to_fraction.array, atol=1e-3)
+    with pytest.raises(aventail.InputError, match="skul"):
+        aventail.pose(phantom.planning, phantom.bones, {"skul": {"axial_deg": 5.0}})
+
+
+def test_antspyx_reads_the_saved_field(
+    phantom: aventail.Phantom, registration: aventail.Registration, tmp_path: Path
+) -> None:
+    ants = pytest.importorskip("ants", reason="antspyx is not installed: its reading of fields is not tested here")
+    for name, image in {"p.nii.gz": phantom.planning, "f.nii.gz": phantom.fraction}.items():
+        image.save(tmp_path / name)
+    registration.fraction_to_planning.save(tmp_path / "field.nii.gz")
+    moved = ants.apply_transforms(
+        fixed=ants.image_read(str(tmp_path / "f.nii.gz")),
+        moving=ants.image_read(str(tmp_path / "p.nii.gz")),
+        transformlist=[str(tmp_path / "field.nii.gz")],
+        interpolator="linear",
+        defaultvalue=-1000,
+    )
+    own = registration.planning_on_fraction.array.transpose(2, 1, 0)
+    inside = registration.inside_planning.array.transpose(2, 1, 0)
+    assert np.sqrt(np.mean((moved.numpy() - own)[inside] ** 2)) < 0.3

@@ -1,0 +1,56 @@
+//! The folder that Slicer loads.
+
+use crate::error::{Error, Result};
+use crate::io::write_file;
+use std::path::Path;
+
+/// Name of the module's file: Slicer shows the title of the description, and knows the module by this name.
+const NAME: &str = "AventailRegister";
+
+/// Writes the file that Slicer runs; returns what to do next.
+pub(super) fn run(folder: &Path) -> Result<String> {
+    let program = std::env::current_exe()
+        .map_err(|e| Error::Internal(format!("where this program lies cannot be found out: {e}")))?;
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Error::write(folder, e.to_string(), "choose a folder that you may write to"))?;
+    let (name, text) = script(&program)?;
+    let file = folder.join(name);
+    write_file(&file, |out| out.write_all(text.as_bytes()))?;
+    executable(&file)?;
+    Ok(format!(
+        "{} is written. In Slicer: Edit, Application Settings, Modules, Additional module paths, add\n  {}\n\
+         and restart it. The module is under Registration: Articulated Registration (aventail).",
+        file.display(),
+        std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned()).display()
+    ))
+}
+
+/// A script that calls the program where it lies.
+#[cfg(not(windows))]
+fn script(program: &Path) -> Result<(String, String)> {
+    let path = program.to_str().filter(|p| !p.contains('\n')).ok_or_else(|| {
+        let problem = format!("{}: its path is no text that a script can hold", program.display());
+        Error::usage(problem, "move the program, then install again")
+    })?;
+    let quoted = format!("'{}'", path.replace('\'', r"'\''"));
+    Ok((NAME.into(), format!("#!/bin/sh\nexec {quoted} slicer register \"$@\"\n")))
+}
+
+#[cfg(windows)]
+fn script(program: &Path) -> Result<(String, String)> {
+    // A percent sign begins a variable in such a file.
+    let path = program.display().to_string().replace('%', "%%");
+    Ok((format!("{NAME}.bat"), format!("@\"{path}\" slicer register %*\r\n")))
+}
+
+#[cfg(unix)]
+fn executable(file: &Path) -> Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o755))
+        .map_err(|e| Error::write(file, e.to_string(), "choose a folder whose files may be run"))
+}
+
+#[cfg(not(unix))]
+fn executable(_: &Path) -> Result<()> {
+    Ok(())
+}

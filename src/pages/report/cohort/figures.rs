@@ -1,0 +1,179 @@
+//! The figures by which runs of a cohort are compared.
+
+use super::super::numbers::Report;
+
+/// Which way a figure is worse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Worse {
+    High,
+    Low,
+    /// Neither is better; what is unlike the others is worth a look.
+    Unlike,
+}
+
+/// One figure of a run.
+pub(super) struct Kind {
+    /// Its column in tables and key in JSON, with its unit.
+    pub(super) key: &'static str,
+    /// Heading of its column on the page.
+    pub(super) title: &'static str,
+    pub(super) unit: &'static str,
+    pub(super) digits: usize,
+    pub(super) worse: Worse,
+    /// A smaller difference from the cohort's median matters to nobody.
+    pub(super) least: f64,
+    /// Whether the page draws its course over a patient's fractions.
+    pub(super) course: bool,
+    of: fn(&Report) -> Option<f64>,
+}
+
+impl Kind {
+    /// The figure of a run; nothing where the run has none or it is no number.
+    pub(super) fn of(&self, report: &Report) -> Option<f64> {
+        (self.of)(report).filter(|v| v.is_finite())
+    }
+}
+
+/// A figure without a course, which is worse where it is higher.
+const PLAIN: Kind =
+    Kind { key: "", title: "", unit: "mm", digits: 2, worse: Worse::High, least: 0.0, course: false, of: |_| None };
+
+/// All figures, in the order of the columns.
+pub(super) const KINDS: [Kind; 16] = [
+    Kind {
+        key: "couch_shift_mm",
+        title: "couch shift",
+        digits: 1,
+        worse: Worse::Unlike,
+        least: 5.0,
+        course: true,
+        of: |r| Some(r.couch_shift.norm()),
+        ..PLAIN
+    },
+    Kind {
+        key: "bones_by_image",
+        title: "bones found",
+        unit: "",
+        digits: 0,
+        worse: Worse::Low,
+        least: 1.0,
+        of: |r| Some(r.bones_by_image() as f64),
+        ..PLAIN
+    },
+    Kind {
+        key: "least_similarity",
+        title: "least similarity of a bone",
+        unit: "",
+        worse: Worse::Low,
+        least: 0.05,
+        of: |r| least(r.bones.iter().filter(|b| b.determined_by == "image").filter_map(|b| b.similarity_after)),
+        ..PLAIN
+    },
+    Kind {
+        key: "largest_bone_motion_mm",
+        title: "largest motion of a bone",
+        digits: 1,
+        worse: Worse::Unlike,
+        least: 5.0,
+        course: true,
+        of: |r| most(r.bones.iter().filter(|b| b.determined_by != "joint").map(|b| b.motion_mm)),
+        ..PLAIN
+    },
+    Kind {
+        key: "bone_position_sd_mm",
+        title: "SD of a bone's position",
+        least: 0.2,
+        of: |r| most(r.bones.iter().filter(|b| b.determined_by == "image").map(|b| b.position_sd_mm)),
+        ..PLAIN
+    },
+    Kind {
+        key: "joint_beyond_range_deg",
+        title: "joint beyond its range",
+        unit: "degrees",
+        digits: 1,
+        least: 2.0,
+        of: |r| most(r.bones.iter().map(|b| b.beyond_range.rotation_deg)),
+        ..PLAIN
+    },
+    Kind {
+        key: "landmarks_mean_mm",
+        title: "landmarks, mean",
+        least: 0.2,
+        course: true,
+        of: |r| r.landmarks.as_ref().filter(|l| l.after.n > 0).map(|l| l.after.mean),
+        ..PLAIN
+    },
+    Kind {
+        key: "landmarks_worst_mm",
+        title: "landmarks, worst",
+        least: 0.5,
+        of: |r| r.landmarks.as_ref().filter(|l| l.after.n > 0).map(|l| l.after.max),
+        ..PLAIN
+    },
+    Kind {
+        key: "there_and_back_mean_mm",
+        title: "there and back, mean",
+        digits: 3,
+        least: 0.05,
+        of: |r| Some(r.consistency.there_and_back_mm.mean),
+        ..PLAIN
+    },
+    Kind {
+        key: "there_and_back_worst_mm",
+        title: "there and back, worst",
+        least: 0.5,
+        of: |r| Some(r.consistency.there_and_back_mm.max),
+        ..PLAIN
+    },
+    Kind {
+        key: "folded_percent",
+        title: "folded tissue",
+        unit: "%",
+        digits: 4,
+        least: 0.01,
+        course: true,
+        of: |r| Some(r.jacobian.body.folded_percent),
+        ..PLAIN
+    },
+    Kind {
+        key: "departure_from_rigid_mm",
+        title: "bones' departure from rigid, worst rms",
+        digits: 3,
+        least: 0.01,
+        of: |r| r.least_rigid().map(|b| b.rms_mm),
+        ..PLAIN
+    },
+    Kind {
+        key: "uncertainty_median_mm",
+        title: "uncertainty, median",
+        least: 0.2,
+        course: true,
+        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.median),
+        ..PLAIN
+    },
+    Kind {
+        key: "uncertainty_p95_mm",
+        title: "uncertainty, 95th percentile",
+        least: 0.5,
+        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.p95),
+        ..PLAIN
+    },
+    Kind {
+        key: "uncertainty_unknown_percent",
+        title: "tissue of which nothing is known",
+        unit: "%",
+        digits: 1,
+        least: 2.0,
+        of: |r| r.uncertainty.map(|u| u.unknown_percent),
+        ..PLAIN
+    },
+    Kind { key: "seconds", title: "time", unit: "s", digits: 1, least: 5.0, of: |r| Some(r.seconds()), ..PLAIN },
+];
+
+fn most(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.max_by(f64::total_cmp)
+}
+
+fn least(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.min_by(f64::total_cmp)
+}

@@ -1,0 +1,79 @@
+//! Everything of a run into its folder.
+
+use super::outputs::write_outputs;
+use super::{OutputFile, Report, Run, draw, embed, write};
+use crate::config::Config;
+use crate::error::Result;
+use crate::io::RunFolder;
+use crate::pipeline::{Case, Outcome};
+use crate::runtime::Runtime;
+use crate::volume::contour::Contours;
+use crate::warning::Warning;
+use std::path::Path;
+
+/// Writes more files of an outcome; returns them, and what is to be known.
+pub type More<'a> = dyn Fn(&Outcome) -> Result<(Vec<OutputFile>, Vec<Warning>)> + Sync + 'a;
+
+/// How a run is saved, apart from what it found.
+#[derive(Clone, Copy)]
+pub struct Saving<'a> {
+    /// The command line, for the report.
+    pub command: &'a str,
+    /// With the volumes in the page, to look through.
+    pub view: bool,
+    /// Structures of the planning CT, for the page.
+    pub contours: Option<&'a Contours>,
+    /// Files beyond fields, images and report.
+    pub more: Option<&'a More<'a>>,
+}
+
+/// Writes an outcome, of a case or of the part of it that [`Outcome::part`] is, with its report into `out`, which `folder`
+/// holds: fields, images, masks, pictures, `report.html`, `report.json` (docs/formats.md lists them). Returns the report's
+/// numbers. The outcome takes up what writing found and the times so far.
+///
+/// # Errors
+/// [`Error::Write`](crate::error::Error::Write) when a file cannot be written; what [`Saving::more`] reports.
+pub fn save(
+    whole: &Case,
+    outcome: &mut Outcome,
+    config: &Config,
+    runtime: &Runtime,
+    (mut folder, out): (RunFolder, &Path),
+    saving: Saving<'_>,
+) -> Result<Report> {
+    folder.begin()?;
+    let part = outcome.part.take();
+    let case = part.as_deref().unwrap_or(whole);
+    let written = fill(case, outcome, config, runtime, out, saving);
+    outcome.part = part;
+    let report = written?;
+    folder.finish();
+    Ok(report)
+}
+
+/// Writes all files, the report last.
+fn fill(
+    case: &Case,
+    outcome: &mut Outcome,
+    config: &Config,
+    runtime: &Runtime,
+    out: &Path,
+    Saving { command, view, contours, more }: Saving<'_>,
+) -> Result<Report> {
+    let settings = config.value()?;
+    let found = &*outcome;
+    let draw = || rayon::join(|| draw(case, found), || view.then(|| embed(case, found, contours)).transpose());
+    let (outputs, (pictures, view)) =
+        runtime.stage("write, draw", || rayon::join(|| write_outputs(out, found, config), draw));
+    let mut outputs = outputs?;
+    if let Some(more) = more {
+        let (files, warnings) = runtime.stage("write DICOM", || more(outcome))?;
+        outputs.extend(files);
+        outcome.warnings.extend(warnings);
+    }
+    let limits = config.verdict.clone();
+    let run = Run { command: command.to_owned(), settings, threads: runtime.threads(), outputs, limits };
+    outcome.stages = runtime.times();
+    let pictures = (pictures?, view?);
+    runtime.stage("report", || write(out, case, outcome, &run, pictures))
+}

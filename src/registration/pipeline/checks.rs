@@ -1,0 +1,74 @@
+//! What an image, a label map or their headers must be by themselves.
+
+use super::Case;
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::plausibility::in_hounsfield;
+use crate::volume::Volume;
+use crate::warning::Warning;
+use rayon::prelude::*;
+
+/// The labels lie on the planning grid.
+pub(super) fn check_labels(case: &Case) -> Result<()> {
+    check_grids(case.planning.grid(), case.bones.volume.grid())
+}
+
+/// Whether bone labels lie on the planning CT's grid; headers are enough to tell.
+///
+/// # Errors
+/// [`Error::Input`] when they do not.
+pub fn check_grids(ct: &Grid, bones: &Grid) -> Result<()> {
+    let tolerance = 0.1 * ct.spacing().into_iter().fold(f64::MAX, f64::min);
+    if !ct.matches(bones, tolerance) {
+        return Err(Error::input(
+            "bone labels",
+            format!(
+                "their grid (size {:?}, spacing {:?} mm, origin {:.2?} mm) is not that of the planning CT (size {:?}, spacing {:?} mm, origin {:.2?} mm)",
+                bones.size(),
+                bones.spacing(),
+                bones.origin().coords.as_slice(),
+                ct.size(),
+                ct.spacing(),
+                ct.origin().coords.as_slice()
+            ),
+            "give the labels of this planning CT, or resample them onto its grid with nearest-neighbour interpolation",
+        ));
+    }
+    Ok(())
+}
+
+/// Judges the fraction of a case by itself, in little time: before anything long begins.
+///
+/// # Errors
+/// [`Error::Input`] where it is no CT in HU.
+pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
+    check_image("fraction CT", fraction, config)
+}
+
+/// Whether an image of this grid can show a patient; headers are enough to tell.
+///
+/// # Errors
+/// [`Error::Input`] when it cannot.
+pub fn check_size(what: &str, grid: &Grid) -> Result<()> {
+    if grid.size().iter().all(|&n| n >= 4) {
+        return Ok(());
+    }
+    let problem = format!("its size is {:?} voxels", grid.size());
+    Err(Error::input(what, problem, "a volume of at least 4 voxels along every axis is needed"))
+}
+
+/// An image that can show a patient.
+pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
+    check_size(what, image.grid())?;
+    let first = image.data()[0];
+    if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
+        return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
+    }
+    let odd = image.data().par_iter().filter(|v| !v.is_finite()).count();
+    if odd > 0 {
+        let problem = format!("{odd} voxels are NaN or infinite");
+        return Err(Error::input(what, problem, "give a CT whose every voxel has a value, in HU"));
+    }
+    config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
+}

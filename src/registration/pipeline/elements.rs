@@ -1,0 +1,41 @@
+//! What the chain mail of a case is made from.
+
+use super::Case;
+use crate::chainmail::{ChainmailOptions, SlidingRegion, Tissue};
+use crate::config::{Config, SoftTissue};
+use crate::skeleton::Skeleton;
+use crate::volume::Mask;
+
+/// Spacing of the field of the bones alone, mm: it is compared with, not used.
+const ALONE_MM: f64 = 8.0;
+
+/// Spacing of the field of the bones alone under these options, mm.
+pub(super) fn alone_mm(options: &ChainmailOptions) -> f64 {
+    options.spacing_mm.max(ALONE_MM)
+}
+
+/// Whether the images, and with them the patient in the fraction CT, take part in soft tissue.
+pub(super) fn images_pull(config: &Config) -> bool {
+    config.refine.pulls() && config.soft_tissue == SoftTissue::ChainMail
+}
+
+/// Position in the skeleton of each possible label.
+pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
+    let mut out = vec![None; usize::from(u16::MAX) + 1];
+    for (b, bone) in skeleton.bones.iter().enumerate() {
+        out[usize::from(bone.label)] = Some(b as u16);
+    }
+    out
+}
+
+/// What the chain mail of a case is made from.
+pub(super) fn tissue<'a>(
+    case: &'a Case,
+    (body, lung, sliding): (&'a Mask, Option<&'a Mask>, Option<&'a Mask>),
+    bone_of_label: &'a [Option<u16>],
+    options: &ChainmailOptions,
+) -> Tissue<'a> {
+    let along = options.slip.along;
+    let sliding = sliding.map(|region| SlidingRegion { region, along });
+    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
+}

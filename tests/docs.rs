@@ -1,0 +1,108 @@
+//! The documents: every link leads somewhere, every page is in the book, prose is in lines that a person reads.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot read the sources fails")]
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Longest line of prose, characters.
+const WIDEST: usize = 100;
+
+/// All Markdown files of the project.
+fn documents() -> Vec<PathBuf> {
+    let mut found = vec![root().join("README.md"), root().join("CHANGELOG.md")];
+    let mut folders = ["docs", "data", "tests/peers", "workflow", "python"].map(|f| root().join(f)).to_vec();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            match path.extension() {
+                _ if path.is_dir() && !name.starts_with('.') && name != "book" => folders.push(path),
+                Some(e) if e == "md" => found.push(path),
+                _ => {}
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Lines outside code, with their numbers.
+fn prose(text: &str) -> Vec<(usize, &str)> {
+    let mut code = false;
+    let outside = |(n, line): (usize, &'_ str)| {
+        let fence = line.trim_start().starts_with("```");
+        code ^= fence;
+        (!code && !fence).then_some(n + 1)
+    };
+    let kept: Vec<usize> = text.lines().enumerate().filter_map(outside).collect();
+    let lines: Vec<&str> = text.lines().collect();
+    kept.into_iter().map(|n| (n, lines[n - 1])).collect()
+}
+
+/// The anchor that a heading has.
+fn anchor(heading: &str) -> String {
+    let text = heading.trim_start_matches('#').trim().to_lowercase();
+    let kept = text.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+}
+
+fn anchors(text: &str) -> BTreeSet<String> {
+    prose(text).iter().filter(|(_, line)| line.starts_with('#')).map(|(_, line)| anchor(line)).collect()
+}
+
+/// Targets of links and pictures in a line.
+fn targets(line: &str) -> Vec<&str> {
+    line.split("](").skip(1).filter_map(|rest| rest.split_once(')').map(|(target, _)| target)).collect()
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let mut broken = Vec::new();
+    for path in documents() {
+        let text = fs::read_to_string(&path).unwrap();
+        for (n, line) in prose(&text) {
+            for target in targets(line).into_iter().filter(|t| !t.contains("://") && !t.starts_with("mailto:")) {
+                let (file, part) = target.split_once('#').unwrap_or((target, ""));
+                let to = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
+                let whole =
+                    to.exists() && (part.is_empty() || anchors(&fs::read_to_string(&to).unwrap()).contains(part));
+                if !whole {
+                    broken.push(format!("{}:{n}: {target}", path.strip_prefix(root()).unwrap().display()));
+                }
+            }
+        }
+    }
+    assert!(broken.is_empty(), "links that lead nowhere:\n{}", broken.join("\n"));
+}
+
+#[test]
+fn every_page_is_in_the_book() {
+    let docs = root().join("docs");
+    let summary = fs::read_to_string(docs.join("SUMMARY.md")).unwrap();
+    let listed: BTreeSet<PathBuf> = summary.lines().flat_map(targets).map(|t| docs.join(t)).collect();
+    let pages = documents().into_iter().filter(|p| p.starts_with(&docs) && !p.ends_with("SUMMARY.md"));
+    let missing: Vec<PathBuf> = pages.filter(|p| !listed.contains(p)).collect();
+    assert!(missing.is_empty(), "not in docs/SUMMARY.md: {missing:?}");
+}
+
+#[test]
+fn prose_is_in_lines_that_a_person_reads() {
+    let mut long = Vec::new();
+    for path in documents() {
+        let text = fs::read_to_string(&path).unwrap();
+        for (n, line) in prose(&text) {
+            // A table's row and a lone link cannot be broken.
+            let whole = line.trim_start().starts_with('|') || !line.trim().contains(' ') || line.starts_with("![");
+            if !whole && line.chars().count() > WIDEST {
+                long.push(format!("{}:{n}", path.strip_prefix(root()).unwrap().display()));
+            }
+        }
+    }
+    assert!(long.is_empty(), "{} lines are longer than {WIDEST} characters:\n{}", long.len(), long.join("\n"));
+}

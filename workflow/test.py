@@ -1,0 +1,157 @@
+"""Runs the workflow on 12 phantom patients with 3 fractions each, kills it in the middle, finishes it, and checks what it made.
+
+python workflow/test.py PROGRAM FOLDER     (snakemake on PATH; FOLDER is made anew)
+"""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+PATIENTS, FRACTIONS = 12, 3
+WEIGHTS = [0.3, 0.3, 0.4]
+# Killed when this many registrations are done.
+KILLED_AT = 8
+
+
+def call(*words, **more):
+    return subprocess.run([str(w) for w in words], check=True, **more)
+
+
+def make_patients(program, folder):
+    """One phantom, and as many of its postures as there are fractions; their dose is carried with the tissue."""
+    phantom, library = folder / "phantom", folder / "library"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    call(program, "phantom", "--spacing", "9x9x9", "--out", phantom, **quiet)
+    images = ["--planning", phantom / "planning_ct.nii.gz", "--bones", phantom / "bones.nii.gz"]
+    more = ["--dose", phantom / "dose.nii.gz", "--sample", PATIENTS * FRACTIONS, "--seed", 3]
+    call(program, "library", *images, *more, "--out", library, "--quiet", **quiet)
+    postures = sorted(p for p in library.iterdir() if p.is_dir())
+    assert len(postures) == PATIENTS * FRACTIONS, postures
+    columns = ["patient", "fraction", "planning", "bones", "image", "dose", "weight", "structures"]
+    with open(folder / "cases.csv", "w", newline="") as lines:
+        writer = csv.DictWriter(lines, columns)
+        writer.writeheader()
+        for n, posture in enumerate(postures):
+            patient, fraction = divmod(n, FRACTIONS)
+            writer.writerow({
+                "patient": f"patient {patient + 1}", "fraction": f"fx{fraction + 1}",
+                "planning": phantom / "planning_ct.nii.gz", "bones": phantom / "bones.nii.gz",
+                "image": posture / "ct.nii.gz", "dose": posture / "dose.nii.gz", "weight": WEIGHTS[fraction],
+                "structures": phantom / "contours.json",
+            })
+    (folder / "settings.toml").write_text('preset = "fast"\n')
+    return phantom
+
+
+def snakemake(program, folder, *more, quiet="all"):
+    settings = {"cases": folder / "cases.csv", "out": folder / "results", "program": program, "threads": 1}
+    settings["settings"] = folder / "settings.toml"
+    words = ["snakemake", "--snakefile", Path(__file__).parent / "Snakefile", "--directory", folder, "--cores", 2]
+    words += [*more, "--quiet", quiet, "--config", *[f"{name}={value}" for name, value in settings.items()]]
+    return [str(w) for w in words]
+
+
+def reports(folder):
+    return sorted((folder / "results" / "runs").glob("*/*/report.json"))
+
+
+def kill_in_the_middle(program, folder):
+    """Ends the workflow and its jobs as a power cut does; returns what was done until then."""
+    run = subprocess.Popen(snakemake(program, folder), start_new_session=True)
+    while len(reports(folder)) < KILLED_AT:
+        assert run.poll() is None, f"the workflow ended before it could be killed: {run.returncode}"
+        time.sleep(0.2)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    done = {path: path.stat().st_mtime_ns for path in reports(folder)}
+    assert len(done) < PATIENTS * FRACTIONS, "it was done before it was killed"
+    return done
+
+
+def main():
+    program, folder = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    phantom = make_patients(program, folder)
+    begun = time.monotonic()
+    before = kill_in_the_middle(program, folder)
+    call(*snakemake(program, folder, "--unlock"))
+    call(*snakemake(program, folder, "--rerun-incomplete"))
+    print(f"{PATIENTS * FRACTIONS} registrations and what follows: {time.monotonic() - begun:.0f} s")
+
+    made = reports(folder)
+    assert len(made) == PATIENTS * FRACTIONS, made
+    # What was done stays; only jobs that were at work, two at most, are done again.
+    again = [path for path, then in before.items() if path.stat().st_mtime_ns != then]
+    assert len(again) <= 2, f"made again: {again}"
+    summary = json.loads((folder / "results/summary/summary.json").read_text())
+    assert len(summary["runs"]) == PATIENTS * FRACTIONS and not summary["unfinished"]
+    assert [r["fraction"] for r in summary["runs"][:FRACTIONS]] == [f"fx{n + 1}" for n in range(FRACTIONS)]
+    assert len({r["patient"] for r in summary["runs"]}) == PATIENTS
+
+    # A dose that moves with the tissue adds up to the plan's.
+    planned = folder / "planned"
+    figures = ["dose", "dvh", "--structures", phantom / "contours.json", "--out"]
+    call(program, *figures, planned, "--dose", phantom / "dose.nii.gz", stdout=subprocess.DEVNULL)
+    mean = lambda out: {s["name"]: s["mean"] for s in structures(json.loads((out / "dvh.json").read_text()))}
+    plan = mean(planned)
+    worst = 0.0
+    for n in range(PATIENTS):
+        total = mean(folder / f"results/dose/patient {n + 1}/dvh")
+        worst = max(worst, max(abs(total[name] - dose) for name, dose in plan.items()))
+    most = max(plan.values())
+    print(f"mean doses of {len(plan)} structures differ from the plan's by at most {worst:.2f} of {most:.1f} Gy")
+    # Voxels of 9 mm blur the edge of the target.
+    assert worst < 0.08 * most
+
+    nothing = subprocess.run(snakemake(program, folder, "--dry-run"), capture_output=True, text=True, check=True)
+    assert not reports_to_do(nothing.stdout), nothing.stdout
+    for image in ["bones.nii.gz", "nothing.nii.gz"]:
+        refused(program, folder, image)
+
+
+def structures(dvh):
+    """The figures of each structure, wherever the file keeps them."""
+    found = []
+    stack = [dvh]
+    while stack:
+        one = stack.pop()
+        if isinstance(one, dict):
+            if "name" in one and "mean" in one:
+                found.append(one)
+            stack.extend(one.values())
+        elif isinstance(one, list):
+            stack.extend(one)
+    assert found, list(dvh)
+    return found
+
+
+def reports_to_do(text):
+    return [line for line in text.splitlines() if line.startswith("rule ") and "register" in line]
+
+
+def refused(program, folder, image):
+    """A row that cannot be registered stops its own run with the program's word, and leaves no report."""
+    own = folder / f"refused_{image.split('.')[0]}"
+    own.mkdir()
+    lines = (folder / "cases.csv").read_text().splitlines()
+    header, first = lines[0].split(","), lines[1].split(",")
+    first[header.index("image")] = str(folder / "phantom" / image)
+    (own / "cases.csv").write_text("\n".join([lines[0], ",".join(first)]) + "\n")
+    (own / "settings.toml").write_text('preset = "fast"\n')
+    run = subprocess.run(snakemake(program, own, quiet="rules"), capture_output=True, text=True)
+    assert run.returncode != 0, image
+    assert not reports(own) and not (own / "results/summary/summary.json").exists()
+    logs = "".join(path.read_text() for path in (own / "results").glob("logs/**/*.txt"))
+    said = logs + run.stdout + run.stderr
+    assert "remedy" in logs or "Missing input" in said, said
+
+
+if __name__ == "__main__":
+    main()
