@@ -95,6 +95,31 @@ fn results_do_not_depend_on_threads_and_fields_stand_side_by_side() {
 }
 
 #[test]
+fn the_limits_of_the_settings_judge_the_field() {
+    let settings = folder().join("strict.toml");
+    fs::write(&settings, "[verdict]\nlandmark_mean_mm = [0.0001, 0.0002]\nrigidity_mm = [0.0, 1e-9]\n").unwrap();
+    let out = folder().join("strict");
+    let mut command = evaluate("strict");
+    command.arg("--planning-to-fraction").arg(truth()).arg("--config").arg(&settings).assert().success();
+    let report = json(&out.join("evaluation.json"));
+    let field = &report["fields"][0];
+    let of = |name: &str| {
+        let all = field["assessment"]["verdicts"].as_array().unwrap();
+        all.iter().find(|v| v["name"].as_str().unwrap().starts_with(name)).unwrap()["verdict"].clone()
+    };
+    assert_eq!(
+        (field["verdict"].as_str(), of("landmarks, mean"), of("departure")),
+        (Some("fail"), "review".into(), "fail".into())
+    );
+    let page = fs::read_to_string(out.join("evaluation.html")).unwrap();
+    assert!(page.contains("class=\"verdict fail\"") && page.find("section").unwrap() < page.find("<table").unwrap());
+    let wrong = folder().join("wrong.toml");
+    fs::write(&wrong, "[verdict]\ndice = [0.8, 0.9]\n").unwrap();
+    let mut command = evaluate("wrong");
+    refused(command.arg("--planning-to-fraction").arg(truth()).arg("--config").arg(&wrong), 2, &["verdict.dice"]);
+}
+
+#[test]
 fn contours_under_the_identity_agree_with_themselves() {
     let f = phantom();
     let still = still("identity.mha", read_image(&f.planning).unwrap().value.grid());
@@ -182,6 +207,18 @@ fn dose_goes_there_and_back_and_adds_up() {
     run_dose("compare", &out).arg("--dose").arg(&sum).arg("--reference").arg(&dose).assert().success();
     let mean = json(&out.join("compare.json"))["difference_gy"]["magnitude"]["mean"].as_f64().unwrap();
     assert!(mean < 1.5, "{mean}");
+    let drawn = folder().join("dose_compare_on_ct");
+    let mut compare = run_dose("compare", &drawn);
+    compare.arg("--dose").arg(&sum).arg("--reference").arg(&dose).arg("--ct").arg(&f.planning).assert().success();
+    for (page, pictures) in [(&out, 3), (&drawn, 3)].map(|(run, n)| (run.join("compare.html"), n)) {
+        let text = fs::read_to_string(&page).unwrap();
+        assert_eq!(text.matches("data:image/png;base64,").count(), pictures, "{}", page.display());
+        assert!(
+            text.contains("steep dose") && !text.contains("<script") && !text.contains("https:"),
+            "{}",
+            page.display()
+        );
+    }
     let curves = folder().join("dvh");
     let mut dvh = run_dose("dvh", &curves);
     dvh.arg("--dose").arg(&dose).arg(&sum).arg("--structures").arg(&f.bones).args(["--at", "20", "50"]);

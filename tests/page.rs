@@ -223,6 +223,7 @@ fn planning_can_be_moved_by_the_couch_shift_alone() {
     assert!(deformed != couch && couch != pixels(&browser, "axial"));
     assert!(browser.text("document.querySelector('.seen').textContent").contains("as scanned"));
     press("couch");
+    settle(&browser);
     assert!(browser.text("document.querySelector('.seen').textContent").contains("couch shift alone"));
     // What is bright where the couch alone has moved it to is bright in the picture.
     let bright = |at: [f64; 2]| {

@@ -238,3 +238,11 @@ fn degrees_and_millimetres_beyond_a_range_are_told_apart() {
     assert_eq!(of([0.0; 3], [0.0, -3.1, 0.0]).to_string(), "2.1 mm");
     assert_eq!(of([-4.0, 0.0, 3.5], [4.5, 0.0, 0.0]).to_string(), "1.5 degrees and 4.0 mm");
 }
+
+#[test]
+fn a_joint_just_beyond_its_range_does_not_read_as_if_it_were_inside() {
+    let told = |rotation_deg, shift_mm| BeyondRange { rotation_deg, shift_mm }.to_string();
+    assert_eq!(told(0.04, 0.0), "less than 0.1 degrees");
+    assert_eq!(told(4.02, 0.049), "4.0 degrees and less than 0.1 mm");
+    assert_eq!(told(0.05, 0.0), "0.1 degrees");
+}

@@ -29,7 +29,7 @@ pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use judge::judge;
 pub use kind::FractionKind;
 pub use memory::memory_estimate;
-pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, moves_most};
+pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, is_placed, moves_most};
 pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};

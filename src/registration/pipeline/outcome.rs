@@ -32,10 +32,22 @@ pub struct VolumeReached {
     pub reached: Option<f64>,
 }
 
-/// The bone that moves most: by `own_mm` (see [`Outcome::own_motion_mm`]), of those that an image or the user placed; its
-/// place in the list. The one definition for tables, pictures and the terminal.
+/// Share of a bone that the fraction shows, at least, where the image is to tell how it moves.
+const LEAST_VISIBLE: f64 = 0.5;
+
+/// Whether a bone's motion is known: given by the user, or found in an image that shows half of it.
+pub fn is_placed(bone: &BoneFit) -> bool {
+    match bone.determined_by.as_str() {
+        "given" => true,
+        "joint" => false,
+        _ => bone.visible >= LEAST_VISIBLE,
+    }
+}
+
+/// The bone that moves most: by `own_mm` (see [`Outcome::own_motion_mm`]), of those that [`is_placed`]; its place in the
+/// list. The one definition for tables, pictures and the terminal.
 pub fn moves_most(bones: &[BoneFit], own_mm: &[f64]) -> Option<usize> {
-    let placed = bones.iter().zip(own_mm).enumerate().filter(|(_, (bone, _))| bone.determined_by != "joint");
+    let placed = bones.iter().zip(own_mm).enumerate().filter(|(_, (bone, _))| is_placed(bone));
     placed.max_by(|a, b| a.1.1.total_cmp(b.1.1)).map(|(n, _)| n)
 }
 

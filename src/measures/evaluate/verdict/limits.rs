@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {
-    /// Mean residual of landmarks, mm; the second counts as the largest voxel edge where that is greater.
+    /// Mean residual of landmarks, mm; the second counts as the largest voxel edge where that is greater, as TG-132 has it:
+    /// nothing is known better than a voxel.
     pub landmark_mean_mm: [f64; 2],
     /// Greatest residual of a landmark, mm; beyond it is reviewed.
     pub landmark_greatest_mm: f64,

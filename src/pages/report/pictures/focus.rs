@@ -2,7 +2,7 @@
 //! moves most.
 
 use super::super::plane::{KINDS, Kind, Region};
-use crate::pipeline::{Outcome, moves_most};
+use crate::pipeline::{Outcome, is_placed, moves_most};
 use nalgebra::Point3;
 
 /// What the bones of the spine are called.
@@ -65,7 +65,7 @@ fn moved(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point3<f
     let own = outcome.own_motion_mm();
     let most = moves_most(&outcome.bone_fits, &own);
     let bones = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).zip(own).enumerate();
-    bones.filter(|(_, ((_, fit), _))| fit.determined_by != "joint").map(move |(n, ((bone, fit), mm))| {
+    bones.filter(|(_, ((_, fit), _))| is_placed(fit)).map(move |(n, ((bone, fit), mm))| {
         let which = if most == Some(n) { "the bone that moves most" } else { "the bone in view that moves most" };
         let what = format!("{which} apart from the couch shift: {} ({mm:.1} mm)", bone.name);
         (mm, (bone.centroid, fit.transform * bone.centroid, what))
