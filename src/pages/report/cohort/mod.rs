@@ -175,7 +175,7 @@ mod tests {
         let page = page::page(&cohort);
         let first = page.find("P6, fraction_11").unwrap();
         assert!(first < page.find("<table").unwrap() && page.contains("href=\"../r17/report.html\""));
-        assert!(!page.contains("http") && !page.contains("<script"));
+        assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("<script"));
     }
 
     #[test]
