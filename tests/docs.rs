@@ -13,7 +13,7 @@ const WIDEST: usize = 100;
 
 /// All Markdown files of the project.
 fn documents() -> Vec<PathBuf> {
-    let mut found = vec![root().join("README.md"), root().join("CHANGELOG.md")];
+    let mut found = vec![root().join("README.md"), root().join("CHANGELOG.md"), root().join("CONTRIBUTING.md")];
     let mut folders = ["docs", "data", "tests/peers", "workflow", "python"].map(|f| root().join(f)).to_vec();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
