@@ -14,7 +14,6 @@ pub(super) enum Tag {
     Transform,
     File,
     Directory,
-    Points,
     Integer,
     Choice(&'static [&'static str]),
 }
@@ -105,7 +104,7 @@ pub(super) const PANELS: [(&str, &str, &[Parameter]); 3] = [
                 default: "balanced",
                 ..input("speed", "Speed", "Accuracy against run time", Tag::Choice(&["fast", "balanced", "accurate"]))
             },
-            input("landmarks", "Landmarks", "Points known in both scans (CSV); they only measure", Tag::Points),
+            input("landmarks", "Landmarks", "Points known in both scans (CSV); they only measure", Tag::File),
             input("config", "Settings", "Settings file (TOML) of aventail", Tag::File),
             Parameter { default: "0", ..input("threads", "Threads", "0 takes one per core", Tag::Integer) },
         ],
@@ -146,7 +145,7 @@ fn parameter(p: &Parameter) -> Markup {
         Tag::Image => ("image", " fileExtensions=\".nii.gz\""),
         Tag::LabelMap => ("image", " type=\"label\" fileExtensions=\".nii.gz\""),
         Tag::Transform => ("transform", " type=\"nonlinear\" fileExtensions=\".nrrd\""),
-        Tag::File | Tag::Points => ("file", ""),
+        Tag::File => ("file", ""),
         Tag::Directory => ("directory", ""),
         Tag::Integer => ("integer", ""),
         Tag::Choice(_) => ("string-enumeration", ""),

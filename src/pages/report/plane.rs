@@ -218,6 +218,27 @@ impl Plane {
         self.kind.axes()[axis] * ((pixel as f64 + 0.5) / self.scale)
     }
 
+    /// Draws the borders between pixels whose points have other values: a line of `colour`, and one of the opacity `beside` on its
+    /// left.
+    pub(super) fn borders<T: PartialEq>(
+        &self,
+        picture: &mut Canvas,
+        value: impl Fn(&Point3<f64>) -> T,
+        colour: Rgb,
+        beside: f64,
+    ) {
+        let at = |x: usize, y: usize| value(&self.world(x as f64 + 0.5, y as f64 + 0.5));
+        for y in 1..self.height {
+            for x in 1..self.width {
+                let here = at(x, y);
+                if here != at(x - 1, y) || here != at(x, y - 1) {
+                    picture.blend(x as i64, y as i64, colour, 0.9);
+                    picture.blend(x as i64 - 1, y as i64, colour, beside);
+                }
+            }
+        }
+    }
+
     /// Sets a picture of this plane in the middle of a row of the sheet, with orientation letters, the plane's name and
     /// position, and a scale bar.
     pub(super) fn row(&self, picture: &Canvas, backdrop: Rgb, colour: Rgb, halo: Rgb) -> Canvas {

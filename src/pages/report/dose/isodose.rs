@@ -160,16 +160,7 @@ fn lines(picture: &mut Canvas, plane: &Plane, dose: &Volume<f32>, level: f64, co
 
 /// Draws the border of a mask.
 fn border(picture: &mut Canvas, plane: &Plane, mask: &Mask) {
-    let set = |x: usize, y: usize| nearest(mask, &plane.world(x as f64 + 0.5, y as f64 + 0.5)) == Some(true);
-    for y in 1..plane.height {
-        for x in 1..plane.width {
-            let here = set(x, y);
-            if here != set(x - 1, y) || here != set(x, y - 1) {
-                picture.blend(x as i64, y as i64, INK, 0.9);
-                picture.blend(x as i64 - 1, y as i64, INK, 0.6);
-            }
-        }
-    }
+    plane.borders(picture, |p| nearest(mask, p) == Some(true), INK, 0.6);
 }
 
 #[cfg(test)]

@@ -10,7 +10,6 @@ use crate::error::{Error, Result};
 use crate::evaluate::Maps;
 use crate::evaluate::regularity::BIN;
 use crate::volume::{Volume, trilinear_vector};
-use nalgebra::Point3;
 
 pub(super) const BACKDROP: Rgb = [198, 203, 210];
 
@@ -146,19 +145,7 @@ fn outlined(rows: Rows, labels: &Volume<u16>) -> Rows {
 
 /// Draws the borders of labels in one colour.
 fn outline(picture: &mut Canvas, plane: &Plane, labels: &Volume<u16>, colour: Rgb) {
-    let label = |x: usize, y: usize| -> u16 {
-        let p: Point3<f64> = plane.world(x as f64 + 0.5, y as f64 + 0.5);
-        nearest(labels, &p).unwrap_or(0)
-    };
-    for y in 1..plane.height {
-        for x in 1..plane.width {
-            let here = label(x, y);
-            if here != label(x - 1, y) || here != label(x, y - 1) {
-                picture.blend(x as i64, y as i64, colour, 0.9);
-                picture.blend(x as i64 - 1, y as i64, colour, 0.5);
-            }
-        }
-    }
+    plane.borders(picture, |p| nearest(labels, p).unwrap_or(0), colour, 0.5);
 }
 
 fn contours(fraction: &Volume<f32>, mapped: &Volume<u16>, reference: &Volume<u16>) -> Canvas {
