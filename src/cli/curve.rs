@@ -139,16 +139,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
         return Ok(("the phantom".into(), phantom_case(phantom)));
     };
-    let flags = Flags {
-        planning: &args.planning,
-        bones: &args.bones,
-        labels: &args.labels,
-        organs: &None,
-        skeleton: &None,
-        landmarks: &None,
-        bone_landmarks: &None,
-        start: &None,
-    };
+    let flags = Flags { planning: &args.planning, bones: &args.bones, labels: &args.labels, ..Flags::default() };
     let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], &Config::default(), runtime)?);
     let read = || FractionSide::read(fraction, args.landmarks.as_deref());
     side.take(runtime.stage("read the fraction", read)?, &[]);

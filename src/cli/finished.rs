@@ -1,16 +1,17 @@
 //! A finished run as it was, out of its folder and its inputs.
 
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file};
-use crate::config::{ConfigFile, RecordedInput};
+use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, other_than};
+use crate::config::ConfigFile;
 use crate::error::{Error, Result};
 use crate::io::inspect::check_folder;
 use crate::pipeline::{Case, Outcome};
 use crate::report::{Report, cut_to, restore};
 use crate::runtime::Runtime;
-use std::path::Path;
+use crate::volume::LabelMap;
+use std::path::{Path, PathBuf};
 
 /// What to do where a folder holds no whole registration.
-const REMEDY: &str = "give the --out folder of a finished run of aventail register";
+const REMEDY: &str = "give the --out folder of a finished run of aventail register, pose or demo";
 
 /// A run with its inputs, on the grids of its results.
 pub(super) struct Finished {
@@ -24,62 +25,68 @@ impl Finished {
     /// # Errors
     /// [`Error::Input`] where the folder holds no finished run or files have changed; [`Error::Read`] where one is missing.
     pub(super) fn read(folder: &Path, runtime: &Runtime) -> Result<Self> {
+        only_one(folder)?;
         for check in runtime.stage("check the run", || check_folder(folder))? {
             check.require()?;
         }
         let path = folder.join("report.json");
         let report = Report::read(&path, REMEDY)?;
         let file = config_file(&path)?;
-        let fraction = file.inputs.iter().find(|i| i.role == "fraction").ok_or_else(|| {
-            let problem =
-                "its report names no files of planning and fraction CT: a posture, or a phantom that was never a file";
-            Error::read(&path, problem, "register files: `aventail phantom` writes the phantom as such")
-        })?;
-        let side = Self::side(&file, fraction, runtime)?;
-        unchanged(&side.case, &file)?;
-        let case = Case {
-            planning: cut_to(side.case.planning, &report.planning_grid)?,
-            bones: crate::volume::LabelMap {
-                volume: cut_to(side.case.bones.volume, &report.planning_grid)?,
-                names: side.case.bones.names,
-            },
-            fraction: cut_to(side.case.fraction, &report.fraction_grid)?,
-            ..side.case
+        if file.inputs.iter().all(|input| input.role != "planning") {
+            let problem = "its report names no file of a planning CT: it is of a phantom that was never a file";
+            return Err(Error::read(
+                &path,
+                problem,
+                "run aventail demo again, which leaves its scans beside its results",
+            ));
+        }
+        let case = Self::case(&file, runtime)?;
+        unchanged(&case, &file)?;
+        let mut case = Case {
+            planning: cut_to(case.planning, &report.planning_grid)?,
+            bones: LabelMap { volume: cut_to(case.bones.volume, &report.planning_grid)?, names: case.bones.names },
+            fraction: cut_to(case.fraction, &report.fraction_grid)?,
+            ..case
         };
         let outcome = runtime.stage("read the results", || restore(folder, &report, &case))?;
+        if case.inputs.iter().all(|input| input.role != "fraction") {
+            // A made posture has no fraction CT: its own artificial one takes that place.
+            case.fraction = outcome.planning_on_fraction.clone();
+        }
         Ok(Self { case, outcome })
     }
 
     /// The inputs of the run.
-    fn side(file: &ConfigFile, fraction: &RecordedInput, runtime: &Runtime) -> Result<PlanningSide> {
-        let config = file.resolve(None)?;
-        let none = None;
-        let flags = Flags {
-            planning: &none,
-            bones: &none,
-            labels: &none,
-            organs: &none,
-            skeleton: &none,
-            landmarks: &none,
-            bone_landmarks: &none,
-            start: &none,
-        };
-        let inputs = Inputs::new(&flags, &file.inputs)?;
-        let mut side = PlanningSide::new(inputs.load(&file.inputs, &config, runtime)?);
-        let read = runtime.stage("read the fraction", || FractionSide::read(&fraction.path, None))?;
-        side.take(read, &file.inputs);
-        Ok(side)
+    fn case(file: &ConfigFile, runtime: &Runtime) -> Result<Case> {
+        let inputs = Inputs::new(&Flags::default(), &file.inputs)?;
+        let mut side = PlanningSide::new(inputs.load(&file.inputs, &file.resolve(None)?, runtime)?);
+        if let Some(fraction) = file.inputs.iter().find(|i| i.role == "fraction") {
+            let read = runtime.stage("read the fraction", || FractionSide::read(&fraction.path, None))?;
+            side.take(read, &file.inputs);
+        }
+        Ok(side.case)
     }
+}
+
+/// Refuses the folder of several fractions, naming the folder of each.
+fn only_one(folder: &Path) -> Result<()> {
+    let is_run = |f: &Path| f.join("report.json").is_file();
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e.to_string(), REMEDY))?;
+    let mut runs: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| is_run(p)).collect();
+    if is_run(folder) || runs.is_empty() {
+        return Ok(());
+    }
+    runs.sort();
+    let names: Vec<String> = runs.iter().map(|p| p.display().to_string()).collect();
+    let problem = format!("it holds {} runs, one folder each", runs.len());
+    Err(Error::read(folder, problem, format!("give one of them: {}", names.join(", "))))
 }
 
 /// Refuses inputs that are not those of the run.
 fn unchanged(case: &Case, file: &ConfigFile) -> Result<()> {
-    let other = |input: &&crate::pipeline::InputFile| {
-        file.inputs.iter().any(|then| then.role == input.role && then.sha256 != input.sha256)
-    };
-    match case.inputs.iter().find(other) {
+    match other_than(&case.inputs, &file.inputs).next() {
         None => Ok(()),
-        Some(input) => {
+        Some((input, _)) => {
             let problem = format!("it is not the file that the run has read as its {} (by its checksum)", input.role);
             let remedy = "put the file back where it was, or register again";
             Err(Error::refused("run-changed", input.path.display().to_string(), problem, remedy))

@@ -40,6 +40,25 @@ pub(super) struct Flags<'a> {
     pub start: &'a Option<PathBuf>,
 }
 
+static NO_FILE: Option<PathBuf> = None;
+
+impl Default for Flags<'_> {
+    /// No file is named.
+    fn default() -> Self {
+        let none = &NO_FILE;
+        Self {
+            planning: none,
+            bones: none,
+            labels: none,
+            organs: none,
+            skeleton: none,
+            landmarks: none,
+            bone_landmarks: none,
+            start: none,
+        }
+    }
+}
+
 /// The flag's file, else the recorded one of the same role.
 pub(super) fn either(own: &Option<PathBuf>, role: &str, recorded: &[RecordedInput]) -> Option<PathBuf> {
     own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
@@ -230,9 +249,17 @@ pub(super) fn named(role: &str, path: &Path) -> Result<InputFile> {
     Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)?, about: None })
 }
 
-/// A warning for each file that is no longer what it was when the report was made.
-pub(super) fn changed(inputs: &[InputFile], recorded: &[RecordedInput]) -> Vec<Warning> {
+/// The inputs that are no longer what they were when the report was made, with what it recorded.
+pub(super) fn other_than<'a>(
+    inputs: &'a [InputFile],
+    recorded: &'a [RecordedInput],
+) -> impl Iterator<Item = (&'a InputFile, &'a RecordedInput)> {
     let was = |i: &InputFile| recorded.iter().find(|r| r.role == i.role && r.sha256 != i.sha256);
+    inputs.iter().filter_map(move |i| Some((i, was(i)?)))
+}
+
+/// A warning for each of them.
+pub(super) fn changed(inputs: &[InputFile], recorded: &[RecordedInput]) -> Vec<Warning> {
     let warn = |(input, then): (&InputFile, &RecordedInput)| {
         Warning::new(
             "input-changed",
@@ -244,5 +271,5 @@ pub(super) fn changed(inputs: &[InputFile], recorded: &[RecordedInput]) -> Vec<W
             ),
         )
     };
-    inputs.iter().filter_map(|i| Some((i, was(i)?))).map(warn).collect()
+    other_than(inputs, recorded).map(warn).collect()
 }

@@ -11,7 +11,7 @@ use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, register_fraction};
+use crate::pipeline::{Case, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::{Progress, Silent};
 use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
@@ -93,7 +93,8 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
         // The next one is read meanwhile: disks and networks take their time.
         let text;
-        let more = clinic.as_ref().map(|c| |outcome: &Outcome| c.write(n, outcome, &config, &out));
+        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, outcome, &config, &out));
+        let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
         (text, ahead) = runtime.beside(
             || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), told),
@@ -242,18 +243,6 @@ fn without(recorded: &mut Vec<RecordedInput>, role: &str) -> Vec<RecordedInput> 
     recorded.clone()
 }
 
-/// Registers a case and writes everything into `out`; shared with `demo`.
-pub(super) fn finish(
-    case: &Case,
-    config: &Config,
-    runtime: &Runtime,
-    out: (RunFolder, &Path),
-    told: Told<'_>,
-) -> Result<String> {
-    let outcome = register(case, config, runtime)?;
-    write_run(case, outcome, config, runtime, (out.0, out.1, None), told)
-}
-
 /// How a run is told.
 #[derive(Clone, Copy)]
 pub(super) struct Told<'a> {
@@ -272,7 +261,7 @@ impl Told<'_> {
     }
 }
 
-/// Writes an outcome with its report into `out`; shared with `pose`.
+/// Writes an outcome with its report into `out`; shared with `pose` and `demo`.
 pub(super) fn write_run(
     case: &Case,
     mut outcome: Outcome,

@@ -24,14 +24,18 @@ pub enum DoseVerb {
 const MAP: &str = "\
 interpolate takes the dose at the mapped point. energy-mass carries energy and mass together, conserves energy, and prints the
 balance; it needs --ct. Beside OUT a .json file holds balance, inversion residual, warnings and checksums; `aventail inspect` of it verifies them.
+The page beside OUT (.html) draws isodoses before and after, and what is steep; --page-ct and --structures add to it.
 
 Examples:
   aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
   aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz --out dose_on_planning.nii.gz";
 
 const ACCUMULATE: &str = "\
+Beside OUT lie a .json file as of `dose map`, and the page (.html): isodoses of the sum and of each fraction's share, what is
+steep, and with --structures dose-volume histograms.
+
 Example:
-  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --out sum.nii.gz";
+  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
 
 const DVH: &str = "\
 Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
@@ -65,6 +69,31 @@ pub struct MethodArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// What the page of a carried dose shows beside it.
+#[derive(Debug, Args)]
+pub struct PageArgs {
+    /// CT in HU in the frame that the dose goes to: the page draws isodoses on it; without, --grid serves where it is a CT
+    #[arg(long, value_name = "FILE")]
+    pub page_ct: Option<PathBuf>,
+    /// Structures in the frame that the dose goes to, for dose-volume histograms in the page: a label map, or contours (JSON,
+    /// DICOM structure set)
+    #[arg(long, value_name = "FILE")]
+    pub structures: Option<PathBuf>,
+    /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header of --structures has none
+    #[arg(long, value_name = "FILE", requires = "structures")]
+    pub labels: Option<PathBuf>,
+    /// Write no page
+    #[arg(long, conflicts_with_all = ["page_ct", "structures"])]
+    pub no_page: bool,
+}
+
+impl PageArgs {
+    /// The files that are read for it.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.page_ct.iter().chain(&self.structures).chain(&self.labels)
+    }
 }
 
 /// Names of the methods.
@@ -103,7 +132,7 @@ pub struct MapArgs {
     /// Image whose grid the result gets, in the frame that the dose goes to; the folder of a DICOM series too
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
-    /// CT in HU in the frame that the dose comes from, for energy-mass
+    /// CT in HU in the frame that the dose comes from: energy-mass needs it, the page draws isodoses on it
     #[arg(long, value_name = "FILE")]
     pub ct: Option<PathBuf>,
     /// DICOM series of the scan that the result lies in: the result is an RT Dose of its patient, study and frame of reference;
@@ -113,6 +142,9 @@ pub struct MapArgs {
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
     /// How dose is carried.
     #[command(flatten)]
     pub how: MethodArgs,
@@ -146,6 +178,9 @@ pub struct AccumulateArgs {
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// The page.
+    #[command(flatten)]
+    pub page: PageArgs,
     /// How dose is carried.
     #[command(flatten)]
     pub how: MethodArgs,

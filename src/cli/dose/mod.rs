@@ -1,10 +1,12 @@
 //! `aventail dose`: map, accumulate, compare, and read dose-volume histograms.
 
 mod args;
+mod carried;
 mod out;
 mod pages;
+mod structures;
 
-pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName};
+pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName, PageArgs};
 
 use super::evaluate::{DirectionName, Ledger};
 use super::fields::{self, Known};
@@ -13,24 +15,25 @@ use super::record::Output;
 use super::register::progress;
 use super::{command_line, planned, record, run_folder};
 use crate::dose::{
-    DensityTable, DoseDifference, Dvh, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, dvh,
-    dvh_of_contours, judge, judge_result, question,
+    DensityTable, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, judge,
+    judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::geometry::Grid;
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
-use crate::io::{self, ContourFile, Stored, WriteOptions, write_json};
+use crate::io::dicom::Role;
+use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
-use crate::volume::contour::Contours;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::Volume;
 use crate::warning::Warning;
-use out::{GiveBack, beside, check_out, parent};
+use carried::{Content, MOST_DRAWN, Part, Scenery};
+use out::{GiveBack, beside, check_out, gone, page_beside, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use structures::Structures;
 
 /// Runs a verb of `dose`.
 ///
@@ -61,17 +64,19 @@ struct Sidecar<'a> {
 fn map(args: &MapArgs) -> Result<String> {
     let method = method(&args.how)?;
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
-    let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).map(PathBuf::as_path);
-    let files: Vec<&Path> = files.collect();
+    let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).chain(args.page.files());
+    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
     let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
     check_out(&args.out, back.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
-    let (dose, to, ct) = runtime.stage("read", || {
+    let (dose, to, ct, scenery) = runtime.stage("read", || {
         let dose = read_dose(&mut ledger, &args.dose)?;
-        let grid = ledger.take("grid", io::read_image(&args.grid)?).grid().clone();
+        let grid = ledger.take("grid", io::read_image(&args.grid)?);
+        let to = grid.grid().clone();
         let ct = args.ct.as_ref().map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
-        Ok::<_, Error>((dose, grid, ct))
+        let scenery = Scenery::read(&args.page, (&args.grid, grid), &mut ledger)?;
+        Ok::<_, Error>((dose, to, ct, scenery))
     })?;
     let direction = match args.to {
         Frame::Fraction => Direction::PlanningToFraction,
@@ -82,8 +87,13 @@ fn map(args: &MapArgs) -> Result<String> {
     let (mapped, report) =
         carry((&dose, &to, names), fields, None, direction, &method, ct.as_ref(), &mut ledger, &runtime)?;
     let fields: Vec<&Path> = [fields.0, fields.1].into_iter().flatten().collect();
+    let draw = |scenery: &Scenery| {
+        let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
+        carried::map(scenery, frame, (&args.dose, &dose, ct.as_ref()), &mapped, &report)
+    };
+    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let made = Made { files, fields, settings: format!("{:?} {:?}", args.to, args.how) };
-    finish(&back, &mapped, vec![1.0], vec![report], ledger, (&[&args.dose], &made))
+    finish(&back, &mapped, vec![1.0], vec![report], (ledger, page), (&[&args.dose], &made))
 }
 
 fn sum(args: &AccumulateArgs) -> Result<String> {
@@ -103,12 +113,15 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         return Err(Error::usage(format!("--weights {w} is negative or not finite"), "give numbers of fractions"));
     }
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
-    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
+    let files: Vec<&Path> = files.chain(args.page.files()).map(PathBuf::as_path).collect();
     let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
     check_out(&args.out, out.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
     let mut ledger = Ledger::default();
-    let to = ledger.take("grid", io::read_image(&args.grid)?).grid().clone();
+    let grid = ledger.take("grid", io::read_image(&args.grid)?);
+    let to = grid.grid().clone();
+    let scenery = Scenery::read(&args.page, (&args.grid, grid), &mut ledger)?;
+    let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
@@ -131,13 +144,18 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             None => accumulate(&[(weights[k], &mapped)])?,
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
         });
+        if scenery.is_some() {
+            shares.push(Part::new(path, weights[k], &mapped, k < MOST_DRAWN));
+        }
         reports.push(report);
     }
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
     let fields = args.fields.iter().map(PathBuf::as_path).collect();
     let made = Made { files, fields, settings: format!("{weights:?} {:?} {:?}", args.direction, args.how) };
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
-    finish(&out, &total, weights, reports, ledger, (&doses, &made))
+    let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
+    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
+    finish(&out, &total, weights, reports, (ledger, page), (&doses, &made))
 }
 
 /// Reads the field and carries one dose.
@@ -182,32 +200,37 @@ fn finish(
     dose: &Volume<f32>,
     weights: Vec<f64>,
     parts: Vec<DoseReport>,
-    mut ledger: Ledger,
+    (mut ledger, page): (Ledger, Option<Content>),
     (sources, made): (&[&Path], &Made<'_>),
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
     ledger.warnings.extend(judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
-    if let Err(e) = std::fs::remove_file(beside(out))
-        && e.kind() != std::io::ErrorKind::NotFound
-    {
-        return Err(Error::write(beside(out), e.to_string(), "remove it, or give another --out"));
-    }
+    [beside(out), page_beside(out)].iter().try_for_each(|path| gone(path))?;
     match &back.like {
         Some(like) => ledger.warnings.extend(like.dose(out, dose, sources, made)?),
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
     let text = table(&parts) + &listed(&ledger.warnings);
+    let mut written = vec![out.to_owned()];
+    if let Some(page) = page {
+        written.push(page_beside(out));
+        let own = parts.iter().flat_map(|part| &part.warnings).cloned();
+        let warnings: Vec<Warning> = ledger.warnings.iter().cloned().chain(own).chain(page.warnings).collect();
+        pages::write(&page_beside(out), &page.title, &ledger, (&warnings, page.pictures, page.tables))?;
+    }
     let command = command_line();
     let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
-    let outputs = record::outputs(parent(out), &[PathBuf::from(out.file_name().unwrap_or_default())])?;
+    let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
+    let outputs = record::outputs(parent(out), &names)?;
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };
     write_json(beside(out), &sidecar)?;
     if json {
         return io::json(&sidecar);
     }
-    Ok(format!("{text}The dose: {}", out.display()))
+    let page = written.get(1).map_or(String::new(), |page| format!("\nThe page: {}", page.display()));
+    Ok(format!("{text}The dose: {}{page}", out.display()))
 }
 
 /// The figures of each part for the terminal.
@@ -266,61 +289,6 @@ fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
     Ok(dose)
 }
 
-/// Structures as labels, or as contours, which may overlap.
-enum Structures {
-    Labels(Box<LabelMap>),
-    Contours(Contours),
-}
-
-impl Structures {
-    fn read(ledger: &mut Ledger, args: &DvhArgs) -> Result<Self> {
-        let json = args.structures.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        if json || is_dicom_path(&args.structures) {
-            for dose in &args.dose {
-                check_frames((&args.structures, Role::Structures), (dose, Role::Dose))?;
-            }
-            let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(&args.structures)?;
-            ledger.inputs.push(record::input("structures", &path)?);
-            ledger.warnings.extend(warnings);
-            ledger.warnings.extend(contours.tidy());
-            return Ok(Self::Contours(contours));
-        }
-        Ok(Self::Labels(Box::new(ledger.structures("structures", &args.structures, args.labels.as_deref())?)))
-    }
-
-    /// Each structure's histogram.
-    fn histograms(&self, dose: &Volume<f32>, args: &DvhArgs) -> Vec<Dvh> {
-        match self {
-            Self::Labels(map) => dvh(dose, map, &args.at, args.bin),
-            Self::Contours(all) => dvh_of_contours(dose, all, &args.at, args.bin),
-        }
-    }
-
-    /// The colours that contours were drawn in, in the order of the histograms; none of labels.
-    fn colours(&self) -> Vec<Option<[u8; 3]>> {
-        match self {
-            Self::Labels(_) => Vec::new(),
-            Self::Contours(all) => all.structures.iter().map(|s| s.colour).collect(),
-        }
-    }
-
-    /// A word about names in the file of names whose label no voxel has: a small structure may have been lost in a mask.
-    fn missing(&self, args: &DvhArgs) -> Option<Warning> {
-        let Self::Labels(map) = self else { return None };
-        args.labels.as_ref()?;
-        let counts = map.counts();
-        let gone: Vec<&str> =
-            map.names.iter().filter(|(l, _)| !counts.contains_key(l)).map(|(_, name)| name.as_str()).collect();
-        let shown = gone.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
-        let more = gone.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
-        (!gone.is_empty())
-            .then(|| Warning::new("structure-empty", format!("named, but no voxel has their label: {shown}{more}")))
-    }
-}
-
-/// Structures that a warning names.
-const NAMED: usize = 12;
-
 fn histograms(args: &DvhArgs) -> Result<String> {
     if !(args.bin.is_finite() && args.bin >= 1e-3) {
         return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
@@ -329,15 +297,14 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png", "dvh.html"]);
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
-    let structures = Structures::read(&mut ledger, args)?;
-    ledger.warnings.extend(structures.missing(args));
+    let near: Vec<(&Path, Role)> = args.dose.iter().map(|dose| (dose.as_path(), Role::Dose)).collect();
+    let structures = Structures::read(&mut ledger, &args.structures, args.labels.as_deref(), &near)?;
     let common = std::mem::take(&mut ledger.warnings);
     let mut doses = Vec::new();
     for path in &args.dose {
         let dose = read_dose(&mut ledger, path)?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let name = name.split('.').next().unwrap_or_default().to_owned();
-        let structures = structures.histograms(&dose, args);
+        let name = pages::stem(path);
+        let structures = structures.histograms(&dose, &args.at, args.bin);
         let mut warnings = if doses.is_empty() { common.clone() } else { Vec::new() };
         warnings.append(&mut ledger.warnings);
         warnings.extend(doubts(&structures));

@@ -1,7 +1,7 @@
 //! Where a dose is written, and what lies beside it.
 
 use super::super::giveback::{self, Like};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::io;
 use crate::io::dicom::{Role, check_frames};
@@ -27,9 +27,18 @@ impl<'a> GiveBack<'a> {
 
 /// The sidecar's path: the dose's with its extensions replaced.
 pub(super) fn beside(out: &Path) -> PathBuf {
+    renamed(out, "json")
+}
+
+/// The page's path.
+pub(super) fn page_beside(out: &Path) -> PathBuf {
+    renamed(out, "html")
+}
+
+fn renamed(out: &Path, extension: &str) -> PathBuf {
     let name = out.file_name().unwrap_or_default().to_string_lossy();
     let stem = [".nii.gz", ".nii", ".mha", ".nrrd", ".dcm"].iter().find_map(|e| name.strip_suffix(e)).unwrap_or(&name);
-    out.with_file_name(format!("{stem}.json"))
+    out.with_file_name(format!("{stem}.{extension}"))
 }
 
 /// Refuses a path that cannot be written before anything long begins.
@@ -37,10 +46,20 @@ pub(super) fn check_out(out: &Path, dicom: bool, inputs: &[&Path]) -> Result<()>
     if !dicom {
         FieldFormat::of(out)?;
     }
-    io::check_files(inputs, &[out.to_owned(), beside(out)])?;
+    let own = [out.to_owned(), beside(out), page_beside(out)];
+    io::check_files(inputs, &own)?;
     io::open_folder(parent(out))?;
-    io::check_place(out)?;
-    io::check_place(&beside(out))
+    own.iter().try_for_each(|path| io::check_place(path))
+}
+
+/// Removes a file that tells of an earlier dose.
+pub(super) fn gone(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::write(path, e.to_string(), "remove it, or give another --out"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The folder of a file.

@@ -1,11 +1,12 @@
-//! The pages of `dose compare` and `dose dvh`.
+//! The pages of `dose`.
 
 use super::super::command_line;
+use super::out::parent;
 use super::{CompareArgs, DoseDifference, Ledger};
 use crate::dose::steep;
 use crate::error::Result;
 use crate::io;
-use crate::report::dose::{DoseDvh, DosePage, DosePicture, DoseTable, differences, dvh_tables, isodoses};
+use crate::report::dose::{DoseDvh, DosePage, DosePicture, DoseTable, Levels, differences, dvh_tables, isodoses};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
@@ -31,10 +32,10 @@ pub(super) struct Found<'a> {
 /// Writes `compare.html`.
 pub(super) fn write_compare(folder: &Path, found: &Found<'_>, ledger: &Ledger) -> Result<()> {
     let Found { dose, reference, difference, figures, cts: [ct, dose_ct] } = found;
-    let steep = steep(reference);
+    let (levels, steep) = (Levels::of(reference), steep(reference));
     let pictures = vec![
-        isodoses("Reference", reference, ct.as_ref(), reference)?,
-        isodoses("Dose", dose, dose_ct.as_ref().or(ct.as_ref()), reference)?,
+        isodoses("Reference", reference, ct.as_ref(), &levels, None)?,
+        isodoses("Dose", dose, dose_ct.as_ref().or(ct.as_ref()), &levels, None)?,
         differences(difference, reference, ct.as_ref(), &steep)?,
     ];
     let line = |name: &str, s: &crate::stats::Summary| {
@@ -57,13 +58,8 @@ pub(super) fn write_compare(folder: &Path, found: &Found<'_>, ledger: &Ledger) -
         head: ["", "steep", "elsewhere"].map(str::to_owned).into(),
         rows: vec![vec!["mean magnitude".into(), text(in_steep), text(elsewhere)]],
     };
-    write(
-        folder,
-        "compare.html",
-        "dose minus reference",
-        ledger,
-        (&ledger.warnings, pictures, vec![table, by_gradient]),
-    )
+    let path = folder.join("compare.html");
+    write(&path, "dose minus reference", ledger, (&ledger.warnings, pictures, vec![table, by_gradient]))
 }
 
 /// Mean magnitude of the difference where the reference counts and `which` holds, Gy.
@@ -79,17 +75,22 @@ pub(super) fn write_dvh(folder: &Path, doses: &[DoseDvh], picture: DosePicture, 
     let names: Vec<&str> = doses.iter().map(|d| d.name.as_str()).collect();
     let title = format!("dose-volume histogram: {}", names.join(", "));
     let warnings: Vec<Warning> = doses.iter().flat_map(|d| d.warnings.clone()).collect();
-    write(folder, "dvh.html", &title, ledger, (&warnings, vec![picture], dvh_tables(doses)))
+    write(&folder.join("dvh.html"), &title, ledger, (&warnings, vec![picture], dvh_tables(doses)))
 }
 
-fn write(
-    folder: &Path,
-    name: &str,
+/// Writes a page.
+pub(super) fn write(
+    path: &Path,
     title: &str,
     ledger: &Ledger,
     (warnings, pictures, tables): (&[Warning], Vec<DosePicture>, Vec<DoseTable>),
 ) -> Result<()> {
-    let (inputs, command) = (ledger.seen_from(folder), command_line());
-    let page = DosePage { title: title.into(), command, inputs: &inputs, warnings, pictures, tables };
-    page.write(&folder.join(name))
+    let (inputs, command) = (ledger.seen_from(parent(path)), command_line());
+    DosePage { title: title.into(), command, inputs: &inputs, warnings, pictures, tables }.write(path)
+}
+
+/// The name of a file up to its first dot.
+pub(super) fn stem(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.split('.').next().unwrap_or_default().to_owned()
 }

@@ -392,7 +392,8 @@ fn object_text(object: &TestObject, out: &Path) -> String {
     )
 }
 
-fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
+/// Writes points known in both scans as a table that `register` reads.
+pub(super) fn write_landmarks(out: &mut dyn std::io::Write, landmarks: &[Landmark]) -> std::io::Result<()> {
     let mut table = io::Sheet::default();
     table.write_record(["name", "planning_x", "planning_y", "planning_z", "fraction_x", "fraction_y", "fraction_z"])?;
     for l in landmarks {

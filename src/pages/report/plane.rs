@@ -218,22 +218,21 @@ impl Plane {
         self.kind.axes()[axis] * ((pixel as f64 + 0.5) / self.scale)
     }
 
-    /// Draws the borders between pixels whose points have other values: a line of `colour`, and one of the opacity `beside` on its
-    /// left.
-    pub(super) fn borders<T: PartialEq>(
-        &self,
-        picture: &mut Canvas,
-        value: impl Fn(&Point3<f64>) -> T,
-        colour: Rgb,
-        beside: f64,
-    ) {
-        let at = |x: usize, y: usize| value(&self.world(x as f64 + 0.5, y as f64 + 0.5));
+    /// What `value` makes of the point of each pixel, row after row.
+    pub(super) fn each<T>(&self, value: impl Fn(&Point3<f64>) -> T) -> Vec<T> {
+        let at = |n: usize| self.world((n % self.width) as f64 + 0.5, (n / self.width) as f64 + 0.5);
+        (0..self.width * self.height).map(|n| value(&at(n))).collect()
+    }
+
+    /// Draws the borders between pixels with other values (see [`Plane::each`]): a line of `colour` and of the first
+    /// opacity, and one of the second on its left.
+    pub(super) fn borders<T: PartialEq>(&self, picture: &mut Canvas, values: &[T], colour: Rgb, [own, left]: [f64; 2]) {
         for y in 1..self.height {
             for x in 1..self.width {
-                let here = at(x, y);
-                if here != at(x - 1, y) || here != at(x, y - 1) {
-                    picture.blend(x as i64, y as i64, colour, 0.9);
-                    picture.blend(x as i64 - 1, y as i64, colour, beside);
+                let n = x + self.width * y;
+                if values[n] != values[n - 1] || values[n] != values[n - self.width] {
+                    picture.blend(x as i64, y as i64, colour, own);
+                    picture.blend(x as i64 - 1, y as i64, colour, left);
                 }
             }
         }

@@ -67,7 +67,7 @@ fn fill(
         runtime.stage("write, draw", || rayon::join(|| write_outputs(out, found, config), draw));
     let mut outputs = outputs?;
     if let Some(more) = more {
-        let (files, warnings) = runtime.stage("write DICOM", || more(outcome))?;
+        let (files, warnings) = more(outcome)?;
         outputs.extend(files);
         outcome.warnings.extend(warnings);
     }

@@ -7,13 +7,22 @@ use crate::volume::{Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// Least HU that are told; below they are air, embedded as 1 (0: no data).
-pub const HU_FIRST: f32 = -900.0;
-/// HU from one embedded number to the next; 2 stands for [`HU_FIRST`].
-pub const HU_STEP: f32 = 4.0;
+/// How HU are embedded as numbers from 2 on; 0 is no data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HuScale {
+    /// Least HU that are told, embedded as 2; what is less is air, embedded as 1.
+    pub first: f32,
+    /// HU from one number to the next.
+    pub step: f32,
+}
+
+/// For a page that is sent around: the noise of air is half of a scan's bytes.
+const FEW_BYTES: HuScale = HuScale { first: -900.0, step: 4.0 };
+/// Least HU of a file.
+const LEAST_HU: f32 = -32_768.0;
 
 /// Greatest number: the script keeps 16 bits.
-const MOST_NUMBER: i32 = 32_000;
+const MOST_NUMBER: i32 = 65_535;
 /// Voxels that are shown, at most.
 const MOST: usize = 6_000_000;
 /// Spacing that is finer than one sees, mm; coarser ones where there are too many voxels.
@@ -35,6 +44,7 @@ pub struct PageGrid {
     scan: Grid,
     /// For a scan along the axes: what each place along x, y and z adds to the place in storage.
     steps: Option<[Vec<usize>; 3]>,
+    hu: HuScale,
 }
 
 impl PageGrid {
@@ -46,14 +56,21 @@ impl PageGrid {
         Self::thinned(scans, FINEST_MM)
     }
 
-    /// Every voxel of scans on one grid, cut to what they show, however many there are.
+    /// Every voxel of scans on one grid, cut to what they show, however many there are, with HU in whole numbers from the
+    /// least of them or of `least` on.
     ///
     /// # Errors
     /// [`crate::error::Error::Internal`] when no grid can be made of them.
-    pub fn whole(scans: &[&Volume<f32>]) -> Result<Self> {
+    pub fn whole(scans: &[&Volume<f32>], least: f32) -> Result<Self> {
         let scan = Self::scan_of(scans)?;
         let all = Self::with_spacing(&scan, 0.0)?;
-        all.cut(&all.matter(scans))
+        let first = scans.iter().fold(least, |least, scan| least.min(scan.extremes()[0])).floor().max(LEAST_HU);
+        Ok(Self { hu: HuScale { first, step: 1.0 }, ..all.cut(&all.matter(scans))? })
+    }
+
+    /// How HU are embedded.
+    pub fn hu_scale(&self) -> HuScale {
+        self.hu
     }
 
     fn scan_of(scans: &[&Volume<f32>]) -> Result<Grid> {
@@ -105,12 +122,13 @@ impl PageGrid {
                 scan.centre(first).coords.into(),
             )?;
             let steps = [0, 1, 2].map(|a| voxels[a].iter().map(|i| i * strides[axes[a].0]).collect());
-            return Ok(Self { grid, scan: scan.clone(), steps: Some(steps) });
+            return Ok(Self { grid, scan: scan.clone(), steps: Some(steps), hu: FEW_BYTES });
         }
         let [low, high] = scan.corners().iter().fold([scan.origin(); 2], |[l, h], p| [l.inf(p), h.sup(p)]);
         let steps = axes.map(|(g, _)| every(spacing[g]) as f64 * spacing[g]);
         let size = [0, 1, 2].map(|a| ((high[a] - low[a]) / steps[a]) as usize + 1);
-        Ok(Self { grid: Grid::axis_aligned(size, steps, low.coords.into())?, scan: scan.clone(), steps: None })
+        let grid = Grid::axis_aligned(size, steps, low.coords.into())?;
+        Ok(Self { grid, scan: scan.clone(), steps: None, hu: FEW_BYTES })
     }
 
     /// The voxels from the first to the last along each axis that show something in any scan; all
@@ -147,7 +165,7 @@ impl PageGrid {
         let size = ends.map(|e| e[1] - e[0] + 1);
         let grid = Grid::axis_aligned(size, self.grid.spacing(), self.grid.centre(first).coords.into())?;
         let steps = self.steps.as_ref().map(|s| [0, 1, 2].map(|a| s[a][ends[a][0]..=ends[a][1]].to_vec()));
-        Ok(Self { grid, scan: self.scan.clone(), steps })
+        Ok(Self { grid, scan: self.scan.clone(), steps, hu: self.hu })
     }
 
     /// Where a voxel lies in the storage of the scan; `None` outside.
@@ -172,7 +190,7 @@ impl PageGrid {
 
     /// The HU of an image on the scan's grid as embedded numbers.
     pub fn hu(&self, image: &Volume<f32>) -> Vec<i32> {
-        self.each(|voxel| self.place(voxel).map_or(0, |n| number(image.data()[n])))
+        self.each(|voxel| self.place(voxel).map_or(0, |n| self.hu.number(image.data()[n])))
     }
 
     /// The HU of an image on any grid, moved by `shift`, between its voxels.
@@ -180,7 +198,7 @@ impl PageGrid {
         let grid = image.grid();
         self.each(|voxel| {
             let p = self.grid.centre(voxel) - shift;
-            trilinear(image, &grid.index(&p)).map_or(0, |hu| number(hu as f32))
+            trilinear(image, &grid.index(&p)).map_or(0, |hu| self.hu.number(hu as f32))
         })
     }
 
@@ -208,7 +226,7 @@ impl PageGrid {
         let apart = [0, 1, 2].map(|a| every[a] as f64 * self.grid.spacing()[a]);
         let grid = Grid::axis_aligned(size, apart, self.grid.origin().coords.into())?;
         let steps = self.steps.as_ref().map(|s| [0, 1, 2].map(|a| s[a].iter().copied().step_by(every[a]).collect()));
-        Ok(Self { grid, scan: self.scan.clone(), steps })
+        Ok(Self { grid, scan: self.scan.clone(), steps, hu: self.hu })
     }
 
     /// For each voxel what `values` makes of its position and of the value of a field on the scan's
@@ -238,13 +256,15 @@ impl PageGrid {
     }
 }
 
-/// HU as they are embedded.
-#[inline(always)]
-fn number(hu: f32) -> i32 {
-    if hu < HU_FIRST - 0.5 * HU_STEP {
-        return 1;
+impl HuScale {
+    /// HU as they are embedded.
+    #[inline(always)]
+    fn number(self, hu: f32) -> i32 {
+        if hu < self.first - 0.5 * self.step {
+            return 1;
+        }
+        (2 + ((hu - self.first) / self.step).round() as i32).min(MOST_NUMBER)
     }
-    (2 + ((hu - HU_FIRST) / HU_STEP).round() as i32).min(MOST_NUMBER)
 }
 
 #[cfg(test)]
@@ -273,11 +293,11 @@ mod tests {
             if *number < 2 {
                 continue;
             }
-            let told = HU_FIRST + HU_STEP * (number - 2) as f32;
+            let told = FEW_BYTES.first + FEW_BYTES.step * (number - 2) as f32;
             let voxel = scan.grid().voxel_at(&p).unwrap();
             let centre = scan.grid().centre(voxel);
             assert!((centre - p).norm() <= off_mm, "{centre} {p}");
-            assert!((told - scan.at(voxel)).abs() <= HU_STEP / 2.0 + 1e-3, "{told} {}", scan.at(voxel));
+            assert!((told - scan.at(voxel)).abs() <= FEW_BYTES.step / 2.0 + 1e-3, "{told} {}", scan.at(voxel));
             seen += 1;
         }
         assert!(seen * 3 > hu.len() && seen > 500, "{seen} of {}", hu.len());
@@ -311,11 +331,31 @@ mod tests {
 
     #[test]
     fn air_and_what_is_not_there_are_told_apart() {
-        assert_eq!([-3000.0, -903.0, -900.0, -896.0, 0.0, 3071.0].map(number), [1, 1, 2, 3, 227, 995]);
+        let numbers = [-3000.0, -903.0, -900.0, -896.0, 0.0, 3071.0].map(|hu| FEW_BYTES.number(hu));
+        assert_eq!(numbers, [1, 1, 2, 3, 227, 995]);
         let grid = |n| Grid::axis_aligned([n, 8, 8], [3.0; 3], [0.0; 3]).unwrap();
         let (long, short) = (Volume::filled(grid(12), 40.0), Volume::filled(grid(8), 40.0));
         let page = PageGrid::of(&[&long]).unwrap();
         let moved = page.hu_between(&short, &Vector3::new(3.0, 0.0, 0.0));
         assert_eq!(moved[..12], [0, 237, 237, 237, 237, 237, 237, 237, 237, 0, 0, 0]);
+    }
+
+    #[test]
+    fn a_whole_scan_keeps_every_hu() {
+        let grid = Grid::axis_aligned([40, 30, 10], [1.0, 1.0, 3.0], [0.0; 3]).unwrap();
+        // Air with noise, soft tissue, metal.
+        let ct = Volume::from_fn(grid, |l| [-1024.0, -1019.0, -3.0, 41.0, 3071.0, 30_000.0][l % 6]);
+        let page = PageGrid::whole(&[&ct], 0.0).unwrap();
+        let HuScale { first, step } = page.hu_scale();
+        assert!(page.grid().len() == ct.data().len());
+        for (number, hu) in page.hu(&ct).iter().zip(ct.data()) {
+            assert!(
+                (2..=MOST_NUMBER).contains(number) && (first + step * (number - 2) as f32 - hu).abs() < 1e-6,
+                "{hu}"
+            );
+        }
+        // What is read between the voxels of another scan may be less.
+        let page = PageGrid::whole(&[&ct], -2000.5).unwrap();
+        assert_eq!(page.hu_scale(), HuScale { first: -2001.0, step: 1.0 });
     }
 }

@@ -4,5 +4,5 @@
 mod grid;
 mod pack;
 
-pub use grid::{FINEST_MM, HU_FIRST, HU_STEP, PageGrid};
+pub use grid::{FINEST_MM, HuScale, PageGrid};
 pub use pack::pack;

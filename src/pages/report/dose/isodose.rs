@@ -23,8 +23,23 @@ const LEVELS: [(f64, Rgb); 6] = [
 /// Distance of the places whose dose is compared with a level, pixels.
 const STEP: f64 = 4.0;
 
-/// Isodoses of `dose` in three planes through the maximum of `reference`, over `ct` where there is one; the levels are
-/// shares of that maximum.
+/// What isodoses are shares of, and the place that the planes go through.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Levels {
+    /// 100 %, Gy.
+    pub most: f64,
+    /// LPS mm.
+    pub through: Point3<f64>,
+}
+
+impl Levels {
+    /// The greatest value of a dose, and where it is.
+    pub fn of(dose: &Volume<f32>) -> Self {
+        Self { most: f64::from(dose.extremes()[1].max(0.0)), through: greatest(dose) }
+    }
+}
+
+/// Isodoses of `dose` in three planes, over `ct` where there is one; `steep` dose is surrounded by a white line.
 ///
 /// # Errors
 /// [`Error::Internal`] when the picture cannot be encoded.
@@ -32,28 +47,34 @@ pub fn isodoses(
     title: &str,
     dose: &Volume<f32>,
     ct: Option<&Volume<f32>>,
-    reference: &Volume<f32>,
+    Levels { most, through }: &Levels,
+    steep: Option<&Mask>,
 ) -> Result<DosePicture> {
-    let (through, most) = (greatest(reference), f64::from(reference.extremes()[1].max(0.0)));
     let region = Region::of(ct.map_or(dose.grid(), Volume::grid));
-    let rows = planes(&[region; 3], &through).map(|plane| {
+    let rows = planes(&[region; 3], through).map(|plane| {
         let mut picture = backdrop(&plane, ct);
+        if let Some(steep) = steep {
+            border(&mut picture, &plane, steep, [255; 3]);
+        }
         for (percent, colour) in LEVELS {
             lines(&mut picture, &plane, dose, most * percent / 100.0, colour);
         }
         plane.row(&picture, [0; 3], [255; 3], [0; 3])
     });
-    let canvas = sheet(&rows, 2, |legend| {
+    let canvas = sheet(&rows, 2 + usize::from(steep.is_some()), |legend| {
         for (n, (percent, colour)) in LEVELS.into_iter().enumerate() {
             if n == LEVELS.len() / 2 {
                 legend.next_line();
             }
             legend.swatch(colour, &format!("{} Gy ({percent} %)", short((most * percent).round() / 100.0)));
         }
+        if steep.is_some() {
+            legend.next_line();
+            legend.swatch([255; 3], "border of steep dose: more than 1 % of the greatest per mm");
+        }
     });
     let caption = format!(
-        "Isodoses in shares of {most:.2} Gy, through the reference's maximum at {:.0}, {:.0}, {:.0} (LPS mm); the greatest dose here \
-         is {:.2} Gy.",
+        "Isodoses in shares of {most:.2} Gy; planes at {:.0}, {:.0}, {:.0} (LPS mm). The greatest dose here is {:.2} Gy.",
         through.x,
         through.y,
         through.z,
@@ -84,7 +105,7 @@ pub fn differences(
             let share = hu_at(difference, &p).unwrap_or(0.0) / top;
             mix(dim, side(share), share.abs().clamp(0.0, 1.0).sqrt())
         });
-        border(&mut picture, &plane, steep);
+        border(&mut picture, &plane, steep, INK);
         plane.row(&picture, [235; 3], INK, [235; 3])
     });
     let ticks: Vec<_> = (-2..=2).map(|n| (f64::from(n + 2) / 4.0, short(top * f64::from(n) / 2.0))).collect();
@@ -159,8 +180,8 @@ fn lines(picture: &mut Canvas, plane: &Plane, dose: &Volume<f32>, level: f64, co
 }
 
 /// Draws the border of a mask.
-fn border(picture: &mut Canvas, plane: &Plane, mask: &Mask) {
-    plane.borders(picture, |p| nearest(mask, p) == Some(true), INK, 0.6);
+fn border(picture: &mut Canvas, plane: &Plane, mask: &Mask, colour: Rgb) {
+    plane.borders(picture, &plane.each(|p| nearest(mask, p) == Some(true)), colour, [0.9, 0.6]);
 }
 
 #[cfg(test)]
@@ -185,7 +206,7 @@ mod tests {
             assert!(bright(20.0 * cos, 20.0 * sin), "{turn}");
             assert!(!bright(17.0 * cos, 17.0 * sin) && !bright(23.0 * cos, 23.0 * sin), "{turn}");
         }
-        let shown = isodoses("isodoses", &dose, None, &dose).unwrap();
+        let shown = isodoses("isodoses", &dose, None, &Levels::of(&dose), None).unwrap();
         assert!(
             shown.png.len() > 1000 && shown.caption.contains("60.00 Gy") && shown.caption.contains("at 0, 0, 0"),
             "{}",

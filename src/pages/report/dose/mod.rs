@@ -3,7 +3,7 @@
 mod isodose;
 mod page;
 
-pub use isodose::{differences, isodoses};
+pub use isodose::{Levels, differences, isodoses};
 pub use page::{DosePage, DosePicture, DoseTable};
 
 use super::canvas::{Canvas, Rgb};
@@ -39,9 +39,18 @@ pub fn write_dvh(folder: &Path, doses: &[DoseDvh], colours: &[Option<[u8; 3]>]) 
     let figures = figures(doses).map_err(internal)?;
     write_file(folder.join("dvh_figures.csv"), |out| out.write_all(&figures))?;
     write_json(folder.join("dvh.json"), doses)?;
+    let picture = dvh_picture(doses, colours)?;
+    write_file(folder.join("dvh.png"), |out| out.write_all(&picture.png))?;
+    Ok(picture)
+}
+
+/// The curves of each dose and structure; `colours` as in [`write_dvh`].
+///
+/// # Errors
+/// [`Error::Internal`] when the picture cannot be encoded.
+pub fn dvh_picture(doses: &[DoseDvh], colours: &[Option<[u8; 3]>]) -> Result<DosePicture> {
     let mut png = Vec::new();
     plot(doses, colours).write_png(&mut png).map_err(|e| Error::Internal(format!("dvh.png: {e}")))?;
-    write_file(folder.join("dvh.png"), |out| out.write_all(&png))?;
     let thick = if doses.len() > 1 { "; the first dose is thick" } else { "" };
     let caption = format!("Share of each structure's volume that receives at least this dose{thick}.");
     Ok(DosePicture { title: "Dose-volume histogram".into(), caption, png })

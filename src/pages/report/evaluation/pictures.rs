@@ -145,7 +145,7 @@ fn outlined(rows: Rows, labels: &Volume<u16>) -> Rows {
 
 /// Draws the borders of labels in one colour.
 fn outline(picture: &mut Canvas, plane: &Plane, labels: &Volume<u16>, colour: Rgb) {
-    plane.borders(picture, |p| nearest(labels, p).unwrap_or(0), colour, 0.5);
+    plane.borders(picture, &plane.each(|p| nearest(labels, p).unwrap_or(0)), colour, [0.9, 0.5]);
 }
 
 fn contours(fraction: &Volume<f32>, mapped: &Volume<u16>, reference: &Volume<u16>) -> Canvas {

@@ -2,7 +2,7 @@
 
 use super::super::canvas::{Canvas, Rgb, mix};
 use super::super::colour::{BLUE, ORANGE, grey, heat, tone};
-use super::super::plane::{Plane, Region, planes};
+use super::super::plane::{Plane, Region, nearest, planes};
 use crate::error::{Error, Result};
 use crate::skeleton::Skeleton;
 use crate::skeleton::anatomy::{Kind as Bone, SKULL};
@@ -47,19 +47,13 @@ pub(super) struct Shown {
 
 /// Labels at the pixels of a plane; 0 for what is no bone.
 fn labels(plane: &Plane, map: &LabelMap, bones: &[bool]) -> Vec<u16> {
-    let at = |n: usize| plane.world((n % plane.width) as f64 + 0.5, (n / plane.width) as f64 + 0.5);
-    let label = |p: Point3<f64>| map.volume.grid().voxel_at(&p).map_or(0, |voxel| *map.volume.at(voxel));
     let bone = |l: u16| if bones.get(usize::from(l)).copied().unwrap_or(false) { l } else { 0 };
-    (0..plane.width * plane.height).map(|n| bone(label(at(n)))).collect()
+    plane.each(|p| bone(nearest(&map.volume, p).unwrap_or(0)))
 }
 
 /// Draws the borders between labels.
-fn outline(canvas: &mut Canvas, labels: &[u16], width: usize, colour: Rgb, opacity: f64) {
-    for n in (width + 1)..labels.len() {
-        if n % width > 0 && (labels[n] != labels[n - 1] || labels[n] != labels[n - width]) {
-            canvas.blend((n % width) as i64, (n / width) as i64, colour, opacity);
-        }
-    }
+fn outline(canvas: &mut Canvas, plane: &Plane, labels: &[u16], colour: Rgb, opacity: f64) {
+    plane.borders(canvas, labels, colour, [opacity, 0.0]);
 }
 
 impl Gallery {
@@ -83,7 +77,7 @@ impl Gallery {
             let hu = plane.hu(ct);
             let mut overlay = plane.paint(|_, n| grey(0.75 * tone(f64::from(hu[n]))));
             let planning = labels(&plane, map, &bones);
-            outline(&mut overlay, &planning, plane.width, BLUE, 1.0);
+            outline(&mut overlay, &plane, &planning, BLUE, 1.0);
             let sums = vec![[0.0; 2]; hu.len()];
             View { small: plane.scaled(SMALLER), overlay, planning, sums, plane }
         };
@@ -107,10 +101,10 @@ impl Gallery {
                 *sum = [sum[0] + hu, sum[1] + hu * hu];
             }
             let moved = labels(&view.plane, map, &self.bones);
-            outline(&mut view.overlay, &moved, view.plane.width, ORANGE, self.opacity);
+            outline(&mut view.overlay, &view.plane, &moved, ORANGE, self.opacity);
             let hu = view.small.hu(ct);
             let mut thumbnail = view.small.paint(|_, n| grey(tone(f64::from(hu[n]))));
-            outline(&mut thumbnail, &labels(&view.small, map, &self.bones), view.small.width, ORANGE, 0.9);
+            outline(&mut thumbnail, &view.small, &labels(&view.small, map, &self.bones), ORANGE, 0.9);
             small.push(thumbnail);
         }
         self.thumbnails.push((name.into(), png(&beside(&small))?));
@@ -124,7 +118,7 @@ impl Gallery {
         let (mut means, mut deviations) = (Vec::new(), Vec::new());
         for view in &self.views {
             let mut overlay = view.overlay.clone();
-            outline(&mut overlay, &view.planning, view.plane.width, BLUE, 0.8);
+            outline(&mut overlay, &view.plane, &view.planning, BLUE, 0.8);
             overlays.push(overlay);
             let mean = |k: usize| view.sums[k][0] / n;
             means.push(view.plane.paint(|_, k| grey(tone(mean(k)))));

@@ -6,7 +6,7 @@ use super::places::{Place, bones, landmarks, places, start};
 use super::structures;
 use crate::error::Result;
 use crate::geometry::Grid;
-use crate::io::embed::{FINEST_MM, HU_FIRST, HU_STEP, PageGrid, pack};
+use crate::io::embed::{FINEST_MM, HuScale, PageGrid, pack};
 use crate::pipeline::{Case, Outcome};
 use crate::volume::contour::Contours;
 use nalgebra::{Point3, Vector3};
@@ -15,8 +15,18 @@ use serde_json::{Value, json};
 
 /// Distance of places of the field that are told, mm.
 const FIELD_MM: f64 = 5.0;
-/// Steps in which displacement (mm), Jacobian and uncertainty (mm) are told.
-const STEPS: [f64; 3] = [0.1, 0.01, 0.05];
+/// Step in which the Jacobian is told.
+const JACOBIAN: f64 = 0.01;
+/// Steps in which displacement and uncertainty are told, mm.
+#[derive(Clone, Copy)]
+struct Steps {
+    displacement: f64,
+    uncertainty: f64,
+}
+/// For a page that is sent around.
+const FEW_BYTES: Steps = Steps { displacement: 0.1, uncertainty: 0.05 };
+/// For a page with everything.
+const FINE: Steps = Steps { displacement: 0.01, uncertainty: 0.01 };
 /// Least Jacobian that is told, so that 0 is free for places outside the patient; folded cells hold
 /// -1.
 const LEAST_JACOBIAN: f64 = -2.0;
@@ -59,13 +69,19 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
     within(MOST_BYTES, case, outcome, contours)
 }
 
-/// The same with every voxel of the fraction, however many there are.
+/// The same with every voxel of the fraction, however many there are, every HU, and the fields at every voxel.
 ///
 /// # Errors
 /// As [`embed`].
 pub fn embed_whole(case: &Case, outcome: &Outcome) -> Result<View> {
-    let page = PageGrid::whole(&[&case.fraction, &outcome.planning_on_fraction])?;
-    embed_on(&page, case, outcome, None)
+    let scans = [&case.fraction, &outcome.planning_on_fraction];
+    let page = PageGrid::whole(&scans, case.planning.extremes()[0])?;
+    let field = outcome.pull.displacement.data();
+    let most = field.par_iter().map(|v| v.iter().fold(0f32, |most, c| most.max(c.abs()))).reduce(|| 0.0, f32::max);
+    // Far scanner origins need more than the script's 16 bits in fine steps.
+    let fits = f64::from(most) < MOST * FINE.displacement;
+    let steps = Steps { displacement: if fits { FINE } else { FEW_BYTES }.displacement, ..FINE };
+    embed_on((&page, &page, steps), case, outcome, None)
 }
 
 /// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
@@ -74,7 +90,7 @@ fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contour
     let mut finest = FINEST_MM;
     let mut page = PageGrid::thinned(&scans, finest)?;
     loop {
-        let view = embed_on(&page, case, outcome, contours)?;
+        let view = embed_on((&page, &page.coarser(FIELD_MM)?, FEW_BYTES), case, outcome, contours)?;
         let over = view.bytes() as f64 / most as f64;
         let voxels = page.grid().len();
         if over <= 1.0 || voxels <= FEW {
@@ -87,11 +103,15 @@ fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contour
     }
 }
 
-/// The same on the voxels of a page.
-fn embed_on(page: &PageGrid, case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
+/// The same on the voxels of a page, with the fields at those of `coarse`.
+fn embed_on(
+    (page, coarse, steps): (&PageGrid, &PageGrid, Steps),
+    case: &Case,
+    outcome: &Outcome,
+    contours: Option<&Contours>,
+) -> Result<View> {
     let shift_before = super::super::pictures::shift_before(case, outcome);
     let shift = shift_before.unwrap_or_default();
-    let coarse = page.coarser(FIELD_MM)?;
     let whole: [(&'static str, Values<'_>); 5] = [
         ("fraction", Box::new(|| page.hu(&case.fraction))),
         ("deformed", Box::new(|| page.hu(&outcome.planning_on_fraction))),
@@ -104,7 +124,7 @@ fn embed_on(page: &PageGrid, case: &Case, outcome: &Outcome, contours: Option<&C
             let one = |(name, values): &(&'static str, Values<'_>)| Ok((*name, pack(&values(), page.grid().size())?));
             whole.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>>>()
         },
-        || maps(outcome, &coarse, &shift),
+        || maps(outcome, coarse, &shift, steps),
     );
     let size = coarse.grid().size();
     let mut volumes = volumes?;
@@ -115,6 +135,7 @@ fn embed_on(page: &PageGrid, case: &Case, outcome: &Outcome, contours: Option<&C
         volumes.push(("structures_before", pack(&before, page.grid().size())?));
         volumes.push(("structures_after", pack(&after, page.grid().size())?));
     }
+    let HuScale { first, step } = page.hu_scale();
     let scale = |hu: f32| outcome.kind.as_ref().map_or(hu, |kind| kind.on_plannings_scale(hu));
     let offset = f64::from(scale(0.0));
     let all = |list: Vec<Place>| list.into_iter().map(Place::json).collect::<Vec<_>>();
@@ -122,10 +143,10 @@ fn embed_on(page: &PageGrid, case: &Case, outcome: &Outcome, contours: Option<&C
         "grid": grid(page.grid()),
         "coarse": grid(coarse.grid()),
         "own": case.fraction.grid().spacing(),
-        "hu": { "first": HU_FIRST, "step": HU_STEP },
+        "hu": { "first": first, "step": step },
         // The fraction on planning's scale, as the pictures show it.
         "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
-        "steps": { "mm": STEPS[0], "jacobian": STEPS[1], "uncertainty": STEPS[2] },
+        "steps": { "mm": steps.displacement, "jacobian": JACOBIAN, "uncertainty": steps.uncertainty },
         "shift": shift.as_slice(),
         "shifted": shift_before.is_some(),
         "top": top,
@@ -148,7 +169,12 @@ fn grid(grid: &Grid) -> Value {
 
 /// Displacement, Jacobian and uncertainty at the places of `coarse`, and a motion apart from
 /// `shift` that few exceed, mm. Outside the patient all are 0.
-fn maps(outcome: &Outcome, coarse: &PageGrid, shift: &Vector3<f64>) -> (Vec<(&'static str, Vec<i32>)>, f64) {
+fn maps(
+    outcome: &Outcome,
+    coarse: &PageGrid,
+    shift: &Vector3<f64>,
+    steps: Steps,
+) -> (Vec<(&'static str, Vec<i32>)>, f64) {
     let count = |value: f64, step: f64| (value / step).round().clamp(-MOST, MOST) as i32;
     let unsure = outcome.uncertainty.as_ref().map(|u| &u.0);
     let [x, y, z, jacobian, uncertainty] = coarse.of_field(&outcome.pull.displacement, |p, v| {
@@ -156,19 +182,19 @@ fn maps(outcome: &Outcome, coarse: &PageGrid, shift: &Vector3<f64>) -> (Vec<(&'s
         if nearest(&outcome.body, &from) != Some(true) {
             return [0; 5];
         }
-        let [x, y, z] = v.map(|c| count(f64::from(c), STEPS[0]));
+        let [x, y, z] = v.map(|c| count(f64::from(c), steps.displacement));
         let j = cell_at(&outcome.jacobian, &from).map_or(1.0, f64::from);
         let mm = unsure.and_then(|map| nearest(map, &from)).filter(|mm| *mm >= 0.0);
         [
             x,
             y,
             z,
-            count((j - LEAST_JACOBIAN).max(STEPS[1]), STEPS[1]),
-            mm.map_or(0, |mm| 1 + count(f64::from(mm), STEPS[2])),
+            count((j - LEAST_JACOBIAN).max(JACOBIAN), JACOBIAN),
+            mm.map_or(0, |mm| 1 + count(f64::from(mm), steps.uncertainty)),
         ]
     });
     let inside = (0..x.len()).filter(|n| jacobian[*n] != 0);
-    let length = |n: usize| (Vector3::new(x[n], y[n], z[n]).map(f64::from) * STEPS[0] + shift).norm();
+    let length = |n: usize| (Vector3::new(x[n], y[n], z[n]).map(f64::from) * steps.displacement + shift).norm();
     let mut lengths: Vec<f64> = inside.map(length).collect();
     let most = (lengths.len() as f64 * MOST_MOTIONS) as usize;
     let top = if lengths.is_empty() { 1.0 } else { *lengths.select_nth_unstable_by(most, f64::total_cmp).1 };

@@ -149,6 +149,7 @@ fn notes(view: &View) -> Markup {
         let texts = spacing.iter().map(|s| format!("{}", (s * 100.0).round() / 100.0));
         texts.collect::<Vec<_>>().join(" \u{d7} ")
     };
+    let whole = view.about["hu"]["step"] == 1.0;
     html! {
         p.note {
             "Click or drag moves the crosshair; the wheel, Page Up and Page Down turn the slices; arrow keys move it by a voxel. "
@@ -156,9 +157,11 @@ fn notes(view: &View) -> Markup {
             "M as scanned, couch shift only or deformed, O bones, A arrows, + and \u{2212} zoom. Right button or Shift and drag: level and width."
         }
         p.note {
-            "Shown are voxels of the fraction, " (edges("grid")) " mm apart, by their values: HU in steps of 4, all below \u{2212}900 alike. "
-            "Planning before is read between its voxels. Displacement (planning to fraction), Jacobian and uncertainty are those of the "
-            "nearest of places " (edges("coarse")) " mm apart; the files beside the report hold them whole."
+            "Shown are voxels of the fraction, " (edges("grid")) " mm apart, by their values"
+            @if whole { ", every HU. " } @else { ": HU in steps of 4, all below \u{2212}900 alike. " }
+            "Planning before is read between its voxels. Displacement (planning to fraction), Jacobian and uncertainty are those of "
+            @if whole { "each voxel." }
+            @else { "the nearest of places " (edges("coarse")) " mm apart; aventail view shows them whole." }
         }
     }
 }

@@ -9,7 +9,7 @@ const KINDS = [
 const PRESETS = {
   both: null, soft: [40, 400], bone: [400, 1800], lung: [-600, 1500], auto: null, own: null,
 };
-const CHECK_MM = 20, SLAB_MM = 4;
+const CHECK_MM = 20, SLAB_MM = 4, AIR_HU = -900;
 
 const s = {
   pos: grid.nearest(about.start), moved: 'deformed', mode: 'colour', preset: 'both', level: 40, width: 400, zoom: 1,
@@ -22,7 +22,7 @@ const share = (x, low, high) => clamp((x - low) / (high - low), 0, 1);
 const bothTone = x => 0.64 * share(x, -150, 170) + 0.36 * share(x, 170, 1400);
 
 function tones(gain, offset) {
-  const table = new Uint8Array(32768);
+  const table = new Uint8Array(65536);
   for (let n = 1; n < table.length; n++) {
     const x = gain * (n === 1 ? -1000 : hu(n)) + offset;
     const tone = s.preset === 'both' ? bothTone(x) : share(x, s.level - s.width / 2, s.level + s.width / 2);
@@ -38,9 +38,9 @@ function window_() {
 
 // Window from the first to the 99th percentile of what is not air in the fraction.
 function automatic() {
-  const counts = new Uint32Array(32768);
+  const counts = new Uint32Array(65536);
   let all = 0;
-  for (const n of volumes.fraction) if (n > 1) { counts[n]++; all++; }
+  for (const n of volumes.fraction) if (n > 1 && hu(n) >= AIR_HU) { counts[n]++; all++; }
   const at = part => {
     let sum = 0, n = 0;
     while (n < counts.length - 1 && sum <= part * all) sum += counts[++n];
@@ -139,7 +139,7 @@ class Plane {
   // The plane of planning as scanned, moved by the couch shift alone: between voxels; 0 where there is no data.
   couched() {
     if (this.shifted && this.shifted.at === s.pos[this.c]) return this.shifted.values;
-    const values = new Int16Array(this.size[0] * this.size[1]), { size, strides } = grid, from = volumes.planning;
+    const values = new Uint16Array(this.size[0] * this.size[1]), { size, strides } = grid, from = volumes.planning;
     const back = about.couch.map((mm, a) => -mm / grid.spacing[a]), low = back.map(Math.floor);
     const corners = [0, 1, 2, 3, 4, 5, 6, 7].map(n => {
       const by = [n & 1, n >> 1 & 1, n >> 2];

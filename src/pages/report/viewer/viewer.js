@@ -21,7 +21,9 @@ function go(p) {
 }
 
 const fixed = (x, digits) => x.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1').replace('-', '\u2212');
-const point = p => p.map(x => fixed(x, 1)).join(', ');
+// Digits of mm: as many as the field is told in.
+const digits = about.steps.mm < 0.1 ? 2 : 1;
+const point = (p, digits = 1) => p.map(x => fixed(x, digits)).join(', ');
 const told = n => {
   const value = hu(n);
   return value === null ? 'no data' : value === -Infinity ? `below ${fixed(about.hu.first, 0)}` : fixed(value, 0);
@@ -32,8 +34,8 @@ function tell() {
   set('at', point(p));
   for (const name of ['fraction', 'deformed', 'planning']) set(name, told(volumes[name][n]));
   const v = motion(s.pos), m = coarse.at(coarseOf(s.pos));
-  set('from', v ? point(p.map((x, a) => x + v[a])) : '\u2013');
-  set('displacement', v ? `${fixed(Math.hypot(...v), 1)} (${point(v.map(x => -x))})` : 'outside the patient');
+  set('from', v ? point(p.map((x, a) => x + v[a]), digits) : '\u2013');
+  set('displacement', v ? `${fixed(Math.hypot(...v), digits)} (${point(v.map(x => -x), digits)})` : 'outside the patient');
   const j = (volumes.jacobian[m] - 200) * about.steps.jacobian;
   set('jacobian', !v ? '\u2013' : j <= 0 ? 'folded' : fixed(j, 2));
   const u = volumes.uncertainty && v ? volumes.uncertainty[m] : 0;

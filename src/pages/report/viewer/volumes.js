@@ -53,7 +53,7 @@ const coarseOf = voxel => voxel.map((v, a) => clamp(Math.round(v / every[a]), 0,
 
 const volumes = {};
 async function load() {
-  const whole = ['fraction', 'deformed', 'planning'].map(name => [name, grid.size, Int16Array]);
+  const whole = ['fraction', 'deformed', 'planning'].map(name => [name, grid.size, Uint16Array]);
   const labels = ['bones_before', 'bones_after'].map(name => [name, grid.size, Uint16Array]);
   const maps = ['ux', 'uy', 'uz', 'jacobian', 'uncertainty'].map(name => [name, coarse.size, Int16Array]);
   const bits = ['structures_before', 'structures_after'].map(name => [name, grid.size, Int32Array]);

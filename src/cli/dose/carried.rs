@@ -1,0 +1,196 @@
+//! The page of a dose that was carried: isodoses before and after, each fraction's share, what is steep, histograms.
+
+use super::args::PageArgs;
+use super::structures::Structures;
+use super::{Ledger, pages::stem};
+use crate::dose::{doubts, steep};
+use crate::error::Result;
+use crate::io;
+use crate::io::dicom::Role;
+use crate::pipeline::DoseReport;
+use crate::report::dose::{DoseDvh, DosePicture, DoseTable, Levels, dvh_picture, dvh_tables, isodoses};
+use crate::volume::{Mask, Volume};
+use crate::warning::Warning;
+use std::path::Path;
+
+/// Fractions whose share is drawn.
+pub(super) const MOST_DRAWN: usize = 6;
+/// Fractions whose share has curves in a histogram beside those of the sum.
+const MOST_CURVES: usize = 3;
+/// Width of a bin of the curves, Gy.
+const BIN: f64 = 0.1;
+/// An image with less than this is a CT, HU.
+const CT_HU: f32 = -500.0;
+/// A dose below this share of the greatest is not counted.
+const COUNTED: f64 = 0.1;
+
+/// What is shown beside a carried dose, in its new frame.
+pub(super) struct Scenery {
+    ct: Option<Volume<f32>>,
+    structures: Option<Structures>,
+}
+
+impl Scenery {
+    /// Reads what the page needs; `grid` is the image whose grid the result has. Nothing where no page is wanted.
+    pub(super) fn read(
+        args: &PageArgs,
+        (path, grid): (&Path, Volume<f32>),
+        ledger: &mut Ledger,
+    ) -> Result<Option<Self>> {
+        if args.no_page {
+            return Ok(None);
+        }
+        let ct = match &args.page_ct {
+            Some(path) => Some(ledger.take_scan("page-ct", io::read_image(path)?)),
+            None => (grid.extremes()[0] < CT_HU).then_some(grid),
+        };
+        let near = [(path, Role::Image)];
+        let read = |path: &Path| Structures::read(ledger, path, args.labels.as_deref(), &near);
+        let structures = args.structures.as_deref().map(read).transpose()?;
+        Ok(Some(Self { ct, structures }))
+    }
+
+    /// Histogram and figures of doses; nothing without structures.
+    fn histograms(&self, doses: &[(String, &Volume<f32>)], page: &mut Content) -> Result<()> {
+        let Some(structures) = &self.structures else { return Ok(()) };
+        let one = |(name, dose): &(String, &Volume<f32>)| {
+            let structures = structures.histograms(dose, &[], BIN);
+            DoseDvh { name: name.clone(), warnings: doubts(&structures), structures }
+        };
+        let all: Vec<DoseDvh> = doses.iter().map(one).collect();
+        page.pictures.push(dvh_picture(&all, &structures.colours())?);
+        page.tables.extend(dvh_tables(&all));
+        page.warnings.extend(all.into_iter().flat_map(|dose| dose.warnings));
+        Ok(())
+    }
+}
+
+/// What the page of a carried dose says.
+pub(super) struct Content {
+    pub(super) title: String,
+    pub(super) pictures: Vec<DosePicture>,
+    pub(super) tables: Vec<DoseTable>,
+    /// Beyond those that the doses came with.
+    pub(super) warnings: Vec<Warning>,
+}
+
+/// One of several doses that were carried.
+pub(super) struct Part {
+    name: String,
+    weight: f64,
+    /// Of one fraction, Gy.
+    greatest: f64,
+    /// Of all voxels, times the weight, Gy.
+    total: f64,
+    /// Times the weight; kept of the first [`MOST_DRAWN`].
+    pub(super) share: Option<Volume<f32>>,
+}
+
+impl Part {
+    /// The dose of a file, carried, that counts `weight` times; `drawn` keeps its share for a picture.
+    pub(super) fn new(path: &Path, weight: f64, mapped: &Volume<f32>, drawn: bool) -> Self {
+        let total = weight * mapped.data().iter().map(|d| f64::from(*d)).sum::<f64>();
+        let share = drawn.then(|| mapped.map(|d| (weight * f64::from(*d)) as f32));
+        Self { name: stem(path), weight, greatest: f64::from(mapped.extremes()[1]), total, share }
+    }
+}
+
+/// The page of one dose (and the CT that it was computed on, if any) carried to `frame`.
+pub(super) fn map(
+    scenery: &Scenery,
+    frame: &str,
+    (name, dose, ct): (&Path, &Volume<f32>, Option<&Volume<f32>>),
+    mapped: &Volume<f32>,
+    report: &DoseReport,
+) -> Result<Content> {
+    let (levels, steep) = (Levels::of(dose), steep(mapped));
+    let after = Levels { through: Levels::of(mapped).through, ..levels };
+    let mut page = Content {
+        title: format!("{} carried to {frame}", stem(name)),
+        pictures: vec![
+            isodoses("Before, where it was computed", dose, ct, &levels, None)?,
+            isodoses(&format!("After, on {frame}"), mapped, scenery.ct.as_ref(), &after, Some(&steep))?,
+        ],
+        tables: vec![steep_table(mapped, &steep, std::slice::from_ref(report))],
+        warnings: Vec::new(),
+    };
+    scenery.histograms(&[(format!("{} on {frame}", stem(name)), mapped)], &mut page)?;
+    Ok(page)
+}
+
+/// The page of a sum of `parts`.
+pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], reports: &[DoseReport]) -> Result<Content> {
+    let (levels, steep) = (Levels::of(total), steep(total));
+    let ct = scenery.ct.as_ref();
+    let mut pictures = vec![isodoses("The sum", total, ct, &levels, Some(&steep))?];
+    for part in parts {
+        let Some(share) = &part.share else { continue };
+        pictures.push(isodoses(&format!("Share of {}, times {}", part.name, part.weight), share, ct, &levels, None)?);
+    }
+    let whole = parts.iter().map(|p| p.total).sum::<f64>().max(f64::MIN_POSITIVE);
+    let row = |(part, report): (&Part, &DoseReport)| {
+        let numbers = [
+            format!("{}", part.weight),
+            format!("{:.2}", part.greatest),
+            format!("{:.2}", part.weight * part.greatest),
+            format!("{:.1}", 100.0 * part.total / whole),
+            format!("{:.2}", report.outside.amount_percent),
+        ];
+        std::iter::once(part.name.clone()).chain(numbers).collect()
+    };
+    let drawn = parts.iter().filter(|p| p.share.is_some()).count();
+    let left = if drawn < parts.len() { format!(" Pictures show the first {drawn}.") } else { String::new() };
+    let shares = DoseTable {
+        title: "Fractions".into(),
+        note: format!("Each dose carried back to planning, and its share of the sum over all voxels.{left}"),
+        head: ["", "weight", "greatest, Gy", "times weight, Gy", "of the sum, %", "dose outside the field, %"]
+            .map(str::to_owned)
+            .into(),
+        rows: parts.iter().zip(reports).map(row).collect(),
+    };
+    let mut page = Content {
+        title: format!("dose accumulated over {} doses", parts.len()),
+        pictures,
+        tables: vec![shares, steep_table(total, &steep, reports)],
+        warnings: Vec::new(),
+    };
+    let mut doses = vec![("sum".to_owned(), total)];
+    if parts.len() <= MOST_CURVES {
+        doses.extend(parts.iter().filter_map(|p| Some((format!("{} x {}", p.name, p.weight), p.share.as_ref()?))));
+    }
+    scenery.histograms(&doses, &mut page)?;
+    Ok(page)
+}
+
+/// How much of a dose is steep, and where the field deserves doubt there.
+fn steep_table(dose: &Volume<f32>, steep: &Mask, reports: &[DoseReport]) -> DoseTable {
+    let most = f64::from(dose.extremes()[1].max(0.0));
+    let ml = dose.grid().voxel_volume() / 1000.0;
+    let counted = |l: &usize| f64::from(dose.data()[*l]) > COUNTED * most;
+    let all = (0..dose.data().len()).filter(counted).count();
+    let within = (0..dose.data().len()).filter(counted).filter(|l| steep.data()[*l]).count();
+    let doubtful = reports.iter().map(|r| r.caution.ml).fold(0.0, f64::max);
+    let change = reports.iter().map(|r| r.caution.greatest_gy).fold(0.0, f64::max);
+    let row = vec![
+        "volume".into(),
+        format!("{:.1}", all as f64 * ml),
+        format!("{:.1}", within as f64 * ml),
+        format!("{:.0}", 100.0 * within as f64 / all.max(1) as f64),
+        format!("{doubtful:.2}"),
+        format!("{change:.2}"),
+    ];
+    DoseTable {
+        title: "Steep dose".into(),
+        note: format!(
+            "Steep is what changes by more than 1 % of the greatest dose ({:.2} Gy) per mm: a millimetre of error of the field changes \
+             the dose there by more than that, and no figure of this page can show it. Doubtful is steep dose where the field folds, \
+             leaves the images, or misses itself there and back by more than 1 % of the greatest dose; of several fractions the worst \
+             counts.",
+            most / 100.0
+        ),
+        head: ["", "above 10 %, ml", "of it steep, ml", "%", "doubtful, ml", "greatest miss of the field, Gy"]
+            .map(str::to_owned)
+            .into(),
+        rows: vec![row],
+    }
+}

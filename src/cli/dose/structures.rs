@@ -1,0 +1,68 @@
+//! The structures whose dose is counted.
+
+use super::super::evaluate::Ledger;
+use super::super::record;
+use crate::dose::{Dvh, dvh, dvh_of_contours};
+use crate::error::Result;
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::{self, ContourFile};
+use crate::volume::contour::Contours;
+use crate::volume::{LabelMap, Volume};
+use crate::warning::Warning;
+use std::path::Path;
+
+/// Structures as labels, or as contours, which may overlap.
+pub(super) enum Structures {
+    Labels(Box<LabelMap>),
+    Contours(Contours),
+}
+
+/// Structures that a warning names.
+const NAMED: usize = 12;
+
+impl Structures {
+    /// Reads a label map (with a file of `names`, if any) or contours; `near` are files whose frame they must share.
+    pub(super) fn read(ledger: &mut Ledger, path: &Path, names: Option<&Path>, near: &[(&Path, Role)]) -> Result<Self> {
+        let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        if !json && !is_dicom_path(path) {
+            let map = Box::new(ledger.structures("structures", path, names)?);
+            if names.is_some() {
+                ledger.warnings.extend(missing(&map));
+            }
+            return Ok(Self::Labels(map));
+        }
+        near.iter().try_for_each(|other| check_frames((path, Role::Structures), *other))?;
+        let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(path)?;
+        ledger.inputs.push(record::input("structures", &path)?);
+        ledger.warnings.extend(warnings);
+        ledger.warnings.extend(contours.tidy());
+        Ok(Self::Contours(contours))
+    }
+
+    /// Each structure's histogram: volumes above `at` Gy, curves in bins of `bin` Gy.
+    pub(super) fn histograms(&self, dose: &Volume<f32>, at: &[f64], bin: f64) -> Vec<Dvh> {
+        match self {
+            Self::Labels(map) => dvh(dose, map, at, bin),
+            Self::Contours(all) => dvh_of_contours(dose, all, at, bin),
+        }
+    }
+
+    /// The colours that contours were drawn in, in the order of the histograms; none of labels.
+    pub(super) fn colours(&self) -> Vec<Option<[u8; 3]>> {
+        match self {
+            Self::Labels(_) => Vec::new(),
+            Self::Contours(all) => all.structures.iter().map(|s| s.colour).collect(),
+        }
+    }
+}
+
+/// A word about names in the file of names whose label no voxel has: a small structure may have been lost in a mask.
+fn missing(map: &LabelMap) -> Option<Warning> {
+    let counts = map.counts();
+    let gone: Vec<&str> =
+        map.names.iter().filter(|(l, _)| !counts.contains_key(l)).map(|(_, name)| name.as_str()).collect();
+    let shown = gone.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+    let more = gone.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
+    (!gone.is_empty())
+        .then(|| Warning::new("structure-empty", format!("named, but no voxel has their label: {shown}{more}")))
+}
