@@ -171,6 +171,28 @@ fn what_cannot_be_measured_is_refused() {
     refused(alone.arg("--then").arg(truth()), 2, &["--direct"]);
 }
 
+/// The pages beside a mapped dose and a sum of it, a quarter and three quarters: what they show, and that they are known.
+fn pages_of_carried_dose([there, sum]: [&Path; 2]) {
+    let beside = |dose: &Path, extension: &str| {
+        PathBuf::from(dose.display().to_string().replace(".nii.gz", &format!(".{extension}")))
+    };
+    let read = |dose: &Path| fs::read_to_string(beside(dose, "html")).unwrap();
+    let (map, both) = (read(there), read(sum));
+    // Before and after; the sum, two shares, histograms.
+    for (page, pictures) in [(&map, 2), (&both, 4)] {
+        assert_eq!(page.matches("data:image/png;base64,").count(), pictures);
+        assert!(page.contains("Steep dose") && page.contains("class=\"sign\"") && !page.contains("<script"));
+    }
+    assert!(map.contains("Before, where it was computed") && map.contains("After, on the fraction"));
+    assert!(both.contains("<td class=\"n\">25.0</td>") && both.contains("<td class=\"n\">75.0</td>"));
+    assert!(both.contains("<td>mandible</td>"));
+    for dose in [there, sum] {
+        let outputs = json(&beside(dose, "json"))["outputs"].as_array().unwrap().clone();
+        assert_eq!(outputs.len(), 2, "{outputs:?}");
+        aventail().arg("inspect").arg(beside(dose, "json")).assert().success();
+    }
+}
+
 /// A ball of dose on the phantom's planning grid.
 fn dose() -> PathBuf {
     let path = folder().join("dose.nii.gz");
@@ -201,7 +223,9 @@ fn dose_goes_there_and_back_and_adds_up() {
     let sum = folder().join("sum.nii.gz");
     let mut back = run_dose("accumulate", &sum);
     back.arg("--dose").arg(&there).arg(&there).arg("--fields").arg(truth()).arg(truth());
-    back.args(["--weights", "0.25", "0.75", "--grid"]).arg(&dose).assert().success();
+    back.args(["--weights", "0.25", "0.75", "--grid"]).arg(&dose);
+    back.arg("--page-ct").arg(&f.planning).arg("--structures").arg(&f.bones).assert().success();
+    pages_of_carried_dose([&there, &sum]);
     // There and back is the planned dose, but for resampling at 5 mm.
     let out = folder().join("dose_compare");
     run_dose("compare", &out).arg("--dose").arg(&sum).arg("--reference").arg(&dose).assert().success();

@@ -3,7 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
 use crate::support::browser::Browser;
-use crate::support::{Register, aventail, done, folder, small_phantom};
+use crate::support::viewer::{click, numbers, on_canvas, told};
+use crate::support::{Register, aventail, done, folder, phantom, quick_settings, small_phantom};
+use aventail::io::{read_field, read_image};
+use aventail::volume::Volume;
+use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -148,4 +152,63 @@ fn a_run_is_served_to_whom_has_the_address_on_this_machine_alone() {
     browser.open_address(&format!("http://{}{}", served.host, served.path));
     browser.wait("!!document.getElementById('viewer').dataset.state");
     assert_eq!(browser.text("document.getElementById('viewer').dataset.state"), "ready");
+    tells_every_value(&browser);
+}
+
+/// What stands under the crosshair is what the files hold at that voxel: HU, noise of air too, and displacement.
+fn tells_every_value(browser: &Browser) {
+    let run = &done().out;
+    let fraction = read_image(phantom().fraction.clone()).unwrap().value;
+    let deformed = read_image(run.join("planning_on_fraction.nii.gz")).unwrap().value;
+    let pull = read_field(run.join("fraction_to_planning.nii.gz")).unwrap().value;
+    browser.value("document.getElementById('viewer').scrollIntoView()");
+    let (mut moved, mut air) = (0, 0);
+    for n in 0..24 {
+        let shares = [0.06 + 0.88 * f64::from(n % 6) / 5.0, 0.1 + 0.8 * f64::from(n / 6) / 3.0];
+        click(browser, on_canvas(browser, ["axial", "coronal", "sagittal"][n as usize % 3], shares));
+        let at = Point3::from(numbers(&told(browser, "at")));
+        let voxel = fraction.grid().voxel_at(&at).expect("the crosshair lies in the scan");
+        let hu = |image: &Volume<f32>| format!("{}", *image.at(voxel));
+        assert_eq!([told(browser, "fraction"), told(browser, "deformed")], [hu(&fraction), hu(&deformed)], "{at}");
+        air += usize::from(*fraction.at(voxel) < -905.0);
+        let displacement = told(browser, "displacement");
+        let Some(parts) = displacement.split(['(', ')']).nth(1) else { continue };
+        let v = Vector3::from(pull.at(voxel).map(f64::from));
+        assert!((numbers(parts) + v).amax() < 0.0051, "{displacement} {v}");
+        moved += usize::from(v.norm() > 3.0);
+    }
+    assert!(moved >= 3 && air >= 3, "{moved} places moved, {air} of air");
+}
+
+#[test]
+fn a_made_posture_is_drawn_and_served_too() {
+    let pose = folder().join("nod.toml");
+    fs::write(&pose, "[bones.skull]\nflexion_deg = 4.0\n").unwrap();
+    let out = folder().join("posed");
+    let f = small_phantom();
+    let mut command = aventail();
+    command.arg("pose").arg("--planning").arg(&f.planning).arg("--bones").arg(&f.bones).arg("--pose").arg(&pose);
+    command.args(["--margin", "20", "--quiet", "--config"]).arg(quick_settings()).arg("--out").arg(&out);
+    command.assert().success();
+    for (kind, name) in [("fusion", "posed.png"), ("displacement", "posed.svg")] {
+        figure(&out, kind, "sagittal", &folder().join(name)).assert().success();
+    }
+    let served = serve(&out);
+    let (status, page) = ask(&served, "GET", &served.path, &served.host);
+    assert!(status == 200 && page.contains("view-fraction"), "{status}");
+}
+
+#[test]
+fn of_several_fractions_one_is_to_be_named() {
+    let second = small_phantom().planning.parent().unwrap().join("fraction_2/fraction_ct.nii.gz");
+    let both = Register::quick("both").with("--fraction", second);
+    both.command().assert().success();
+    let out = folder().join("both.png");
+    let refused = figure(&both.out, "fusion", "axial", &out).assert().failure();
+    let said = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    for name in ["1", "2"] {
+        let one = both.out.join(name);
+        assert!(said.contains(&one.display().to_string()), "{said}");
+        figure(&one, "fusion", "axial", &out).assert().success();
+    }
 }

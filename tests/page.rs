@@ -2,12 +2,14 @@
 //! Chromium these tests say so and do nothing (`AVENTAIL_BROWSER` names the one to take).
 
 use crate::support::browser::Browser;
-use crate::support::{Register, aventail, done, folder};
-use aventail::io::{read_field, read_image};
-use aventail::volume::{Volume, trilinear_vector};
+use crate::support::viewer::{click, mouse, numbers, on_canvas, pixels, settle, told};
+use crate::support::{Register, aventail, bones_alone, done, files, folder, phantom};
+use aventail::io::{read_field, read_image, read_labels};
+use aventail::volume::{LabelMap, Volume, trilinear_vector};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
+use std::io::Read;
 
 /// The page of the shared run in a browser of its own, 1400 by 1000 pixels; `name` of its profile.
 fn opened(name: &str) -> Option<Browser> {
@@ -20,55 +22,6 @@ fn opened(name: &str) -> Option<Browser> {
     browser.value("document.getElementById('viewer').scrollIntoView()");
     settle(&browser);
     Some(browser)
-}
-
-/// Waits until what was asked for is drawn.
-fn settle(browser: &Browser) {
-    browser.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))");
-}
-
-/// The pixels of a plane.
-fn pixels(browser: &Browser, plane: &str) -> String {
-    settle(browser);
-    browser.text(&format!("document.querySelector('[data-plane={plane}] canvas').toDataURL()"))
-}
-
-/// What is told of the crosshair.
-fn told(browser: &Browser, name: &str) -> String {
-    settle(browser);
-    browser.text(&format!("document.querySelector('[data-told={name}]').textContent")).replace('\u{2212}', "-")
-}
-
-/// Three numbers of a text as `1.0, 2.0, -3.0`.
-fn numbers(text: &str) -> Vector3<f64> {
-    let all: Vec<f64> = text.split(',').map(|t| t.trim().parse().expect("a number")).collect();
-    Vector3::from_column_slice(&all)
-}
-
-/// A place on the screen: shares of the width and height of a plane's canvas.
-fn on_canvas(browser: &Browser, plane: &str, shares: [f64; 2]) -> [f64; 2] {
-    let expression = format!(
-        "(() => {{ const b = document.querySelector('[data-plane={plane}] canvas').getBoundingClientRect(); \
-         return [b.left + {} * b.width, b.top + {} * b.height]; }})()",
-        shares[0], shares[1]
-    );
-    serde_json::from_value(browser.value(&expression)).expect("two numbers")
-}
-
-fn mouse(browser: &Browser, kind: &str, [x, y]: [f64; 2], more: Value) {
-    let mut parameters = json!({ "type": kind, "x": x, "y": y, "button": "none" });
-    for (key, value) in more.as_object().expect("an object") {
-        parameters[key] = value.clone();
-    }
-    browser.call("Input.dispatchMouseEvent", parameters);
-}
-
-fn click(browser: &Browser, at: [f64; 2]) {
-    mouse(browser, "mouseMoved", at, json!({}));
-    for kind in ["mousePressed", "mouseReleased"] {
-        mouse(browser, kind, at, json!({ "button": "left", "clickCount": 1 }));
-    }
-    settle(browser);
 }
 
 #[test]
@@ -252,11 +205,26 @@ fn planning_can_be_moved_by_the_couch_shift_alone() {
 }
 
 #[test]
-fn the_demos_page_can_be_sent_around() {
+fn the_demos_page_can_be_sent_around_and_its_run_repeated_and_drawn() {
     let out = folder().join("demo");
     aventail().args(["demo", "--quiet", "--speed", "fast", "--out"]).arg(&out).assert().success();
     let bytes = std::fs::metadata(out.join("report.html")).unwrap().len();
     assert!((3_000_000..12_000_000).contains(&bytes), "{bytes} bytes");
+    // It leaves what it has registered, so that other verbs find it.
+    let drawn = folder().join("demo.png");
+    let figure = ["--quiet", "--kind", "fusion", "--plane", "sagittal", "--out"];
+    aventail().arg("figure").arg(&out).args(figure).arg(&drawn).assert().success();
+    assert!(std::fs::metadata(&drawn).unwrap().len() > 20_000);
+    let again = folder().join("demo_again");
+    let config = out.join("report.json");
+    aventail().args(["register", "--quiet", "--config"]).arg(&config).arg("--out").arg(&again).assert().success();
+    for name in ["planning_to_fraction.nii.gz", "fraction_to_planning.nii.gz", "landmarks.csv"] {
+        let [first, second] = [&out, &again].map(|run| std::fs::read(run.join(name)).unwrap());
+        assert!(first == second, "{name}");
+    }
+    aventail().arg("inspect").arg(&out).assert().success();
+    std::fs::write(out.join("phantom/landmarks.csv"), "other").unwrap();
+    aventail().arg("inspect").arg(&out).assert().code(4);
 }
 
 #[test]
@@ -265,29 +233,109 @@ fn without_the_view_the_page_has_no_script() {
     bare.command().assert().success();
     let [bare, whole] = [&bare.out, &done().out].map(|out| std::fs::read_to_string(out.join("report.html")).unwrap());
     assert!(!bare.contains("<script") && bare.contains("default-src 'none'") && !bare.contains("script-src"));
-    // The pictures that need no script are in both.
+    // The pictures that need no script are in both, before, with the couch shift alone and after among them.
     for page in [&bare, &whole] {
-        assert!(page.matches("data:image/png;base64,").count() >= 4);
+        assert!(page.matches("data:image/png;base64,").count() >= 5 && page.contains("alt=\"Couch shift alone\""));
     }
     assert!(whole.contains("script-src 'sha256-") && whole.contains("<section class=\"viewer\" id=\"viewer\" hidden>"));
 }
 
+/// The content of each page of a PDF file: whether it shows a picture, and how many lines of text.
+fn pages_of(pdf: &[u8]) -> Vec<(bool, usize)> {
+    let text = String::from_utf8_lossy(pdf);
+    let pages = text.split("/Type /Page\n").skip(1);
+    pages
+        .map(|page| {
+            let page = page.split("endobj").next().expect("a page ends");
+            let number = page.split("/Contents ").nth(1).and_then(|c| c.split(' ').next()).expect("it has contents");
+            let head = format!("\n{number} 0 obj\n");
+            let at = pdf.windows(head.len()).position(|w| w == head.as_bytes()).expect("the contents are there");
+            let begin = at + pdf[at..].windows(7).position(|w| w == b"stream\n").expect("a stream") + 7;
+            let mut shown = String::new();
+            let read = flate2::read::ZlibDecoder::new(&pdf[begin..]).read_to_string(&mut shown);
+            read.expect("the contents are deflated text");
+            (page.contains("/XObject"), shown.matches("BT\n").count())
+        })
+        .collect()
+}
+
 #[test]
-fn it_prints_on_four_pages_and_fits_a_phone() {
+fn it_prints_on_four_pages_each_with_a_picture_or_a_table_and_is_signed_on_the_first() {
     let Some(browser) = opened("print") else { return };
     for (paper, [wide, high]) in [("A4", [8.27, 11.69]), ("Letter", [8.5, 11.0])] {
         let parameters = json!({ "paperWidth": wide, "paperHeight": high });
         let answer = browser.call("Page.printToPDF", parameters);
         let pdf = STANDARD.decode(answer["data"].as_str().expect("a file")).expect("base64");
-        let text = String::from_utf8_lossy(&pdf);
-        let pages = text.matches("/Type /Page\n").count();
-        assert!((2..=4).contains(&pages), "{paper}: {pages} pages");
+        let pages = pages_of(&pdf);
+        assert!((2..=4).contains(&pages.len()), "{paper}: {} pages", pages.len());
+        // A heading alone is a few words.
+        assert!(pages.iter().all(|(picture, words)| *picture || *words > 40), "{paper}: {pages:?}");
+        assert!(pages[0].0 && pages[1].0, "{paper}: {pages:?}");
+        // As wide as the paper between its margins of 11 mm; the lines to sign lie on the first page.
+        let [w, h] = [wide, high].map(|inches: f64| (inches * 96.0 - 22.0 / 25.4 * 96.0) as u32);
+        browser.call("Emulation.setEmulatedMedia", json!({ "media": "print" }));
+        let screen = json!({ "width": w, "height": h, "deviceScaleFactor": 1, "mobile": false });
+        browser.call("Emulation.setDeviceMetricsOverride", screen);
+        let bottom = "document.querySelector('section.sign').getBoundingClientRect().bottom + scrollY";
+        assert!(browser.value(bottom).as_f64().is_some_and(|y| y < f64::from(h)), "{paper}");
+        browser.call("Emulation.setEmulatedMedia", json!({ "media": "" }));
     }
+}
+
+#[test]
+fn it_fits_a_phone_and_follows_a_finger_and_the_dark() {
+    let Some(browser) = opened("phone") else { return };
     let phone = json!({ "width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": true });
     browser.call("Emulation.setDeviceMetricsOverride", phone);
+    browser.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true }));
     settle(&browser);
     let wide = browser.value("document.documentElement.scrollWidth").as_f64().expect("a number");
     assert!(wide <= 390.0, "{wide}");
     let canvas = browser.value("document.querySelector('[data-plane=axial] canvas').clientWidth");
     assert!(canvas.as_f64().is_some_and(|w| w > 300.0), "{canvas}");
+    browser.value("document.querySelector('[data-plane=axial]').scrollIntoView()");
+    settle(&browser);
+    let before = numbers(&told(&browser, "at"));
+    let [x, y] = on_canvas(&browser, "axial", [0.62, 0.6]);
+    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchStart", "touchPoints": [{ "x": x, "y": y }] }));
+    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+    let after = numbers(&told(&browser, "at"));
+    assert!((after - before).xy().norm() > 5.0 && (after.z - before.z).abs() < 1e-9, "{before} {after}");
+    // Ground and letters change places.
+    let light = |property: &str| {
+        let expression = format!("getComputedStyle(document.documentElement).{property}");
+        let text = browser.text(&expression);
+        text.split(|c: char| !c.is_ascii_digit()).filter_map(|t| t.parse::<f64>().ok()).sum::<f64>()
+    };
+    assert!(light("backgroundColor") > light("color") + 300.0);
+    let dark = json!({ "features": [{ "name": "prefers-color-scheme", "value": "dark" }] });
+    browser.call("Emulation.setEmulatedMedia", dark);
+    assert!(light("color") > light("backgroundColor") + 300.0);
+}
+
+#[test]
+fn what_must_not_be_used_says_so_on_the_first_screen() {
+    // Labels 10 mm aside, let through by a setting.
+    let LabelMap { volume, names } = read_labels(&phantom().bones, None).unwrap().value;
+    let size = volume.grid().size();
+    let aside = |l: usize| if l % size[0] >= 2 { volume.data()[l - 2] } else { 0 };
+    let data: Vec<u16> = (0..volume.data().len()).map(aside).collect();
+    let map = LabelMap { volume: Volume::new(volume.grid().clone(), data).unwrap(), names };
+    let bones = files::labels(&folder().join("aside.nii.gz"), &map);
+    let text = std::fs::read_to_string(bones_alone()).unwrap() + "[checks]\nrefuse = false\n";
+    let settings = files::bytes(&folder().join("let_through.toml"), text.as_bytes());
+    let run = Register::phantom("aside").bones(bones).with("--config", settings).flag("--quiet");
+    run.command().assert().success();
+    let report: Value = serde_json::from_slice(&std::fs::read(run.out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(report["verdict"], "fail");
+    let page = std::fs::read_to_string(run.out.join("report.html")).unwrap();
+    let [verdict, first] = ["class=\"verdict fail\"", "<img"].map(|what| page.find(what).expect(what));
+    assert!(verdict < first && page[verdict..first].contains("labels-off-bone"));
+    let Some(browser) = Browser::start(&folder().join("aside_profile")) else { return };
+    let screen = json!({ "width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": false });
+    browser.call("Emulation.setDeviceMetricsOverride", screen);
+    browser.open(&run.out.join("report.html"));
+    let seen = "(() => { const b = document.querySelector('.verdict.fail').getBoundingClientRect(); \
+                return b.height > 60 && b.bottom < 600; })()";
+    assert_eq!(browser.value(seen), json!(true));
 }

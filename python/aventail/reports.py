@@ -367,6 +367,13 @@ class Similarity(TypedDict):
     after: SimilarityFigures
 
 
+class MeanShift(TypedDict):
+    """The one shift that is nearest to a field, LPS mm, and what it is the mean of."""
+
+    mm: list[float]
+    of: str
+
+
 class Assessment(TypedDict):
     """What was measured of a field; parts that need inputs that were not given are ``None`` or empty.
 
@@ -374,6 +381,7 @@ class Assessment(TypedDict):
     """
 
     regularity: list[list[Any]]
+    shift: MeanShift | None
     landmarks: LandmarkReport | None
     contours: list[ContourMetrics]
     rigidity: list[BoneRigidity]

@@ -4,6 +4,7 @@ pub mod browser;
 pub mod files;
 pub mod score;
 pub mod shared;
+pub mod viewer;
 
 use assert_cmd::Command;
 use std::collections::BTreeMap;

@@ -15,8 +15,6 @@ use std::path::Path;
 
 /// Fractions whose share is drawn.
 pub(super) const MOST_DRAWN: usize = 6;
-/// Fractions whose share has curves in a histogram beside those of the sum.
-const MOST_CURVES: usize = 3;
 /// Width of a bin of the curves, Gy.
 const BIN: f64 = 0.1;
 /// An image with less than this is a CT, HU.
@@ -50,17 +48,14 @@ impl Scenery {
         Ok(Some(Self { ct, structures }))
     }
 
-    /// Histogram and figures of doses; nothing without structures.
-    fn histograms(&self, doses: &[(String, &Volume<f32>)], page: &mut Content) -> Result<()> {
+    /// Histograms and figures of a dose; nothing without structures.
+    fn histograms(&self, (name, dose): (&str, &Volume<f32>), page: &mut Content) -> Result<()> {
         let Some(structures) = &self.structures else { return Ok(()) };
-        let one = |(name, dose): &(String, &Volume<f32>)| {
-            let structures = structures.histograms(dose, &[], BIN);
-            DoseDvh { name: name.clone(), warnings: doubts(&structures), structures }
-        };
-        let all: Vec<DoseDvh> = doses.iter().map(one).collect();
+        let counted = structures.histograms(dose, &[], BIN);
+        page.warnings.extend(doubts(&counted));
+        let all = [DoseDvh { name: name.into(), warnings: Vec::new(), structures: counted }];
         page.pictures.push(dvh_picture(&all, &structures.colours())?);
         page.tables.extend(dvh_tables(&all));
-        page.warnings.extend(all.into_iter().flat_map(|dose| dose.warnings));
         Ok(())
     }
 }
@@ -114,7 +109,7 @@ pub(super) fn map(
         tables: vec![steep_table(mapped, &steep, std::slice::from_ref(report))],
         warnings: Vec::new(),
     };
-    scenery.histograms(&[(format!("{} on {frame}", stem(name)), mapped)], &mut page)?;
+    scenery.histograms((&format!("{} on {frame}", stem(name)), mapped), &mut page)?;
     Ok(page)
 }
 
@@ -154,11 +149,7 @@ pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], report
         tables: vec![shares, steep_table(total, &steep, reports)],
         warnings: Vec::new(),
     };
-    let mut doses = vec![("sum".to_owned(), total)];
-    if parts.len() <= MOST_CURVES {
-        doses.extend(parts.iter().filter_map(|p| Some((format!("{} x {}", p.name, p.weight), p.share.as_ref()?))));
-    }
-    scenery.histograms(&doses, &mut page)?;
+    scenery.histograms(("sum", total), &mut page)?;
     Ok(page)
 }
 

@@ -15,6 +15,7 @@ use crate::field::{InverseReport, PullField, PushField, warp_labels};
 use crate::geometry::Grid;
 use crate::runtime::Runtime;
 use crate::volume::{LabelMap, Mask, Spans, Volume};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -50,6 +51,9 @@ pub struct Subject<'a> {
 pub struct Assessment {
     /// Regularity of each given field, on its own grid and in its own direction.
     pub regularity: Vec<(Direction, Regularity)>,
+    /// What one shift of the whole scan explains of the field. Earlier reports lack it.
+    #[serde(default)]
+    pub shift: Option<MeanShift>,
     /// Landmark residuals.
     pub landmarks: Option<LandmarkReport>,
     /// Mapped planning structures against those of the fraction.
@@ -68,6 +72,15 @@ pub struct Assessment {
     pub verdicts: Vec<Verdict>,
     /// Where regularity and consistency were measured, in words.
     pub measured_in: String,
+}
+
+/// The one shift that is nearest to a field: its mean, planning to fraction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MeanShift {
+    /// LPS mm.
+    pub mm: Vector3<f64>,
+    /// What it is the mean of, in words.
+    pub of: String,
 }
 
 /// What pictures need of an assessment, beside its numbers.
@@ -109,7 +122,12 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     });
     let transitivity = runtime
         .stage("transitivity", || subject.triangle.map(|[bc, ac]| consistency::transitivity(push, bc, ac, &mask_push)));
+    let shift = mean_shift(subject, push, &mask_push);
     let landmarks = (!subject.landmarks.is_empty()).then(|| landmark::evaluate(&pair.push, subject.landmarks));
+    let landmarks = landmarks.map(|l| match &shift {
+        Some(shift) => l.with_shift(&shift.mm),
+        None => l,
+    });
     let rigidity = match subject.bones {
         Some(bones) => runtime.stage("rigidity", || {
             let grid = bones.volume.grid();
@@ -133,6 +151,7 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     };
     let mut assessment = Assessment {
         regularity,
+        shift,
         landmarks,
         contours,
         rigidity,
@@ -145,6 +164,24 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     };
     assessment.verdicts = verdicts(&assessment, pair, limits);
     Ok((assessment, Maps { jacobian: map, measured: mask, structures: mapped }))
+}
+
+/// The mean displacement of the bones, which a couch shift moves as one, or of all that is measured where no bones are given.
+fn mean_shift(subject: &Subject<'_>, push: &Volume<[f32; 3]>, mask: &Mask) -> Option<MeanShift> {
+    let grid = push.grid();
+    let mean = |counts: &(dyn Fn(usize) -> bool + Sync)| {
+        let all = (0..grid.len()).filter(|l| counts(*l));
+        let (sum, n) = all.fold((Vector3::zeros(), 0usize), |(sum, n), l| {
+            (sum + Vector3::from(push.data()[l].map(f64::from)), n + 1)
+        });
+        (n > 0).then(|| sum / n as f64)
+    };
+    let of_bones = subject.bones.and_then(|b| mean(&|l| nearest(&b.volume, &grid.centre(grid.voxel(l))) > 0));
+    let (mm, of) = match of_bones {
+        Some(mm) => (mm, "the bones"),
+        None => (mean(&|l| mask.data()[l])?, "everything that is measured"),
+    };
+    Some(MeanShift { mm, of: of.into() })
 }
 
 /// Where to measure, on a grid of the planning frame, and in words.

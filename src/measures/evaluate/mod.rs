@@ -19,7 +19,7 @@ mod surface;
 pub mod uncertainty;
 pub mod verdict;
 
-pub use assess::{Assessment, Maps, Subject, assess};
+pub use assess::{Assessment, Maps, MeanShift, Subject, assess};
 pub use cell::CellKinds;
 pub use pair::{Direction, FieldPair};
 pub use surface::Surface;

@@ -59,6 +59,9 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
     let mut list = List(Vec::new());
     if let Some(l) = &a.landmarks {
         list.add("landmarks", "before", "mean", l.before.mean, "mm");
+        if let Some(shifted) = &l.shifted {
+            list.add("landmarks", "one shift alone", "mean", shifted.mean, "mm");
+        }
         list.summary("landmarks", "after", &l.after);
         list.add("landmarks", "after", "median", l.after.median, "mm");
         list.add("landmarks", "after / before", "mean of ratios (eq. 4.2)", l.mean_of_ratios, "");

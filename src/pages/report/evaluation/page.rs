@@ -5,6 +5,7 @@ use super::super::html::{data_url, head};
 use super::super::numbers::utc;
 use super::super::viewer::policy;
 use super::figures::{PARTS, rows};
+use super::pictures::BEFORE;
 use super::text::marks;
 use super::{Assessed, EvaluationPicture, EvaluationReport};
 use maud::{DOCTYPE, Markup, html};
@@ -38,7 +39,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
                     _ => (side_by_side(report, &names)),
                 }
                 h2 { "Pictures" }
-                div.pair.large { @for p in by_kind(pictures) { (figure(p)) } }
+                div.pair.large.flow { @for p in by_kind(pictures) { (figure(p, names.len() > 1)) } }
                 @for (part, heading) in PARTS {
                     (table(report, part, heading, &names))
                 }
@@ -68,9 +69,10 @@ fn by_kind(pictures: &[EvaluationPicture]) -> Vec<&EvaluationPicture> {
     all
 }
 
-fn figure(p: &EvaluationPicture) -> Markup {
+/// A picture; of several fields, what belongs to none of them has a row of its own, so that the others stay side by side.
+fn figure(p: &EvaluationPicture, several: bool) -> Markup {
     html! {
-        figure {
+        figure.alone[several && p.file == BEFORE] {
             h3 { (p.title) }
             img alt=(p.title) src=(data_url(&p.png));
             figcaption { (p.caption) }
@@ -128,14 +130,16 @@ fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -
     html! {
         @if !rows.is_empty() {
             h2 { (heading) }
-            table {
-                thead { tr { th {} th {} @for n in names { th.n { (n) } } } }
-                tbody {
-                    @for (n, row) in rows.iter().enumerate() {
-                        tr {
-                            td { @if n == 0 || rows[n - 1].item != row.item { (row.item) } }
-                            td { (row.metric) }
-                            @for v in &row.values { td.n { (v) } }
+            div.rows[names.len() == 1] {
+                table {
+                    thead { tr { th {} th {} @for n in names { th.n { (n) } } } }
+                    tbody {
+                        @for (n, row) in rows.iter().enumerate() {
+                            tr {
+                                td { @if n == 0 || rows[n - 1].item != row.item { (row.item) } }
+                                td { (row.metric) }
+                                @for v in &row.values { td.n { (v) } }
+                            }
                         }
                     }
                 }

@@ -10,7 +10,10 @@ use crate::error::{Error, Result};
 use crate::evaluate::Maps;
 use crate::evaluate::regularity::BIN;
 use crate::volume::{Volume, trilinear_vector};
+use nalgebra::Point3;
 
+/// The picture that all fields share.
+pub(super) const BEFORE: &str = "1_before.png";
 pub(super) const BACKDROP: Rgb = [198, 203, 210];
 
 /// Encodes a canvas.
@@ -32,9 +35,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
     let s = &drawable.subject;
     let name = &field.name;
     if let (Some(planning), Some(fraction)) = (s.planning, s.fraction) {
-        let canvas = fusion(planning, fraction, &s.pair.pull.displacement);
-        let caption = "Planning CT mapped by the field (blue) over the fraction CT (orange); grey where both agree.";
-        all.push(encoded(which, "fusion", format!("{name}: fusion"), caption.into(), &canvas)?);
+        all.extend(fusions((which, field), (planning, fraction), &s.pair.pull.displacement)?);
     }
     if let Some(planning) = s.planning {
         let canvas = jacobians(planning, &drawable.maps);
@@ -87,12 +88,44 @@ pub(super) fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
     planes(&[region; 3], &image.grid().middle())
 }
 
-fn fusion(planning: &Volume<f32>, fraction: &Volume<f32>, pull: &Volume<[f32; 3]>) -> Canvas {
+/// A shift that is smaller is not seen, mm.
+const LEAST_SHIFT_MM: f64 = 0.5;
+
+/// Before (of the first field, for all have the same), one shift alone, and after.
+fn fusions(
+    (which, field): (usize, &Assessed),
+    scans: (&Volume<f32>, &Volume<f32>),
+    pull: &Volume<[f32; 3]>,
+) -> Result<Vec<EvaluationPicture>> {
+    let name = &field.name;
+    let mut all = Vec::new();
+    if which == 0 {
+        let caption = "Planning CT (blue) over the fraction CT (orange), both where the scanners put them.";
+        all.push(encoded(which, "before", "Before".into(), caption.into(), &fusion(scans, |y| *y))?);
+    }
+    if let Some(shift) = field.assessment.shift.as_ref().filter(|s| s.mm.norm() >= LEAST_SHIFT_MM) {
+        let mm = shift.mm;
+        let caption = format!(
+            "Planning CT moved as a whole by the mean displacement of {} ({:.1}, {:.1}, {:.1} mm): what is coloured here is left for the \
+             deformation.",
+            shift.of, mm.x, mm.y, mm.z
+        );
+        all.push(encoded(which, "shift", format!("{name}: one shift alone"), caption, &fusion(scans, |y| y - mm))?);
+    }
+    let after = fusion(scans, |y| y + trilinear_vector(pull, &pull.grid().index(y)).unwrap_or_default());
+    let caption = "Planning CT mapped by the field (blue) over the fraction CT (orange); grey where both agree.";
+    all.push(encoded(which, "fusion", format!("{name}: after"), caption.into(), &after)?);
+    Ok(all)
+}
+
+/// The fraction's planes over planning where `from` takes their places.
+fn fusion(
+    (planning, fraction): (&Volume<f32>, &Volume<f32>),
+    from: impl Fn(&Point3<f64>) -> Point3<f64> + Sync,
+) -> Canvas {
     let rows = middle_planes(fraction).map(|plane| {
-        let picture = plane.paint(|y, _| {
-            let x = y + trilinear_vector(pull, &pull.grid().index(&y)).unwrap_or_default();
-            fuse(hu_at(planning, &x).map_or(0.0, tone), hu_at(fraction, &y).map_or(0.0, tone))
-        });
+        let picture = plane
+            .paint(|y, _| fuse(hu_at(planning, &from(&y)).map_or(0.0, tone), hu_at(fraction, &y).map_or(0.0, tone)));
         plane.row(&picture, [0; 3], [255; 3], [0; 3])
     });
     sheet(&rows, 1, |legend| {

@@ -10,6 +10,7 @@ mod view;
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
+use crate::warning::Warning;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use verdict::review;
@@ -34,6 +35,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
     let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
     let title = summary::title(report);
     let has_landmarks = report.landmarks.is_some();
+    let shifted = pictures.iter().any(|p| p.file == "fusion_couch.png");
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -48,7 +50,9 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 div.together {
                     h2 { "Fusion" }
                     (colour_key())
-                    div.pair.large { (picture("fusion_before.png")) (picture("fusion_after.png")) }
+                    div.pair.large.three[shifted] {
+                        (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
+                    }
                 }
                 @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
                     div.pair.screen { (picture("fusion_lung.png")) }
@@ -138,13 +142,18 @@ fn warnings(report: &Report) -> Markup {
             ul.warnings {
                 @for of_one_kind in report.warnings.chunk_by(|a, b| a.code == b.code) {
                     li { code { (of_one_kind[0].code) }
-                        @for (n, w) in of_one_kind.iter().enumerate() { span.screen[n >= ON_PAPER] { (w.message) } }
+                        @for (n, w) in of_one_kind.iter().enumerate() { span.screen[n >= ON_PAPER] { (reason(w)) } }
                         @if of_one_kind.len() > ON_PAPER { span.paper { "and " (of_one_kind.len() - ON_PAPER) " more" } }
                     }
                 }
             }
         }
     }
+}
+
+/// A warning's words; of a refusal that was let through without its code and remedy, which stand in the verdict.
+fn reason(warning: &Warning) -> &str {
+    warning.message.split(&format!(" [{}]", warning.code)).next().unwrap_or(&warning.message)
 }
 
 /// Wall time of each stage as bars.

@@ -19,8 +19,12 @@ const FINEST_MM: f64 = 1.0;
 /// Planning's bones before (thin, white) and after the registration (yellow) on a plane of the
 /// fraction.
 pub(super) fn outlines(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
-    let shift = scene.shift_before.unwrap_or_default();
-    outline(&scene.case.bones.volume, plane, &shift, picture, (BEFORE, WIDTHS[0]));
+    outlines_at(scene, plane, &scene.shift_before.unwrap_or_default(), picture);
+}
+
+/// The same with planning's bones moved by `shift` before.
+pub(super) fn outlines_at(scene: &Scene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
+    outline(&scene.case.bones.volume, plane, shift, picture, (BEFORE, WIDTHS[0]));
     outline(&scene.outcome.bones_on_fraction.volume, plane, &Vector3::zeros(), picture, (AFTER, WIDTHS[1]));
 }
 

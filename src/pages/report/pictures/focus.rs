@@ -8,7 +8,7 @@ use nalgebra::Point3;
 /// What the bones of the spine are called.
 const SPINE: &str = "vertebrae_";
 /// Least part of the patient's mean section that a plane shows.
-const LEAST_SHARE: f64 = 1.0 / 3.0;
+const LEAST_SHARE: f64 = 0.5;
 
 /// A place in the planning CT, the one that it corresponds to in the fraction, and what it is. Its
 /// coordinates need not belong together: the axial plane takes one, the coronal one another, the
@@ -90,7 +90,7 @@ fn residual(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point
     })
 }
 
-/// The place nearest to `p` whose planes each show a third of the patient's mean section at least.
+/// The place nearest to `p` whose planes each show half of the patient's mean section at least.
 /// `points` fill the patient, about `apart` mm from each other.
 pub(super) fn in_the_patient(points: &[Point3<f64>], p: &Point3<f64>, apart: f64) -> Point3<f64> {
     let mut place = *p;

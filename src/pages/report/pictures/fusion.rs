@@ -25,9 +25,30 @@ pub(super) fn before(scene: &Scene<'_>) -> Plate {
         file: "fusion_before.png",
         title: "Before registration",
         caption: format!("{how} Planes: {}.", scene.focus),
-        canvas: panels(scene, &scene.case.planning, &shift),
+        canvas: panels(scene, &scene.case.planning, &shift, &shift),
     }
 }
+
+/// The planning CT moved by the couch shift alone; nothing where that is the picture before already, or hardly a shift.
+pub(super) fn couch(scene: &Scene<'_>) -> Option<Plate> {
+    let s = scene.outcome.couch_shift;
+    if scene.shift_before.is_some() || s.norm() < LEAST_SHIFT_MM {
+        return None;
+    }
+    Some(Plate {
+        file: "fusion_couch.png",
+        title: "Couch shift alone",
+        caption: format!(
+            "The planning CT moved as a whole by the couch shift ({:.1}, {:.1}, {:.1} mm), same planes: what is coloured here is left for \
+             the deformation.",
+            s.x, s.y, s.z
+        ),
+        canvas: panels(scene, &scene.case.planning, &s, &s),
+    })
+}
+
+/// A smaller shift is not seen, mm.
+const LEAST_SHIFT_MM: f64 = 0.5;
 
 /// The deformed planning CT over the fraction CT.
 pub(super) fn after(scene: &Scene<'_>) -> Plate {
@@ -38,18 +59,24 @@ pub(super) fn after(scene: &Scene<'_>) -> Plate {
             "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
                   they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
                 .to_owned(),
-        canvas: panels(scene, &scene.outcome.planning_on_fraction, &Vector3::zeros()),
+        canvas: panels(
+            scene,
+            &scene.outcome.planning_on_fraction,
+            &Vector3::zeros(),
+            &scene.shift_before.unwrap_or_default(),
+        ),
     }
 }
 
-/// The planes of the fraction CT fused with a planning CT moved by `shift`.
-fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>) -> Canvas {
+/// The planes of the fraction CT fused with a planning CT moved by `shift`; the outlines of planning's bones are moved by
+/// `before`.
+fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>, before: &Vector3<f64>) -> Canvas {
     let planes = scene.fraction.iter().zip(&scene.fraction_hu);
     let rows: Vec<Canvas> = planes
         .map(|(plane, fraction)| {
             let mut picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
             outline(scene, plane, &mut picture);
-            bones::outlines(scene, plane, &mut picture);
+            bones::outlines_at(scene, plane, before, &mut picture);
             plane.row(&picture, [0; 3], [255; 3], [0; 3])
         })
         .collect();
@@ -119,8 +146,8 @@ pub(super) fn lung(scene: &Scene<'_>) -> Option<Plate> {
     })
 }
 
-/// Lung, HU.
-const LUNG_HU: RangeInclusive<f32> = -950.0..=-500.0;
+/// Lung, HU; the noise of a scanner's air reaches to -900.
+const LUNG_HU: RangeInclusive<f32> = -900.0..=-500.0;
 /// Least share of the planes that is lung.
 const LEAST_LUNG: f64 = 0.08;
 

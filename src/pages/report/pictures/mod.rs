@@ -56,7 +56,8 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
         kinds.push(Box::new(|_| residuals::draw(report)));
     }
     let mut pictures: Vec<Picture> = kinds.par_iter().map(|draw| draw(&scene).encoded()).collect::<Result<_>>()?;
-    pictures.extend(fusion::lung(&scene).map(Plate::encoded).transpose()?);
+    let [couch, lung] = [fusion::couch, fusion::lung].map(|draw| draw(&scene).map(Plate::encoded).transpose());
+    pictures.extend([couch?, lung?].into_iter().flatten());
     Ok(pictures)
 }
 
