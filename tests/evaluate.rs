@@ -6,7 +6,7 @@ use crate::support::{aventail, files, files_below, folder, phantom};
 use assert_cmd::Command;
 use aventail::field::FieldFormat;
 use aventail::geometry::Grid;
-use aventail::io::{WriteOptions, read_image, write_field};
+use aventail::io::{WriteOptions, read_field, read_image, read_labels, write_field};
 use aventail::volume::{LabelMap, Volume};
 use serde_json::Value;
 use std::fs;
@@ -62,10 +62,20 @@ fn the_true_field_of_the_phantom_passes() {
     for name in ["evaluation.csv", "evaluation.html", "evaluation.json", "evaluation.md", "landmarks.csv"] {
         assert!(names.contains(&name.to_owned()), "{names:?}");
     }
-    assert_eq!(names.iter().filter(|n| n.ends_with(".png")).count(), 5, "{names:?}");
+    let drawn: Vec<&str> = names.iter().filter_map(|n| n.strip_prefix("pictures/1_")?.strip_suffix(".png")).collect();
+    assert_eq!(drawn, ["before", "contours", "fusion", "jacobian", "jacobian_volume", "residuals", "shift"]);
     let a = &json(&out.join("evaluation.json"))["fields"][0]["assessment"];
     let at = |path: &str| a.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}"));
     assert!(at("/landmarks/after/mean") < 0.3 && at("/landmarks/ratio_of_means") < 0.1);
+    // One shift of the whole: the mean motion of the bones.
+    let (field, labels) = (read_field(truth()).unwrap().value, read_labels(&phantom().bones, None).unwrap().value);
+    let moved: Vec<[f32; 3]> =
+        field.data().iter().zip(labels.volume.data()).filter(|(_, l)| **l > 0).map(|(u, _)| *u).collect();
+    for c in 0..3 {
+        let mean = moved.iter().map(|u| f64::from(u[c])).sum::<f64>() / moved.len() as f64;
+        assert!((at(&format!("/shift/mm/{c}")) - mean).abs() < 1e-3, "{}", a["shift"]);
+    }
+    assert!(at("/landmarks/shifted/mean") < at("/landmarks/before/mean"));
     let bones = a["rigidity"].as_array().unwrap();
     assert!(bones.len() > 30 && bones.iter().all(|b| b["rms_mm"].as_f64().unwrap() < 1e-3));
     // Two linear interpolations of a field stored every 5 mm.

@@ -21,7 +21,7 @@ Examples:
 /// Options of `figure`.
 #[derive(Debug, Args)]
 pub struct FigureArgs {
-    /// The --out folder of a finished run of `aventail register`
+    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
     /// What is drawn: fusion in the fraction's frame, the others in planning's
@@ -81,6 +81,7 @@ pub(super) fn run(args: &FigureArgs) -> Result<String> {
             ));
         }
     };
+    Finished::only(&args.run)?;
     io::check_files(&[&args.run.join("report.json")], std::slice::from_ref(&args.out))?;
     io::check_place(&args.out)?;
     let runtime = Runtime::new(0, progress(args.quiet))?;

@@ -25,7 +25,7 @@ impl Finished {
     /// # Errors
     /// [`Error::Input`] where the folder holds no finished run or files have changed; [`Error::Read`] where one is missing.
     pub(super) fn read(folder: &Path, runtime: &Runtime) -> Result<Self> {
-        only_one(folder)?;
+        Self::only(folder)?;
         for check in runtime.stage("check the run", || check_folder(folder))? {
             check.require()?;
         }
@@ -56,6 +56,23 @@ impl Finished {
         Ok(Self { case, outcome })
     }
 
+    /// Refuses the folder of several fractions, naming the folder of each.
+    ///
+    /// # Errors
+    /// [`Error::Read`] then, and when the folder cannot be read.
+    pub(super) fn only(folder: &Path) -> Result<()> {
+        let is_run = |f: &Path| f.join("report.json").is_file();
+        let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e.to_string(), REMEDY))?;
+        let mut runs: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| is_run(p)).collect();
+        if is_run(folder) || runs.is_empty() {
+            return Ok(());
+        }
+        runs.sort();
+        let names: Vec<String> = runs.iter().map(|p| p.display().to_string()).collect();
+        let problem = format!("it holds {} runs, one folder each", runs.len());
+        Err(Error::read(folder, problem, format!("give one of them: {}", names.join(", "))))
+    }
+
     /// The inputs of the run.
     fn case(file: &ConfigFile, runtime: &Runtime) -> Result<Case> {
         let inputs = Inputs::new(&Flags::default(), &file.inputs)?;
@@ -66,20 +83,6 @@ impl Finished {
         }
         Ok(side.case)
     }
-}
-
-/// Refuses the folder of several fractions, naming the folder of each.
-fn only_one(folder: &Path) -> Result<()> {
-    let is_run = |f: &Path| f.join("report.json").is_file();
-    let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e.to_string(), REMEDY))?;
-    let mut runs: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| is_run(p)).collect();
-    if is_run(folder) || runs.is_empty() {
-        return Ok(());
-    }
-    runs.sort();
-    let names: Vec<String> = runs.iter().map(|p| p.display().to_string()).collect();
-    let problem = format!("it holds {} runs, one folder each", runs.len());
-    Err(Error::read(folder, problem, format!("give one of them: {}", names.join(", "))))
 }
 
 /// Refuses inputs that are not those of the run.

@@ -21,7 +21,7 @@ Example:
 /// Options of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// The --out folder of a finished run of `aventail register`
+    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
     /// Only print the address
