@@ -116,7 +116,7 @@ fn help_names_every_option_of_every_verb() {
         ("inspect", &["<FILE>", "--json"]),
         ("bench", &["--size", "--repeat", "--only", "--json", "Example:"]),
         ("figure", &["<OUT>", "--kind", "--plane", "--at", "--out", "Examples:"]),
-        ("view", &["<OUT>", "--no-browser", "Example:"]),
+        ("view", &["<OUT>", "--structures", "--no-browser", "Examples:"]),
         ("curve", &["--planning", "--landmarks", "--plan", "--peers", "--out", "Examples:"]),
     ];
     for (verb, names) in verbs {

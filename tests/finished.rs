@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
 use crate::support::browser::Browser;
-use crate::support::viewer::{click, numbers, on_canvas, told};
+use crate::support::viewer::{click, numbers, on_canvas, pixels, told};
 use crate::support::{Register, aventail, done, folder, phantom, quick_settings, small_phantom};
 use aventail::io::{read_field, read_image};
 use aventail::volume::Volume;
@@ -91,10 +91,11 @@ impl Drop for Served {
     }
 }
 
-fn serve(run: &Path) -> Served {
+fn serve(run: &Path, more: &[&Path]) -> Served {
     let mut process = Command::new(env!("CARGO_BIN_EXE_aventail"))
         .args(["view", "--quiet", "--no-browser"])
         .arg(run)
+        .args(more)
         .stdout(Stdio::piped())
         .spawn()
         .expect("the program starts");
@@ -103,6 +104,20 @@ fn serve(run: &Path) -> Served {
     let address = line.trim().strip_prefix("http://").unwrap_or_else(|| panic!("no address: {line}"));
     let (host, path) = address.split_once('/').unwrap();
     Served { host: host.into(), path: format!("/{path}"), process }
+}
+
+#[test]
+fn contours_of_another_frame_are_not_shown_as_planning() {
+    let path = folder().join("elsewhere.json");
+    let square = "[[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]]";
+    let text = format!(
+        r#"{{"aventail_contours": 1, "frame": "day1", "structures": [{{"name": "a", "contours": [{square}]}}]}}"#
+    );
+    fs::write(&path, text).unwrap();
+    let run =
+        aventail().arg("view").arg(&done().out).args(["--quiet", "--no-browser", "--structures"]).arg(&path).assert();
+    let said = String::from_utf8_lossy(&run.code(2).get_output().stderr).into_owned();
+    assert!(said.contains("elsewhere.json") && said.contains("day1"), "{said}");
 }
 
 /// Status and body of what a request gets.
@@ -117,7 +132,8 @@ fn ask(served: &Served, method: &str, path: &str, host: &str) -> (u16, String) {
 
 #[test]
 fn a_run_is_served_to_whom_has_the_address_on_this_machine_alone() {
-    let served = serve(&done().out);
+    let contours = phantom().planning.with_file_name("contours.json");
+    let served = serve(&done().out, &[Path::new("--structures"), &contours]);
     assert!(served.host.starts_with("127.0.0.1:"), "{}", served.host);
     let own = served.host.clone();
     let (status, page) = ask(&served, "GET", &served.path, &own);
@@ -153,6 +169,14 @@ fn a_run_is_served_to_whom_has_the_address_on_this_machine_alone() {
     browser.wait("!!document.getElementById('viewer').dataset.state");
     assert_eq!(browser.text("document.getElementById('viewer').dataset.state"), "ready");
     tells_every_value(&browser);
+    // Structures are drawn before and after, each with its own line to switch it.
+    let names =
+        browser.text("[...document.querySelectorAll('[data-list=structures] label')].map(l => l.textContent).join()");
+    assert!(names.contains("parotid_left") && names.contains("ctv"), "{names}");
+    browser.value("document.querySelectorAll('[data-list=structures] input').forEach(box => box.click())");
+    let bare = pixels(&browser, "coronal");
+    browser.value("document.querySelectorAll('[data-list=structures] input').forEach(box => box.click())");
+    assert!(bare != pixels(&browser, "coronal"));
 }
 
 /// What stands under the crosshair is what the files hold at that voxel: HU, noise of air too, and displacement.
@@ -193,7 +217,7 @@ fn a_made_posture_is_drawn_and_served_too() {
     for (kind, name) in [("fusion", "posed.png"), ("displacement", "posed.svg")] {
         figure(&out, kind, "sagittal", &folder().join(name)).assert().success();
     }
-    let served = serve(&out);
+    let served = serve(&out, &[]);
     let (status, page) = ask(&served, "GET", &served.path, &served.host);
     assert!(status == 200 && page.contains("view-fraction"), "{status}");
 }

@@ -3,11 +3,15 @@
 use super::finished::Finished;
 use super::register::progress;
 use crate::error::{Error, Result};
+use crate::io::dicom::{Role, check_frames};
+use crate::io::{self, ContourFile};
+use crate::pipeline::Case;
 use crate::report::view_page;
 use crate::runtime::Runtime;
+use crate::volume::contour::Contours;
 use clap::Args;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tiny_http::{Header, Method, Request, Response, Server};
 
 /// What `aventail view --help` adds.
@@ -15,8 +19,9 @@ pub(super) const AFTER: &str = "\
 The page is served on the loopback address of this machine, under an address with a random token, until Ctrl-C. Nothing but the
 page is served, and other machines cannot reach it. The run's files and inputs must be unchanged.
 
-Example:
-  aventail view out";
+Examples:
+  aventail view out
+  aventail view out --structures contours.json";
 
 /// Options of `view`.
 #[derive(Debug, Args)]
@@ -24,6 +29,9 @@ pub struct ViewArgs {
     /// The --out folder of a finished run of `aventail register`, `pose` or `demo`
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
+    /// Structures of the planning CT, to be shown before and after: contours (JSON, DICOM structure set)
+    #[arg(long, value_name = "FILE")]
+    pub structures: Option<PathBuf>,
     /// Only print the address
     #[arg(long)]
     pub no_browser: bool,
@@ -39,7 +47,8 @@ pub struct ViewArgs {
 pub(super) fn run(args: &ViewArgs) -> Result<String> {
     let runtime = Runtime::new(0, progress(args.quiet))?;
     let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
-    let page = runtime.stage("pack the volumes", || view_page(&case, &outcome))?;
+    let contours = args.structures.as_deref().map(|path| structures(path, &case, &runtime)).transpose()?;
+    let page = runtime.stage("pack the volumes", || view_page(&case, &outcome, contours.as_ref()))?;
     drop((case, outcome));
     let failed =
         |what: String| Error::write("127.0.0.1", what, "look whether something forbids programs to listen on loopback");
@@ -57,6 +66,22 @@ pub(super) fn run(args: &ViewArgs) -> Result<String> {
         site.answer(request);
     }
     Ok(String::new())
+}
+
+/// Reads structures in the frame of the run's planning CT.
+fn structures(path: &Path, case: &Case, runtime: &Runtime) -> Result<Contours> {
+    if let Some(planning) = case.inputs.iter().find(|input| input.role == "planning") {
+        check_frames((path, Role::Structures), (&planning.path, Role::Image))?;
+    }
+    let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(path)?;
+    if let Some(frame) = frame.filter(|frame| frame != "planning") {
+        let problem = format!("{}: its contours lie in the frame {frame}", path.display());
+        return Err(Error::usage(problem, "give contours of the planning CT: those after are made of them"));
+    }
+    for warning in warnings.into_iter().chain(contours.tidy()) {
+        runtime.progress().note(&format!("warning ({}): {}", warning.code, warning.message));
+    }
+    Ok(contours)
 }
 
 /// 128 random bits of the system, hexadecimal.

@@ -4,15 +4,16 @@ use super::super::viewer::{embed_whole, policy, section};
 use super::head;
 use crate::error::Result;
 use crate::pipeline::{Case, Outcome};
+use crate::volume::contour::Contours;
 use maud::{DOCTYPE, html};
 use std::path::Path;
 
-/// The page of a run; everything it needs is inside.
+/// The page of a run; everything it needs is inside. `contours`: structures of the planning CT, to be shown before and after.
 ///
 /// # Errors
 /// [`crate::Error::Internal`] when a volume cannot be packed.
-pub fn view_page(case: &Case, outcome: &Outcome) -> Result<String> {
-    let view = embed_whole(case, outcome)?;
+pub fn view_page(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<String> {
+    let view = embed_whole(case, outcome, contours)?;
     let name = |role: &str| {
         let path = case.inputs.iter().find(|i| i.role == role).map(|i| i.path.as_path());
         path.and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())

@@ -73,7 +73,7 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
 ///
 /// # Errors
 /// As [`embed`].
-pub fn embed_whole(case: &Case, outcome: &Outcome) -> Result<View> {
+pub fn embed_whole(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
     let scans = [&case.fraction, &outcome.planning_on_fraction];
     let page = PageGrid::whole(&scans, case.planning.extremes()[0])?;
     let field = outcome.pull.displacement.data();
@@ -81,7 +81,7 @@ pub fn embed_whole(case: &Case, outcome: &Outcome) -> Result<View> {
     // Far scanner origins need more than the script's 16 bits in fine steps.
     let fits = f64::from(most) < MOST * FINE.displacement;
     let steps = Steps { displacement: if fits { FINE } else { FEW_BYTES }.displacement, ..FINE };
-    embed_on((&page, &page, steps), case, outcome, None)
+    embed_on((&page, &page, steps), case, outcome, contours)
 }
 
 /// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
