@@ -55,8 +55,12 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
         kinds.push(Box::new(|scene| landmarks::draw(scene, report)));
         kinds.push(Box::new(|_| residuals::draw(report)));
     }
-    let mut pictures: Vec<Picture> = kinds.par_iter().map(|draw| draw(&scene).encoded()).collect::<Result<_>>()?;
-    let [couch, lung] = [fusion::couch, fusion::lung].map(|draw| draw(&scene).map(Plate::encoded).transpose());
+    let sometimes = |draw: fn(&Scene<'_>) -> Option<Plate>| draw(&scene).map(Plate::encoded).transpose();
+    let (pictures, (couch, lung)) = rayon::join(
+        || kinds.par_iter().map(|draw| draw(&scene).encoded()).collect::<Result<Vec<_>>>(),
+        || rayon::join(|| sometimes(fusion::couch), || sometimes(fusion::lung)),
+    );
+    let mut pictures = pictures?;
     pictures.extend([couch?, lung?].into_iter().flatten());
     Ok(pictures)
 }
