@@ -136,7 +136,10 @@ fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -
                     tbody {
                         @for (n, row) in rows.iter().enumerate() {
                             tr {
-                                td { @if n == 0 || rows[n - 1].item != row.item { (row.item) } }
+                                td {
+                                    // On paper a table may go on in the next column.
+                                    span.paper[n > 0 && rows[n - 1].item == row.item] { (row.item) }
+                                }
                                 td { (row.metric) }
                                 @for v in &row.values { td.n { (v) } }
                             }

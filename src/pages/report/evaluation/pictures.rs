@@ -3,11 +3,12 @@
 use super::super::canvas::{Canvas, Rgb, mix};
 use super::super::chart::{COLOURS, Curve, chart};
 use super::super::colour::{BLACK, BLUE, INK, ORANGE, fuse, grey, jacobian, shaded, tone};
-use super::super::pictures::{legend::sheet, residuals};
+use super::super::pictures::{in_the_patient, legend::sheet, residuals};
 use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
 use super::{Assessed, Drawable, EvaluationPicture};
 use crate::error::{Error, Result};
 use crate::evaluate::Maps;
+use crate::evaluate::jacobian::TISSUE_HU;
 use crate::evaluate::regularity::BIN;
 use crate::volume::{Volume, trilinear_vector};
 use nalgebra::Point3;
@@ -82,10 +83,29 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
     Ok(all)
 }
 
-/// The three planes through the middle of an image.
-pub(super) fn middle_planes<T>(image: &Volume<T>) -> [Plane; 3] {
-    let region = Region::of(image.grid());
-    planes(&[region; 3], &image.grid().middle())
+/// Distance of the points that stand for the patient, mm.
+const POINTS_MM: f64 = 4.0;
+/// Rim around them, mm.
+const RIM_MM: f64 = 10.0;
+
+/// The three planes through the middle of the tissue in a CT, moved to where they show enough of it. They depend on the CT
+/// alone, so that those of several fields are the same.
+pub(super) fn middle_planes(ct: &Volume<f32>) -> [Plane; 3] {
+    let (grid, scan) = (ct.grid(), Region::of(ct.grid()));
+    let every = grid.spacing().map(|s| ((POINTS_MM / s).round() as usize).max(1));
+    let along = |a: usize| (0..grid.size()[a]).step_by(every[a]);
+    let rows = along(2).flat_map(|k| along(1).map(move |j| (j, k)));
+    let voxels = rows.flat_map(|(j, k)| along(0).map(move |i| [i, j, k]));
+    let tissue: Vec<Point3<f64>> = voxels.filter(|v| *ct.at(*v) > TISSUE_HU).map(|v| grid.centre(v)).collect();
+    let Some(region) = Region::around(tissue.iter().copied()) else {
+        return planes(&[scan; 3], &grid.middle());
+    };
+    let middle = [0, 1, 2].map(|a| {
+        let mut all: Vec<f64> = tissue.iter().map(|p| p[a]).collect();
+        let half = all.len() / 2;
+        *all.select_nth_unstable_by(half, f64::total_cmp).1
+    });
+    planes(&[region.grown(RIM_MM).within(scan); 3], &in_the_patient(&tissue, &middle.into(), POINTS_MM))
 }
 
 /// A shift that is smaller is not seen, mm.
@@ -193,4 +213,28 @@ fn contours(fraction: &Volume<f32>, mapped: &Volume<u16>, reference: &Volume<u16
         legend.swatch(mix(BLUE, [255; 3], 0.3), "mapped from planning");
         legend.swatch(ORANGE, "fraction");
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+
+    #[test]
+    fn the_planes_go_through_the_patient_wherever_he_lies_in_the_scan() {
+        let grid = Grid::axis_aligned([100, 80, 60], [4.0; 3], [0.0; 3]).unwrap();
+        // A body in a corner of the scan, a thin arm far from it.
+        let ct = Volume::from_fn(grid.clone(), |l| {
+            let [i, j, k] = grid.voxel(l);
+            let body = i < 40 && j < 30 && k < 20;
+            let arm = i < 90 && j < 4 && k < 4;
+            if body || arm { 40.0 } else { -1000.0 }
+        });
+        let [axial, coronal, sagittal] = middle_planes(&ct);
+        for (plane, high) in [(&axial, 80.0), (&coronal, 120.0), (&sagittal, 160.0)] {
+            assert!((4.0..high).contains(&plane.at()), "{:?} {}", plane.kind, plane.at());
+        }
+        let empty = Volume::filled(grid.clone(), -1000.0);
+        assert!((middle_planes(&empty)[0].at() - grid.middle().z).abs() < 1e-9);
+    }
 }

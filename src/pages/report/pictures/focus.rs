@@ -92,7 +92,7 @@ fn residual(outcome: &Outcome) -> impl Iterator<Item = (f64, (Point3<f64>, Point
 
 /// The place nearest to `p` whose planes each show half of the patient's mean section at least.
 /// `points` fill the patient, about `apart` mm from each other.
-pub(super) fn in_the_patient(points: &[Point3<f64>], p: &Point3<f64>, apart: f64) -> Point3<f64> {
+pub(in crate::report) fn in_the_patient(points: &[Point3<f64>], p: &Point3<f64>, apart: f64) -> Point3<f64> {
     let mut place = *p;
     for kind in KINDS {
         place[kind.across()] = level(points, kind, p[kind.across()], apart);

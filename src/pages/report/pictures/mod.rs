@@ -21,7 +21,7 @@ use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
 pub use figure::{FigureKind, FigureOf, figure};
-pub(super) use focus::focus;
+pub(super) use focus::{focus, in_the_patient};
 use rayon::prelude::*;
 use scene::Scene;
 pub(super) use scene::shift_before;
