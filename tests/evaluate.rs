@@ -236,6 +236,12 @@ fn dose_goes_there_and_back_and_adds_up() {
     back.args(["--weights", "0.25", "0.75", "--grid"]).arg(&dose);
     back.arg("--page-ct").arg(&f.planning).arg("--structures").arg(&f.bones).assert().success();
     pages_of_carried_dose([&there, &sum]);
+    // Without a page none is left of the run before.
+    let mut bare = run_dose("map", &there);
+    bare.arg("--dose").arg(&dose).args(["--to", "fraction", "--no-page", "--grid"]).arg(&f.fraction);
+    bare.arg("--planning-to-fraction").arg(truth()).assert().success();
+    assert!(!folder().join("dose_on_fraction.html").exists());
+    assert_eq!(json(&folder().join("dose_on_fraction.json"))["outputs"].as_array().unwrap().len(), 1);
     // There and back is the planned dose, but for resampling at 5 mm.
     let out = folder().join("dose_compare");
     run_dose("compare", &out).arg("--dose").arg(&sum).arg("--reference").arg(&dose).assert().success();

@@ -88,20 +88,29 @@ const POINTS_MM: f64 = 4.0;
 /// Rim around them, mm.
 const RIM_MM: f64 = 10.0;
 
-/// The three planes through the middle of the tissue in a CT, moved to where they show enough of it. They depend on the CT
-/// alone, so that those of several fields are the same.
+/// Denser than soft tissue and couches, HU.
+const BONE_HU: f32 = 200.0;
+/// Fewer points of bone have no middle.
+const LEAST_BONE: usize = 50;
+
+/// The three planes through the middle of the bones in a CT (of its tissue where it shows none), moved to where they show
+/// enough of the patient. They depend on the CT alone, so that those of several fields are the same.
 pub(super) fn middle_planes(ct: &Volume<f32>) -> [Plane; 3] {
     let (grid, scan) = (ct.grid(), Region::of(ct.grid()));
     let every = grid.spacing().map(|s| ((POINTS_MM / s).round() as usize).max(1));
     let along = |a: usize| (0..grid.size()[a]).step_by(every[a]);
-    let rows = along(2).flat_map(|k| along(1).map(move |j| (j, k)));
-    let voxels = rows.flat_map(|(j, k)| along(0).map(move |i| [i, j, k]));
-    let tissue: Vec<Point3<f64>> = voxels.filter(|v| *ct.at(*v) > TISSUE_HU).map(|v| grid.centre(v)).collect();
+    let above = |least: f32| -> Vec<Point3<f64>> {
+        let rows = along(2).flat_map(|k| along(1).map(move |j| (j, k)));
+        let voxels = rows.flat_map(|(j, k)| along(0).map(move |i| [i, j, k]));
+        voxels.filter(|v| *ct.at(*v) > least).map(|v| grid.centre(v)).collect()
+    };
+    let (tissue, bone) = (above(TISSUE_HU), above(BONE_HU));
+    let dense = if bone.len() < LEAST_BONE { &tissue } else { &bone };
     let Some(region) = Region::around(tissue.iter().copied()) else {
         return planes(&[scan; 3], &grid.middle());
     };
     let middle = [0, 1, 2].map(|a| {
-        let mut all: Vec<f64> = tissue.iter().map(|p| p[a]).collect();
+        let mut all: Vec<f64> = dense.iter().map(|p| p[a]).collect();
         let half = all.len() / 2;
         *all.select_nth_unstable_by(half, f64::total_cmp).1
     });
@@ -234,6 +243,13 @@ mod tests {
         for (plane, high) in [(&axial, 80.0), (&coronal, 120.0), (&sagittal, 160.0)] {
             assert!((4.0..high).contains(&plane.at()), "{:?} {}", plane.kind, plane.at());
         }
+        // Bones draw the planes to themselves.
+        let spine = Volume::from_fn(grid.clone(), |l| {
+            let [i, j, _] = grid.voxel(l);
+            if (20..24).contains(&i) && (12..16).contains(&j) && ct.data()[l] > 0.0 { 400.0 } else { ct.data()[l] }
+        });
+        let [_, coronal, sagittal] = middle_planes(&spine);
+        assert!((48.0..=60.0).contains(&coronal.at()) && (80.0..=92.0).contains(&sagittal.at()));
         let empty = Volume::filled(grid.clone(), -1000.0);
         assert!((middle_planes(&empty)[0].at() - grid.middle().z).abs() < 1e-9);
     }
