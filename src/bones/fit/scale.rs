@@ -2,7 +2,7 @@
 //!
 //! A bone keeps its size from day to day; a slice thickness that is wrong in a header does not. Each bone is stretched about
 //! its own centre, so that neither posture nor couch shift takes part, and the stretch that explains the fraction best is the
-//! scale (docs/decisions/0038-plausible.md).
+//! scale (docs/decisions/inputs.md).
 
 use super::samples::Samples;
 use super::similarity::{Measure, evaluate};

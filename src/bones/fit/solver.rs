@@ -1,7 +1,7 @@
 //! A damped Gauss-Newton solver (Levenberg 1944, Marquardt 1963) that runs inside argmin's executor.
 //!
 //! argmin's own trust region has no stopping rule besides the iteration limit and can panic on degenerate
-//! subproblems; docs/decisions/0003-solver.md has the comparison.
+//! subproblems; docs/decisions/fit.md has the comparison.
 
 use super::problem::PoseProblem;
 use crate::error::{Error, Result};

@@ -241,6 +241,20 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_beyond_the_planning_scan_is_counted() {
+        // The field moves a part of the scan only: most rows are left where they are without a search.
+        let push = push(|x| Vector3::new(0.0, 0.0, if x.norm() < 10.0 { 1.0 } else { 0.0 }));
+        let planning = push.displacement.grid().clone();
+        let fraction = Grid::axis_aligned([60, 20, 30], [2.0, 2.0, 3.0], [-61.0, -21.0, -46.0]).unwrap();
+        let (pull, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
+        let within = |n: usize| planning.contains(&planning.index(&fraction.centre(fraction.voxel(n))));
+        let outside = (0..fraction.len()).filter(|n| !within(*n)).count();
+        assert!(outside > 10_000 && outside < fraction.len() - 5000, "{outside}");
+        assert_eq!(report.outside, outside);
+        assert!((0..fraction.len()).all(|n| pull.inside.data()[n] == within(n)));
+    }
+
+    #[test]
     fn inverts_a_turn_and_a_shift_exactly() {
         let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.4);
         let shift = Vector3::new(7.0, -3.0, 2.0);

@@ -65,7 +65,7 @@ pub struct PullField {
 }
 
 /// A displacement where a field is a mere continuation, mm, in steps of 1/2048 mm: single precision's last bits would be noise
-/// there, which makes files larger and slower to write (docs/decisions/0026-steps.md).
+/// there, which makes files larger and slower to write (docs/decisions/fields.md).
 #[inline(always)]
 pub fn in_steps(u: [f32; 3]) -> [f32; 3] {
     // Sums of up to 2 m with it have single-precision steps of just that size; larger ones keep about their own precision.

@@ -261,3 +261,41 @@ impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Volume;
+
+    /// Cells of 4 mm, stretched by 1.5 along x and moved, or turned inside out along it.
+    fn cells(stretch: f32) -> PushField {
+        let grid = Grid::axis_aligned([3, 3, 3], [4.0; 3], [0.0; 3]).unwrap();
+        let displacement =
+            Volume::from_fn(grid.clone(), |l| [(stretch - 1.0) * 4.0 * grid.voxel(l)[0] as f32 + 0.3, 0.2, 0.1]);
+        PushField { displacement, computed: Volume::filled(grid, true) }
+    }
+
+    #[test]
+    fn a_cell_covers_the_voxels_within_its_moved_corners() {
+        for (stretch, side, other) in [(1.5, Side::Upright, Side::Inverted), (-1.5, Side::Inverted, Side::Upright)] {
+            let push = cells(stretch);
+            for handed in [1.0, -1.0] {
+                let direction = Matrix3::from_diagonal(&Vector3::new(handed, 1.0, 1.0));
+                let origin = nalgebra::Point3::new(-20.0 * handed, -2.0, -2.0);
+                let fraction = Grid::new([40, 14, 14], [1.0; 3], origin, direction).unwrap();
+                let at = [1, 0, 1];
+                let mut found = vec![0; fraction.len()];
+                cover(&push, at, &fraction, side, |n| found[n] += 1);
+                cover(&push, at, &fraction, other, |_| panic!("nothing is on the other side"));
+                let moved = |i: usize| f64::from(stretch) * 4.0 * i as f64 + 0.3;
+                let [a, b] = [moved(1).min(moved(2)), moved(1).max(moved(2))];
+                for (n, count) in found.iter().enumerate() {
+                    let y = fraction.centre(fraction.voxel(n));
+                    let inside = (a..=b).contains(&y.x) && (0.2..=4.2).contains(&y.y) && (4.1..=8.1).contains(&y.z);
+                    assert_eq!(*count > 0, inside, "{stretch} {handed} {y:?}");
+                }
+                assert!(found.iter().filter(|count| **count > 0).count() > 60);
+            }
+        }
+    }
+}

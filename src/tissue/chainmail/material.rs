@@ -2,7 +2,7 @@
 //! constraints of organs.
 //!
 //! The numbers behind Fig. 13 are not printed. Air and rigid material are the thesis's; the soft-tissue regime of the
-//! two sets is ours and documented in docs/decisions/0005-material.md.
+//! two sets is ours and documented in docs/decisions/chain-mail.md.
 
 use crate::error::{Error, Result};
 use crate::volume::LabelMap;

@@ -100,7 +100,7 @@ impl Default for ChainmailOptions {
 
 impl ChainmailOptions {
     /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
-    /// Stiff tissue is fast, as the thesis's text and Fig. 14 have it (docs/decisions/0007).
+    /// Stiff tissue is fast, as the thesis's text and Fig. 14 have it (docs/decisions/thesis.md).
     pub fn thesis() -> Self {
         Self {
             link_time: LinkTime::FastInStiff,

@@ -1,5 +1,5 @@
 //! Surfaces along which tissue slides, as lung and liver do along the chest wall: a link across one holds what is normal to it,
-//! and lets most of the rest slip (docs/decisions/0040-sliding.md).
+//! and lets most of the rest slip (docs/decisions/contact.md).
 
 use super::node::Node;
 use crate::geometry::Grid;

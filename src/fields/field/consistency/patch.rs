@@ -293,3 +293,48 @@ fn folded(push: &PushField, cell: usize) -> bool {
     let sense = grid.step().determinant();
     [[0; 3], [1, 0, 0]].into_iter().flat_map(cut).any(|t| volume(t) * sense <= 0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Volume;
+
+    fn fields(handed: f64, size: [usize; 3]) -> PushField {
+        let direction = Matrix3::from_diagonal(&Vector3::new(handed, 1.0, 1.0));
+        let grid = Grid::new(size, [1.0, 1.0, 3.0], Point3::origin(), direction).unwrap();
+        let computed = Volume::filled(grid.clone(), true);
+        PushField { displacement: Volume::filled(grid, [0.0; 3]), computed }
+    }
+
+    #[test]
+    fn a_cell_is_folded_once_a_corner_passes_the_plane_of_others() {
+        for handed in [1.0, -1.0] {
+            let mut push = fields(handed, [3, 3, 3]);
+            let grid = push.displacement.grid().clone();
+            let corner = grid.linear([1, 1, 1]);
+            assert!((0..2).all(|i| !folded(&push, grid.linear([i, 0, 0]))));
+            // The corner of four tetrahedra is 3 mm above its cell's lowest plane.
+            push.displacement.data_mut()[corner] = [0.0, 0.0, -2.9];
+            assert!([[0, 0, 0], [1, 0, 1]].iter().all(|at| !folded(&push, grid.linear(*at))));
+            push.displacement.data_mut()[corner] = [0.0, 0.0, -3.1];
+            assert!(folded(&push, grid.linear([0, 0, 0])), "{handed}");
+            // Above it there is only more room.
+            assert!(!folded(&push, grid.linear([0, 0, 1])));
+        }
+    }
+
+    #[test]
+    fn the_first_and_last_voxel_of_a_row_have_one_neighbour() {
+        let push = fields(1.0, [4, 3, 2]);
+        let grid = push.displacement.grid().clone();
+        let mut patch = Patch::new(&grid, &grid);
+        (0..grid.len()).for_each(|n| patch.number[n] = n as u32 + 1);
+        let number = |at: [usize; 3]| grid.linear(at) as u32 + 1;
+        assert_eq!(
+            patch.neighbours(grid.linear([0, 1, 0])),
+            [FIXED, number([1, 1, 0]), number([0, 0, 0]), number([0, 2, 0]), FIXED, number([0, 1, 1])]
+        );
+        assert_eq!(patch.linked(&push, grid.linear([3, 2, 1])), [1, 1, 1]);
+        assert_eq!(patch.linked(&push, grid.linear([1, 1, 1])), [2, 2, 1]);
+    }
+}
