@@ -144,7 +144,7 @@ fn against_exact(found: &AgainstExact) -> String {
         "before relaxation",
         of(&found.superposition)
     );
-    if let Some(waves) = &found.let_go {
+    if let Some(waves) = &found.pruning {
         writeln!(text, "{:<24}{waves}", "pruning").expect("writing to a string does not fail");
     }
     text

@@ -102,6 +102,9 @@ pub struct Solution {
     pub next: DVector<f64>,
 }
 
+/// How the reason begins that a solution gives where it used up its iterations.
+pub(super) const ITERATION_LIMIT: &str = "iteration limit";
+
 /// Minimises a pose problem from its base transforms; stops when a step moves nothing by `tolerance` mm.
 ///
 /// # Errors
@@ -126,7 +129,7 @@ pub fn solve(problem: PoseProblem<'_>, tolerance: f64, max_iterations: u64) -> R
         stop: match state.get_termination_status() {
             TerminationStatus::Terminated(TerminationReason::SolverConverged) => "converged".into(),
             TerminationStatus::Terminated(TerminationReason::MaxItersReached) => {
-                format!("iteration limit {max_iterations}")
+                format!("{ITERATION_LIMIT} {max_iterations}")
             }
             TerminationStatus::Terminated(other) => other.text().into(),
             TerminationStatus::NotTerminated => "not terminated".into(),

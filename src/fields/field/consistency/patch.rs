@@ -1,10 +1,10 @@
 //! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
 
 use super::ball::{Balls, Marks};
-use super::miss::Miss;
+use super::inverse_error::InverseError;
 use super::{BoneOf, REACH_MM};
-use crate::field::pre_image::{Continued, InvertOptions, solve};
-use crate::field::tetrahedra::cut;
+use crate::field::inverse::pre_image::{Continued, InvertOptions, solve};
+use crate::field::mesh::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
 use crate::volume::Mask;
@@ -66,10 +66,10 @@ impl Patch {
     }
 
     /// Misses in groups so far apart that what is moved for one does not reach the other.
-    pub(super) fn clusters(&self, misses: &[Miss]) -> Vec<Vec<Miss>> {
+    pub(super) fn clusters(&self, errors: &[InverseError]) -> Vec<Vec<InverseError>> {
         let apart = self.grid.spacing().map(|h| 2.0 * (REACH_MM / h + 2.0) + 1.0);
-        let at: Vec<[usize; 3]> = misses.iter().map(|m| self.grid.voxel(m.voxel)).collect();
-        let mut left: Vec<usize> = (0..misses.len()).rev().collect();
+        let at: Vec<[usize; 3]> = errors.iter().map(|m| self.grid.voxel(m.voxel)).collect();
+        let mut left: Vec<usize> = (0..errors.len()).rev().collect();
         let mut out = Vec::new();
         while let Some(first) = left.pop() {
             let mut cluster = vec![first];
@@ -85,7 +85,7 @@ impl Patch {
                 });
             }
             cluster.sort_unstable();
-            out.push(cluster.into_iter().map(|n| misses[n]).collect());
+            out.push(cluster.into_iter().map(|n| errors[n]).collect());
         }
         out
     }
