@@ -1,6 +1,6 @@
 //! `aventail bench`: how long the hot paths take here, beside what the memory allows.
 
-use super::register::progress;
+use super::terminal::progress;
 use crate::benchmark::{AgainstExact, BenchmarkOptions, BenchmarkReport, Distances, SceneSize, Task, run as measure};
 use crate::error::Result;
 use crate::runtime::Runtime;

@@ -1,8 +1,9 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
 use super::args::RunArgs;
-use super::register::{Told, finish, progress, settings};
+use super::register::{Told, finish, settings};
 use super::run_folder;
+use super::terminal::progress;
 use crate::config::ConfigFile;
 use crate::error::Result;
 use crate::phantom::{Phantom, PhantomOptions};

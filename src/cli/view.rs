@@ -1,7 +1,7 @@
 //! `aventail view`: a finished run to look through at full resolution, on this machine alone.
 
 use super::finished::Finished;
-use super::register::progress;
+use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::report::view_page;
 use crate::runtime::Runtime;

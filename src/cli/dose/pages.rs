@@ -1,6 +1,6 @@
 //! The pages of `dose compare` and `dose dvh`.
 
-use super::super::command_line;
+use super::super::terminal::command_line;
 use super::{CompareArgs, DoseDifference, Ledger};
 use crate::dose::steep;
 use crate::error::Result;

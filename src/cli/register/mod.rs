@@ -1,18 +1,23 @@
 //! `aventail register`: load, run, write.
 
-use super::args::{LandmarkUseName, PresetName, RegisterArgs, RunArgs, SpeedName};
+mod args;
+
+pub(super) use args::HELP;
+pub use args::{LandmarkUseName, RegisterArgs};
+
+use super::args::{PresetName, RunArgs, SpeedName};
 use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
-use super::terminal::Terminal;
-use super::{command_line, run_folder, start};
+use super::terminal::{command_line, progress};
+use super::{run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
 use crate::pipeline::{Case, Outcome, Planning, check_fraction, register, register_fraction};
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
@@ -287,11 +292,6 @@ pub(super) fn write_run(
         return report.json();
     }
     Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))
-}
-
-/// Progress on the terminal, or none.
-pub(super) fn progress(quiet: bool) -> Box<dyn Progress> {
-    if quiet { Box::new(Silent) } else { Box::new(Terminal::new()) }
 }
 
 /// The complete settings from file and flags.
