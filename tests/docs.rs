@@ -160,3 +160,20 @@ fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {
         _ => a == b || a.as_f64().is_some() && a.as_f64() == b.as_f64(),
     }
 }
+
+#[test]
+fn every_direct_dependency_has_its_reason() {
+    let manifest: String = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let section = manifest.split("[workspace.dependencies]").nth(1).unwrap().split("\n[").next().unwrap();
+    let names = section.lines().filter_map(|l| l.split_once(" = ")).map(|(name, _)| name);
+    let text = fs::read_to_string(root().join("docs/architecture.md")).unwrap();
+    let table = text.split("## Direct dependencies").nth(1).unwrap();
+    let told: BTreeSet<&str> = table
+        .lines()
+        .filter_map(|l| l.strip_prefix("| ")?.split(" | ").next())
+        .flat_map(|cell| cell.trim_start_matches("dev: ").split(", "))
+        .map(|name| name.split(' ').next().unwrap_or_default())
+        .collect();
+    let missing: Vec<&str> = names.filter(|n| !n.starts_with("aventail") && !told.contains(n)).collect();
+    assert!(missing.is_empty(), "docs/architecture.md gives no reason for {missing:?}");
+}
