@@ -144,7 +144,7 @@ fn propagation(c: &mut Criterion) {
     let mut group = c.benchmark_group("propagate");
     group.sample_size(10);
     for (name, prune_ratio, relaxed) in
-        [("exact", 0.0, false), ("let go", 16.0, false), ("let go, relaxed", 16.0, true)]
+        [("exact", 0.0, false), ("pruned", 16.0, false), ("pruned, relaxed", 16.0, true)]
     {
         for spacing_mm in [6.0, 4.0, 3.0] {
             let relaxation = if relaxed { vec![(12.0, 40), (spacing_mm, 20)] } else { Vec::new() };

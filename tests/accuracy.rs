@@ -6,6 +6,7 @@
 use crate::support::score::{Score, TruthPoint, name, score};
 use crate::support::shared::fine_registered;
 use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
+use aventail::fit::DeterminedBy;
 use aventail::phantom::Phantom;
 use aventail::progress::Silent;
 use std::collections::BTreeMap;
@@ -120,7 +121,7 @@ fn the_way_there_and_back_ends_where_it_began() {
 }
 
 /// What the default saves costs less than a tenth of a millimetre: elements of 4.5 mm for waves instead of every voxel, and waves
-/// that are let go. Bones alone, without images, which would hide the difference.
+/// that are pruned. Bones alone, without images, which would hide the difference.
 #[test]
 fn the_default_is_as_good_as_waves_through_every_voxel() {
     let (phantom, _) = fine_registered();
@@ -153,7 +154,7 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
         })
         .collect();
     let mean = apart.iter().sum::<f64>() / apart.len() as f64;
-    let waves = [&default, &exact].map(|p| p.let_go.expect("a bound is known"));
+    let waves = [&default, &exact].map(|p| p.pruning.expect("a bound is known"));
     println!("{mean:.4} mm apart on the mean of {}; {}; {}", apart.len(), waves[0], waves[1]);
     assert!(apart.len() > 100_000 && mean > 1e-4 && mean <= 0.1, "{mean} mm");
     assert!(waves[0].waves > 0 && waves[0].most_mm <= 0.1, "{waves:?}");
@@ -163,9 +164,9 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
 #[test]
 fn the_fit_says_which_bones_the_image_shows() {
     let outcome = fine_registered().1;
-    let by_image = outcome.bone_fits.iter().filter(|f| f.determined_by == "image").count();
+    let by_image = outcome.bone_fits.iter().filter(|f| f.determined_by == DeterminedBy::Image).count();
     assert!(by_image >= 30, "{by_image} bones");
-    for fit in outcome.bone_fits.iter().filter(|f| f.determined_by == "image") {
+    for fit in outcome.bone_fits.iter().filter(|f| f.determined_by == DeterminedBy::Image) {
         let (before, after) = (fit.similarity_before.unwrap(), fit.similarity_after.unwrap());
         assert!((0.0..=1.0).contains(&after) && (0.0..=1.0).contains(&before), "{}: {before} {after}", fit.name);
         assert!(fit.position_sd_mm.is_finite() && fit.position_sd_mm > 0.0, "{}", fit.name);

@@ -393,7 +393,7 @@ fn a_report_runs_again_to_the_same_bytes_and_prints_json() {
         "jacobian",
         "contact",
         "uncertainty",
-        "let_go",
+        "pruning",
         "links",
         "inverse",
         "consistency",

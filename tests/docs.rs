@@ -1,6 +1,6 @@
 //! The documents: every link leads somewhere, every page is in the book, prose is in lines that a person reads.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -103,4 +103,77 @@ fn prose_is_in_lines_that_a_person_reads() {
         }
     }
     assert!(long.is_empty(), "{} lines are longer than {WIDEST} characters:\n{}", long.len(), long.join("\n"));
+}
+
+/// Settings by their keys, each with its value: tables of tables are told by their keys, lists are values.
+fn leaves(prefix: &str, value: &serde_json::Value, found: &mut BTreeMap<String, serde_json::Value>) {
+    match value.as_object() {
+        Some(table) if !table.is_empty() => {
+            let key = |name: &str| if prefix.is_empty() { name.to_owned() } else { format!("{prefix}.{name}") };
+            table.iter().for_each(|(name, value)| leaves(&key(name), value, found));
+        }
+        _ => drop(found.insert(prefix.to_owned(), value.clone())),
+    }
+}
+
+#[test]
+fn every_setting_stands_in_its_table_with_its_default_and_when_to_touch_it() {
+    let text = fs::read_to_string(root().join("docs/settings.md")).unwrap();
+    let cells = |line: &str| line.trim_matches('|').split(" | ").map(|c| c.trim().to_owned()).collect::<Vec<_>>();
+    // Before the table of the thesis's stages, whose rows name several keys.
+    let before = text.split("The stages of the thesis").next().unwrap();
+    let rows = before.lines().filter(|l| l.starts_with("| `")).map(cells);
+    let told: BTreeMap<String, Vec<String>> = rows.map(|row| (row[0].trim_matches('`').to_owned(), row)).collect();
+    let mut settings = BTreeMap::new();
+    leaves("", &serde_json::to_value(aventail::config::Config::default()).unwrap(), &mut settings);
+    for name in ["region.label", "region.box_mm"] {
+        settings.entry(name.to_owned()).or_insert(serde_json::Value::Null);
+    }
+    for (key, value) in &settings {
+        let general = key.split_once('.').map(|(room, _)| format!("{room}.*"));
+        let row = told.get(key).or_else(|| told.get(&general?)).unwrap_or_else(|| panic!("{key} = {value}: no row"));
+        assert!(row.len() == 4 && row.iter().all(|cell| !cell.is_empty()), "{key}: {row:?}");
+        let default = row[1].trim_matches('`');
+        let same = match value {
+            serde_json::Value::Number(n) => default.parse::<f64>().ok() == n.as_f64(),
+            serde_json::Value::Bool(b) => default == b.to_string(),
+            serde_json::Value::String(s) => default == format!("\"{s}\""),
+            serde_json::Value::Array(list) if list.first().is_some_and(|v| !v.is_object()) => {
+                serde_json::from_str::<serde_json::Value>(default).is_ok_and(|told| alike(&told, value))
+            }
+            // Empty, or a list of tables: told in words.
+            _ => true,
+        };
+        assert!(
+            same || row[0].contains('*') || key.starts_with("verdict."),
+            "{key} is {value}, docs/settings.md says {default}"
+        );
+    }
+    let unknown: Vec<&String> = told.keys().filter(|k| !k.ends_with(".*") && !settings.contains_key(*k)).collect();
+    assert!(unknown.is_empty(), "docs/settings.md tells of settings that are none: {unknown:?}");
+}
+
+/// Lists whose numbers are equal, whether they are written with a point or not.
+fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+    match (a.as_array(), b.as_array()) {
+        (Some(a), Some(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| alike(a, b)),
+        _ => a == b || a.as_f64().is_some() && a.as_f64() == b.as_f64(),
+    }
+}
+
+#[test]
+fn every_direct_dependency_has_its_reason() {
+    let manifest: String = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let section = manifest.split("[workspace.dependencies]").nth(1).unwrap().split("\n[").next().unwrap();
+    let names = section.lines().filter_map(|l| l.split_once(" = ")).map(|(name, _)| name);
+    let text = fs::read_to_string(root().join("docs/architecture.md")).unwrap();
+    let table = text.split("## Direct dependencies").nth(1).unwrap();
+    let told: BTreeSet<&str> = table
+        .lines()
+        .filter_map(|l| l.strip_prefix("| ")?.split(" | ").next())
+        .flat_map(|cell| cell.trim_start_matches("dev: ").split(", "))
+        .map(|name| name.split(' ').next().unwrap_or_default())
+        .collect();
+    let missing: Vec<&str> = names.filter(|n| !n.starts_with("aventail") && !told.contains(n)).collect();
+    assert!(missing.is_empty(), "docs/architecture.md gives no reason for {missing:?}");
 }

@@ -5,6 +5,7 @@
 use crate::support::shared::{fine_registered, registered};
 use crate::support::{Register, done, files_below, phantom};
 use aventail::field::{PushField, push_point};
+use aventail::fit::DeterminedBy;
 use aventail::geometry::Grid;
 use aventail::pipeline::{Case, Outcome};
 use aventail::volume::{LabelMap, Mask, Volume};
@@ -113,7 +114,7 @@ fn assert_close(one: &Outcome, other: &Outcome, how: impl std::fmt::Debug) {
 /// Greatest distance between where two registrations take a bone's centroid, `shift` taken off the second.
 fn bones_apart(one: &Outcome, other: &Outcome, shift: Vector3<f64>) -> f64 {
     let place = |outcome: &Outcome, name: &str| {
-        let fit = outcome.bone_fits.iter().find(|f| f.name == name && f.determined_by == "image")?;
+        let fit = outcome.bone_fits.iter().find(|f| f.name == name && f.determined_by == DeterminedBy::Image)?;
         let bone = one.skeleton.bones.iter().find(|b| b.name == name)?;
         Some(fit.transform * bone.centroid)
     };

@@ -2,8 +2,10 @@
 
 use crate::support::{aventail, files_below, folder, small_phantom};
 use aventail::geometry::rotation_angle_deg;
+use aventail::io::pose::read_pose;
 use aventail::io::read_image;
-use aventail::phantom::{CbctOptions, INVERSE_TOLERANCE, Phantom, PhantomOptions, Posture};
+use aventail::phantom::{CbctOptions, INVERSE_TOLERANCE, JointMotion, Phantom, PhantomOptions, Posture};
+use aventail::skeleton::JointPose;
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::BTreeSet;
 use std::fs;
@@ -280,9 +282,16 @@ fn a_shifted_scanner_moves_patient_couch_and_grid_together() {
 }
 
 #[test]
-fn arms_can_be_raised_by_a_posture_file() {
-    let text = include_str!("../data/arms_raised_posture.toml");
-    let posture: Posture = Posture::parse(text).unwrap();
+fn arms_can_be_raised_by_165_degrees() {
+    let skeleton = Phantom::new(&PhantomOptions { posture: Posture::at_rest(), ..tiny_options() }).unwrap().skeleton;
+    let pose = read_pose("data/raise_arms.toml", &skeleton).unwrap();
+    let moved = skeleton.bones.iter().zip(&pose.joints).filter(|(_, joint)| **joint != JointPose::default());
+    let motion = |joint: &JointPose| JointMotion {
+        rotation_deg: joint.rotation.map(f64::to_degrees),
+        shift_mm: joint.translation,
+    };
+    let posture = Posture { joints: moved.map(|(bone, joint)| (bone.name.clone(), motion(joint))).collect() };
+    assert_eq!(posture.joints.len(), 6);
     let p = Phantom::new(&PhantomOptions { posture, ..tiny_options() }).unwrap();
     for side in ["left", "right"] {
         let n = p.skeleton.bones.iter().position(|b| b.name == format!("humerus_{side}")).unwrap();

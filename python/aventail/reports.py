@@ -185,8 +185,8 @@ class Uncertainty(TypedDict):
     above_2mm_ml: float
 
 
-class LetGo(TypedDict):
-    """Waves that were let go, and the most that this can change."""
+class Pruning(TypedDict):
+    """Waves that were pruned, and the most that this can change."""
 
     waves: int
     of: int
@@ -300,7 +300,7 @@ class _Report(TypedDict):
     contact: Contact
     volume_changes: list[VolumeReached]
     uncertainty: Uncertainty | None
-    let_go: LetGo | None
+    pruning: Pruning | None
     links: Links
     inverse: Inverse
     consistency: Consistency

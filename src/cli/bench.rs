@@ -1,6 +1,6 @@
 //! `aventail bench`: how long the hot paths take here, beside what the memory allows.
 
-use super::register::progress;
+use super::terminal::progress;
 use crate::benchmark::{AgainstExact, BenchmarkOptions, BenchmarkReport, Distances, SceneSize, Task, run as measure};
 use crate::error::Result;
 use crate::runtime::Runtime;
@@ -144,7 +144,7 @@ fn against_exact(found: &AgainstExact) -> String {
         "before relaxation",
         of(&found.superposition)
     );
-    if let Some(waves) = &found.let_go {
+    if let Some(waves) = &found.pruning {
         writeln!(text, "{:<24}{waves}", "pruning").expect("writing to a string does not fail");
     }
     text

@@ -1,7 +1,7 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
-use super::register::progress;
+use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::config::{Config, StudyPlan};
 use crate::error::{Error, Result};

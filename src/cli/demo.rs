@@ -3,8 +3,9 @@
 use super::args::RunArgs;
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
 use super::phantom::write_landmarks;
-use super::register::{Told, progress, settings, write_run};
+use super::register::{Told, settings, write_run};
 use super::run_folder;
+use super::terminal::progress;
 use crate::config::{Config, ConfigFile};
 use crate::error::{Error, Result};
 use crate::io::{self, Stored, WriteOptions};

@@ -4,8 +4,8 @@
 //! grid it lies, and a field belongs on a grid of the frame that it starts from. A Deformable Spatial Registration names the
 //! frames of reference that it joins, which scans in DICOM confirm or contradict.
 
-use super::evaluate::Ledger;
-use super::frames::{Uids, confirmed, uid_of};
+use super::frames::{FieldRole, Uids, confirmed, uid_of};
+use super::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
@@ -28,20 +28,8 @@ pub(super) const WORTH_OF_LABELS: f64 = 1.0;
 /// Less of an image: what lies beyond the other scan comes in at its edges.
 pub(super) const WORTH_OF_IMAGE: f64 = 5.0;
 
-/// What a field is given for.
-pub(super) struct Role<'a> {
-    /// The option that names it.
-    pub option: &'a str,
-    /// Frame whose points it takes.
-    pub from: &'a str,
-    /// Frame where they arrive.
-    pub to: &'a str,
-    /// What to do when it points the other way.
-    pub remedy: &'a str,
-}
-
 /// The role of a field of one case: by the option of its direction, or by another option and `--direction`.
-pub(super) fn role(direction: Direction, option: Option<&'static str>) -> Role<'static> {
+pub(super) fn role(direction: Direction, option: Option<&'static str>) -> FieldRole<'static> {
     let (from, to, own, remedy) = match (direction, option) {
         (Direction::PlanningToFraction, None) => {
             ("planning", "fraction", "--planning-to-fraction", "give it as --fraction-to-planning")
@@ -56,7 +44,7 @@ pub(super) fn role(direction: Direction, option: Option<&'static str>) -> Role<'
             ("fraction", "planning", o, "give --direction planning-to-fraction, or the field of the other direction")
         }
     };
-    Role { option: own, from, to, remedy }
+    FieldRole { option: own, from, to, remedy }
 }
 
 /// A grid that is known in a frame.
@@ -91,10 +79,15 @@ pub(super) fn contradicts(said: (&str, &str), own: &Frames) -> bool {
 /// # Errors
 /// [`Error::Input`] when its header tells the other direction, or it is a registration of other frames of reference; else as
 /// [`io::read_field`].
-pub(super) fn take(path: &Path, role: &Role<'_>, known: &[Known<'_>], ledger: &mut Ledger) -> Result<Volume<[f32; 3]>> {
+pub(super) fn take(
+    path: &Path,
+    role: &FieldRole<'_>,
+    known: &[Known<'_>],
+    ledger: &mut Ledger,
+) -> Result<Volume<[f32; 3]>> {
     let (field, own, uids) = open(path)?;
     let file = path.display().to_string();
-    let Role { option, from, to, .. } = role;
+    let FieldRole { option, from, to, .. } = role;
     let sure = match &uids {
         Some(uids) => confirmed(&file, uids, role, with_uids(known)?.into_iter())?,
         None => false,

@@ -1,7 +1,7 @@
 //! `aventail figure`: one plane of a finished run, for papers and slides.
 
 use super::finished::Finished;
-use super::register::progress;
+use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::io;
 use crate::report::{FigureKind, PlaneKind, figure};

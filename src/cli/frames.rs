@@ -1,10 +1,21 @@
 //! Frames of reference of DICOM against the names that the command line has for frames: a registration between two frames of
 //! reference must not be used the other way round, nor on scans that it does not belong to.
 
-use super::fields::Role as FieldRole;
 use crate::error::{Error, Result};
 use crate::io::dicom::{Role, frame_of};
 use std::path::{Path, PathBuf};
+
+/// What a field is given for.
+pub(super) struct FieldRole<'a> {
+    /// The option that names it.
+    pub option: &'a str,
+    /// Frame whose points it takes.
+    pub from: &'a str,
+    /// Frame where they arrive.
+    pub to: &'a str,
+    /// What to do when it points the other way.
+    pub remedy: &'a str,
+}
 
 /// UIDs of the frames of reference whose points a field takes, and where they arrive.
 pub(super) type Uids = [String; 2];

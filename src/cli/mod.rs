@@ -17,6 +17,7 @@ mod headers;
 mod inputs;
 mod inspect;
 pub mod labels;
+mod ledger;
 pub mod library;
 mod links;
 pub mod man;
@@ -25,23 +26,24 @@ mod phantom;
 pub mod pose;
 mod program;
 mod record;
-mod register;
-mod skeleton;
+pub mod register;
+pub mod skeleton;
 pub mod slicer;
 mod start;
 pub mod study;
 pub mod summary;
 pub mod terminal;
+mod verbs;
 mod version;
 pub mod view;
-mod warp;
+pub mod warp;
 
-pub(crate) use program::command_line;
 pub use program::main;
+use terminal::command_line;
+pub use verbs::{Cli, Verb};
 
 use crate::error::Result;
 use crate::io::{Planned, RunFolder};
-use args::{Cli, Verb};
 use clap::CommandFactory;
 use std::path::Path;
 
@@ -80,7 +82,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Curve(args) => curve::run(args),
         Verb::Slicer(verb) => slicer::run(verb),
         Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
-        Verb::Man(args) => man::run(args),
+        Verb::Man(args) => man::run(args, Cli::command()),
         Verb::Completions { shell } => {
             let mut out = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "aventail", &mut out);

@@ -1,20 +1,16 @@
 //! The whole program: parse, run, print. The `aventail` binary and the Python package's console script both call it.
 
-use super::args::Cli;
-use super::terminal::harmless;
+use super::terminal::{called_with, harmless};
+use super::verbs::Cli;
 use crate::error::Error;
 use clap::Parser;
 use std::ffi::OsString;
 use std::io::{ErrorKind, IsTerminal, Write};
-use std::sync::{Mutex, PoisonError};
-
-/// What [`main`] was called with last; it need not be this process's own command line.
-static CALLED_WITH: Mutex<Option<String>> = Mutex::new(None);
 
 /// Runs a command line, whose first entry is the program's name, and returns the process's exit code: 0, or that of
 /// [`Error::exit_code`]. Results go to standard output, progress and errors to standard error.
 pub fn main(arguments: Vec<OsString>) -> u8 {
-    *CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner) = Some(joined(&arguments));
+    called_with(&arguments);
     let done = match Cli::try_parse_from(arguments) {
         Ok(cli) => super::run(&cli).and_then(|text| print(&format!("{}\n", harmless(text.trim_end())))),
         // Help and version.
@@ -34,16 +30,6 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
             error.exit_code()
         }
     }
-}
-
-/// The command line for a report; bytes that are no text become replacement characters.
-pub(crate) fn command_line() -> String {
-    let called = CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    called.unwrap_or_else(|| joined(&std::env::args_os().collect::<Vec<_>>()))
-}
-
-fn joined(arguments: &[OsString]) -> String {
-    arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Writes to standard output. A reader that has closed its end, such as `head`, is no failure.

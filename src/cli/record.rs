@@ -1,7 +1,7 @@
 //! What a run whose results have no report of their own leaves beside them: its command line, its inputs, and the
 //! checksums of what it wrote, which `aventail inspect` verifies.
 
-use super::command_line;
+use super::terminal::command_line;
 use crate::error::Result;
 use crate::io::checksum::sha256_file;
 use crate::io::{RunFolder, relative_to, write_json};

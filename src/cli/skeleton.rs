@@ -1,8 +1,7 @@
 //! `aventail skeleton`: build, check and show the joint tree of a label map.
 
-use super::args::SkeletonArgs;
 use super::auto::{Ask, Bones};
-use super::register::progress;
+use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::skeleton::{load_override, write_skeleton};
@@ -12,9 +11,34 @@ use crate::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
+use clap::Args;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+
+/// Options of `skeleton`.
+#[derive(Debug, Args)]
+pub struct SkeletonArgs {
+    /// Bone labels, for example TotalSegmentator's multi-label file; with --planning also a DICOM structure set, or `auto` as
+    /// in `register`
+    #[arg(long, value_name = "FILE|auto")]
+    pub bones: PathBuf,
+    /// Planning CT: a structure set is drawn on its grid, and `auto` labels it
+    #[arg(long, value_name = "FILE")]
+    pub planning: Option<PathBuf>,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to check against the built skeleton
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Write the skeleton as TOML, to be edited and given to `register --skeleton`
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// What the verb shows, besides what it writes.
 #[derive(Debug, Clone, Serialize)]

@@ -2,7 +2,7 @@
 
 use super::inputs::config_file;
 use super::organs;
-use super::register::progress;
+use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::concepts;
 use crate::config::{Config, RecordedInput, StudyPlan};

@@ -1,6 +1,7 @@
 //! `aventail summary`: many runs side by side.
 
-use super::{command_line, planned, record, run_folder};
+use super::terminal::command_line;
+use super::{planned, record, run_folder};
 use crate::error::{Error, Result};
 use crate::io::{self, relative_to};
 use crate::report::{Cohort, Member, Report};

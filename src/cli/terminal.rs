@@ -1,10 +1,34 @@
-//! Progress on the terminal: a live line on a screen, plain lines in a log.
+//! The terminal: progress as a live line on a screen or as plain lines in a log, and the command line that called.
 
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
+
+/// What the program was called with last; it need not be this process's own command line.
+static CALLED_WITH: Mutex<Option<String>> = Mutex::new(None);
+
+/// Notes a command line for reports.
+pub(super) fn called_with(arguments: &[OsString]) {
+    *CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner) = Some(joined(arguments));
+}
+
+/// The command line for a report; bytes that are no text become replacement characters.
+pub(super) fn command_line() -> String {
+    let called = CALLED_WITH.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    called.unwrap_or_else(|| joined(&std::env::args_os().collect::<Vec<_>>()))
+}
+
+fn joined(arguments: &[OsString]) -> String {
+    arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+}
+
+/// Progress on the terminal, or none.
+pub(super) fn progress(quiet: bool) -> Box<dyn Progress> {
+    if quiet { Box::new(Silent) } else { Box::new(Terminal::new()) }
+}
 
 /// Shows what a run is doing on standard error.
 ///

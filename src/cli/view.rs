@@ -1,7 +1,7 @@
 //! `aventail view`: a finished run to look through at full resolution, on this machine alone.
 
 use super::finished::Finished;
-use super::register::progress;
+use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::io::dicom::{Role, check_frames};
 use crate::io::{self, ContourFile};

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """The tables of docs/study.md: every stage of the thesis on four cases, beside what it prints, with the trend of each row.
 
-usage: study.py AVENTAIL [CASES] [--out DIR] [--case NAME,NAME] [--threads N]
+usage: study.py AVENTAIL [CASES] [--out DIR] [--case NAME,NAME] [--threads N] [--peers TOOL,TOOL]
 
 AVENTAIL  the aventail program
 CASES     as for ablation.py, with the fractions `small`, `moderate` and `spline`; default: AVENTAIL_CASES
 --out     folder for the runs and studies (default: study); what is finished there is kept
 --case    cases to run (default: small,moderate,spline,arms); `arms` is the phantom whose raised arms are lowered
+--peers   instead of the stages: image-driven tools that are told of the bones, as ANACONDA in the thesis:
+          plastimatch-bones, elastix-bones (side_by_side.py has their settings), judged by `aventail evaluate`
 
 Each cell: J < 0 in %, mean J over all tissue above -500 HU (thesis Tab. 2), mean relative residual, seconds. A trend says
 whether folds and residual change against the row named in the same direction as in the thesis: patient 1 by
@@ -17,11 +19,13 @@ import argparse
 import json
 import os
 import subprocess
+import time
 import tomllib
 
 import numpy as np
 import SimpleITK as sitk
 from PIL import Image, ImageDraw
+from side_by_side import WITH_BONES, installed
 
 HEAD_AND_NECK = ("small", "moderate", "spline")
 PLAN = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "data", "study.toml")
@@ -178,6 +182,51 @@ def arms_lowered(options):
     sheet.quantize(128).save(f"{options.out}/arms_lowered.png", optimize=True)
 
 
+def sides(options, name, case):
+    """Planning CT, labels, their names, fraction CT and landmarks behind a run."""
+    if name == "arms":
+        raised = f"{options.out}/arms_raised"
+        return (f"{raised}/planning_on_fraction.nii.gz", f"{raised}/bones_on_fraction.nii.gz", None,
+                f"{case}/planning_on_fraction.nii.gz", f"{options.out}/arms_landmarks.csv")  # fmt: skip
+    cases = options.cases
+    return (f"{cases}/planning_ct.nii.gz", f"{cases}/bones.nii.gz", f"{cases}/bones.json",
+            f"{cases}/{name}/fraction_ct.nii.gz", f"{cases}/{name}/landmarks.csv")  # fmt: skip
+
+
+def as_record(assessment, seconds):
+    """What `evaluate` found, in the shape of a stage's record."""
+    each = assessment["landmarks"]["each"]
+    relative = float(np.mean([m["after"] / m["before"] for m in each]))
+    return {"jacobian": assessment["regularity"][0][1]["jacobian"], "residual": [relative], "seconds": seconds}
+
+
+def peer(options, tool, name, case):
+    """A cell of a tool that is told of the bones: its field as `evaluate` judges it, and its time."""
+    job = argparse.Namespace(aventail=options.aventail, out=f"{options.out}/{tool}_{name}", mask=f"{case}/body.nii.gz")
+    job.fixed, job.bones, job.names, job.moving, landmarks = sides(options, name, case)
+    os.makedirs(job.out, exist_ok=True)
+    start = time.monotonic()
+    field = WITH_BONES[tool](job)
+    seconds = time.monotonic() - start
+    judged = f"{job.out}/evaluation"
+    run(options.aventail, "evaluate", "-q", "--planning", job.fixed, "--fraction", job.moving, "--bones", job.bones,
+        *(["--labels", job.names] if job.names else []), "--planning-to-fraction", field,
+        "--landmarks", landmarks, "--out", judged)  # fmt: skip
+    with open(f"{judged}/evaluation.json", encoding="utf-8") as file:
+        found = json.load(file)["fields"][0]["assessment"]
+    return cell(as_record(found, seconds))
+
+
+def peers(options, names):
+    print(f"| tool | {' | '.join(names)} |\n" + "|---" * (len(names) + 1) + "|", flush=True)
+    for tool in options.peers.split(","):
+        if not installed(tool):
+            print(f"| {tool} | not installed |" + " |" * (len(names) - 1), flush=True)
+            continue
+        cells = [peer(options, tool, n, arms(options) if n == "arms" else head_and_neck(options, n)) for n in names]
+        print(f"| {tool} | {' | '.join(cells)} |", flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("aventail")
@@ -185,8 +234,11 @@ def main():
     parser.add_argument("--out", default="study")
     parser.add_argument("--case", default="small,moderate,spline,arms")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--peers")
     options = parser.parse_args()
     os.makedirs(options.out, exist_ok=True)
+    if options.peers:
+        return peers(options, options.case.split(","))
     found = {}
     for name in options.case.split(","):
         found[name] = records(options, name, arms(options) if name == "arms" else head_and_neck(options, name))

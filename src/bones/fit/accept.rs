@@ -6,7 +6,7 @@ use super::samples::Samples;
 use super::scale::Scale;
 use super::similarity::Measure;
 use super::tissue::Tissue;
-use super::{BoneFit, FitOptions, FitResult};
+use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
@@ -23,7 +23,8 @@ const MOST_FOUND: f64 = 0.85;
 /// Share of the bone volume in view that the image determines; 0 when none is in view.
 pub(super) fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
     let volume = |only_found: bool| -> f64 {
-        let bones = skeleton.bones.iter().zip(fits).filter(|(_, f)| !only_found || f.determined_by == "image");
+        let bones =
+            skeleton.bones.iter().zip(fits).filter(|(_, f)| !only_found || f.determined_by == DeterminedBy::Image);
         bones.map(|(b, f)| b.volume_mm3 * f.visible).sum()
     };
     let in_view = volume(false);
@@ -46,7 +47,7 @@ pub(super) fn accept(
     fit.warnings.extend(twins.judge()?);
     fit.warnings.extend(scale.judge()?);
     if found < MOST_FOUND {
-        let lost = |b: &&BoneFit| b.determined_by != "image" && b.visible > 0.3;
+        let lost = |b: &&BoneFit| b.determined_by != DeterminedBy::Image && b.visible > 0.3;
         let names: Vec<&str> = fit.bones.iter().filter(lost).map(|b| b.name.as_str()).collect();
         let message = format!(
             "only {:.0} % by volume of the bones in view are found in the fraction CT; not found: {}. Look at them in the \
@@ -75,7 +76,7 @@ pub(super) fn not_found(
     let problem = format!(
         "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
         100.0 * found.max(0.0),
-        fit.bones.iter().filter(|b| b.determined_by == "image").count(),
+        fit.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).count(),
         fit.bones.len()
     );
     Ok(match likely_way(coarse, (&drawn.all, &fine), own, options.measure) {

@@ -5,7 +5,7 @@ use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
 use super::solver::solve;
-use super::{BoneFit, FitResult};
+use super::{BoneFit, DeterminedBy, FitResult};
 use crate::error::{Error, Result};
 use crate::evaluate::rigidity::best_rigid;
 use crate::geometry::Rigid;
@@ -193,7 +193,7 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
             unsettled_mm: 0.0,
             beyond_range: bone.parent.map(|_| BeyondRange::of(&excess[b])).unwrap_or_default(),
             motion_mm: (transforms[b] * bone.centroid - bone.centroid).norm(),
-            determined_by: if known[b].is_some() { "given" } else { "joint" }.into(),
+            determined_by: if known[b].is_some() { DeterminedBy::Given } else { DeterminedBy::Joint },
         }
     });
     // The whole skeleton's shift: of the largest bone that is given.
@@ -261,7 +261,7 @@ mod tests {
         assert!((fit.transforms[0].to_homogeneous() - shift.to_homogeneous()).amax() < 1e-9);
         // Equal joints on both sides: half of the turn.
         assert!((fit.transforms[1].rotation.angle() - 0.1).abs() < 0.01, "{}", fit.transforms[1].rotation.angle());
-        assert_eq!(fit.bones[1].determined_by, "joint");
+        assert_eq!(fit.bones[1].determined_by, DeterminedBy::Joint);
         assert!((fit.common.translation.vector.x - 30.0).abs() < 1e-9);
     }
 

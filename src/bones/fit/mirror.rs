@@ -2,7 +2,7 @@
 //!
 //! A head or a rib cage is nearly symmetric, so that the bones of a mirrored scan are found all the same, a few millimetres
 //! off. What tells is which of the two explains the fraction better: the bones as they are, or reflected left to right
-//! (docs/decisions/0038-plausible.md).
+//! (docs/decisions/inputs.md).
 
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;

@@ -39,9 +39,38 @@ pub struct BoneFit {
     pub beyond_range: BeyondRange,
     /// Mean displacement of the bone's points, mm.
     pub motion_mm: f64,
-    /// `image` when the image determined the bone, `given` when its motion came with the inputs, `joint` when it follows
-    /// its joints.
-    pub determined_by: String,
+    /// What tells how the bone moves.
+    pub determined_by: DeterminedBy,
+}
+
+impl BoneFit {
+    /// Whether the last optimisation that moved this bone used up its iterations.
+    pub fn hit_limit(&self) -> bool {
+        self.stop.starts_with(solver::ITERATION_LIMIT)
+    }
+}
+
+/// What tells how a bone moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DeterminedBy {
+    /// The fraction CT.
+    Image,
+    /// Its motion came with the inputs.
+    Given,
+    /// It follows its joints.
+    Joint,
+}
+
+impl DeterminedBy {
+    /// The word that reports have for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Given => "given",
+            Self::Joint => "joint",
+        }
+    }
 }
 mod accept;
 mod attempts;

@@ -1,6 +1,7 @@
 //! Whether a short scan shows the levels of the spine that the fit took it for: vertebrae look alike, and a fit that is one
 //! level off explains much of them.
 
+use super::DeterminedBy;
 use super::accept::LEAST_FOUND;
 use super::schedule::{Fitter, Tried, weak_start};
 use crate::error::Result;
@@ -88,7 +89,8 @@ impl Fitter<'_> {
 
     /// Motion of the bone that the fraction shows most of.
     fn best_shown(&self, tried: &Tried) -> Rigid {
-        let bones = self.skeleton.bones.iter().zip(&tried.fit.bones).filter(|(_, f)| f.determined_by == "image");
+        let bones =
+            self.skeleton.bones.iter().zip(&tried.fit.bones).filter(|(_, f)| f.determined_by == DeterminedBy::Image);
         let most = bones.max_by(|a, b| (a.0.volume_mm3 * a.1.visible).total_cmp(&(b.0.volume_mm3 * b.1.visible)));
         most.map_or(tried.fit.common, |(_, fit)| fit.transform)
     }

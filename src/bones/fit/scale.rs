@@ -2,7 +2,7 @@
 //!
 //! A bone keeps its size from day to day; a slice thickness that is wrong in a header does not. Each bone is stretched about
 //! its own centre, so that neither posture nor couch shift takes part, and the stretch that explains the fraction best is the
-//! scale (docs/decisions/0038-plausible.md).
+//! scale (docs/decisions/inputs.md).
 
 use super::samples::Samples;
 use super::similarity::{Measure, evaluate};
@@ -205,5 +205,17 @@ mod tests {
         let pairs = [pair(20.0, 18.0), pair(-20.0, -18.0), pair(15.0, 14.0), pair(18.0, 16.2), pair(5.0, 50.0)];
         let [x, _, z] = distances(&pairs);
         assert!((z - 0.9).abs() < 1e-12 && (x - 1.0).abs() < 1e-12, "{x} {z}");
+    }
+    #[test]
+    fn a_parabola_has_its_vertex() {
+        let least: f64 = 1.013;
+        let tried: Vec<(f64, f64)> =
+            [0.9, 0.96, 1.0, 1.05, 1.1].map(|s: f64| (s, 3.0 + 7.0 * (s - least).powi(2))).to_vec();
+        assert!((vertex(&tried, 2) - least).abs() < 1e-9);
+        // At an end it stays within what was tried; a hump gives the best that was tried.
+        let falling: Vec<(f64, f64)> = [0.9, 1.0, 1.1].map(|s| (s, (s - 2.0f64).powi(2))).to_vec();
+        assert!((vertex(&falling, 2) - 1.1).abs() < 1e-12);
+        let hump: Vec<(f64, f64)> = [0.9, 1.0, 1.1].map(|s| (s, -(s - 1.02f64).powi(2))).to_vec();
+        assert!((vertex(&hump, 0) - 0.9).abs() < 1e-12);
     }
 }

@@ -10,7 +10,7 @@ use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
-use super::{BoneFit, FitOptions, FitResult};
+use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
 use crate::progress::Progress;
@@ -135,7 +135,7 @@ impl<'a> Fitter<'a> {
         let after = self.evaluate(&level, &transforms);
         let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution);
         let found = found_share(skeleton, &bones);
-        let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == "image").collect();
+        let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == DeterminedBy::Image).collect();
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
         let drawn = &level.drawn.bones;
         let scale = scale(drawn, &transforms, (&determined, apart), &level.fraction, options.measure);
@@ -350,7 +350,11 @@ impl<'a> Fitter<'a> {
                     rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),
                     beyond_range,
                     motion_mm: (transforms[b] * self.centres[b] - self.centres[b]).norm(),
-                    determined_by: if !dropped[b] && visible >= LEAST_VISIBLE { "image" } else { "joint" }.into(),
+                    determined_by: if !dropped[b] && visible >= LEAST_VISIBLE {
+                        DeterminedBy::Image
+                    } else {
+                        DeterminedBy::Joint
+                    },
                 }
             })
             .collect()

@@ -11,7 +11,7 @@
 //! The cost is the negative profile log-likelihood of Gaussian residuals with unknown variance and `N` independent
 //! samples. Its denominator `n` counts all samples: a hidden one contributes nothing, which is the worst it can do as
 //! `q <= 1`, so leaving the field of view never pays; and entering it pays only as far as what comes into view
-//! agrees. (Counting hidden samples as unexplained contrast draws cut bones into view: docs/decisions/0002.)
+//! agrees. (Counting hidden samples as unexplained contrast draws cut bones into view: docs/decisions/fit.md.)
 //! `g, o` are the best gain and offset of the bone ([`Measure::Correlation`]: then `1 - q` is the squared correlation
 //! when all is visible) or 1 and 0 ([`Measure::SquaredDifference`]).
 

@@ -1,7 +1,7 @@
 //! A damped Gauss-Newton solver (Levenberg 1944, Marquardt 1963) that runs inside argmin's executor.
 //!
 //! argmin's own trust region has no stopping rule besides the iteration limit and can panic on degenerate
-//! subproblems; docs/decisions/0003-solver.md has the comparison.
+//! subproblems; docs/decisions/fit.md has the comparison.
 
 use super::problem::PoseProblem;
 use crate::error::{Error, Result};
@@ -102,6 +102,9 @@ pub struct Solution {
     pub next: DVector<f64>,
 }
 
+/// How the reason begins that a solution gives where it used up its iterations.
+pub(super) const ITERATION_LIMIT: &str = "iteration limit";
+
 /// Minimises a pose problem from its base transforms; stops when a step moves nothing by `tolerance` mm.
 ///
 /// # Errors
@@ -126,7 +129,7 @@ pub fn solve(problem: PoseProblem<'_>, tolerance: f64, max_iterations: u64) -> R
         stop: match state.get_termination_status() {
             TerminationStatus::Terminated(TerminationReason::SolverConverged) => "converged".into(),
             TerminationStatus::Terminated(TerminationReason::MaxItersReached) => {
-                format!("iteration limit {max_iterations}")
+                format!("{ITERATION_LIMIT} {max_iterations}")
             }
             TerminationStatus::Terminated(other) => other.text().into(),
             TerminationStatus::NotTerminated => "not terminated".into(),

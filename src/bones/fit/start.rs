@@ -2,7 +2,7 @@
 //!
 //! No common field of view or origin is assumed: for a few turns, every shift that brings enough of the bones into the
 //! fraction image is scored by the share of bone HU variance that it explains, at coarse resolution; the best are refined
-//! (docs/decisions/0015-start.md).
+//! (docs/decisions/fit.md).
 
 use super::given::GivenMotion;
 use super::problem::{Body, PoseProblem};
@@ -387,5 +387,20 @@ mod tests {
         // Correlation squared 0.43; with air as it is 0.11.
         let found = evidence(&points, &values, &fraction, &Vector3::zeros());
         assert!((found - 0.556).abs() < 2e-3, "{found}");
+    }
+    #[test]
+    fn a_shift_is_tried_where_enough_of_the_bones_comes_into_the_image() {
+        let grid = Grid::axis_aligned([101, 101, 101], [1.0; 3], [0.0; 3]).unwrap();
+        let fraction = Volume::filled(grid, 0.0);
+        // A box of 40 mm that lies 1 m aside.
+        let points = [Point3::new(1000.0, 0.0, 0.0), Point3::new(1040.0, 40.0, 40.0)];
+        let range = Range::new(&points, &fraction);
+        let overlaps = |x: f64, y: f64| range.overlaps(&Vector3::new(x - 1000.0, y, 30.0));
+        // Whole, half along one axis, half along two, beside it.
+        assert!(overlaps(30.0, 30.0) && overlaps(-20.0, 30.0) && overlaps(80.0, -20.0));
+        assert!(!overlaps(-39.0, 30.0) && !overlaps(-60.0, 30.0) && !overlaps(130.0, 30.0));
+        assert!(!overlaps(-36.0, 80.0));
+        let all: Vec<Vector3<f64>> = (0..range.count.iter().product()).map(|n| range.shift(n)).collect();
+        assert!(all.iter().any(|s| (s - Vector3::new(-970.0, 30.0, 30.0)).norm() < STEP_MM));
     }
 }

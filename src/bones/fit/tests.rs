@@ -12,6 +12,8 @@ use crate::volume::Volume;
 use nalgebra::{DVector, Matrix3, Point3, Vector3};
 use proptest::prelude::*;
 
+mod whole;
+
 /// A smooth texture without symmetry, HU 0 to 800.
 fn texture(p: &Point3<f64>) -> f64 {
     400.0

@@ -193,4 +193,46 @@ mod tests {
             assert!((dw - Vector3::new(slope, 0.0, 0.0)).norm() < 1e-6, "{x}: {dw}");
         }
     }
+    #[test]
+    fn a_blur_by_blocks_is_as_wide_as_one_without() {
+        // A bright plane, blurred by 4 mm: in blocks of 2 voxels where they are 1 mm wide, without where they are 3.
+        let profile = |spacing: f64| {
+            let n = (90.0 / spacing) as usize;
+            let grid = Grid::axis_aligned([n, 24, 24], [spacing; 3], [-45.0, -36.0, -36.0]).unwrap();
+            let slab = |x: f64| if x.abs() < 7.6 { 1000.0 } else { 0.0 };
+            let ct = Volume::from_fn(grid.clone(), |l| slab(grid.centre(grid.voxel(l)).x) as f32);
+            let tissue = Tissue::blurred(&ct, 4.0);
+            let values = (0..n).map(|i| tissue.at(&Point3::new(-45.0 + i as f64 * spacing, 0.0, 0.0)));
+            let moments = values.enumerate().filter_map(|(i, v)| Some((-45.0 + i as f64 * spacing, v?)));
+            let (sum, square) = moments.fold((0.0, 0.0), |(s, q), (x, v)| (s + v, q + v * x * x));
+            square / sum
+        };
+        // Variance of the slab itself and of the blur, mm2; the slab is as wide as its voxels.
+        for (spacing, slab) in [(1.0, 15.0), (3.0, 15.0)] {
+            let expected = slab * slab / 12.0 + 16.0;
+            let found = profile(spacing);
+            assert!((found / expected - 1.0).abs() < 0.03, "{spacing}: {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_share_of_tissue_is_trilinear_with_its_slope() {
+        let grid = Grid::axis_aligned([5, 6, 7], [1.0; 3], [0.0; 3]).unwrap();
+        let ct = Volume::from_fn(grid.clone(), |l| if l * 7 % 5 < 3 { 40.0 } else { -1000.0 });
+        let tissue = Tissue::blurred(&ct, 0.0);
+        let share = |at: &Vector3<f64>| tissue.share(at);
+        let at = Vector3::new(1.3, 2.6, 3.45);
+        let by_hand = (0..8).map(|c| {
+            let corner = [1 + (c & 1), 2 + (c >> 1 & 1), 3 + (c >> 2 & 1)];
+            let weight: f64 = (0..3).map(|a| 1.0 - (at[a] - corner[a] as f64).abs()).product();
+            weight * f64::from(u8::from(*ct.at(corner) > 0.0))
+        });
+        let (value, slope) = share(&at);
+        assert!((value - by_hand.sum::<f64>()).abs() < 1e-12);
+        for a in 0..3 {
+            let step = Vector3::ith(a, 1e-4);
+            let numeric = (share(&(at + step)).0 - share(&(at - step)).0) / 2e-4;
+            assert!((slope[a] - numeric).abs() < 1e-9, "{a}: {} {numeric}", slope[a]);
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! The command line of `aventail dose`.
 
-use super::super::evaluate::DirectionName;
+use super::super::args::DirectionName;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 

@@ -8,12 +8,14 @@ mod structures;
 
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName, PageArgs};
 
-use super::evaluate::{DirectionName, Ledger};
+use super::args::DirectionName;
 use super::fields::{self, Known};
 use super::giveback::Made;
+use super::ledger::Ledger;
 use super::record::Output;
-use super::register::progress;
-use super::{command_line, planned, record, run_folder};
+use super::terminal::command_line;
+use super::terminal::progress;
+use super::{planned, record, run_folder};
 use crate::dose::{
     DensityTable, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, judge,
     judge_result, question,

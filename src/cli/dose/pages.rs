@@ -1,6 +1,6 @@
 //! The pages of `dose`.
 
-use super::super::command_line;
+use super::super::terminal::command_line;
 use super::out::parent;
 use super::{CompareArgs, DoseDifference, Ledger};
 use crate::dose::steep;

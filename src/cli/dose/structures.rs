@@ -1,6 +1,6 @@
 //! The structures whose dose is counted.
 
-use super::super::evaluate::Ledger;
+use super::super::ledger::Ledger;
 use super::super::record;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;

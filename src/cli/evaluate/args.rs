@@ -1,7 +1,7 @@
 //! Options of `aventail evaluate`.
 
-use crate::evaluate::Direction;
-use clap::{Args, ValueEnum};
+use super::super::args::{DirectionName, threads};
+use clap::Args;
 use std::path::{Path, PathBuf};
 
 /// What `aventail evaluate --help` adds.
@@ -77,7 +77,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
     /// Print the numbers as JSON instead of the table
     #[arg(long)]
@@ -85,24 +85,6 @@ pub struct EvaluateArgs {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
-}
-
-/// Names of directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DirectionName {
-    /// On the planning grid, as fixed = planning
-    PlanningToFraction,
-    /// On the fraction grid, as fixed = fraction
-    FractionToPlanning,
-}
-
-impl From<DirectionName> for Direction {
-    fn from(name: DirectionName) -> Self {
-        match name {
-            DirectionName::PlanningToFraction => Self::PlanningToFraction,
-            DirectionName::FractionToPlanning => Self::FractionToPlanning,
-        }
-    }
 }
 
 impl EvaluateArgs {

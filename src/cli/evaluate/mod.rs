@@ -3,20 +3,23 @@
 mod args;
 
 pub(super) use args::AFTER;
-pub use args::{DirectionName, EvaluateArgs};
+pub use args::EvaluateArgs;
 
-use super::fields::{self, Known, Role};
-use super::frames::place;
+use super::args::DirectionName;
+use super::fields::{self, Known};
+use super::frames::{FieldRole, place};
 use super::inputs::config_file;
-use super::register::progress;
-use super::{command_line, planned, run_folder};
+use super::ledger::Ledger;
+use super::terminal::command_line;
+use super::terminal::progress;
+use super::{planned, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::evaluate::verdict::Limits;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::Outside;
 use crate::geometry::Grid;
-use crate::io::{self, Loaded, Planned, dicom};
+use crate::io::{self, Planned, dicom};
 use crate::pipeline::InputFile;
 use crate::report::evaluation::{self, Assessed, Compared, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
@@ -45,50 +48,6 @@ struct Inputs {
     structures_fraction: Option<LabelMap>,
     landmarks: Vec<Landmark>,
     triangle: Option<[Volume<[f32; 3]>; 2]>,
-}
-
-/// The files behind the inputs and what reading them found.
-#[derive(Default)]
-pub(super) struct Ledger {
-    pub(super) inputs: Vec<InputFile>,
-    pub(super) warnings: Vec<Warning>,
-}
-
-impl Ledger {
-    /// Takes a file's value and notes the file.
-    pub(super) fn take<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
-        self.inputs.push(InputFile { role: role.into(), path: loaded.path, sha256: loaded.sha256, about: None });
-        self.warnings.extend(loaded.warnings);
-        loaded.value
-    }
-
-    /// Takes a scan, which may tell whose it is.
-    pub(super) fn take_scan<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
-        let about = dicom::About::of(&loaded.path);
-        let value = self.take(role, loaded);
-        self.inputs.iter_mut().rev().take(1).for_each(|input| input.about.clone_from(&about));
-        value
-    }
-
-    /// The files, as seen from the folder of the report that names them.
-    pub(super) fn seen_from(&self, folder: &Path) -> Vec<InputFile> {
-        let own = |i: &InputFile| InputFile { path: io::relative_to(folder, &i.path), ..i.clone() };
-        self.inputs.iter().map(own).collect()
-    }
-
-    /// Reads a label map of bones: names from its header, else from the JSON file.
-    pub(super) fn bones(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
-        let loaded = match (io::read_labels(path, None), names) {
-            (Err(Error::Input { .. }), Some(names)) => io::read_labels(path, Some(names)),
-            (read, _) => read,
-        };
-        Ok(self.take(role, loaded?))
-    }
-
-    /// Reads a label map of structures: names as for bones, and one name is one structure whatever its numbers.
-    pub(super) fn structures(&mut self, role: &str, path: &Path, names: Option<&Path>) -> Result<LabelMap> {
-        Ok(self.take(role, io::read_structures(path, names)?))
-    }
 }
 
 /// Measures what the arguments name and writes the report; returns the table (or JSON) for the terminal.
@@ -220,8 +179,8 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     if let (Some(then), Some(direct)) = (&args.then, &args.direct) {
         let remedy = "give the field of the other direction";
         let known = inputs.known();
-        let onward = Role { option: "--then", from: "fraction", to: "third", remedy };
-        let straight = Role { option: "--direct", from: "planning", to: "third", remedy };
+        let onward = FieldRole { option: "--then", from: "fraction", to: "third", remedy };
+        let straight = FieldRole { option: "--direct", from: "planning", to: "third", remedy };
         let triangle = [fields::take(then, &onward, &known, ledger)?, fields::take(direct, &straight, &known, ledger)?];
         inputs.triangle = Some(triangle);
     }

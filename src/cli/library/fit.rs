@@ -1,7 +1,8 @@
 //! Principal modes of a patient's own fractions, as a plan to draw from.
 
+use super::super::terminal::command_line;
+use super::super::{planned, record, run_folder};
 use super::args::{LibraryArgs, MANIFEST, PLAN};
-use crate::cli::{command_line, planned, record, run_folder};
 use crate::error::{Error, Result};
 use crate::io::postures::write_postures;
 use crate::io::{self, relative_to, write_json};

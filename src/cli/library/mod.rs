@@ -10,9 +10,10 @@ pub(super) use args::HELP;
 pub use args::LibraryArgs;
 use args::{MANIFEST, PAGE, PLAN};
 
-use super::register::progress;
+use super::run_folder;
+use super::terminal::command_line;
 use super::terminal::harmless;
-use super::{command_line, run_folder};
+use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::io::postures::write_postures;
 use crate::io::{self, Planned, RunFolder, relative_to, write_file, write_json};

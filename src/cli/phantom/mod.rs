@@ -112,7 +112,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     let cbct_file = args.cbct.as_ref().and_then(Option::as_deref);
     let inputs: Vec<&Path> = args.pose.as_deref().into_iter().chain(cbct_file).collect();
     let mut folder = run_folder(&args.out, &planned, &inputs)?;
-    let runtime = Runtime::new(args.threads, super::register::progress(false))?;
+    let runtime = Runtime::new(args.threads, super::terminal::progress(false))?;
     let text = if let Some(formula) = args.field {
         folder.begin()?;
         let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;

@@ -1,7 +1,7 @@
 //! What Slicer runs: a registration between its temporary files.
 
-use super::super::args::{Cli, SpeedName, Verb};
-use super::super::register;
+use super::super::args::SpeedName;
+use super::super::register::{self, RegisterArgs};
 use super::describe::xml;
 use super::progress::ForSlicer;
 use crate::error::{Error, Result};
@@ -47,7 +47,7 @@ pub struct ModuleArgs {
     landmarks: Option<PathBuf>,
     #[arg(long, value_name = "FILE", value_parser = path())]
     config: Option<PathBuf>,
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = crate::cli::args::threads)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
     threads: usize,
     /// Where Slicer would read numbers that a module returns; there are none
     #[arg(long, value_name = "FILE", value_parser = path())]
@@ -57,6 +57,13 @@ pub struct ModuleArgs {
 /// A path that may be empty.
 fn path() -> impl TypedValueParser<Value = PathBuf> {
     OsStringValueParser::new().map(PathBuf::from)
+}
+
+/// `register` by itself.
+#[derive(Debug, Parser)]
+struct Own {
+    #[command(flatten)]
+    register: RegisterArgs,
 }
 
 /// A result that was asked for: where Slicer reads it, and what `register` calls it.
@@ -82,7 +89,7 @@ impl ModuleArgs {
 
     /// The command line of `register` that does the same.
     fn command(&self, out: &Path) -> Result<Vec<OsString>> {
-        let mut words: Vec<OsString> = ["aventail", "register", "--dvf-format", "nrrd"].map(OsString::from).into();
+        let mut words: Vec<OsString> = ["register", "--dvf-format", "nrrd"].map(OsString::from).into();
         let files = [
             ("--planning", &self.planning),
             ("--bones", &self.bones),
@@ -148,9 +155,8 @@ pub(super) fn run(args: &ModuleArgs) -> Result<String> {
             hidden.path()
         }
     };
-    let command = Cli::try_parse_from(args.command(out)?).map_err(|e| Error::Internal(e.to_string()))?;
-    let Verb::Register(own) = &command.verb else { return Err(Error::Internal("the verb is register".into())) };
-    let text = register::run_shown(own, |_| Box::new(ForSlicer::default()))?;
+    let own = Own::try_parse_from(args.command(out)?).map_err(|e| Error::Internal(e.to_string()))?;
+    let text = register::run_shown(&own.register, |_| Box::new(ForSlicer::default()))?;
     for (path, name) in wanted {
         let from = out.join(name);
         let mut file = File::open(&from)

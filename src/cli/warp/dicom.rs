@@ -1,8 +1,8 @@
 //! What a `warp` writes as DICOM.
 
-use super::super::args::{VolumeKind, WarpArgs};
 use super::super::giveback::{self, Like, Made, rois_of};
 use super::super::links::LinkArg;
+use super::args::{VolumeKind, WarpArgs};
 use super::report::Report;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

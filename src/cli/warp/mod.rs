@@ -1,14 +1,17 @@
 //! `aventail warp`: anything that has a position, from one frame to another.
 
+mod args;
 mod dicom;
 mod report;
 
-use super::args::{InterpolationName, VolumeKind, WarpArgs};
+pub(super) use args::HELP;
+pub use args::WarpArgs;
+
 use super::fields;
 use super::frames::{Names, role_of};
 use super::giveback::Like;
 use super::links::LinkArg;
-use super::register::progress;
+use super::terminal::progress;
 use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{
@@ -22,6 +25,7 @@ use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
+use args::{InterpolationName, VolumeKind};
 use nalgebra::Point3;
 use report::Report;
 use std::path::{Path, PathBuf};

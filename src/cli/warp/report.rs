@@ -1,7 +1,7 @@
 //! What a `warp` tells of itself.
 
-use super::super::args::WarpArgs;
 use super::super::fields::{self, Known};
+use super::args::WarpArgs;
 use crate::field::{Chain, ChainReport, Link, Motion};
 use crate::geometry::Grid;
 use crate::warning::Warning;

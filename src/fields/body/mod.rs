@@ -1,6 +1,6 @@
 //! Rank 3: the patient in a CT. Couch, headrest, clamps and a mask that touches the skin are not patient.
 //!
-//! The variants that were measured are in `docs/decisions/0001-body.md`.
+//! The variants that were measured are in `docs/decisions/patient.md`.
 
 mod fill;
 mod lung;

@@ -5,8 +5,8 @@
 //! numerical inversion. A field maps points outside its grid to themselves, as ITK's transforms do; its edge voxels
 //! reach half a voxel beyond their centres.
 
-use super::invert::Inverse;
-use super::pre_image::InvertOptions;
+use super::inverse::Inverse;
+use super::inverse::pre_image::InvertOptions;
 use crate::error::{Error, Result};
 use crate::geometry::{Grid, Rigid};
 use crate::stats::Summary;

@@ -1,44 +1,33 @@
 //! Rank 3: displacement fields. Push and pull are two types so that no one can mix them up.
+//!
+//! A registration makes a [`PushField`]; `inverse` makes the [`PullField`] of it and `consistency` lets soft tissue give way until
+//! both agree as they are stored. `mesh` measures a push field (Jacobian, folds), `warp` carries images, labels, contours and
+//! points, [`Chain`] joins fields and rigid transforms between named frames into one map. `sampling` is the kernel below.
+//! Directions and frames: docs/conventions.md; what was tried: docs/decisions/fields.md.
 
-mod bones;
-mod cells;
 mod chain;
 mod consistency;
-mod contour;
-mod density;
 mod extent;
 mod format;
-mod invert;
-mod jacobian;
-mod label_vote;
-mod multiple;
-mod newton;
+mod inverse;
+mod mesh;
 mod outside;
-mod overlap;
-mod pre_image;
-mod reach;
-mod sampler;
-mod scatter;
-mod search;
-mod tetrahedra;
-mod walk;
+mod sampling;
 mod warp;
 
-pub use bones::MovedBones;
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
 pub use consistency::{ConsistencyOptions, ConsistencyReport, agree, beside_contact};
-pub use contour::resample_contours;
-pub use density::{Scaled, scale_by_volume};
 pub use format::FieldFormat;
-pub use invert::{Inverse, InverseReport, Solved, invert};
-pub use jacobian::{FOLDED, RowOfCells, digital_folds, folded_cells, jacobian, jacobian_by_rows};
-pub use label_vote::resample_labels;
-pub use multiple::multiple_preimages;
+pub use inverse::{Inverse, InverseReport, InvertOptions, MovedBones, Solved, invert};
+pub use mesh::{
+    FOLDED, Resampling, RowOfCells, ScatterReport, digital_folds, folded_cells, jacobian, jacobian_by_rows,
+    multiple_preimages, overlaps, scatter_image,
+};
 pub use outside::{Outside, covers};
-pub use overlap::overlaps;
-pub use pre_image::InvertOptions;
-pub use scatter::{Resampling, ScatterReport, scatter_image};
-pub use warp::{Interpolation, push_point, resample, warp_image, warp_labels, warp_mask};
+pub use warp::{
+    Interpolation, Scaled, push_point, resample, resample_contours, resample_labels, scale_by_volume, warp_image,
+    warp_labels, warp_mask,
+};
 
 use crate::volume::{Mask, Volume};
 
@@ -65,7 +54,7 @@ pub struct PullField {
 }
 
 /// A displacement where a field is a mere continuation, mm, in steps of 1/2048 mm: single precision's last bits would be noise
-/// there, which makes files larger and slower to write (docs/decisions/0026-steps.md).
+/// there, which makes files larger and slower to write (docs/decisions/fields.md).
 #[inline(always)]
 pub fn in_steps(u: [f32; 3]) -> [f32; 3] {
     // Sums of up to 2 m with it have single-precision steps of just that size; larger ones keep about their own precision.

@@ -3,7 +3,7 @@
 //! A temporary file is made new under a name of its own and locked while its writer lives, so that what a killed process
 //! has left can be told from what is being written, on whatever machine.
 
-use super::folder::{Held, spare_runs};
+use super::held::{Held, spare_runs};
 use super::identity::is_still;
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};

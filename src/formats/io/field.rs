@@ -3,7 +3,8 @@
 use super::Loaded;
 use super::dicom::registration;
 use super::image::{WriteOptions, write};
-use super::raster::{load, require_finite};
+use super::load::load;
+use super::raster::require_finite;
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::field::{FieldFormat, PullField, PushField};

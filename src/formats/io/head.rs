@@ -2,7 +2,7 @@
 
 use super::dicom;
 use super::gzip::Content;
-use super::raster::{load, parse};
+use super::load::{load, parse};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::warning::Warning;

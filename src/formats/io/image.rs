@@ -1,7 +1,8 @@
 //! Scalar images: reading CT and dose, writing them and masks, in any of the formats.
 
 use super::gzip::Payload;
-use super::raster::{load, require_finite};
+use super::load::load;
+use super::raster::require_finite;
 use super::values::{Contents, Meaning, Values};
 use super::voxels::Layout;
 use super::{Loaded, atomic, dicom, metaimage, nifti, nrrd};

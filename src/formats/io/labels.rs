@@ -3,8 +3,9 @@
 use super::Loaded;
 use super::dicom::{self, BoneNames, StructureSet, labels_from_structures, organs_from_structures, read_structure_set};
 use super::image::{WriteOptions, write};
+use super::load::load;
 use super::names::{Names, header_names, read_names};
-use super::raster::{Odd, Raster, load};
+use super::raster::{Odd, Raster};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

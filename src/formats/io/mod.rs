@@ -6,6 +6,7 @@
 //! the same folder that is renamed when complete, so that no half-written result is ever seen.
 
 mod atomic;
+mod bytes;
 pub mod checksum;
 mod contours;
 mod density;
@@ -14,8 +15,10 @@ pub mod embed;
 mod field;
 mod folder;
 mod gaps;
+mod guard;
 mod gzip;
 mod head;
+mod held;
 mod identity;
 mod image;
 pub mod inspect;
@@ -24,6 +27,7 @@ mod keyed;
 mod kinds;
 mod labels;
 mod landmarks;
+mod load;
 mod metaimage;
 mod names;
 mod nifti;
@@ -32,6 +36,7 @@ pub mod points;
 pub mod pose;
 pub mod postures;
 mod raster;
+mod series_path;
 mod sheet;
 pub mod skeleton;
 mod text;
@@ -46,9 +51,11 @@ pub use atomic::{check_place, open_folder, write_file};
 pub use contours::{ContourFile, contour_json, parse_contours, read_contour_file, read_contours, write_contours};
 pub use density::read_density;
 pub use field::{FieldFile, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
-pub use folder::{Planned, RunFolder, at_work};
+pub use folder::{Planned, RunFolder};
+pub use guard::{check_files, recorded_file};
 pub use head::read_grid;
-pub use identity::{check_files, path_as_text, recorded_file, relative_to, same_file};
+pub use held::at_work;
+pub use identity::{path_as_text, relative_to, same_file};
 pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
 pub use labels::{

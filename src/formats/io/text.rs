@@ -1,6 +1,6 @@
 //! Text of files: byte order marks, and text that may be shown.
 
-use super::checksum::read_bytes;
+use super::bytes::read_bytes;
 use crate::error::{Error, Result};
 use std::path::Path;
 

@@ -105,4 +105,19 @@ mod tests {
         );
         assert_eq!(caution(&Volume::filled(grid.clone(), 0.0), &at(9.0, 9.0)), Caution::default());
     }
+    #[test]
+    fn a_fold_counts_only_where_the_dose_is_steep() {
+        // 50 Gy at most: more than 1 Gy/mm is steep with STEEP = 0.02 per mm, the slope beside it has half of it.
+        let grid = Grid::axis_aligned([60, 3, 3], [1.0; 3], [0.0; 3]).unwrap();
+        let dose = Volume::from_fn(grid.clone(), |l| {
+            let x = grid.voxel(l)[0] as f64;
+            let slope = 0.5 * STEEP * 50.0;
+            (if x < 20.0 { slope * x } else { (slope * 20.0 + 5.0 * (x - 20.0)).min(50.0) }) as f32
+        });
+        let folded = |at: usize| {
+            let doubt = Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] == at { f32::INFINITY } else { 0.0 });
+            caution(&dose, &doubt).folded_or_outside
+        };
+        assert_eq!((folded(10), folded(23), folded(50)), (0, 9, 0));
+    }
 }

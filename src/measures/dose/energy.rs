@@ -248,6 +248,33 @@ mod tests {
     }
 
     #[test]
+    fn an_even_dose_stays_even_up_to_the_border() {
+        let grid = Grid::axis_aligned([6, 5, 4], [2.0, 2.5, 3.0], [0.0; 3]).unwrap();
+        let planned = Volume::filled(grid.clone(), 20.0);
+        let rest = field(&grid, |x| x);
+        let (mapped, balance) = energy_mass(&planned, &water(&grid), &rest, &grid, &Default::default()).unwrap();
+        assert!(mapped.data().iter().all(|d| (d - 20.0).abs() < 1e-4), "{:?}", mapped.extremes());
+        let grams = DensityTable::default().density(0.0) * grid.len() as f64 * 0.015;
+        assert!((balance.source_g - grams).abs() < 1e-9 && balance.outside_j.abs() < 1e-9, "{balance:?} {grams}");
+    }
+
+    #[test]
+    fn the_parts_of_a_voxel_fill_it() {
+        // A dose that only combinations of the three axes tell, moved by half a voxel along each: parts that lie on a
+        // diagonal of the voxel would give the mean of their own places.
+        let grid = Grid::axis_aligned([9, 9, 9], [1.0; 3], [0.0; 3]).unwrap();
+        let dose = |x: &Point3<f64>| 100.0 + x.x * x.y + 2.0 * x.y * x.z + 3.0 * x.z * x.x;
+        let planned = Volume::from_fn(grid.clone(), |l| dose(&grid.centre(grid.voxel(l))) as f32);
+        let half = Vector3::repeat(0.5);
+        let push = field(&grid, |x| x + half);
+        let (mapped, _) = energy_mass(&planned, &water(&grid), &push, &grid, &Default::default()).unwrap();
+        for at in [[4, 4, 4], [3, 5, 2], [6, 2, 5]] {
+            let exact = dose(&(grid.centre(at) - half));
+            assert!((f64::from(*mapped.at(at)) - exact).abs() < 1e-3, "{at:?}: {} {exact}", mapped.at(at));
+        }
+    }
+
+    #[test]
     fn where_voxels_merge_energy_is_right_and_interpolation_is_not() {
         // Tissue is compressed to a quarter along x; dose and density change from voxel to voxel: the dose of a target
         // voxel is the mean over 4 source voxels weighted by mass, which a value at its middle misses.

@@ -316,6 +316,34 @@ mod tests {
         assert!(with.digital_folded == 0 && without.digital_folded > 0);
     }
     #[test]
+    fn tissue_is_what_lies_in_the_patient_above_its_limit() {
+        let grid = Grid::axis_aligned([4, 2, 1], [1.0; 3], [0.0; 3]).unwrap();
+        let body = Volume::from_fn(grid.clone(), |l| l % 4 > 0 && l < 4);
+        let ct = Volume::from_fn(grid, |l| [40.0, TISSUE_HU, TISSUE_HU + 1.0, 900.0][l % 4]);
+        assert_eq!(tissue(&body, &ct).data(), [false, false, true, true, false, false, false, false]);
+    }
+
+    #[test]
+    fn digital_folds_are_counted_by_what_the_cells_hold() {
+        // Bones at 0..=3 and 4..=7 that touch, soft tissue behind; every cell is turned over.
+        let grid = Grid::axis_aligned([12, 3, 2], [1.0; 3], [0.0; 3]).unwrap();
+        let labels = Volume::from_fn(grid.clone(), |l| match l % 12 {
+            0..=3 => 1,
+            4..=7 => 2u16,
+            _ => 0,
+        });
+        let bones = LabelMap { volume: labels, names: BTreeMap::new() };
+        let rigid = [(1, "a".to_owned()), (2, "b".to_owned())];
+        let displacement = Volume::from_fn(grid.clone(), |l| [-2.0 * (l % 12) as f32, 0.0, 0.0]);
+        let push = PushField { displacement, computed: Volume::filled(grid.clone(), true) };
+        let cells = CellKinds::new(&Volume::filled(grid, true), &bones, &rigid, &[]);
+        let (_, report, folds) = with_folds(&push, &cells);
+        // Two cells along y, one along z: 3 inside each bone and the edge of the second, one of contact, 3 soft.
+        assert_eq!((folds.bone, folds.contact, folds.soft, folds.interface), (14, 2, 6, 0));
+        assert_eq!((report.contact.folded, report.soft_tissue.folded, report.body.folded), (2, 6, 20));
+    }
+
+    #[test]
     fn a_structure_has_the_volume_that_its_cells_have() {
         let grid = Grid::axis_aligned([10, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
         let volume = Volume::from_fn(grid.clone(), |l| if (3..=5).contains(&(l % 10)) { 7 } else { 0u16 });

@@ -322,7 +322,35 @@ mod tests {
         assert!(Surface::of(&Volume::filled(grid, false), |v| v).is_none());
     }
 
+    /// Distance to a triangle by another way: the plane where the foot lies inside, else the nearest of the edges.
+    fn by_plane_and_edges(p: &Point3<f64>, corners: &[Point3<f64>; 3]) -> f64 {
+        let edge = |a: &Point3<f64>, b: &Point3<f64>| {
+            let along = b - a;
+            let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+            (p - (a + along * t)).norm()
+        };
+        let [a, b, c] = corners;
+        let edges = edge(a, b).min(edge(b, c)).min(edge(c, a));
+        let normal = (b - a).cross(&(c - a)).normalize();
+        let foot = p - normal * normal.dot(&(p - a));
+        let left = |a: &Point3<f64>, b: &Point3<f64>| (b - a).cross(&(foot - a)).dot(&normal) >= 0.0;
+        let inside = left(a, b) && left(b, c) && left(c, a);
+        if inside { normal.dot(&(p - a)).abs() } else { edges }
+    }
+
     proptest! {
+        #[test]
+        fn a_triangle_is_as_far_as_its_plane_or_its_edges(
+            corners in prop::array::uniform3(prop::array::uniform3(-5.0f64..5.0)),
+            p in prop::array::uniform3(-8.0f64..8.0),
+        ) {
+            let (corners, p) = (corners.map(Point3::from), Point3::from(p));
+            let [a, b, c] = corners;
+            prop_assume!((b - a).cross(&(c - a)).norm() > 0.1);
+            let expected = by_plane_and_edges(&p, &corners);
+            prop_assert!((squared_distance(&p, &corners).sqrt() - expected).abs() < 1e-9);
+        }
+
         #[test]
         fn the_tree_finds_what_all_triangles_give(p in prop::array::uniform3(-30.0f64..30.0)) {
             let s = ball(9.0, [1.0; 3]);

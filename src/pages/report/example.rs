@@ -1,11 +1,11 @@
 //! A made-up run for the tests of this room: an ellipsoid head with two bones under a smooth known field.
 
 use super::{OutputFile, Run};
-use crate::chainmail::{LetGo, LinkReport};
+use crate::chainmail::{LinkReport, Pruning};
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
-use crate::fit::BoneFit;
+use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::{Grid, Rigid, about};
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
 use crate::runtime::StageTime;
@@ -130,7 +130,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         skin_contact: None,
         volume_changes: vec![VolumeReached { organ: "parotid_left".into(), factor: 0.8, reached: Some(0.81) }],
         uncertainty: None,
-        let_go: Some(LetGo { waves: 3, of: 42, each_percent: 0.024, together_percent: 0.073, most_mm: 0.02 }),
+        pruning: Some(Pruning { waves: 3, of: 42, each_percent: 0.024, together_percent: 0.073, most_mm: 0.02 }),
         links: LinkReport {
             links: 400_000,
             violated: 1200,
@@ -225,7 +225,7 @@ fn skeleton() -> Vec<Bone> {
 }
 
 fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
-    let fit = |name: &str, p: Point3<f64>, visible: f64, by: &str| {
+    let fit = |name: &str, p: Point3<f64>, visible: f64, determined_by: DeterminedBy| {
         let transform = about(&p, Vector3::zeros(), offset) * motion(&p);
         BoneFit {
             name: name.into(),
@@ -239,11 +239,11 @@ fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
             rotation_sd_deg: 0.11,
             beyond_range: Default::default(),
             motion_mm: (transform * p - p).norm(),
-            determined_by: by.into(),
+            determined_by,
         }
     };
     vec![
-        fit("vertebrae_C4", Point3::new(0.0, 25.0, -53.0), 1.0, "image"),
-        fit("skull", Point3::new(0.0, 25.0, 40.0), 0.85, "image"),
+        fit("vertebrae_C4", Point3::new(0.0, 25.0, -53.0), 1.0, DeterminedBy::Image),
+        fit("skull", Point3::new(0.0, 25.0, 40.0), 0.85, DeterminedBy::Image),
     ]
 }

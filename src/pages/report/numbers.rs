@@ -1,6 +1,6 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
-use crate::chainmail::{LetGo, LinkReport};
+use crate::chainmail::{LinkReport, Pruning};
 use crate::error::{Error, Result};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
@@ -9,7 +9,7 @@ use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::evaluate::verdict::{Limits, Mark, Verdict, overall};
 use crate::field::{ConsistencyReport, InverseReport};
-use crate::fit::BoneFit;
+use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::Grid;
 use crate::pipeline::{Case, FractionKind, InputFile, Outcome, VolumeReached, judge, moves_most};
 use crate::runtime::{StageTime, peak_memory};
@@ -108,9 +108,9 @@ pub struct Report {
     pub volume_changes: Vec<VolumeReached>,
     /// How far the result may be trusted, when it was asked for.
     pub uncertainty: Option<UncertaintyReport>,
-    /// Waves that were let go, and the most that this can change; where a bound is known.
-    #[serde(default)]
-    pub let_go: Option<LetGo>,
+    /// Waves that were pruned, and the most that this can change; where a bound is known.
+    #[serde(default, alias = "let_go")]
+    pub pruning: Option<Pruning>,
     /// Chain-mail links.
     pub links: LinkReport,
     /// Quality of the inverse.
@@ -173,7 +173,7 @@ impl Report {
             contact: outcome.contact.clone(),
             volume_changes: outcome.volume_changes.clone(),
             uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
-            let_go: outcome.let_go,
+            pruning: outcome.pruning,
             links: outcome.links,
             inverse: outcome.inverse,
             consistency: outcome.consistency,
@@ -204,7 +204,7 @@ impl Report {
 
     /// Number of bones that the image determined.
     pub fn bones_by_image(&self) -> usize {
-        self.bones.iter().filter(|b| b.determined_by == "image").count()
+        self.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).count()
     }
 }
 

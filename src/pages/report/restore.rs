@@ -48,7 +48,7 @@ pub fn restore(folder: &Path, report: &Report, case: &Case) -> Result<Outcome> {
         volume_changes: report.volume_changes.clone(),
         kind: report.fraction_kind.clone(),
         uncertainty,
-        let_go: report.let_go,
+        pruning: report.pruning,
         links: report.links,
         inverse: report.inverse,
         consistency: report.consistency,

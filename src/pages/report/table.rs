@@ -2,6 +2,7 @@
 
 use super::numbers::Report;
 use crate::evaluate::verdict::{Verdict, against, overall};
+use crate::fit::DeterminedBy;
 use std::fmt::Write;
 
 /// The figures that matter as a text table of one screen.
@@ -54,7 +55,7 @@ pub fn terminal_table(report: &Report) -> String {
             links.violated_percent, links.links, links.mean_excess_mm, links.max_excess_mm
         ),
     ));
-    if let Some(waves) = &report.let_go {
+    if let Some(waves) = &report.pruning {
         rows.push(("pruning", waves.to_string()));
     }
     let inverse = &report.inverse;
@@ -99,15 +100,15 @@ pub(super) fn verdict(verdicts: &[Verdict]) -> String {
 }
 
 fn bones(report: &Report) -> String {
-    let by = |way: &str| report.bones.iter().filter(|b| b.determined_by == way).count();
+    let by = |way: DeterminedBy| report.bones.iter().filter(|b| b.determined_by == way).count();
     let most = report.moves_most().map_or(String::new(), |(bone, mm)| {
         format!("; {} moves most, {mm:.1} mm apart from the couch shift", bone.name)
     });
-    let given = match by("given") {
-        0 => format!("{} found in the image", by("image")),
+    let given = match by(DeterminedBy::Given) {
+        0 => format!("{} found in the image", by(DeterminedBy::Image)),
         n => format!("{n} given"),
     };
-    format!("{given}, {} follow their joints{most}", by("joint"))
+    format!("{given}, {} follow their joints{most}", by(DeterminedBy::Joint))
 }
 
 #[cfg(test)]

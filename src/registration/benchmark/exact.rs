@@ -1,7 +1,7 @@
-//! What the default propagation's shortcuts cost in accuracy: coarse elements for waves, and waves that are let go.
+//! What the default propagation's shortcuts cost in accuracy: coarse elements for waves, and waves that are pruned.
 
 use super::Scene;
-use crate::chainmail::{ChainmailOptions, LetGo, propagate};
+use crate::chainmail::{ChainmailOptions, Pruning, propagate};
 use crate::error::Result;
 use crate::field::PushField;
 use crate::progress::Silent;
@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 /// Distances between fields at the voxels of soft tissue, mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AgainstExact {
-    /// The default field without images, and the one whose waves run through every voxel, none let go, all else the same.
+    /// The default field without images, and the one whose waves run through every voxel, none pruned, all else the same.
     pub field: Distances,
     /// The same before relaxation, where the latter's elements are the voxels: thesis eq. 5.7 as it stands.
     pub superposition: Distances,
-    /// The most that waves let go can change before relaxation, as the run prints it.
-    pub let_go: Option<LetGo>,
+    /// The most that pruned waves can change before relaxation, as the run prints it.
+    pub pruning: Option<Pruning>,
 }
 
 /// A sample of distances, mm.
@@ -44,7 +44,7 @@ pub(super) fn against_exact(scene: &Scene) -> Result<AgainstExact> {
     let field = distances(scene, &default.push, &of(&waves)?.push);
     let exact = ChainmailOptions { spacing_mm: 0.0, ..plain(waves) };
     let superposition = distances(scene, &of(&plain(options))?.push, &of(&exact)?.push);
-    Ok(AgainstExact { field, superposition, let_go: default.let_go })
+    Ok(AgainstExact { field, superposition, pruning: default.pruning })
 }
 
 fn distances(scene: &Scene, a: &PushField, b: &PushField) -> Distances {

@@ -172,8 +172,8 @@ mod tests {
             assert!(t.target_seconds.is_none(), "targets are for the full size");
         }
         // Where elements are as coarse as voxels there is little to lose, and where nothing differs nothing was compared.
-        let AgainstExact { field, superposition, let_go } = report.against_exact.unwrap();
+        let AgainstExact { field, superposition, pruning } = report.against_exact.unwrap();
         assert!(0.0 < field.mean && field.mean < 0.1 && field.mean < superposition.mean, "{field:?} {superposition:?}");
-        assert!(let_go.is_some_and(|waves| waves.of == 42 && waves.most_mm < 1.0), "{let_go:?}");
+        assert!(pruning.is_some_and(|waves| waves.of == 42 && waves.most_mm < 1.0), "{pruning:?}");
     }
 }

@@ -10,9 +10,9 @@ pub enum Task {
     Elements,
     /// One wave from all bones over every voxel, and the displacements that it brings.
     Prioritised,
-    /// One wave per bone over every voxel, round fronts, none let go, weights t^-4.
+    /// One wave per bone over every voxel, round fronts, none pruned, weights t^-4.
     Superposition,
-    /// The default waves: coarse elements, let go where they hardly weigh.
+    /// The default waves: coarse elements, pruned where they hardly weigh.
     Waves,
     /// The default propagation without images.
     Propagation,

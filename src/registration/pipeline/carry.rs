@@ -9,7 +9,7 @@ use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainmailOptions, ImagePull, Initiators, Lattice, Mail, Propagation, Tissue, VolumeChange, check_links,
+    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, VolumeChange, check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -77,7 +77,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
         let (propagation, regions) = soft_tissue(moved, None, runtime)?;
         return Ok(Propagated { propagation, regions, alone: None, kind: None });
     };
-    let alone = resting.mail.as_ref().map(|mail| bones_alone(mail, moved)).transpose()?;
+    let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
     let shading = alone.as_ref().map(|a| Shading::of((&case.planning, body, &case.bones), &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
@@ -93,7 +93,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
 }
 
 /// What the bones alone would have made of soft tissue, coarsely.
-fn bones_alone(mail: &Mail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
+fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
     let options = &moved.config.chainmail;
     let spacing = alone_mm(options);
     let coarse = ChainmailOptions {
@@ -106,7 +106,7 @@ fn bones_alone(mail: &Mail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
     let tissue = moved.tissue(&bone_of_label, options);
     let centroids = moved.centroids();
     let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
-    Ok(mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
+    Ok(chain_mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
 }
 
 /// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
@@ -128,7 +128,7 @@ pub(super) fn carry_out(
         runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
     let turns = rotation_matrices(&transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
-    let (mut push, let_go) = (propagation.push, propagation.let_go);
+    let (mut push, pruning) = (propagation.push, propagation.pruning);
     let (mut pull, mut inverse) = runtime.stage("invert", || {
         let motions = skeleton.bones.iter().map(|b| b.label).zip(transforms.iter().copied());
         let bones = MovedBones::new(&case.bones, motions, &there);
@@ -189,7 +189,7 @@ pub(super) fn carry_out(
         volume_changes,
         kind,
         uncertainty: None,
-        let_go,
+        pruning,
         links,
         inverse,
         consistency,
@@ -249,10 +249,10 @@ fn soft_tissue(
     let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
     let push = match config.soft_tissue {
         SoftTissue::ChainMail => {
-            let mail = moved.resting.mail.as_ref();
-            let mail = mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
+            let chain_mail = moved.resting.chain_mail.as_ref();
+            let chain_mail = chain_mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
             let images = images.map(|i| i as &dyn ImagePull);
-            let propagation = mail.propagate(&tissue, &bones, &config.chainmail, images, runtime.progress())?;
+            let propagation = chain_mail.propagate(&tissue, &bones, &config.chainmail, images, runtime.progress())?;
             let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);
             let regions = config.output.regions.then(regions).transpose()?;
             return Ok((propagation, regions));
@@ -268,7 +268,7 @@ fn soft_tissue(
         u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
     };
     let displacement = (0..lattice.node.len()).map(at).collect();
-    Ok((Propagation { push, lattice: lattice.into(), displacement, let_go: None }, None))
+    Ok((Propagation { push, lattice: lattice.into(), displacement, pruning: None }, None))
 }
 
 /// The label of the bone that reaches each voxel first.

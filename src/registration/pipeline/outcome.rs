@@ -1,14 +1,14 @@
 //! What a registration found.
 
 use super::{Case, FractionKind};
-use crate::chainmail::{LetGo, LinkReport};
+use crate::chainmail::{LinkReport, Pruning};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
-use crate::fit::BoneFit;
+use crate::fit::{BoneFit, DeterminedBy};
 use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
@@ -37,10 +37,10 @@ const LEAST_VISIBLE: f64 = 0.5;
 
 /// Whether a bone's motion is known: given by the user, or found in an image that shows half of it.
 pub fn is_placed(bone: &BoneFit) -> bool {
-    match bone.determined_by.as_str() {
-        "given" => true,
-        "joint" => false,
-        _ => bone.visible >= LEAST_VISIBLE,
+    match bone.determined_by {
+        DeterminedBy::Given => true,
+        DeterminedBy::Joint => false,
+        DeterminedBy::Image => bone.visible >= LEAST_VISIBLE,
     }
 }
 
@@ -89,8 +89,8 @@ pub struct Outcome {
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
-    /// Waves that were let go, and the most that this can change; where a bound is known.
-    pub let_go: Option<LetGo>,
+    /// Waves that were pruned, and the most that this can change; where a bound is known.
+    pub pruning: Option<Pruning>,
     /// Chain-mail links of the result.
     pub links: LinkReport,
     /// Quality of the inverse.

@@ -7,7 +7,7 @@ use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
 use super::outcome::LINKING;
 use super::uncertainty;
 use crate::body;
-use crate::chainmail::{Mail, Organs, organ_label};
+use crate::chainmail::{ChainMail, Organs, organ_label};
 use crate::config::{Config, SoftTissue};
 use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
@@ -65,7 +65,7 @@ pub(super) struct Resting {
     /// The bones' surfaces.
     pub(super) bones: RestingBones,
     /// The chain mail; `None` where another model carries the motion.
-    pub(super) mail: Option<Mail>,
+    pub(super) chain_mail: Option<ChainMail>,
     /// What its elements show in the planning CT.
     pub(super) samples: PlanningSamples,
     /// Lung, where it takes part.
@@ -86,7 +86,7 @@ impl Resting {
     /// Of a case or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
     ///
     /// # Errors
-    /// As [`Mail::new`].
+    /// As [`ChainMail::new`].
     pub(super) fn new(
         case: &Case,
         (skeleton, body): (&Skeleton, &Mask),
@@ -100,9 +100,9 @@ impl Resting {
             let lung = options.lung.then(|| body::lung(&case.planning, body)).flatten();
             let sliding = options.slip.region(lung.as_ref(), &case.bones);
             let bone_of_label = bone_of_label(skeleton);
-            let mail = || {
+            let chain_mail = || {
                 let alone = images_pull(config).then(|| alone_mm(options));
-                Mail::new(
+                ChainMail::new(
                     &tissue(case, (body, lung.as_ref(), sliding.as_ref()), &bone_of_label, options),
                     options,
                     alone.as_slice(),
@@ -124,17 +124,17 @@ impl Resting {
                 );
                 (tissue, cells)
             };
-            let mail = || wanted.then(mail).transpose();
+            let chain_mail = || wanted.then(chain_mail).transpose();
             let contact = || {
                 let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
                 field::beside_contact(case.bones.volume.grid(), &bone)
             };
             let bones = || rayon::join(bones, contact);
-            let (((bones, beside_contact), side), ((tissue, cells), mail)) =
-                rayon::join(|| rayon::join(bones, side), || rayon::join(cells, mail));
+            let (((bones, beside_contact), side), ((tissue, cells), chain_mail)) =
+                rayon::join(|| rayon::join(bones, side), || rayon::join(cells, chain_mail));
             Ok(Self {
                 bones,
-                mail: mail?,
+                chain_mail: chain_mail?,
                 samples: PlanningSamples::default(),
                 tissue,
                 lung,

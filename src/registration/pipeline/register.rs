@@ -9,7 +9,7 @@ use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::fit::{BoneFit, FitResult, FitStart, fit_pose, from_landmarks, given};
+use crate::fit::{BoneFit, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::view::View;
@@ -114,7 +114,7 @@ const BEYOND_MM: f64 = 3.0;
 pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
-        if bone.determined_by == "joint" && bone.visible > 0.3 {
+        if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
             out.push(Warning::new("bone-not-explained", format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
         }
         let beyond = &bone.beyond_range;
@@ -135,7 +135,7 @@ const SETTLED_MM: f64 = 0.1;
 
 /// A word about bones that were still moving when the fit stopped at its iteration limit.
 fn unsettled(bones: &[BoneFit]) -> Option<Warning> {
-    let stopped = |b: &&BoneFit| b.determined_by == "image" && b.stop.starts_with("iteration limit");
+    let stopped = |b: &&BoneFit| b.determined_by == DeterminedBy::Image && b.hit_limit();
     let mut moving: Vec<&BoneFit> = bones.iter().filter(stopped).filter(|b| b.unsettled_mm >= SETTLED_MM).collect();
     moving.sort_by(|a, b| b.unsettled_mm.total_cmp(&a.unsettled_mm));
     let stop = &moving.first()?.stop;
@@ -168,7 +168,7 @@ mod tests {
             rotation_sd_deg: 0.1,
             beyond_range: Default::default(),
             motion_mm: 0.0,
-            determined_by: "image".into(),
+            determined_by: DeterminedBy::Image,
         };
         let limit = "iteration limit 50";
         assert_eq!(unsettled(&[bone("skull", limit, 0.01), bone("hyoid", "converged", 2.0)]), None);

@@ -4,6 +4,7 @@ use super::elements::bone_of_label;
 use super::{Case, Outcome};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
+use crate::fit::DeterminedBy;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume, Window};
 use std::collections::BTreeMap;
@@ -65,8 +66,8 @@ fn bone_mm(outcome: &Outcome) -> BTreeMap<u16, f64> {
         // Parents come first; where one does not, its own place is taken for known.
         let parent = bone.parent.and_then(|parent| mm.get(parent)).copied().unwrap_or(0.0);
         let by_joint = play.hypot(parent);
-        let known = fit.position_sd_mm.is_finite() && fit.determined_by != "joint";
-        let own = if fit.determined_by == "image" {
+        let known = fit.position_sd_mm.is_finite() && fit.determined_by != DeterminedBy::Joint;
+        let own = if fit.determined_by == DeterminedBy::Image {
             (DEPENDENT * fit.position_sd_mm / fit.visible.max(1e-3)).hypot(LEAST_MM)
         } else {
             fit.position_sd_mm

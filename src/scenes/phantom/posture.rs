@@ -17,7 +17,7 @@ pub struct JointMotion {
 
 /// A posture: the joints that move, by the name of the bone that each one carries. Other joints stay.
 ///
-/// Any rotation can be written, up to arms raised from arms down (`data/arms_raised_posture.toml`); bones then are
+/// Any rotation can be written, up to arms raised from arms down (`data/raise_arms.toml`); bones then are
 /// still exactly rigid. Soft tissue is blended by logarithms, so no bone may turn by 180 degrees or more against
 /// the planning posture, and at such angles the true map folds (3 % of the body's voxels with both arms raised), so
 /// that `Phantom::unfound` is not 0 and the fraction image has no meaning around the shoulders.

@@ -1,8 +1,8 @@
 //! Do the links hold? Each link of the result against its valid region (thesis 2.4, Fig. 7), which turns with the tissue.
 
 use super::lattice::Lattice;
-use super::node::Node;
-use super::relax::rotations;
+use super::lattice::Node;
+use super::relaxation::relax::rotations;
 use crate::geometry::stencil::NEIGHBOURS_26;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;

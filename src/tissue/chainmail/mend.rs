@@ -1,12 +1,12 @@
 //! Folds that are left on the full grid, where voxels between elements and exact bones meet: the tissue around each
 //! settles anew by mechanics alone, voxel by voxel.
 
+use super::lattice::material::Organs;
 use super::lattice::{Lattice, Tissue};
-use super::material::Organs;
 use super::options::ChainmailOptions;
-use super::relax::Relaxation;
-use super::rest::RestingLinks;
-use super::untangle::{around, tangled};
+use super::relaxation::relax::Relaxation;
+use super::relaxation::rest::RestingLinks;
+use super::relaxation::untangle::{around, tangled};
 use crate::field::{PushField, folded_cells};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;

@@ -1,56 +1,38 @@
-//! Rank 4: the chain mail. Elements on a grid, linked to their neighbours with min, max and shear.
+//! Rank 4: the chain mail. Elements on a grid, linked to their neighbours with min, max and shear (Schill, Gibson; thesis 2.4).
+//!
+//! In: a planning CT with bones ([`Tissue`]) and their motions ([`Initiators`]). Out: the push field of the patient ([`Propagation`]).
+//! [`propagate()`] is the way through, in the order of the folders:
+//!
+//! 1. `lattice`: elements, material, which links slide.
+//! 2. `relaxation`: where links and images pull.
+//! 3. `waves`: what bones bring to tissue before it relaxes, and where `relaxation` begins.
+//!
+//! [`ChainMail`] is all that does not depend on the motions, for many fractions of a patient; [`ChainmailOptions`] chooses the
+//! variant, and nothing else does. At the end the field is continued beyond the elements, folds of the full grid settle anew
+//! and each link is checked. Decisions: docs/decisions/chain-mail.md and thesis.md.
 
-mod arrival;
-mod average;
-mod blend;
-mod brick;
-mod brought;
-mod carry;
-mod crossing;
-mod dial;
-mod engine;
+mod chain_mail;
 mod extend;
-mod front;
-mod growth;
-mod islands;
 mod lattice;
-mod let_go;
 mod links;
-mod mail;
-mod material;
 mod mend;
-mod node;
 mod options;
-mod paths;
 mod propagate;
-mod pull;
-mod queue;
-mod relax;
-mod rest;
-mod settle;
-mod slabs;
-mod slip;
-mod stencil;
-mod superpose;
+mod relaxation;
 #[cfg(test)]
 mod tests;
-mod turn;
-mod untangle;
 mod variants;
+mod waves;
 
-pub use average::FirstWave;
-pub use blend::{first_wave, spread};
-pub use carry::Initiators;
+pub use chain_mail::{ChainMail, organs};
 pub use extend::fades_within;
-pub use growth::VolumeChange;
-pub use lattice::{Lattice, Tissue};
-pub use let_go::LetGo;
+pub use lattice::{
+    Constraint, Knot, Lattice, Material, MaterialName, Node, Organs, SlidingRegion, Slip, SlipOptions, Tissue,
+    organ_label,
+};
 pub use links::{LinkReport, check_links};
-pub use mail::{Mail, organs};
-pub use material::{Constraint, Knot, Material, MaterialName, Organs, organ_label};
-pub use node::Node;
 pub use options::{ChainmailOptions, Combination};
 pub use propagate::{Elements, Propagation, propagate, regions};
-pub use pull::{Comparison, ImagePull, Passes, Pull};
-pub use slip::{SlidingRegion, Slip, SlipOptions};
+pub use relaxation::{Comparison, ImagePull, Passes, Pull, VolumeChange};
 pub use variants::{Carry, Elasticity, Front, LinkTime, Order, Structures};
+pub use waves::{FirstWave, Initiators, Pruning, first_wave, spread};

@@ -1,8 +1,8 @@
 //! Settings of the chain mail: the one place where a variant is chosen.
 
-use super::growth::VolumeChange;
-use super::material::{Constraint, Material};
-use super::slip::SlipOptions;
+use super::lattice::material::{Constraint, Material};
+use super::lattice::slip::SlipOptions;
+use super::relaxation::growth::VolumeChange;
 use super::variants::{Carry, Elasticity, Front, LinkTime, Order, Structures};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,7 +45,7 @@ pub struct ChainmailOptions {
     pub exponent: f64,
     /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
     pub cutoff: f64,
-    /// A bone's wave is let go where it comes this many times later than the first one, there and wherever it would go
+    /// A bone's wave is pruned where it comes this many times later than the first one, there and wherever it would go
     /// from there: it weighs less than this ratio to the power -n of the first. 0 for none (exact).
     pub prune_ratio: f64,
     /// Waves run through elements of this spacing, mm, or through those of `spacing_mm` where they are finer; elements
@@ -100,7 +100,7 @@ impl Default for ChainmailOptions {
 
 impl ChainmailOptions {
     /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
-    /// Stiff tissue is fast, as the thesis's text and Fig. 14 have it (docs/decisions/0007).
+    /// Stiff tissue is fast, as the thesis's text and Fig. 14 have it (docs/decisions/thesis.md).
     pub fn thesis() -> Self {
         Self {
             link_time: LinkTime::FastInStiff,

@@ -1,18 +1,18 @@
 //! From bone transforms to the push field on the planning grid.
 
-use super::blend::first_wave;
-use super::carry::Initiators;
+use super::chain_mail::{ChainMail, Level};
 use super::extend::{extend, fill};
-use super::growth::Growth;
+use super::lattice::Node;
 use super::lattice::{Lattice, Tissue};
-use super::let_go::LetGo;
-use super::mail::{Level, Mail};
 use super::mend::mend;
-use super::node::Node;
 use super::options::ChainmailOptions;
-use super::pull::ImagePull;
-use super::relax::Relaxation;
-use super::settle::settle;
+use super::relaxation::growth::Growth;
+use super::relaxation::pull::ImagePull;
+use super::relaxation::relax::Relaxation;
+use super::relaxation::settle::settle;
+use super::waves::blend::first_wave;
+use super::waves::carry::Initiators;
+use super::waves::pruning::Pruning;
 use crate::error::{Error, Result};
 use crate::field::{PushField, in_steps};
 use crate::geometry::{Rigid, rotation_matrices};
@@ -30,8 +30,8 @@ pub struct Propagation {
     pub lattice: Arc<Lattice>,
     /// Displacement of each element, mm.
     pub displacement: Vec<[f32; 3]>,
-    /// Waves that were let go, and the most that this can change; where a bound is known.
-    pub let_go: Option<LetGo>,
+    /// Waves that were pruned, and the most that this can change; where a bound is known.
+    pub pruning: Option<Pruning>,
 }
 
 /// The elements, moved.
@@ -41,7 +41,7 @@ pub struct Elements {
     /// Displacement of each of its nodes, mm, continued beyond the patient.
     pub displacement: Volume<[f32; 3]>,
     /// As in [`Propagation`].
-    pub let_go: Option<LetGo>,
+    pub pruning: Option<Pruning>,
 }
 
 /// Carries the bones' motion to every voxel of the planning grid.
@@ -55,10 +55,10 @@ pub fn propagate(
     image: Option<&dyn ImagePull>,
     progress: &dyn Progress,
 ) -> Result<Propagation> {
-    Mail::new(tissue, options, &[])?.propagate(tissue, bones, options, image, progress)
+    ChainMail::new(tissue, options, &[])?.propagate(tissue, bones, options, image, progress)
 }
 
-impl Mail {
+impl ChainMail {
     /// As [`propagate`], with the mail of this very tissue and these options.
     ///
     /// # Errors
@@ -71,19 +71,19 @@ impl Mail {
         image: Option<&dyn ImagePull>,
         progress: &dyn Progress,
     ) -> Result<Propagation> {
-        let Elements { lattice, displacement: coarse, let_go } =
+        let Elements { lattice, displacement: coarse, pruning } =
             self.elements(tissue, bones, options, image, progress)?;
         let steps = options.relaxation.len() + 2;
         progress.step(steps - 1, steps, "all voxels");
         let mut push = to_voxels((tissue, &self.computed), bones.transforms, &coarse)?;
         mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
-        Ok(Propagation { push, lattice, displacement: coarse.into_data(), let_go })
+        Ok(Propagation { push, lattice, displacement: coarse.into_data(), pruning })
     }
 
     /// Carries the bones' motion to the elements alone.
     ///
     /// # Errors
-    /// As [`Mail::propagate`].
+    /// As [`ChainMail::propagate`].
     pub fn elements(
         &self,
         tissue: &Tissue<'_>,
@@ -133,7 +133,7 @@ impl Mail {
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
         displacement = extend(lattice, &known, |node| tissue.holds(&lattice.rest(node)));
         let displacement = Volume::new(lattice.grid.clone(), displacement)?;
-        Ok(Elements { lattice: lattice.clone(), displacement, let_go: brought.let_go })
+        Ok(Elements { lattice: lattice.clone(), displacement, pruning: brought.pruning })
     }
 }
 

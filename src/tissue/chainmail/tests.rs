@@ -1,8 +1,8 @@
 //! Every variant on scenes whose answer can be derived by hand: chains, single links, one rotation, an L, a U.
 #![expect(clippy::float_cmp, reason = "values that are exact by construction")]
 
-use super::relax::Relaxation;
-use super::rest::RestingLinks;
+use super::relaxation::relax::Relaxation;
+use super::relaxation::rest::RestingLinks;
 use super::*;
 use crate::geometry::{Grid, Rigid};
 use crate::volume::{LabelMap, Mask, Volume};

@@ -3,7 +3,7 @@
 //! In three dimensions the spline that bends least is an affine map plus one term `w |x - c|` per control point `c`. With
 //! 6 points on each of 42 bones that is 252 square roots per voxel. They are evaluated directly, row by row and in
 //! single precision, so that the compiler turns the innermost loop into vector instructions; no far field or coarser grid
-//! is needed (docs/decisions/0008-comparators-and-resampling.md).
+//! is needed (docs/decisions/thesis.md).
 
 use super::{control_points, push_field};
 use crate::chainmail::{Initiators, Tissue};

@@ -3,23 +3,23 @@
 //! The pull field inverts the push field at the fraction's voxels, but between them it is interpolated. Where the push field
 //! bends within a voxel, as tissue does that is squeezed beside a rigid bone, interpolation misses by up to a millimetre or
 //! two. Soft tissue around such places is moved a little, bones held, until the way there and back agrees: Gauss-Newton
-//! steps on the misses, as smooth as can be. The pull field stays the exact inverse.
+//! steps on these inverse-consistency errors, as smooth as can be. The pull field stays the exact inverse.
 
 mod ball;
-mod miss;
+mod inverse_error;
 mod patch;
 mod system;
 #[cfg(test)]
 mod tests;
 
-use super::pre_image::InvertOptions;
+use super::inverse::InvertOptions;
 use super::{PullField, PushField};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
 use crate::volume::Mask;
 use ball::{Balls, touching};
-use miss::{Miss, Ways, misses, ways};
+use inverse_error::{InverseError, Ways, inverse_errors, ways};
 use patch::Patch;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -76,7 +76,7 @@ const WILD_MM: f64 = 4.0;
 const HALVINGS: usize = 3;
 /// The power of a miss that steps make smaller: high, so that the longest counts, and not so high that nothing else does.
 const POWER: i32 = 8;
-/// Weight of the moves' roughness (differences between neighbours per mm) against the misses: where it starts, by how much it grows after
+/// Weight of the moves' roughness (differences between neighbours per mm) against the errors: where it starts, by how much it grows after
 /// a step that brought nothing and shrinks after one that did, and where that ends.
 const ROUGHNESS: f64 = 0.3;
 const STIFFER: f64 = 4.0;
@@ -112,7 +112,7 @@ pub fn agree(
     // The lengths of all ways, how many of them are beyond the limit, and the ways that miss by nearly as much.
     let summary = |push: &PushField, pull: &PullField, ways: &[Ways]| {
         let far: Vec<usize> = ways.iter().flat_map(|plane| plane.far.iter().copied()).collect();
-        let found = misses(push, pull, &far, 0.0..f64::INFINITY);
+        let found = inverse_errors(push, pull, &far, 0.0..f64::INFINITY);
         let beyond = found.iter().filter(|m| m.length() > options.limit_mm).count();
         (Summary::of_singles(&ways.iter().map(|plane| plane.lengths.as_slice()).collect::<Vec<_>>()), beyond, found)
     };
@@ -137,7 +137,7 @@ pub fn agree(
 fn mend(
     push: &mut PushField,
     pull: &mut PullField,
-    found: &[Miss],
+    found: &[InverseError],
     (bone, spared): (&impl BoneOf, &Mask),
     invert: &InvertOptions,
     options: &ConsistencyOptions,
@@ -146,9 +146,10 @@ fn mend(
     // Interpolation misses by less than a voxel; what misses by more has been laid on by something else.
     let grids = [push.displacement.grid(), pull.displacement.grid()];
     let most = grids.iter().flat_map(|g| g.spacing()).fold(limit, f64::max);
-    let found: Vec<Miss> = found.iter().filter(|m| m.length() < most).copied().collect();
+    let found: Vec<InverseError> = found.iter().filter(|m| m.length() < most).copied().collect();
     // What steps are to make smaller, as the system's weights do.
-    let merit = |misses: &[Miss]| misses.iter().map(|m| (m.length().min(most) / limit).powi(POWER)).sum::<f64>();
+    let merit =
+        |errors: &[InverseError]| errors.iter().map(|m| (m.length().min(most) / limit).powi(POWER)).sum::<f64>();
     let mut patch = Patch::new(push.displacement.grid(), pull.displacement.grid());
     let (mut moved, mut changed) = (0.0f64, BTreeSet::new());
     for cluster in patch.clusters(&found) {
@@ -163,7 +164,7 @@ fn mend(
             if moves > MOST_MOVES {
                 break;
             }
-            let mut rows = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
+            let mut rows = inverse_errors(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
             let best = merit(&rows);
             rows.retain(|m| m.length() < most);
             let mut steps = System::new(push, pull, &rows, &patch, (limit, roughness)).solve();
@@ -175,7 +176,7 @@ fn mend(
             let mut astray = Vec::new();
             let taken = (0..HALVINGS).find_map(|_| {
                 astray = patch.advance(&steps, push, pull, invert);
-                let left = misses(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
+                let left = inverse_errors(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
                 if astray.is_empty() && merit(&left) < best {
                     return Some(left);
                 }
@@ -210,6 +211,6 @@ fn mend(
 }
 
 /// The longest miss, mm.
-fn longest(misses: &[Miss]) -> f64 {
-    misses.iter().map(Miss::length).fold(0.0, f64::max)
+fn longest(errors: &[InverseError]) -> f64 {
+    errors.iter().map(InverseError::length).fold(0.0, f64::max)
 }

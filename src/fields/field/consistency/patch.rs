@@ -1,10 +1,10 @@
 //! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
 
 use super::ball::{Balls, Marks};
-use super::miss::Miss;
+use super::inverse_error::InverseError;
 use super::{BoneOf, REACH_MM};
-use crate::field::pre_image::{Continued, InvertOptions, solve};
-use crate::field::tetrahedra::cut;
+use crate::field::inverse::pre_image::{Continued, InvertOptions, solve};
+use crate::field::mesh::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
 use crate::volume::Mask;
@@ -66,10 +66,10 @@ impl Patch {
     }
 
     /// Misses in groups so far apart that what is moved for one does not reach the other.
-    pub(super) fn clusters(&self, misses: &[Miss]) -> Vec<Vec<Miss>> {
+    pub(super) fn clusters(&self, errors: &[InverseError]) -> Vec<Vec<InverseError>> {
         let apart = self.grid.spacing().map(|h| 2.0 * (REACH_MM / h + 2.0) + 1.0);
-        let at: Vec<[usize; 3]> = misses.iter().map(|m| self.grid.voxel(m.voxel)).collect();
-        let mut left: Vec<usize> = (0..misses.len()).rev().collect();
+        let at: Vec<[usize; 3]> = errors.iter().map(|m| self.grid.voxel(m.voxel)).collect();
+        let mut left: Vec<usize> = (0..errors.len()).rev().collect();
         let mut out = Vec::new();
         while let Some(first) = left.pop() {
             let mut cluster = vec![first];
@@ -85,7 +85,7 @@ impl Patch {
                 });
             }
             cluster.sort_unstable();
-            out.push(cluster.into_iter().map(|n| misses[n]).collect());
+            out.push(cluster.into_iter().map(|n| errors[n]).collect());
         }
         out
     }
@@ -292,4 +292,49 @@ fn folded(push: &PushField, cell: usize) -> bool {
     // Storage may be left-handed.
     let sense = grid.step().determinant();
     [[0; 3], [1, 0, 0]].into_iter().flat_map(cut).any(|t| volume(t) * sense <= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Volume;
+
+    fn fields(handed: f64, size: [usize; 3]) -> PushField {
+        let direction = Matrix3::from_diagonal(&Vector3::new(handed, 1.0, 1.0));
+        let grid = Grid::new(size, [1.0, 1.0, 3.0], Point3::origin(), direction).unwrap();
+        let computed = Volume::filled(grid.clone(), true);
+        PushField { displacement: Volume::filled(grid, [0.0; 3]), computed }
+    }
+
+    #[test]
+    fn a_cell_is_folded_once_a_corner_passes_the_plane_of_others() {
+        for handed in [1.0, -1.0] {
+            let mut push = fields(handed, [3, 3, 3]);
+            let grid = push.displacement.grid().clone();
+            let corner = grid.linear([1, 1, 1]);
+            assert!((0..2).all(|i| !folded(&push, grid.linear([i, 0, 0]))));
+            // The corner of four tetrahedra is 3 mm above its cell's lowest plane.
+            push.displacement.data_mut()[corner] = [0.0, 0.0, -2.9];
+            assert!([[0, 0, 0], [1, 0, 1]].iter().all(|at| !folded(&push, grid.linear(*at))));
+            push.displacement.data_mut()[corner] = [0.0, 0.0, -3.1];
+            assert!(folded(&push, grid.linear([0, 0, 0])), "{handed}");
+            // Above it there is only more room.
+            assert!(!folded(&push, grid.linear([0, 0, 1])));
+        }
+    }
+
+    #[test]
+    fn the_first_and_last_voxel_of_a_row_have_one_neighbour() {
+        let push = fields(1.0, [4, 3, 2]);
+        let grid = push.displacement.grid().clone();
+        let mut patch = Patch::new(&grid, &grid);
+        (0..grid.len()).for_each(|n| patch.number[n] = n as u32 + 1);
+        let number = |at: [usize; 3]| grid.linear(at) as u32 + 1;
+        assert_eq!(
+            patch.neighbours(grid.linear([0, 1, 0])),
+            [FIXED, number([1, 1, 0]), number([0, 0, 0]), number([0, 2, 0]), FIXED, number([0, 1, 1])]
+        );
+        assert_eq!(patch.linked(&push, grid.linear([3, 2, 1])), [1, 1, 1]);
+        assert_eq!(patch.linked(&push, grid.linear([1, 1, 1])), [2, 2, 1]);
+    }
 }

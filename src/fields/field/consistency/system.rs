@@ -1,7 +1,7 @@
-//! The linear system of a step: how misses answer to moves of soft voxels, and how smooth the moves are.
+//! The linear system of a step: how inverse-consistency errors answer to moves of soft voxels, and how smooth the moves are.
 
 use super::POWER;
-use super::miss::Miss;
+use super::inverse_error::InverseError;
 use super::patch::{FIXED, Patch};
 use crate::field::{PullField, PushField};
 use crate::volume::Surrounding;
@@ -15,7 +15,7 @@ const REST: f64 = 0.002;
 const TOLERANCE: f64 = 1e-3;
 const MOST_ITERATIONS: usize = 200;
 
-/// Minimises over moves `d` of voxels, by their numbers in the patch: weighted squares of the misses, linear in `d`, plus the roughness of `d`.
+/// Minimises over moves `d` of voxels, by their numbers in the patch: weighted squares of the errors, linear in `d`, plus the roughness of `d`.
 pub(super) struct System {
     rows: Vec<Row>,
     inverse: Vec<Answer>,
@@ -30,7 +30,7 @@ pub(super) struct System {
 /// One miss.
 struct Row {
     miss: Vector3<f64>,
-    /// Square of its weight: what misses far counts more.
+    /// Square of its weight: a large error counts more.
     weight: f64,
     /// The voxel itself by number, and how the miss answers to it.
     own: u32,
@@ -58,14 +58,14 @@ impl System {
     pub(super) fn new(
         push: &PushField,
         pull: &PullField,
-        misses: &[Miss],
+        errors: &[InverseError],
         patch: &Patch,
         (limit, roughness): (f64, f64),
     ) -> Self {
         let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
         let mut known: BTreeMap<usize, u32> = BTreeMap::new();
-        let mut rows = Vec::with_capacity(misses.len());
-        for m in misses {
+        let mut rows = Vec::with_capacity(errors.len());
+        for m in errors {
             let u = Vector3::from(push.displacement.data()[m.voxel].map(f64::from));
             let index = fraction.index(&(planning.centre(planning.voxel(m.voxel)) + u));
             let Some(around) = Surrounding::of(fraction, &index) else { continue };

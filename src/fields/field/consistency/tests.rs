@@ -113,7 +113,7 @@ fn misses_change_as_the_system_says() {
         (&push, &pull),
         &exact,
     );
-    let rows = misses(&push, &pull, &patch.watched, 0.05..3.0);
+    let rows = inverse_errors(&push, &pull, &patch.watched, 0.05..3.0);
     let system = System::new(&push, &pull, &rows, &patch, (0.5, 0.3));
     // A small move without pattern.
     let part = |n: usize| (n as f64 * 12.9898).sin();
@@ -123,7 +123,7 @@ fn misses_change_as_the_system_says() {
     let predicted = system.changes(&steps);
     assert!(patch.advance(&steps, &mut push, &mut pull, &exact).is_empty());
     let voxels: Vec<usize> = rows.iter().map(|m| m.voxel).collect();
-    let after = misses(&push, &pull, &voxels, 0.0..9.0);
+    let after = inverse_errors(&push, &pull, &voxels, 0.0..9.0);
     assert!(rows.len() > 50 && after.len() == rows.len());
     let (mut wrong, mut all) = (0.0, 0.0);
     for ((before, after), predicted) in rows.iter().zip(&after).zip(&predicted) {

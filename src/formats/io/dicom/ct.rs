@@ -1,7 +1,7 @@
 //! A CT series as a volume in HU.
 
 use super::super::Loaded;
-use super::super::checksum::{read_bytes, sha256};
+use super::super::bytes::{read_bytes, sha256};
 use super::super::raster::HeaderNotes;
 use super::elements::{Item, text, whole};
 use super::find::Object;

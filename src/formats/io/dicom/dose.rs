@@ -1,14 +1,15 @@
 //! RT Dose (PS3.3 C.8.8.3) as a volume in Gy.
 
 use super::super::Loaded;
-use super::super::checksum::{read_bytes, sha256};
+use super::super::bytes::{read_bytes, sha256};
+use super::super::series_path::root_of;
 use super::ct::{notes, sum};
 use super::elements::{Item, items, number, numbers, some, text, whole};
 use super::find::{Object, series};
 use super::frames::axes;
 use super::open;
 use super::pixels::Pixels;
-use super::place::{objects, root_of};
+use super::place::objects;
 use super::series::{Series, Slice};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;

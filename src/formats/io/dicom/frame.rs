@@ -1,7 +1,8 @@
 //! Frames of reference: positions of two objects can be compared only where it is the same (PS3.3
 //! C.7.4.1).
 
-use super::place::{Chosen, choose, is_place, objects, root_of};
+use super::super::series_path::root_of;
+use super::place::{Chosen, choose, is_place, objects};
 use crate::error::{Error, Result};
 use std::path::Path;
 

@@ -1,10 +1,11 @@
 //! DICOM where an image is asked for: a CT series in HU, or a dose in Gy.
 
 use super::super::Loaded;
-use super::super::checksum::sha256_file;
+use super::super::bytes::sha256_of;
 use super::super::raster::Raster;
+use super::super::series_path::Place;
 use super::super::voxels::{Element, Layout};
-use super::place::{Chosen, Place, choose, objects};
+use super::place::{Chosen, choose, objects};
 use super::{Dose, Series, ct, dose};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -136,5 +137,5 @@ pub(in super::super) fn checksum(path: &Path) -> Result<String> {
         }
         Err(e) => return Err(e),
     };
-    Ok(ct::sum(files.par_iter().map(sha256_file).collect::<Result<_>>()?))
+    Ok(ct::sum(files.par_iter().map(|file| sha256_of(file)).collect::<Result<_>>()?))
 }

@@ -40,7 +40,7 @@ pub use frame::{Role, check_frames, frame_of, same_frame};
 pub(super) use image::read_dose as read_dose_image;
 pub(super) use image::{checksum, load, read_grid, read_image};
 pub use image::{describe_series, dose_at};
-pub(super) use place::{folder_of, is_place, require, root_of};
+pub(super) use place::{folder_of, is_place, require};
 pub use place::{is_dicom_path, is_structure_set};
 pub use series::{Patient, Series, Slice, Study};
 pub(super) use structures::structure_notes;

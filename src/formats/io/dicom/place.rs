@@ -1,6 +1,7 @@
 //! Where DICOM lies: a folder, a file of a series, or `FOLDER#NUMBER` and `FOLDER#UID` for one
 //! series of several.
 
+use super::super::series_path::{Place, root_of};
 use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Group, Object, find};
 use super::open::{Opened, is_dicom, open};
@@ -11,29 +12,6 @@ use std::path::{Path, PathBuf};
 /// SOP classes that are CT images (PS3.4 B.5): CT, Enhanced CT, Legacy Converted Enhanced CT.
 pub(super) const CT: [&str; 3] =
     ["1.2.840.10008.5.1.4.1.1.2", "1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.2.2"];
-
-/// A path with what is chosen there.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Place {
-    /// Folder or file.
-    pub(super) root: PathBuf,
-    /// Series number or Series Instance UID.
-    pub(super) choice: Option<String>,
-}
-
-impl Place {
-    /// A path that exists means itself; else what follows the last `#` chooses in what precedes it.
-    pub(super) fn of(path: &Path) -> Self {
-        let split = || {
-            let text = path.to_str()?;
-            let (root, choice) = text.rsplit_once('#')?;
-            let root = PathBuf::from(root);
-            root.exists().then(|| Self { root, choice: Some(choice.to_owned()) })
-        };
-        let whole = Self { root: path.into(), choice: None };
-        if path.exists() { whole } else { split().unwrap_or(whole) }
-    }
-}
 
 /// Whether a path is for this room to read: a folder, a choice in one, or a DICOM file.
 pub(in super::super) fn is_place(path: &Path) -> bool {
@@ -54,11 +32,6 @@ pub fn is_structure_set(path: &Path) -> bool {
         _ => false,
     };
     is_dicom(path) && set()
-}
-
-/// The folder or file that a path means, without what is chosen there.
-pub(in super::super) fn root_of(path: &Path) -> PathBuf {
-    Place::of(path).root
 }
 
 /// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is

@@ -1,12 +1,13 @@
 //! Structure sets (PS3.3 C.8.8.5, C.8.8.6, C.8.8.8): closed planar contours with the names of their
 //! structures.
 
-use super::super::checksum::{read_bytes, sha256};
+use super::super::bytes::{read_bytes, sha256};
 use super::super::raster::HeaderNotes;
+use super::super::series_path::root_of;
 use super::elements::{Item, items, numbers, text, whole};
 use super::find::{Object, series};
 use super::open;
-use super::place::{objects, root_of};
+use super::place::objects;
 use super::planes::{Drawing, planes};
 use super::series::{Patient, Study};
 use crate::error::{Error, Result};

@@ -1,8 +1,10 @@
 //! Whether the folder of a run still holds what its report says, file by file.
 
 use super::super::atomic::is_partial;
-use super::super::checksum::{read_bytes, sha256_file};
-use super::super::folder::{PARTS, REPORTS, at_work, is_inside};
+use super::super::bytes::read_bytes;
+use super::super::checksum::sha256_file;
+use super::super::folder::PARTS;
+use super::super::held::{REPORTS, at_work, is_inside};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

@@ -6,8 +6,9 @@ mod text;
 pub use folder::{FolderCheck, check_folder};
 
 use super::labels::is_label;
+use super::load::load;
 use super::names::header_names;
-use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind, load};
+use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::voxels::Layout;
 use crate::error::Result;
 use crate::geometry::Grid;

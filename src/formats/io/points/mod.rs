@@ -6,7 +6,7 @@ mod mesh;
 mod slicer;
 mod table;
 
-use super::checksum::read_bytes;
+use super::bytes::read_bytes;
 use super::kinds;
 use super::text::BYTE_ORDER_MARK;
 use crate::error::{Error, Result};

@@ -1,7 +1,7 @@
 //! How far the result may be trusted, in mm, at every place: one standard deviation, so that about two thirds of the errors are
 //! smaller.
 //!
-//! Where both images show a place, two things tell an error (docs/decisions/0012-uncertainty.md has what was compared):
+//! Where both images show a place, two things tell an error (docs/decisions/uncertainty.md has what was compared):
 //! *disagreement*, the distance `d` between the field and the one of the bones alone, and *mismatch*, the remaining
 //! difference of the images over their gradient, `q`, both averaged over 4 mm. Neither alone does, and the product does in
 //! all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no

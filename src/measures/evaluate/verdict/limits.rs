@@ -200,4 +200,38 @@ mod tests {
         let single = Limits { uncertainty_mm: f64::NAN, ..Limits::default() };
         assert!(single.problem().unwrap().contains("uncertainty_mm"));
     }
+    #[test]
+    fn every_rule_passes_reviews_and_fails_where_its_limits_say() {
+        let limits = Limits::default();
+        let marks = |rule: &dyn Fn(f64) -> Verdict, values: [f64; 3]| values.map(|v| rule(v).verdict);
+        let (pass, review, fail) = (Mark::Pass, Mark::Review, Mark::Fail);
+        let summary = |mean, max| Summary { mean, max, ..Summary::default() };
+        let all = [pass, review, fail];
+        assert_eq!(marks(&|v| limits.landmarks(&summary(v, 0.0), 1.0)[0].clone(), [2.0, 2.9, 3.1]), all);
+        assert_eq!(marks(&|v| limits.landmarks(&summary(0.0, v), 1.0)[1].clone(), [5.0, 5.1, 99.0])[1..], [review; 2]);
+        assert_eq!(marks(&|v| limits.agreement("cord", v), [2.0, 2.9, 3.1]), all);
+        assert_eq!(marks(&|v| limits.dice("cord", v), [0.9, 0.85, 0.79]), all);
+        assert_eq!(marks(&|v| limits.consistency("there and back", v, 1.0), [2.0, 2.9, 3.1]), all);
+        assert_eq!(marks(&|v| limits.rigidity("C1", v), [1.0, 1.9, 2.1]), all);
+        assert_eq!(marks(&|v| limits.curl("push", v), [5.0, 9.9, 10.1]), all);
+        assert_eq!(marks(&|v| limits.uncertainty(v, 0.0), [3.0, 3.1, 99.0]), [pass, review, review]);
+        // A figure that could not be measured does not pass.
+        assert_eq!(limits.curl("push", f64::NAN).verdict, fail);
+        assert_eq!([0, 1].map(|n| limits.jumps("push", n).verdict), [pass, review]);
+    }
+
+    #[test]
+    fn the_looser_limit_of_landmarks_grows_with_the_voxel() {
+        let of = |mean, voxel| Limits::default().landmarks(&Summary { mean, ..Summary::default() }, voxel)[0].verdict;
+        assert_eq!((of(3.9, 4.0), of(4.1, 4.0), of(2.9, 1.0)), (Mark::Review, Mark::Fail, Mark::Review));
+    }
+
+    #[test]
+    fn what_has_no_inverse_is_a_share_in_percent() {
+        let verdict = Limits::default().no_inverse(50, 1000);
+        assert!((verdict.value - 5.0).abs() < 1e-12, "{verdict:?}");
+        assert_eq!(verdict.verdict, Mark::Review);
+        assert_eq!(Limits::default().no_inverse(1, 10_000).verdict, Mark::Pass);
+        assert_eq!(Limits::default().no_inverse(0, 0).value, 0.0);
+    }
 }

@@ -1,6 +1,7 @@
 //! The figures by which runs of a cohort are compared.
 
 use super::super::numbers::Report;
+use crate::fit::DeterminedBy;
 
 /// Which way a figure is worse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +67,9 @@ pub(super) const KINDS: [Kind; 16] = [
         unit: "",
         worse: Worse::Low,
         least: 0.05,
-        of: |r| least(r.bones.iter().filter(|b| b.determined_by == "image").filter_map(|b| b.similarity_after)),
+        of: |r| {
+            least(r.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).filter_map(|b| b.similarity_after))
+        },
         ..PLAIN
     },
     Kind {
@@ -76,14 +79,14 @@ pub(super) const KINDS: [Kind; 16] = [
         worse: Worse::Unlike,
         least: 5.0,
         course: true,
-        of: |r| most(r.bones.iter().filter(|b| b.determined_by != "joint").map(|b| b.motion_mm)),
+        of: |r| most(r.bones.iter().filter(|b| b.determined_by != DeterminedBy::Joint).map(|b| b.motion_mm)),
         ..PLAIN
     },
     Kind {
         key: "bone_position_sd_mm",
         title: "SD of a bone's position",
         least: 0.2,
-        of: |r| most(r.bones.iter().filter(|b| b.determined_by == "image").map(|b| b.position_sd_mm)),
+        of: |r| most(r.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).map(|b| b.position_sd_mm)),
         ..PLAIN
     },
     Kind {

@@ -3,13 +3,14 @@
 use super::super::numbers::{Report, count, utc};
 use super::verdict::identity;
 use crate::evaluate::landmark::LandmarkReport;
+use crate::fit::DeterminedBy;
 use crate::geometry::Grid;
 use maud::{Markup, html};
 use std::path::Path;
 
 /// Whether the posture was made and no fraction CT was registered.
 fn posed(report: &Report) -> bool {
-    input(report, "fraction").is_none() && report.bones.iter().any(|b| b.determined_by == "given")
+    input(report, "fraction").is_none() && report.bones.iter().any(|b| b.determined_by == DeterminedBy::Given)
 }
 
 /// What stands in the fraction's place where the posture was made.
@@ -86,7 +87,7 @@ pub(super) fn cards(report: &Report) -> Markup {
         count(j.interface.folded)
     );
     let inverse = &report.inverse;
-    let given = report.bones.iter().filter(|b| b.determined_by == "given").count();
+    let given = report.bones.iter().filter(|b| b.determined_by == DeterminedBy::Given).count();
     let visible = report.bones.iter().filter(|b| b.visible > 0.0).count();
     html! {
         div.cards {

@@ -4,7 +4,7 @@ use super::super::numbers::{Report, count};
 use crate::evaluate::contact::LISTED_MM;
 use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
-use crate::fit::BoneFit;
+use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::rotation_angle_deg;
 use maud::{Markup, html};
 
@@ -34,7 +34,7 @@ pub(super) fn bones(report: &Report) -> Markup {
                 @for (n, b) in report.bones.iter().enumerate() {
                     tr {
                         td { (b.name) }
-                        td { span.tag.image[b.determined_by == "image"] { (b.determined_by) } }
+                        td { span.tag.image[b.determined_by == DeterminedBy::Image] { (b.determined_by.name()) } }
                         td { (format!("{:.0} %", 100.0 * b.visible)) span.meter { i style=(format!("width: {:.0}%", 100.0 * b.visible)) {} } }
                         td.n { (number(b.similarity_before, 2)) " \u{2192} " (number(b.similarity_after, 2)) }
                         td.n { (format!("{:.1}", b.motion_mm)) }
@@ -284,7 +284,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                     tr { td { "Links" } td.n { (count(links.links)) } }
                     tr { td { "Outside min, max or shear" } td.n { (format!("{} ({:.3} %)", count(links.violated), links.violated_percent)) } }
                     tr { td { "Excess, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", links.mean_excess_mm, links.p95_excess_mm, links.max_excess_mm)) } }
-                    @if let Some(waves) = &report.let_go {
+                    @if let Some(waves) = &report.pruning {
                         tr { td { "Bones whose influence was pruned where it hardly weighs" } td.n { (waves.waves) " of " (waves.of) } }
                         tr { td { "Weight of one there / change of a node by all of them, at most" } td.n { (format!("{:.4} % / {:.2} mm", waves.each_percent, waves.most_mm)) } }
                     }

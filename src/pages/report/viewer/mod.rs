@@ -1,5 +1,5 @@
 //! The viewer inside the page of a run: three linked planes to scroll through, drawn by the page's
-//! own script from volumes that the page holds (docs/decisions/0042-viewer.md). Without scripts it
+//! own script from volumes that the page holds (docs/decisions/pages.md). Without scripts it
 //! stays hidden.
 
 mod data;

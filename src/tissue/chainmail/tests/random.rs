@@ -1,11 +1,11 @@
 //! Waves over scenes drawn at random: least times, packed cells, threads.
 
-use super::super::arrival::{Medium, came};
-use super::super::brick::value;
-use super::super::engine::Source;
-use super::super::front::FrontRules;
-use super::super::slabs::FirstArrivals;
-use super::super::superpose;
+use super::super::waves::front::FrontRules;
+use super::super::waves::ordered::engine::Source;
+use super::super::waves::shortest::arrival::{Medium, came};
+use super::super::waves::shortest::brick::value;
+use super::super::waves::shortest::slabs::FirstArrivals;
+use super::super::waves::superpose;
 use super::*;
 use proptest::prelude::*;
 
@@ -157,30 +157,30 @@ proptest! {
         }
     }
 
-    /// Letting waves go changes no time that counts, and the displacements by no more than the bound that is printed.
+    /// Pruning waves changes no time that counts, and the displacements by no more than the bound that is printed.
     #[test]
-    fn what_is_let_go_is_bounded(lattice in random_scene(), ratio in 1.2f64..8.0, turn in prop::array::uniform3(-2.0f64..2.0)) {
+    fn what_is_pruned_is_bounded(lattice in random_scene(), ratio in 1.2f64..8.0, turn in prop::array::uniform3(-2.0f64..2.0)) {
         let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::from(turn)), Rigid::translation(0.0, -1.0, 0.5)];
         let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
         for front in [Front::Round, Front::Rhombus] {
             let exact = ChainmailOptions { front, combination: Combination::Superposition, carry: Carry::Rigid, ..options() };
-            let pruned = ChainmailOptions { prune_ratio: ratio, ..exact.clone() };
+            let early = ChainmailOptions { prune_ratio: ratio, ..exact.clone() };
             let medium = Medium::new(&lattice, FrontRules::of(&exact));
             let first = medium.times(Source::AnyBone, None);
             let latest = medium.latest(&first, ratio);
             let mut gone = 0;
             for bone in 0..2 {
                 let (whole, part) = (medium.times(Source::Bone(bone), None), medium.times(Source::Bone(bone), Some(&latest)));
-                gone += usize::from(part.let_go);
+                gone += usize::from(part.pruned);
                 let rows = first.times.iter().zip(&whole.times).zip(&part.times);
                 for (first, (whole, part)) in rows.flat_map(|((f, w), p)| (0..8).map(|l| (f.0[l], (w.0[l], p.0[l])))) {
                     prop_assert!(part >= whole && (part == whole || f64::from(whole) > ratio * f64::from(first)), "{first} {whole} {part}");
                 }
             }
             let (u, _) = superpose::spread(&lattice, &bones, &exact);
-            let (v, let_go) = superpose::spread(&lattice, &bones, &pruned);
-            prop_assert_eq!(let_go, gone);
-            let bound = LetGo::new(let_go, &lattice, &t, &pruned);
+            let (v, pruned) = superpose::spread(&lattice, &bones, &early);
+            prop_assert_eq!(pruned, gone);
+            let bound = Pruning::new(pruned, &lattice, &t, &early);
             for (u, v) in u.iter().zip(&v) {
                 let (Some(u), Some(v)) = (u, v) else { prop_assert!(u == v); continue };
                 let apart = (0..3).map(|a| f64::from(u[a] - v[a]).powi(2)).sum::<f64>().sqrt();

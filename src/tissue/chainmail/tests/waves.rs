@@ -1,5 +1,8 @@
 //! How far waves go, and who takes what they bring.
 
+use super::super::waves::ordered::engine;
+use super::super::waves::shortest::arrival;
+use super::super::waves::{front, prolongation};
 use super::*;
 use std::sync::Arc;
 
@@ -44,7 +47,7 @@ fn coarser_elements_take_what_waves_bring_to_finer_ones() {
     let lattice = |spacing| Lattice::new(&tissue, &Material::default(), &Organs::default(), spacing);
     let fine = Arc::new(lattice(0.0));
     let displacement = spread(&fine, &bones, &ChainmailOptions { spacing_mm: 0.0, ..ChainmailOptions::default() });
-    let brought = brought::Brought { lattice: fine.clone(), displacement, let_go: None };
+    let brought = prolongation::Prolongation { lattice: fine.clone(), displacement, pruning: None };
     assert_eq!(&*brought.on(&fine, &bones), &brought.displacement);
     // Bones that move alike move everything alike.
     let coarse = lattice(1.5);

@@ -3,7 +3,7 @@
 use super::super::elements::{self, Item};
 use super::super::open;
 use crate::error::{Error, Result};
-use crate::io::checksum::read_bytes;
+use crate::io::bytes::read_bytes;
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::tags;
 use nalgebra::Matrix4;

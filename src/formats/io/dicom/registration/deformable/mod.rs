@@ -8,7 +8,7 @@ use super::{DerivedRegistration, Written, begun};
 use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
-use crate::io::checksum::{read_bytes, sha256};
+use crate::io::bytes::{read_bytes, sha256};
 use crate::io::dicom::series::Series;
 use crate::io::dicom::write::{Frames, Origin, decimals, orientation, put, references, save};
 use crate::io::{FieldFile, HeaderNotes, Loaded};

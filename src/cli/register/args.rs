@@ -1,0 +1,103 @@
+//! Options of `register`, and its help.
+
+use super::super::args::RunArgs;
+use super::super::clinic::ClinicArgs;
+use super::super::organs::OrganArgs;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+pub(in super::super) const HELP: &str = "\
+Writes to OUT:
+  planning_to_fraction.*      push field on the planning grid: planning point x goes to x + u(x)
+  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at y + v(y)
+  planning_on_fraction.nii.gz planning CT on the fraction grid, int16 HU
+  bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
+  bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
+  jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
+  body.nii.gz, computed.nii.gz, inside_planning.nii.gz
+                              masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
+  uncertainty.nii.gz          how far the result may be trusted, mm, on the planning grid
+  skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
+  regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
+  report.html, report.json, report/*.png, landmarks.csv, settings.toml
+
+Examples:
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --fraction fraction_ct.nii.gz --out out
+  aventail register --planning planning_ct.nii.gz --bones auto --fraction fraction_ct.nii.gz --out patient/monday
+                                                              # labels by TotalSegmentator, kept in patient
+  aventail register --config out/report.json --out again      # the same run once more
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
+                                                              # writes week/monday and week/friday
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw";
+
+/// Options of `register`.
+#[derive(Debug, Args)]
+pub struct RegisterArgs {
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set; or `auto`:
+    /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
+    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
+    pub bones: Option<PathBuf>,
+    /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// on planning alone is done once, and each fraction has a folder in OUT
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub fraction: Vec<PathBuf>,
+    /// Folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
+    /// a TOML file of names that are not recognised: a table `bones` with lines as "Unterkiefer" = "mandible"
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Organs and their change of volume.
+    #[command(flatten)]
+    pub organs: OrganArgs,
+    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
+    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. With several fractions one file
+    /// for each, in their order
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Vec<PathBuf>,
+    /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
+    #[arg(long, value_name = "FILE")]
+    pub bone_landmarks: Option<PathBuf>,
+    /// Rigid motion of the whole patient from planning to the fraction, near which the fit begins instead of searching: a DICOM
+    /// Spatial Registration, ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
+    #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
+    pub start: Option<PathBuf>,
+    /// Whether bone landmarks start the fit to the image or replace it
+    #[arg(long, value_enum)]
+    pub bone_landmarks_use: Option<LandmarkUseName>,
+    /// Only this part of the planning scan, with 50 mm around it: the name of a label, or a box in LPS mm. The results are
+    /// cut to it (see `region` in docs/settings.md)
+    #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
+    pub roi: Option<String>,
+    /// Refuse to begin when the run is expected to need more memory than this
+    #[arg(long, value_name = "GB")]
+    pub max_memory: Option<f64>,
+    /// Only tell what the run is expected to need, from headers and labels; with --json for schedulers. Nothing is written
+    #[arg(long)]
+    pub estimate: bool,
+    /// Settings (TOML), or the report.json of an earlier run to repeat it
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Options for planning systems.
+    #[command(flatten)]
+    pub clinic: ClinicArgs,
+    /// Options of every run.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// What bone landmarks do.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum LandmarkUseName {
+    /// They place the skeleton; the image refines it
+    Start,
+    /// They place the skeleton; the image takes no part
+    Replace,
+}

@@ -1,0 +1,302 @@
+//! `aventail register`: load, run, write.
+
+mod args;
+
+pub(super) use args::HELP;
+pub use args::{LandmarkUseName, RegisterArgs};
+
+use super::args::{PresetName, RunArgs, SpeedName};
+use super::auto::{Ask, Bones};
+use super::clinic::Clinic;
+use super::headers::{judge, within_memory};
+use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
+use super::terminal::{command_line, progress};
+use super::{run_folder, start};
+use crate::config::{Config, ConfigFile, Preset, RecordedInput};
+use crate::error::{Error, Result};
+use crate::fit::LandmarkUse;
+use crate::io::{self, RunFolder};
+use crate::pipeline::{Case, Outcome, Planning, check_fraction, register_fraction};
+use crate::progress::Progress;
+use crate::report::{self, More, Saving, planned};
+use crate::runtime::Runtime;
+use crate::volume::contour::Contours;
+use crate::volume::region::RegionOptions;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Registers the fractions that the arguments name and writes the results; returns the table (or JSON) for the terminal.
+///
+/// # Errors
+/// Of every kind; see [`Error`].
+pub fn run(args: &RegisterArgs) -> Result<String> {
+    run_shown(args, progress)
+}
+
+/// As [`run`], with another way to show progress; it is told whether to be quiet.
+pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
+    let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
+    let config = config_of(args, &file)?;
+    // What is missing is told in the order of the help.
+    either(&args.planning, "planning", &file.inputs).ok_or_else(|| missing("planning"))?;
+    let fractions = fractions(args, &file)?;
+    let mut recorded = file.inputs.clone();
+    let bones = bones_of(args, &mut recorded, &fractions)?;
+    let flags = Flags {
+        planning: &args.planning,
+        bones: &bones.file,
+        labels: &args.labels,
+        organs: &args.organs.organs,
+        skeleton: &args.skeleton,
+        // Read with their fraction.
+        landmarks: &None,
+        bone_landmarks: &args.bone_landmarks,
+        start: &args.start,
+    };
+    let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
+    let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
+    if args.estimate {
+        let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+        let threads = Runtime::new(args.run.threads, progress(true))?.threads();
+        return Estimate { memory_bytes, threads }.told(args.run.json);
+    }
+    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
+    let runtime = Runtime::new(args.run.threads, show(args.run.quiet))?;
+    let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+    within_memory(expected, args.max_memory)?;
+    for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
+        io::read_landmarks(path)?;
+    }
+    let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
+    let begin = inputs.start().zip(scans.first());
+    let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
+    let mut case = Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? };
+    case.warnings.extend(bones.warnings);
+    let mut side = PlanningSide::new(case).anonymous(args.clinic.anonymous);
+    let mut planning = None;
+    let mut texts = Vec::new();
+    let mut ahead = None;
+    for (n, one) in fractions.iter().enumerate() {
+        if planning.is_some() {
+            runtime.restart();
+        }
+        let read = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| one.read()))?;
+        side.take(read, &file.inputs);
+        check_fraction(&side.case.fraction, &config)?;
+        let planning = match &planning {
+            Some(planning) => planning,
+            None => planning.insert(Planning::new(&side.case, &config, &runtime)?),
+        };
+        if fractions.len() > 1 {
+            runtime.progress().note(&format!("fraction {}", one.name));
+        }
+        let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
+        let out = folder_of(args, &fractions, one);
+        let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
+        let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
+        // The next one is read meanwhile: disks and networks take their time.
+        let text;
+        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, outcome, &config, &out));
+        let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
+        let more = more.as_ref().map(|m| m as &More<'_>);
+        (text, ahead) = runtime.beside(
+            || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), told),
+            || fractions.get(n + 1).map(Fraction::read),
+        );
+        texts.push(text?);
+    }
+    Ok(match (texts.len(), args.run.json) {
+        (1, _) => texts.swap_remove(0),
+        (_, true) => format!("[\n{}\n]", texts.join(",\n")),
+        (_, false) => {
+            let named = fractions.iter().zip(&texts).map(|(one, text)| format!("{}\n{text}", one.name));
+            named.collect::<Vec<_>>().join("\n\n")
+        }
+    })
+}
+
+/// What a run is expected to need, for schedulers.
+#[derive(Serialize)]
+struct Estimate {
+    /// Peak resident memory, bytes.
+    memory_bytes: u64,
+    /// Threads that it will use.
+    threads: usize,
+}
+
+impl Estimate {
+    fn told(&self, json: bool) -> Result<String> {
+        if json {
+            return io::json(self);
+        }
+        Ok(format!("about {:.1} GB of memory and {} threads", self.memory_bytes as f64 / 1e9, self.threads))
+    }
+}
+
+/// The bones, by `--bones auto` once the fractions are known to be there.
+fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &[Fraction]) -> Result<Bones> {
+    let ask = Ask {
+        bones: args.bones.as_deref(),
+        labels: args.labels.as_deref(),
+        planning: either(&args.planning, "planning", recorded),
+        needed: fractions.iter().map(|one| one.file.as_path()).collect(),
+        beside: &args.out,
+        quiet: args.run.quiet,
+    };
+    Bones::of(ask, recorded, &*progress(args.run.quiet))
+}
+
+/// The folder of a fraction's results.
+fn folder_of(args: &RegisterArgs, all: &[Fraction], one: &Fraction) -> PathBuf {
+    if all.len() > 1 { args.out.join(&one.name) } else { args.out.clone() }
+}
+
+/// Takes hold of the folder of each fraction, before anything is read.
+fn hold(args: &RegisterArgs, config: &Config, inputs: &Inputs, fractions: &[Fraction]) -> Result<Vec<RunFolder>> {
+    let mut files = inputs.files();
+    files.extend(args.config.as_deref());
+    files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
+    files.extend(args.clinic.files());
+    let mut planned = planned(config);
+    planned.names.extend(args.clinic.names());
+    fractions.iter().map(|one| run_folder(&folder_of(args, fractions, one), &planned, &files)).collect()
+}
+
+/// The settings of file and flags.
+fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
+    let mut config = settings(file, &args.run)?;
+    if let Some(r#use) = args.bone_landmarks_use {
+        config.fit.bone_landmarks = match r#use {
+            LandmarkUseName::Start => LandmarkUse::Start,
+            LandmarkUseName::Replace => LandmarkUse::Replace,
+        };
+    }
+    args.organs.apply(&mut config)?;
+    if let Some(text) = &args.roi {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+        let corners = numbers.and_then(|n| <[f64; 6]>::try_from(n).ok());
+        let label = corners.is_none().then(|| text.clone());
+        config.region = RegionOptions { label, box_mm: corners, ..config.region };
+        if let Some(problem) = config.region.problem() {
+            return Err(Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1"));
+        }
+    }
+    if args.clinic.dicom && config.region.is_some() {
+        return Err(Error::usage(
+            "--dicom writes what the whole scan needs, and the settings choose a region",
+            "leave --dicom out, or remove [region] from the settings",
+        ));
+    }
+    Ok(config)
+}
+
+/// One fraction of the run.
+struct Fraction {
+    /// Its folder inside the output folder.
+    name: String,
+    file: PathBuf,
+    landmarks: Option<PathBuf>,
+}
+
+impl Fraction {
+    fn read(&self) -> Result<FractionSide> {
+        FractionSide::read(&self.file, self.landmarks.as_deref())
+    }
+}
+
+/// The fractions that the arguments name, else the one of the recorded run.
+fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
+    let files = match args.fraction.as_slice() {
+        [] => vec![either(&None, "fraction", &file.inputs).ok_or_else(|| missing("fraction"))?],
+        files => files.to_vec(),
+    };
+    let landmarks: Vec<Option<PathBuf>> = match args.landmarks.as_slice() {
+        [] if files.len() == 1 => vec![either(&None, "landmarks", &file.inputs)],
+        [] => vec![None; files.len()],
+        some if some.len() == files.len() => some.iter().cloned().map(Some).collect(),
+        some => {
+            return Err(Error::usage(
+                format!("{} files of landmarks are given for {} fractions", some.len(), files.len()),
+                "give --landmarks once for each --fraction, in their order, or not at all",
+            ));
+        }
+    };
+    if files.len() > 1 && (args.bone_landmarks.is_some() || args.start.is_some()) {
+        return Err(Error::usage(
+            "--bone-landmarks and --start belong to one fraction, and several are given",
+            "register the fractions one by one",
+        ));
+    }
+    let stem = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.split('.').next().unwrap_or_default().to_owned()
+    };
+    let mut names: Vec<String> = files.iter().map(stem).collect();
+    let distinct: BTreeSet<&String> = names.iter().collect();
+    if distinct.len() < names.len() || names.iter().any(String::is_empty) {
+        names = (1..=files.len()).map(|n| n.to_string()).collect();
+    }
+    let all = names.into_iter().zip(files).zip(landmarks);
+    Ok(all.map(|((name, file), landmarks)| Fraction { name, file, landmarks }).collect())
+}
+
+/// Takes a role out of recorded inputs.
+fn without(recorded: &mut Vec<RecordedInput>, role: &str) -> Vec<RecordedInput> {
+    recorded.retain(|i| i.role != role);
+    recorded.clone()
+}
+
+/// How a run is told.
+#[derive(Clone, Copy)]
+pub(super) struct Told<'a> {
+    /// As JSON on the terminal.
+    json: bool,
+    /// With the volumes in the page.
+    view: bool,
+    /// Structures of the planning CT, for the page.
+    contours: Option<&'a Contours>,
+}
+
+impl Told<'_> {
+    /// As the arguments say, without structures.
+    pub(super) fn of(args: &RunArgs) -> Self {
+        Self { json: args.json, view: !args.no_view, contours: None }
+    }
+}
+
+/// Writes an outcome with its report into `out`; shared with `pose` and `demo`.
+pub(super) fn write_run(
+    case: &Case,
+    mut outcome: Outcome,
+    config: &Config,
+    runtime: &Runtime,
+    (folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
+    Told { json, view, contours }: Told<'_>,
+) -> Result<String> {
+    let saving = Saving { command: &command_line(), view, contours, more };
+    let report = report::save(case, &mut outcome, config, runtime, (folder, out), saving)?;
+    if json {
+        return report.json();
+    }
+    Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))
+}
+
+/// The complete settings from file and flags.
+pub(super) fn settings(file: &ConfigFile, args: &RunArgs) -> Result<Config> {
+    let preset = args.preset.map(|p| match p {
+        PresetName::Default => Preset::Default,
+        PresetName::Thesis => Preset::Thesis,
+    });
+    let speed = args.speed.map(|s| match s {
+        SpeedName::Fast => Preset::Fast,
+        SpeedName::Balanced => Preset::Default,
+        SpeedName::Accurate => Preset::Accurate,
+    });
+    let mut config = file.resolve(preset.or(speed))?;
+    if let Some(format) = args.field_format {
+        config.output.field_format = format.into();
+    }
+    Ok(config)
+}

@@ -1,0 +1,109 @@
+//! Options of `warp`, and its help.
+
+use super::super::args::{FormatName, SpaceName, threads};
+use super::super::links::{LinkArg, frame};
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+pub(in super::super) const HELP: &str = "\
+Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
+takes its points x to x + u(x) in TO. aventail's fields carry that in their header; say it of all others:
+  ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
+Points and contours go forward; images, labels and dose are pulled back. Where the field points the other way it is inverted
+numerically and the residual printed. Several --field are a chain, in order. Outside a field points stay where they are.
+
+Examples:
+  aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json
+  aventail warp --field out/fraction_to_planning.nii.gz --from planning --to fraction --kind dose --input dose.nii.gz --out dose_day.nii.gz
+  aventail warp --field planning:fraction=elastix.mha --from planning --to fraction --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz --out organs_day.nii.gz
+  aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz --from couch --to fraction \\
+                --grid couch_ct.nii.gz --out-field all.mha        # one field for the whole chain";
+
+/// Options of `warp`.
+#[derive(Debug, Args)]
+pub struct WarpArgs {
+    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME, DICOM registrations); repeat it for a
+    /// chain
+    #[arg(long, value_name = "[FROM:TO=]FILE", required = true, value_parser = OsStringValueParser::new().try_map(LinkArg::of))]
+    pub field: Vec<LinkArg>,
+    /// Frame that the input lies in
+    #[arg(long, value_name = "FRAME", value_parser = frame)]
+    pub from: String,
+    /// Frame that the result lies in
+    #[arg(long, value_name = "FRAME", value_parser = frame)]
+    pub to: String,
+    /// What to carry: image, label map or dose (.nii.gz, .mha, .nrrd, DICOM); points (.csv, .mrk.json, .fcsv, .txt); contours
+    /// (.json, DICOM structure set); mesh (.obj, .stl)
+    #[arg(long, value_name = "FILE", requires = "out", conflicts_with = "out_field")]
+    pub input: Option<PathBuf>,
+    /// The result
+    #[arg(long, value_name = "FILE", requires = "input")]
+    pub out: Option<PathBuf>,
+    /// What the voxels of the input are; needed for volumes
+    #[arg(long, value_enum)]
+    pub kind: Option<VolumeKind>,
+    /// Any image on the grid of the result, or the folder of a DICOM series; default: the grid of a field that lies there
+    #[arg(long, value_name = "FILE")]
+    pub grid: Option<PathBuf>,
+    /// DICOM series of the scan that the result lies in: the result is DICOM of its patient, study and frame of reference.
+    /// Structures and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in the scan of --from
+    #[arg(long, value_name = "SERIES")]
+    pub dicom_like: Option<PathBuf>,
+    /// For a field as DICOM also the series of the scan that it leads to, that of --to: a Deformable Spatial Registration
+    /// names both
+    #[arg(long, value_name = "SERIES", requires = "out_field", requires = "dicom_like")]
+    pub dicom_to: Option<PathBuf>,
+    /// Between voxels of an image or dose
+    #[arg(long, value_enum)]
+    pub interpolation: Option<InterpolationName>,
+    /// Value of an image where nothing maps [default: -1000, air]
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    pub outside: Option<f32>,
+    /// Scale HU + 1000 of a CT by the tissue's volume before over after, so that no mass is made or lost: what is squeezed
+    /// gets denser. Without it a CT keeps its HU, as tissue does that merely moves or exchanges fluid
+    #[arg(long)]
+    pub scale_by_jacobian: bool,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
+    /// One matrix of several can say it as FILE#ras or FILE#lps
+    #[arg(long, value_enum)]
+    pub space: Option<SpaceName>,
+    /// Write the chain as one field that takes points of --from to --to, instead of carrying an input
+    #[arg(long, value_name = "FILE", required_unless_present = "input")]
+    pub out_field: Option<PathBuf>,
+    /// Layout of --out-field [default: by its extension]
+    #[arg(long, value_enum, requires = "out_field", conflicts_with = "dicom_like", value_name = "FORMAT")]
+    pub dvf_format: Option<FormatName>,
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
+    pub threads: usize,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// What voxels are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum VolumeKind {
+    /// CT or any scalar image
+    Image,
+    /// Label map: each label has one vote, names are kept
+    Labels,
+    /// Dose: nowhere negative, 0 outside
+    Dose,
+}
+
+/// Names of the interpolations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum InterpolationName {
+    /// Trilinear
+    Linear,
+    /// Cubic convolution
+    Cubic,
+}
