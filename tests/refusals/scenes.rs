@@ -118,19 +118,23 @@ pub const INPUTS: [Scene; 36] = [
 ];
 
 /// What the fit finds of a phantom that is nearly the same left and right.
-pub const ALIKE: [Scene; 3] = [
+pub const ALIKE: [Scene; 4] = [
     scene("as it is", |_| {}, Silent),
+    scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), SCALED),
     scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
     scene("turned by 180 degrees", |c| turn(c, 180.0), TURNED),
 ];
 
 /// What the fit finds of a real patient.
-pub const FRACTION: [Scene; 5] = [
+pub const FRACTION: [Scene; 8] = [
     scene("as it is", |_| {}, Silent),
     scene("a metre away", |c| away(c, 1000.0), Silent),
     scene("left to right", |c| c.fraction = reversed(&c.fraction, 0), TURNED),
     scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
     scene("slices 10 % too thin", |c| stretch(c, 2, 0.9), SCALED),
+    scene("slices 5 % too thin", |c| stretch(c, 2, 0.95), Warned("fraction-scaled")),
+    scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), Warned("fraction-scaled")),
+    scene("10 % too wide", |c| stretch(c, 0, 1.1), SCALED),
 ];
 
 /// Voxels in reverse order along an axis, under the same header.

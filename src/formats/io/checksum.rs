@@ -11,7 +11,7 @@ use std::path::Path;
 /// a series in it (`FOLDER#NUMBER`), it is that of the sorted SHA-256 of the files that the series is read from, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when the file is missing or unreadable, or a folder without DICOM; as for reading a series.
+/// [`Error::Read`](crate::error::Error::Read) when the file is missing or unreadable, or a folder without DICOM; as for reading a series.
 pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
     let path = path.as_ref();
     if is_folder(path) { dicom::checksum(path) } else { sha256_of(path) }
@@ -20,7 +20,7 @@ pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
 /// Whether a file, or the folder of a DICOM series, can be opened, for those that are read long after the work has begun.
 ///
 /// # Errors
-/// [`Error::Read`] when the file is missing or unreadable, or a folder without DICOM.
+/// [`Error::Read`](crate::error::Error::Read) when the file is missing or unreadable, or a folder without DICOM.
 pub fn require_file(path: impl AsRef<Path>) -> Result<()> {
     let path = path.as_ref();
     if is_folder(path) { dicom::require(path) } else { open(path).map(drop) }

@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 /// Refuses work whose results would take the place of its inputs, and inputs that are missing, before anything is read.
 ///
 /// # Errors
-/// [`Error::Read`] for an input that cannot be opened; [`Error::Input`] for a result that is an input, by whatever path.
+/// [`Error::Read`](crate::error::Error::Read) for an input that cannot be opened; [`Error::Input`](crate::error::Error::Input) for a result that is an input, by whatever path.
 pub fn check_files(inputs: &[&Path], outputs: &[PathBuf]) -> Result<()> {
     for input in inputs {
         // Opening a pipe would wait for its writer.
