@@ -22,9 +22,10 @@ const DOUBTFUL: f64 = 0.03;
 const BETTER: f64 = 0.9;
 /// A stretch is no header's doing where jointed bones are known to lie less than this share of it farther apart.
 const SHARED: f64 = 1.0 / 3.0;
-/// Distances alone, head to foot and left to right, which true pairs keep within 1.2 % whatever the bend, the breath and voxels of
-/// up to 5 mm; front to back by as much as 2.3 %, so that these only support a stretch beyond [`SUPPORTED`].
+/// Distances alone tell beyond this, head to foot and left to right: true pairs keep them within 1.2 %, whatever the bend, the
+/// breath and voxels of up to 5 mm.
 const LONG: f64 = 0.025;
+/// Front to back they are 2.3 % off, and beyond this only support a stretch beyond [`SUPPORTED`].
 const DISTANT: f64 = 0.05;
 const SUPPORTED: f64 = 0.015;
 /// Least pairs of jointed bones, and least distance of their centres along an axis, mm.
@@ -157,10 +158,8 @@ impl Scale {
             let long = a != 1 && (apart - 1.0).abs() > LONG;
             return [1.0, if supported || long { apart } else { 1.0 }];
         }
-        if a == 2 {
-            return [farther(certain, apart); 2];
-        }
-        [certain, farther(certain, apart)]
+        let likely = farther(certain, apart);
+        [if a == 2 { likely } else { certain }, likely]
     }
 
     /// What it says of the headers.
@@ -220,6 +219,7 @@ mod tests {
         let [x, _, z] = distances(&pairs);
         assert!((z.unwrap() - 0.9).abs() < 1e-12 && x.is_none(), "{x:?} {z:?}");
     }
+
     #[test]
     fn a_parabola_has_its_vertex() {
         let least: f64 = 1.013;

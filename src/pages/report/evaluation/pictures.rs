@@ -3,7 +3,7 @@
 use super::super::canvas::{Canvas, Rgb, mix};
 use super::super::chart::{COLOURS, Curve, chart};
 use super::super::colour::{BLACK, BLUE, INK, ORANGE, fuse, grey, jacobian, shaded, tone};
-use super::super::pictures::{in_the_patient, legend::sheet, residuals};
+use super::super::pictures::{LEAST_SHIFT_MM, in_the_patient, legend::sheet, residuals};
 use super::super::plane::{Plane, Region, cell_at, hu_at, nearest, planes};
 use super::{Assessed, Drawable, EvaluationPicture};
 use crate::error::{Error, Result};
@@ -116,9 +116,6 @@ pub(super) fn middle_planes(ct: &Volume<f32>) -> [Plane; 3] {
     });
     planes(&[region.grown(RIM_MM).within(scan); 3], &in_the_patient(&tissue, &middle.into(), POINTS_MM))
 }
-
-/// A shift that is smaller is not seen, mm.
-const LEAST_SHIFT_MM: f64 = 0.5;
 
 /// Before (of the first field, for all have the same), one shift alone, and after.
 fn fusions(

@@ -48,7 +48,7 @@ pub(super) fn couch(scene: &Scene<'_>) -> Option<Plate> {
 }
 
 /// A smaller shift is not seen, mm.
-const LEAST_SHIFT_MM: f64 = 0.5;
+pub(in crate::report) const LEAST_SHIFT_MM: f64 = 0.5;
 
 /// The deformed planning CT over the fraction CT.
 pub(super) fn after(scene: &Scene<'_>) -> Plate {

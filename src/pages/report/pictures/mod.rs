@@ -22,6 +22,7 @@ use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
 pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
+pub(super) use fusion::LEAST_SHIFT_MM;
 use rayon::prelude::*;
 use scene::Scene;
 pub(super) use scene::shift_before;
