@@ -5,6 +5,7 @@ use crate::field::FieldFormat;
 use crate::io::points::Space;
 use crate::runtime::MOST_THREADS;
 use clap::{Args, ValueEnum};
+use std::path::PathBuf;
 
 /// Options of every run.
 #[derive(Debug, Args, Clone)]
@@ -18,18 +19,61 @@ pub struct RunArgs {
     /// Layout of the displacement fields
     #[arg(long = "dvf-format", alias = "field-format", value_enum, value_name = "FORMAT")]
     pub field_format: Option<FormatName>,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
-    pub threads: usize,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
     /// Leave the volumes out of report.html: its pictures stay, there is nothing to scroll through, and the file is smaller
     #[arg(long)]
     pub no_view: bool,
-    /// Print the numbers of the report as JSON instead of the table
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
+}
+
+/// How many threads work.
+#[derive(Debug, Args, Clone, Copy, Default)]
+pub struct ThreadArgs {
+    /// Threads; 0 takes one per core. Results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
+    pub threads: usize,
+}
+
+/// How a result is told.
+#[derive(Debug, Args, Clone, Copy, Default)]
+pub struct JsonArgs {
+    /// Print JSON instead of the table
     #[arg(long)]
     pub json: bool,
+}
+
+/// Whether progress is shown.
+#[derive(Debug, Args, Clone, Copy, Default)]
+pub struct QuietArgs {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
+}
+
+/// Planning CT, its bones and their names.
+#[derive(Debug, Args, Clone)]
+pub struct PlanningArgs {
+    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    pub planning: Option<PathBuf>,
+    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set; or `auto`:
+    /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
+    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
+    pub bones: Option<PathBuf>,
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
+    /// a TOML file of names that are not recognised: a table `bones` with lines as "Unterkiefer" = "mandible"
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    #[arg(long, value_name = "FILE")]
+    pub skeleton: Option<PathBuf>,
 }
 
 /// Names of the presets.
@@ -101,7 +145,7 @@ impl From<FormatName> for FieldFormat {
 }
 
 /// A number of threads.
-pub(super) fn threads(text: &str) -> Result<usize, String> {
+fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n) if n <= MOST_THREADS => Ok(n),
         _ => Err(format!("give 0 to {MOST_THREADS}; 0 takes one per core")),

@@ -1,5 +1,6 @@
 //! `aventail bench`: how long the hot paths take here, beside what the memory allows.
 
+use super::args::{JsonArgs, QuietArgs, ThreadArgs};
 use super::terminal::progress;
 use crate::benchmark::{AgainstExact, BenchmarkOptions, BenchmarkReport, Distances, SceneSize, Task, run as measure};
 use crate::error::Result;
@@ -33,15 +34,15 @@ pub struct BenchArgs {
     /// Only these tasks, separated by commas
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = task)]
     pub only: Vec<Task>,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
-    /// Print JSON instead of the table
-    #[arg(long)]
-    pub json: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Sizes of the scene.
@@ -76,9 +77,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<String> {
     };
     let tasks = if args.only.is_empty() { Task::ALL.to_vec() } else { args.only.clone() };
     let options = BenchmarkOptions { size, repeat: usize::from(args.repeat), tasks };
-    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
     let report = measure(&options, &runtime)?;
-    if args.json {
+    if args.told.json {
         return report.json();
     }
     Ok(table(&report))

@@ -1,5 +1,6 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
+use super::args::{QuietArgs, ThreadArgs};
 use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
 use super::terminal::progress;
 use super::{planned, record, run_folder};
@@ -54,12 +55,12 @@ pub struct CurveArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Measures every setting and writes the curve; returns the table.
@@ -73,7 +74,7 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     let files = [&args.planning, &args.bones, &args.labels, &args.fraction, &args.landmarks, &args.plan, &args.peers];
     let files: Vec<&Path> = files.into_iter().filter_map(|p| p.as_deref()).collect();
     let mut folder = run_folder(&args.out, &planned(&["curve.json"], &["curve.md", "curve.csv", "curve.png"]), &files)?;
-    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
     let (title, case) = load(args, &runtime)?;
     let mut points = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
@@ -125,7 +126,7 @@ fn by_threads(
     let mut entries = Vec::new();
     for threads in (0..).map(|n| 1 << n).take_while(|threads| *threads < most) {
         runtime.progress().note(&format!("threads: {threads}"));
-        entries.push(entry(threads, measure(case, config, &Runtime::new(threads, progress(args.quiet))?)?));
+        entries.push(entry(threads, measure(case, config, &Runtime::new(threads, progress(args.shown.quiet))?)?));
     }
     if !entries.is_empty() {
         entries.push(entry(most, all.clone()));

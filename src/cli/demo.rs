@@ -46,7 +46,7 @@ pub fn run(args: &DemoArgs) -> Result<String> {
     let mut names = planned(&config);
     names.names.extend(FILES.map(|(name, _)| format!("{FOLDER}/{name}")));
     let mut folder = run_folder(&args.out, &names, &[])?;
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
     let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
     folder.begin()?;
     let files = FILES.map(|(name, _)| args.out.join(FOLDER).join(name));

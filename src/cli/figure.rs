@@ -1,5 +1,6 @@
 //! `aventail figure`: one plane of a finished run, for papers and slides.
 
+use super::args::QuietArgs;
 use super::finished::Finished;
 use super::terminal::progress;
 use crate::error::{Error, Result};
@@ -36,9 +37,9 @@ pub struct FigureArgs {
     /// The file: .svg or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Names of the kinds.
@@ -84,7 +85,7 @@ pub(super) fn run(args: &FigureArgs) -> Result<String> {
     Finished::only(&args.run)?;
     io::check_files(&[&args.run.join("report.json")], std::slice::from_ref(&args.out))?;
     io::check_place(&args.out)?;
-    let runtime = Runtime::new(0, progress(args.quiet))?;
+    let runtime = Runtime::new(0, progress(args.shown.quiet))?;
     let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
     let kind = match args.kind {
         FigureKindName::Fusion => FigureKind::Fusion,

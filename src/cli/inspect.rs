@@ -1,6 +1,7 @@
 //! `aventail inspect PATH...`: what files and folders of DICOM hold, whether they lie on one grid, and whether folders hold what their reports
 //! say.
 
+use super::args::JsonArgs;
 use crate::error::Result;
 use crate::io::dicom::{Summary, is_structure_set, summary};
 use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, inspect};
@@ -16,9 +17,9 @@ pub struct InspectArgs {
     /// single result the JSON beside it), whose files are checked against their reports
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
     /// Leave out the patient's name, number and date of birth in what is told of DICOM
     #[arg(long)]
     pub anonymous: bool,

@@ -81,7 +81,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Bench(args) => bench::run(args),
         Verb::Curve(args) => curve::run(args),
         Verb::Slicer(verb) => slicer::run(verb),
-        Verb::Inspect(args) => inspect::run(&args.files, args.json, args.anonymous),
+        Verb::Inspect(args) => inspect::run(&args.files, args.told.json, args.anonymous),
         Verb::Man(args) => man::run(args, Cli::command()),
         Verb::Completions { shell } => {
             let mut out = Vec::new();

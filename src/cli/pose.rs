@@ -1,6 +1,6 @@
 //! `aventail pose`: move the skeleton by hand and make the artificial CT.
 
-use super::args::RunArgs;
+use super::args::{PlanningArgs, RunArgs};
 use super::auto::{Ask, Bones};
 use super::headers::judge;
 use super::inputs::{Flags, Inputs, changed, config_file, either, named};
@@ -36,12 +36,9 @@ Examples:
 /// Options of `pose`.
 #[derive(Debug, Args)]
 pub struct PoseArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series)
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
-    pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid; a DICOM structure set; or `auto`, as in `register`
-    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
-    pub bones: Option<PathBuf>,
+    /// Planning CT, its bones and their names.
+    #[command(flatten)]
+    pub side: PlanningArgs,
     /// How the bones move.
     #[command(flatten)]
     pub motion: MotionArgs,
@@ -51,15 +48,9 @@ pub struct PoseArgs {
     /// Grow the artificial CT beyond the planning grid by this much on all sides, mm
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = parse_margin)]
     pub margin: f64,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}
-    #[arg(long, value_name = "FILE")]
-    pub labels: Option<PathBuf>,
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
-    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
-    #[arg(long, value_name = "FILE")]
-    pub skeleton: Option<PathBuf>,
     /// Landmarks known in both postures (CSV), to evaluate the result
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
@@ -102,20 +93,20 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     args.organs.apply(&mut config)?;
     let mut recorded = file.inputs.clone();
     let ask = Ask {
-        bones: args.bones.as_deref(),
-        labels: args.labels.as_deref(),
-        planning: either(&args.planning, "planning", &recorded),
+        bones: args.side.bones.as_deref(),
+        labels: args.side.labels.as_deref(),
+        planning: either(&args.side.planning, "planning", &recorded),
         needed: Vec::new(),
         beside: &args.out,
-        quiet: args.run.quiet,
+        quiet: args.run.shown.quiet,
     };
-    let bones = Bones::of(ask, &mut recorded, &*progress(args.run.quiet))?;
+    let bones = Bones::of(ask, &mut recorded, &*progress(args.run.shown.quiet))?;
     let flags = Flags {
-        planning: &args.planning,
+        planning: &args.side.planning,
         bones: &bones.file,
-        labels: &args.labels,
+        labels: &args.side.labels,
         organs: &args.organs.organs,
-        skeleton: &args.skeleton,
+        skeleton: &args.side.skeleton,
         landmarks: &args.landmarks,
         bone_landmarks: &args.motion.bone_landmarks,
         start: &None,
@@ -129,7 +120,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let more = [args.config.as_deref(), by_hand.as_deref(), transforms.as_deref()];
     let files: Vec<&Path> = inputs.files().into_iter().chain(more.into_iter().flatten()).collect();
     let folder = run_folder(&args.out, &planned(&config), &files)?;
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
     judge(inputs.planning(), inputs.bones(), &[], &config)?;
     let mut case = inputs.load(&recorded, &config, &runtime)?;
     case.warnings.extend(bones.warnings);

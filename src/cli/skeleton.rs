@@ -1,5 +1,6 @@
 //! `aventail skeleton`: build, check and show the joint tree of a label map.
 
+use super::args::JsonArgs;
 use super::auto::{Ask, Bones};
 use super::terminal::progress;
 use crate::error::{Error, Result};
@@ -35,9 +36,9 @@ pub struct SkeletonArgs {
     /// Write the skeleton as TOML, to be edited and given to `register --skeleton`
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
 }
 
 /// What the verb shows, besides what it writes.
@@ -67,9 +68,9 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
         planning: args.planning.clone(),
         needed: Vec::new(),
         beside: args.out.as_deref().unwrap_or(Path::new("skeleton")),
-        quiet: args.json,
+        quiet: args.told.json,
     };
-    let bones = Bones::of(ask, &mut Vec::new(), &*progress(args.json))?;
+    let bones = Bones::of(ask, &mut Vec::new(), &*progress(args.told.json))?;
     let file = bones.file.as_ref().unwrap_or(&args.bones);
     let files = [Some(file), args.labels.as_ref(), args.skeleton.as_ref(), args.planning.as_ref()];
     let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
@@ -81,7 +82,7 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
     // Nothing is registered yet: what would be refused then is told here.
     shown.warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&labels.value))?);
     shown.warnings.extend(levels_by_landmarks(&labels.value));
-    if args.json { shown.json() } else { Ok(shown.text()) }
+    if args.told.json { shown.json() } else { Ok(shown.text()) }
 }
 
 /// Reads the labels; a structure set is drawn on the planning CT's grid.

@@ -1,5 +1,6 @@
 //! `aventail study`: the model's stages side by side on one case, with the same bone motion; or the concept figures.
 
+use super::args::{QuietArgs, ThreadArgs};
 use super::inputs::config_file;
 use super::organs;
 use super::terminal::progress;
@@ -46,12 +47,12 @@ pub struct StudyArgs {
     /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
     #[arg(long, value_name = "FILE", requires = "case")]
     pub plan: Option<PathBuf>,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Runs every stage of the plan that is not finished yet and writes the tables, or the concept figures; returns them as
@@ -71,7 +72,7 @@ const TABLES: [&str; 3] = ["study.md", "study.csv", "study.html"];
 
 fn concept_figures(args: &StudyArgs) -> Result<String> {
     let mut folder = run_folder(&args.out, &planned(&["concepts.json"], &[]), &[])?;
-    let runtime = Runtime::new(args.threads, progress(args.quiet))?;
+    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
     let figures = runtime.stage("concept figures", || concepts::figures(runtime.progress()))?;
     folder.begin()?;
     let names = runtime.stage("write", || write_concepts(&args.out, &figures))?;
@@ -104,7 +105,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
             continue;
         }
         let label = format!("[{}/{}] {}", n + 1, stages.len(), stage.name);
-        let runtime = Runtime::new(args.threads, Box::new(Labelled { inner: progress(args.quiet), label }))?;
+        let runtime = Runtime::new(args.work.threads, Box::new(Labelled { inner: progress(args.shown.quiet), label }))?;
         let record = run_stage(&moved, config, &args.out, &stage.id, (settings, key), &runtime)?;
         records.insert(stage.id.clone(), record);
         // After every stage, so that a study that is stopped has its tables so far.

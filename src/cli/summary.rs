@@ -1,5 +1,6 @@
 //! `aventail summary`: many runs side by side.
 
+use super::args::JsonArgs;
 use super::terminal::command_line;
 use super::{planned, record, run_folder};
 use crate::error::{Error, Result};
@@ -40,9 +41,9 @@ pub struct SummaryArgs {
     /// Name patients by folders, not by what DICOM says
     #[arg(long)]
     pub anonymous: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
 }
 
 /// What is written as JSON: the cohort, and what it was made of.
@@ -90,7 +91,7 @@ pub fn run(args: &SummaryArgs) -> Result<String> {
     let written = Written { cohort: &cohort, inputs, outputs };
     io::write_json(args.out.join("summary.json"), &written)?;
     folder.finish();
-    if args.json {
+    if args.told.json {
         return io::json(&written);
     }
     Ok(format!("{}\nThe page: {}", cohort.terminal_text(), args.out.join("summary.html").display()))

@@ -1,5 +1,6 @@
 //! `aventail view`: a finished run to look through at full resolution, on this machine alone.
 
+use super::args::QuietArgs;
 use super::finished::Finished;
 use super::terminal::progress;
 use crate::error::{Error, Result};
@@ -35,9 +36,9 @@ pub struct ViewArgs {
     /// Only print the address
     #[arg(long)]
     pub no_browser: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Serves the page until the process is ended.
@@ -45,7 +46,7 @@ pub struct ViewArgs {
 /// # Errors
 /// When the run cannot be read, or no port is free.
 pub(super) fn run(args: &ViewArgs) -> Result<String> {
-    let runtime = Runtime::new(0, progress(args.quiet))?;
+    let runtime = Runtime::new(0, progress(args.shown.quiet))?;
     let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
     let contours = args.structures.as_deref().map(|path| structures(path, &case, &runtime)).transpose()?;
     let page = runtime.stage("pack the volumes", || view_page(&case, &outcome, contours.as_ref()))?;

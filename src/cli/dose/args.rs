@@ -1,6 +1,6 @@
 //! The command line of `aventail dose`.
 
-use super::super::args::DirectionName;
+use super::super::args::{DirectionName, JsonArgs, QuietArgs, ThreadArgs};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -63,12 +63,22 @@ pub struct MethodArgs {
     /// Parts of a voxel along each axis for energy-mass
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub parts: usize,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
-    pub threads: usize,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
+}
+
+impl MethodArgs {
+    /// Whether progress is hidden: beside JSON too.
+    pub(super) fn quiet(&self) -> bool {
+        self.shown.quiet || self.told.json
+    }
 }
 
 /// What the page of a carried dose shows beside it.
@@ -207,9 +217,9 @@ pub struct DvhArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
 }
 
 /// Options of `dose compare`.
@@ -236,7 +246,7 @@ pub struct CompareArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
 }

@@ -68,9 +68,9 @@ fn map(args: &MapArgs) -> Result<String> {
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
     let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).chain(args.page.files());
     let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
-    let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
+    let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.told.json)?;
     check_out(&args.out, back.like.is_some(), &files)?;
-    let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
+    let runtime = Runtime::new(args.how.work.threads, progress(args.how.quiet()))?;
     let mut ledger = Ledger::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
         let dose = read_dose(&mut ledger, &args.dose)?;
@@ -116,9 +116,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     }
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
     let files: Vec<&Path> = files.chain(args.page.files()).map(PathBuf::as_path).collect();
-    let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.json)?;
+    let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.told.json)?;
     check_out(&args.out, out.like.is_some(), &files)?;
-    let runtime = Runtime::new(args.how.threads, progress(args.how.json))?;
+    let runtime = Runtime::new(args.how.work.threads, progress(args.how.quiet()))?;
     let mut ledger = Ledger::default();
     let grid = ledger.take("grid", io::read_image(&args.grid)?);
     let to = grid.grid().clone();
@@ -317,7 +317,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     pages::write_dvh(&args.out, &doses, picture, &ledger)?;
     record::write(&folder, &args.out, "dvh_run.json", ledger.inputs)?;
     folder.finish();
-    if args.json {
+    if args.told.json {
         return io::json(&doses);
     }
     Ok(format!("{}The curves: {}", dvh_table(&doses), args.out.join("dvh.html").display()))
@@ -359,7 +359,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     });
     write_json(args.out.join("compare.json"), &json)?;
     folder.finish();
-    if args.json {
+    if args.told.json {
         return io::json(&json);
     }
     Ok(format!(

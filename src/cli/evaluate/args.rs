@@ -1,6 +1,6 @@
 //! Options of `aventail evaluate`.
 
-use super::super::args::{DirectionName, threads};
+use super::super::args::{DirectionName, JsonArgs, QuietArgs, ThreadArgs};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -76,15 +76,15 @@ pub struct EvaluateArgs {
     /// Settings (TOML), or the report.json of a run: its limits (table verdict) judge the field
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
-    pub threads: usize,
-    /// Print the numbers as JSON instead of the table
-    #[arg(long)]
-    pub json: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 impl EvaluateArgs {

@@ -3,6 +3,7 @@
 mod inputs;
 pub(super) mod merge;
 
+use super::args::JsonArgs;
 use crate::error::{Error, Result};
 use crate::io::{WriteOptions, check_files, check_place, json, read_grid, write_labels};
 use crate::warning::Warning;
@@ -58,9 +59,9 @@ pub struct MergeArgs {
     /// Names in a structure set that are not recognised (TOML): a table `bones` with lines as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
 }
 
 /// Runs a verb of `labels`.
@@ -119,7 +120,7 @@ fn merge(args: &MergeArgs) -> Result<String> {
         passed_over: &sources.passed_over,
         warnings: &warnings,
     };
-    if args.json { json(&told) } else { Ok(told.text()) }
+    if args.told.json { json(&told) } else { Ok(told.text()) }
 }
 
 /// Refuses results in formats that would lose the names.

@@ -89,7 +89,7 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
     };
     write_json(args.out.join(MANIFEST), &fitted)?;
     folder.finish();
-    if args.run.json {
+    if args.run.told.json {
         return io::json(&fitted);
     }
     let told: String = warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect();

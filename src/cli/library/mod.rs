@@ -35,7 +35,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
     if !args.fit.is_empty() {
         return fit::run(args);
     }
-    let runtime = Runtime::new(args.run.threads, progress(args.run.quiet))?;
+    let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
     let sources = Sources::load(args, &runtime)?;
     let total = sources.plan.postures.len() + args.sample.unwrap_or(0) as usize;
     if total == 0 {
@@ -60,7 +60,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         degrade: degrade.as_ref(),
         args,
         base,
-        runtime: Runtime::new(args.run.threads, Box::new(Silent))?,
+        runtime: Runtime::new(args.run.work.threads, Box::new(Silent))?,
         rejected: Vec::new(),
         draws: 0,
     };
@@ -120,7 +120,7 @@ fn finish(
     let manifest = Manifest::new(records, &posing.case().bones.names, about, more);
     write_json(out.join(MANIFEST), &manifest)?;
     folder.finish();
-    if args.run.json {
+    if args.run.told.json {
         return io::json(&manifest);
     }
     Ok(format!("{text}The page: {}", out.join(PAGE).display()))

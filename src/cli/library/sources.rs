@@ -161,9 +161,9 @@ fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>) -> Result<Bon
         planning: either(&args.planning, "planning", recorded),
         needed: [&args.plan, &args.structures, &args.dose].into_iter().flatten().map(PathBuf::as_path).collect(),
         beside: &args.out,
-        quiet: args.run.quiet,
+        quiet: args.run.shown.quiet,
     };
-    Bones::of(ask, recorded, &*progress(args.run.quiet))
+    Bones::of(ask, recorded, &*progress(args.run.shown.quiet))
 }
 
 impl Carried {

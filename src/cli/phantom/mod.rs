@@ -2,6 +2,7 @@
 
 mod dicom;
 
+use super::args::{QuietArgs, ThreadArgs};
 use super::{record, run_folder};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
@@ -68,9 +69,12 @@ pub struct PhantomArgs {
     /// Write the folder `dicom` too: CT series, structure set, dose and the true registrations
     #[arg(long, conflicts_with = "field")]
     pub dicom: bool,
-    /// Threads; 0 takes one per core
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::args::threads)]
-    pub threads: usize,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// Names of the formulas.
@@ -112,7 +116,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     let cbct_file = args.cbct.as_ref().and_then(Option::as_deref);
     let inputs: Vec<&Path> = args.pose.as_deref().into_iter().chain(cbct_file).collect();
     let mut folder = run_folder(&args.out, &planned, &inputs)?;
-    let runtime = Runtime::new(args.threads, super::terminal::progress(false))?;
+    let runtime = Runtime::new(args.work.threads, super::terminal::progress(args.shown.quiet))?;
     let text = if let Some(formula) = args.field {
         folder.begin()?;
         let object = TestObject::new(formula.into(), args.spacing.unwrap_or([2.0, 2.0, 3.0]))?;

@@ -1,6 +1,6 @@
 //! Options of `register`, and its help.
 
-use super::super::args::RunArgs;
+use super::super::args::{PlanningArgs, RunArgs};
 use super::super::clinic::ClinicArgs;
 use super::super::organs::OrganArgs;
 use clap::{Args, ValueEnum};
@@ -34,13 +34,9 @@ Examples:
 /// Options of `register`.
 #[derive(Debug, Args)]
 pub struct RegisterArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
-    pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set; or `auto`:
-    /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
-    #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
-    pub bones: Option<PathBuf>,
+    /// Planning CT, its bones and their names.
+    #[command(flatten)]
+    pub side: PlanningArgs,
     /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
@@ -48,16 +44,9 @@ pub struct RegisterArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
-    /// a TOML file of names that are not recognised: a table `bones` with lines as "Unterkiefer" = "mandible"
-    #[arg(long, value_name = "FILE")]
-    pub labels: Option<PathBuf>,
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
-    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
-    #[arg(long, value_name = "FILE")]
-    pub skeleton: Option<PathBuf>,
     /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. With several fractions one file
     /// for each, in their order
     #[arg(long, value_name = "FILE")]

@@ -39,16 +39,16 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
-    either(&args.planning, "planning", &file.inputs).ok_or_else(|| missing("planning"))?;
+    either(&args.side.planning, "planning", &file.inputs).ok_or_else(|| missing("planning"))?;
     let fractions = fractions(args, &file)?;
     let mut recorded = file.inputs.clone();
     let bones = bones_of(args, &mut recorded, &fractions)?;
     let flags = Flags {
-        planning: &args.planning,
+        planning: &args.side.planning,
         bones: &bones.file,
-        labels: &args.labels,
+        labels: &args.side.labels,
         organs: &args.organs.organs,
-        skeleton: &args.skeleton,
+        skeleton: &args.side.skeleton,
         // Read with their fraction.
         landmarks: &None,
         bone_landmarks: &args.bone_landmarks,
@@ -58,11 +58,11 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
     if args.estimate {
         let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
-        let threads = Runtime::new(args.run.threads, progress(true))?.threads();
-        return Estimate { memory_bytes, threads }.told(args.run.json);
+        let threads = Runtime::new(args.run.work.threads, progress(true))?.threads();
+        return Estimate { memory_bytes, threads }.told(args.run.told.json);
     }
     let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
-    let runtime = Runtime::new(args.run.threads, show(args.run.quiet))?;
+    let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
     let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
     runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
     within_memory(expected, args.max_memory)?;
@@ -107,7 +107,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         );
         texts.push(text?);
     }
-    Ok(match (texts.len(), args.run.json) {
+    Ok(match (texts.len(), args.run.told.json) {
         (1, _) => texts.swap_remove(0),
         (_, true) => format!("[\n{}\n]", texts.join(",\n")),
         (_, false) => {
@@ -138,14 +138,14 @@ impl Estimate {
 /// The bones, by `--bones auto` once the fractions are known to be there.
 fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &[Fraction]) -> Result<Bones> {
     let ask = Ask {
-        bones: args.bones.as_deref(),
-        labels: args.labels.as_deref(),
-        planning: either(&args.planning, "planning", recorded),
+        bones: args.side.bones.as_deref(),
+        labels: args.side.labels.as_deref(),
+        planning: either(&args.side.planning, "planning", recorded),
         needed: fractions.iter().map(|one| one.file.as_path()).collect(),
         beside: &args.out,
-        quiet: args.run.quiet,
+        quiet: args.run.shown.quiet,
     };
-    Bones::of(ask, recorded, &*progress(args.run.quiet))
+    Bones::of(ask, recorded, &*progress(args.run.shown.quiet))
 }
 
 /// The folder of a fraction's results.
@@ -262,7 +262,7 @@ pub(super) struct Told<'a> {
 impl Told<'_> {
     /// As the arguments say, without structures.
     pub(super) fn of(args: &RunArgs) -> Self {
-        Self { json: args.json, view: !args.no_view, contours: None }
+        Self { json: args.told.json, view: !args.no_view, contours: None }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What Slicer runs: a registration between its temporary files.
 
-use super::super::args::SpeedName;
+use super::super::args::{SpeedName, ThreadArgs};
 use super::super::register::{self, RegisterArgs};
 use super::describe::xml;
 use super::progress::ForSlicer;
@@ -47,8 +47,8 @@ pub struct ModuleArgs {
     landmarks: Option<PathBuf>,
     #[arg(long, value_name = "FILE", value_parser = path())]
     config: Option<PathBuf>,
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = super::super::args::threads)]
-    threads: usize,
+    #[command(flatten)]
+    work: ThreadArgs,
     /// Where Slicer would read numbers that a module returns; there are none
     #[arg(long, value_name = "FILE", value_parser = path())]
     returnparameterfile: Option<PathBuf>,
@@ -113,7 +113,12 @@ impl ModuleArgs {
             let speed = self.speed.to_possible_value();
             words.extend(["--speed".into(), speed.map_or("balanced".into(), |s| s.get_name().into())]);
         }
-        words.extend(["--threads".into(), self.threads.to_string().into(), "--out".into(), out.as_os_str().to_owned()]);
+        words.extend([
+            "--threads".into(),
+            self.work.threads.to_string().into(),
+            "--out".into(),
+            out.as_os_str().to_owned(),
+        ]);
         Ok(words)
     }
 }

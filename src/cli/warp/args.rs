@@ -1,6 +1,6 @@
 //! Options of `warp`, and its help.
 
-use super::super::args::{FormatName, SpaceName, threads};
+use super::super::args::{FormatName, JsonArgs, QuietArgs, SpaceName, ThreadArgs};
 use super::super::links::{LinkArg, frame};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -77,15 +77,15 @@ pub struct WarpArgs {
     /// Layout of --out-field [default: by its extension]
     #[arg(long, value_enum, requires = "out_field", conflicts_with = "dicom_like", value_name = "FORMAT")]
     pub dvf_format: Option<FormatName>,
-    /// Threads; 0 takes one per core. Results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
-    pub threads: usize,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
 }
 
 /// What voxels are.
