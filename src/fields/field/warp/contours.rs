@@ -10,6 +10,10 @@ use rayon::prelude::*;
 const PIXEL_MM: f64 = 1.0;
 /// Margin around the mapped polygons, mm.
 const MARGIN_MM: f64 = 4.0;
+/// How much farther samples are taken first where a structure reaches to the last, mm; then twice as much, and so on.
+const GROWTH_MM: f64 = 16.0;
+/// No farther than this, samples.
+const MOST_GROWTH: i64 = 2048;
 /// Distance to the surface within which inversions count in the report, mm.
 const NEAR_MM: f64 = 2.0;
 
@@ -61,9 +65,45 @@ pub fn resample_contours(
     (Contours { axes, structures }, ChainReport::of(&near))
 }
 
+/// Samples of a plane, counted from the middle of the grid's first voxel: what lies between them is sampled, whatever the
+/// structure, so that two ways to the same motion give the same polygons.
+#[derive(Clone, Copy)]
+struct Window {
+    low: [i64; 2],
+    high: [i64; 2],
+}
+
+impl Window {
+    fn size(&self) -> [usize; 2] {
+        [0, 1].map(|a| (self.high[a] - self.low[a]) as usize + 1)
+    }
+
+    /// Grown on the sides where samples lie inside of the solid; `None` where there are none.
+    fn grown(&self, depths: &[f64], by: i64) -> Option<Self> {
+        let [ni, nj] = self.size();
+        let inside = |n: usize| depths[n] > 0.0;
+        let sides = [
+            (0..nj).any(|j| inside(j * ni)),
+            (0..nj).any(|j| inside(j * ni + ni - 1)),
+            (0..ni).any(inside),
+            (0..ni).any(|i| inside((nj - 1) * ni + i)),
+        ];
+        let [left, right, front, back] = sides.map(|any| i64::from(any) * by);
+        sides.contains(&true).then(|| Self {
+            low: [self.low[0] - left, self.low[1] - front],
+            high: [self.high[0] + right, self.high[1] + back],
+        })
+    }
+}
+
 impl Planes<'_> {
+    /// Where the first voxel lies along the axes, mm.
+    fn origin(&self) -> Vector3<f64> {
+        self.axes.transpose() * self.grid.origin().coords
+    }
+
     /// A solid's polygons on the slices around the points `moved` (slice axes and normal, mm), and its samples near the
-    /// surface.
+    /// surface. Where it reaches farther than they tell, since some have no place in the new frame, so do the samples.
     fn cut(
         &self,
         solid: &Solid,
@@ -74,36 +114,53 @@ impl Planes<'_> {
         let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
         let [low, high] = moved.iter().fold(start, |[low, high], p| [low.inf(p), high.sup(p)]);
         let margin = Vector3::new(MARGIN_MM, MARGIN_MM, MARGIN_MM.max(spacing));
-        let (low, high) = (low - margin, high + margin);
-        let size = [0, 1].map(|a| ((high[a] - low[a]) / self.pixel).ceil() as usize + 1);
+        let (low, high, origin) = (low - margin, high + margin, self.origin());
+        let window = Window {
+            low: [0, 1].map(|a| ((low[a] - origin[a]) / self.pixel).floor() as i64),
+            high: [0, 1].map(|a| ((high[a] - origin[a]) / self.pixel).ceil() as i64),
+        };
         let height = |k: usize| self.axes.column(2).dot(&self.grid.centre([0, 0, k]).coords);
-        let slices: Vec<usize> = (0..self.grid.size()[2]).filter(|&k| (low.z..=high.z).contains(&height(k))).collect();
-        let cut: Vec<(Vec<Polygon>, Vec<Mapped>)> = slices
-            .into_par_iter()
-            .map(|k| {
-                let height = height(k);
-                let mut near = Vec::new();
-                let place = |at: [f64; 2]| [low.x + at[0] * self.pixel, low.y + at[1] * self.pixel];
-                let depths: Vec<f64> = (0..size[0] * size[1])
-                    .map(|n| {
-                        let [u, v] = place([(n % size[0]) as f64, (n / size[0]) as f64]);
-                        let mapped = back.map(&Point3::from(self.axes * Vector3::new(u, v, height)));
-                        let depth = solid.depth(&mapped.point);
-                        if depth.abs() < NEAR_MM {
-                            near.push(mapped);
-                        }
-                        depth
-                    })
-                    .collect();
-                let polygons = trace(&depths, size)
-                    .into_iter()
-                    .map(|points| Polygon { height, points: points.into_iter().map(place).collect() })
-                    .collect();
-                (polygons, near)
-            })
-            .collect();
+        let slices = 0..self.grid.size()[2];
+        let first = slices.clone().find(|&k| height(k) >= low.z).unwrap_or(slices.end);
+        let end = slices.clone().rfind(|&k| height(k) <= high.z).map_or(first, |k| k + 1).max(first);
+        let slice = |k: usize| self.slice(solid, back, window, height(k));
+        let mut cut: Vec<(Vec<Polygon>, Vec<Mapped>)> = (first..end).into_par_iter().map(slice).collect();
+        let reaches = |one: Option<&(Vec<Polygon>, Vec<Mapped>)>| one.is_some_and(|(polygons, _)| !polygons.is_empty());
+        let below = (0..first).rev().map(slice).take_while(|one| reaches(Some(one)));
+        let below: Vec<_> = if reaches(cut.first()) { below.collect() } else { Vec::new() };
+        let above = (end..slices.end).map(slice).take_while(|one| reaches(Some(one)));
+        let above: Vec<_> = if reaches(cut.last()) { above.collect() } else { Vec::new() };
+        cut.splice(0..0, below.into_iter().rev());
+        cut.extend(above);
         let (polygons, near): (Vec<_>, Vec<_>) = cut.into_iter().unzip();
         (polygons.concat(), near.concat())
+    }
+
+    /// The polygons on the plane of one slice, and the samples near the surface.
+    fn slice(&self, solid: &Solid, back: &Chain<'_>, mut window: Window, height: f64) -> (Vec<Polygon>, Vec<Mapped>) {
+        let origin = self.origin();
+        let mut grow = (GROWTH_MM / self.pixel).ceil() as i64;
+        loop {
+            let (size, low) = (window.size(), window.low.map(|l| l as f64));
+            let place = |at: [f64; 2]| [0, 1].map(|a| origin[a] + (low[a] + at[a]) * self.pixel);
+            let mut near = Vec::new();
+            let sample = |n: usize| {
+                let [u, v] = place([(n % size[0]) as f64, (n / size[0]) as f64]);
+                let mapped = back.map(&Point3::from(self.axes * Vector3::new(u, v, height)));
+                let depth = solid.depth(&mapped.point);
+                if depth.abs() < NEAR_MM {
+                    near.push(mapped);
+                }
+                depth
+            };
+            let depths: Vec<f64> = (0..size[0] * size[1]).map(sample).collect();
+            if let Some(wider) = window.grown(&depths, grow).filter(|_| grow < MOST_GROWTH) {
+                (window, grow) = (wider, 2 * grow);
+                continue;
+            }
+            let polygon = |points: Vec<[f64; 2]>| Polygon { height, points: points.into_iter().map(place).collect() };
+            return (trace(&depths, size).into_iter().map(polygon).collect(), near);
+        }
     }
 }
 
@@ -168,6 +225,25 @@ mod tests {
                     );
                 }
             }
+        }
+    }
+
+    /// What is known of where a structure goes may be a part of it: it is not cut off there.
+    #[test]
+    fn a_structure_is_shown_beyond_the_points_that_are_known_to_move() {
+        let target = Grid::axis_aligned([40, 40, 20], [1.0, 1.0, 2.0], [-17.3, -16.8, -14.0]).unwrap();
+        let planes = Planes { grid: &target, axes: Matrix3::identity(), pixel: PIXEL_MM };
+        let links = link(Motion::Rigid(Rigid::identity()));
+        let options = InvertOptions::default();
+        let back = Chain::between(&links, "b", "a", &options).unwrap();
+        let contours = ball();
+        let whole = &contours.structures[0];
+        let known = [Vector3::new(2.0, 3.0, 4.0)];
+        let (polygons, _) = planes.cut(&contours.solid(whole, 2.0), &back, &known, 2.0);
+        let found = Structure { name: String::new(), colour: None, polygons };
+        assert_eq!(found.heights(), whole.heights());
+        for h in whole.heights() {
+            assert!((found.area(h) / whole.area(h) - 1.0).abs() < 0.01, "{h}: {} {}", found.area(h), whole.area(h));
         }
     }
 
