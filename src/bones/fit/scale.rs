@@ -226,6 +226,12 @@ mod tests {
         let tried: Vec<(f64, f64)> =
             [0.9, 0.96, 1.0, 1.05, 1.1].map(|s: f64| (s, 3.0 + 7.0 * (s - least).powi(2))).to_vec();
         assert!((vertex(&tried, 2) - least).abs() < 1e-9);
+        // From the last that was tried, too.
+        let last: Vec<(f64, f64)> = [0.9, 0.96, 1.0, 1.05, 1.1].map(|s: f64| (s, (s - 1.1).abs())).to_vec();
+        assert!((vertex(&last, 4) - 1.1).abs() < 1e-12);
+        let bent: Vec<(f64, f64)> =
+            [0.8, 0.9, 1.0, 1.1, 1.2].map(|s: f64| (s, if s > 0.95 { (s - 1.18).powi(2) } else { 1.0 - s })).to_vec();
+        assert!((vertex(&bent, 4) - 1.18).abs() < 1e-9);
         // At an end it stays within what was tried; a hump gives the best that was tried.
         let falling: Vec<(f64, f64)> = [0.9, 1.0, 1.1].map(|s| (s, (s - 2.0f64).powi(2))).to_vec();
         assert!((vertex(&falling, 2) - 1.1).abs() < 1e-12);

@@ -254,3 +254,34 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, (measure, held): (Me
         contrast: [covariance, variance].map(|c| c * weight),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FREE: (Measure, Option<Held>) = (Measure::Correlation, None);
+
+    #[test]
+    fn a_perfect_match_leaves_the_least_share() {
+        // Four samples of which 2.5 are in view, planning 2 f + 5 everywhere: gain and offset explain it all.
+        let [w, f, ff] = [2.5, 40.0, 900.0];
+        let (a, fa, aa) = (2.0 * f + 5.0 * w, 2.0 * ff + 5.0 * f, 4.0 * ff + 20.0 * f + 25.0 * w);
+        let found = finish(&Sums { w, f, a, ff, fa, aa, ..Sums::zero() }, 640.0, 12.0, 4, FREE);
+        let (count, weight) = (4.0, 12.0 / 4.0);
+        assert!((found.explained - (1.0 - LEAST_SHARE)).abs() < 1e-10, "{}", found.explained);
+        let cost = 0.5 * weight * w * LEAST_SHARE.ln();
+        assert!((found.cost / cost - 1.0).abs() < 1e-6, "{} for {cost}", found.cost);
+        assert!((found.visible - w / count).abs() < 1e-12);
+        let [covariance, variance] = found.contrast;
+        assert!((variance - weight * (ff - f * f / w)).abs() < 1e-9 && (covariance / variance - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_image_without_contrast_has_no_gain() {
+        // Values of 100 with a variance that is rounding: planning's contrast stays unexplained.
+        let sums = Sums { w: 2.0, f: 200.0, a: 6.0, ff: 2e4 + 1e-3, fa: 600.0 + 1e-2, aa: 20.0, ..Sums::zero() };
+        let found = finish(&sums, 2.0, 1.0, 2, FREE);
+        assert!(found.explained.abs() < 1e-5, "{}", found.explained);
+        assert!(found.curvature.amax() < 1e-12);
+    }
+}
