@@ -314,6 +314,14 @@ cp "$here/$task.nii.gz" "$out"
         on_path(skeleton(&here, dicom_planning()), Some(&here)).assert().success();
         let all = runs(&here);
         assert!(all.len() == 3 && all[0].contains("/planning.nii.gz -o "), "{all:?}");
-        assert_eq!(kept(&here).len(), 2, "no working folder stays");
+        let files = kept(&here);
+        assert_eq!(files.len(), 2, "no working folder stays");
+        // What a killed run leaves goes with the next.
+        files.iter().for_each(|f| fs::remove_file(here.join(f)).unwrap());
+        let left = here.join(format!("{}_work/parts", files[1].trim_end_matches(".nii.gz")));
+        fs::create_dir_all(&left).unwrap();
+        fs::write(left.join("total.nii.gz"), "half").unwrap();
+        on_path(skeleton(&here, dicom_planning()), Some(&here)).assert().success();
+        assert_eq!(kept(&here), files);
     }
 }

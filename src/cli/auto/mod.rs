@@ -6,12 +6,13 @@ mod segmentator;
 
 use super::inputs::missing;
 use super::labels::merge::Merging;
+use super::terminal::command_line;
 use crate::config::RecordedInput;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io::{
-    Loaded, Stored, WriteOptions, check_files, check_place, open_folder, read_image, read_label_map, write_image,
-    write_json, write_labels,
+    Loaded, Planned, RunFolder, Stored, WriteOptions, check_files, check_place, is_lock, open_folder, read_image,
+    read_label_map, write_image, write_json, write_labels,
 };
 use crate::progress::Progress;
 use crate::skeleton::anatomy::Kind;
@@ -87,12 +88,36 @@ impl Bones {
     }
 }
 
-/// A folder that is gone when the work is done, or has failed.
-struct Work(PathBuf);
+/// A folder that this process holds, and that is gone when the work is done, or has failed.
+struct Work {
+    folder: PathBuf,
+    _held: RunFolder,
+}
+
+impl Work {
+    /// Takes hold of the folder, rid of what a killed run left there.
+    ///
+    /// # Errors
+    /// [`Error::Write`] when another process works there, or the folder cannot be written to.
+    fn open(folder: PathBuf) -> Result<Self> {
+        let planned = Planned { reports: Vec::new(), names: Vec::new() };
+        let held = RunFolder::open(&folder, &planned, &[], &command_line())?;
+        let refuse = |e: std::io::Error| Error::write(&folder, e.to_string(), "remove it by hand");
+        for entry in std::fs::read_dir(&folder).map_err(refuse)? {
+            let path = entry.map_err(refuse)?.path();
+            if path.is_dir() {
+                std::fs::remove_dir_all(&path).map_err(refuse)?;
+            } else if !is_lock(&path) {
+                std::fs::remove_file(&path).map_err(refuse)?;
+            }
+        }
+        Ok(Self { folder, _held: held })
+    }
+}
 
 impl Drop for Work {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 
@@ -103,12 +128,11 @@ fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) ->
     open_folder(folder)?;
     check_place(&place.labels)?;
     let name = place.labels.file_name().unwrap_or_default().to_string_lossy().replace(".nii.gz", "");
-    let work = Work(folder.join(format!("{name}_work_{}", std::process::id())));
-    open_folder(&work.0)?;
+    let work = Work::open(folder.join(format!("{name}_work")))?;
     progress.note(&program.told());
     let image = read_image(planning)?;
-    let ct = ct_file(planning, &image, &work.0)?;
-    let mut tasks = Tasks { program: &program, ct: &ct, work: &work.0, place, progress, commands: Vec::new() };
+    let ct = ct_file(planning, &image, &work.folder)?;
+    let mut tasks = Tasks { program: &program, ct: &ct, work: &work.folder, place, progress, commands: Vec::new() };
     let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
     let whole = tasks.run(WHOLE, &names, image.value.grid())?;
     let mut whole = whole.ok_or_else(|| place.failed("it found no bone in the planning CT"))?;

@@ -209,6 +209,11 @@ fn busy(folder: &Path, file: &mut File) -> Error {
     Error::write(folder, format!("{who} is writing its run there"), "wait until it is done, or give another --out")
 }
 
+/// Whether a file is the one by which a folder is held.
+pub fn is_lock(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == LOCK)
+}
+
 /// Who is at work in a folder, without taking it.
 pub fn at_work(folder: &Path) -> Option<String> {
     let mut file = File::open(folder.join(LOCK)).ok()?;
