@@ -25,7 +25,7 @@
 //! let outcome = register(&case, &Config::default(), &runtime)?;
 //!
 //! let push = &outcome.push.displacement; // on the planning grid, LPS mm
-//! assert_eq!(push.data().len(), case.planning.data().len());
+//! assert_eq!(push.data().len(), case.planning.ct.data().len());
 //! let landmarks = outcome.landmarks.expect("the phantom has landmarks");
 //! assert!(landmarks.after.mean < 0.4 * landmarks.before.mean);
 //! # Ok(())

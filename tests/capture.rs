@@ -6,7 +6,7 @@ use aventail::fit::{BoneSamples, FitOptions, FitResult, FitStart, fit_pose};
 use aventail::geometry::{Grid, Rigid};
 use aventail::io::pose::read_pose;
 use aventail::io::{read_image, read_labels};
-use aventail::pipeline::{BoneMotion, Case, pose, register};
+use aventail::pipeline::{BoneMotion, PlanningScan, pose, register};
 use aventail::progress::Silent;
 use aventail::runtime::Runtime;
 use aventail::skeleton::{JointPose, Pose, Skeleton};
@@ -64,10 +64,11 @@ fn a_patient_who_raised_both_arms_is_found() {
     let phantom = fine();
     let raised =
         read_pose(Path::new("data/raise_arms.toml"), &phantom.skeleton).expect("the file names the phantom's bones");
-    let case = case(&phantom.planning, &phantom.bones);
+    let scan = PlanningScan::new(phantom.planning.clone(), phantom.bones.clone());
     let runtime = Runtime::silent().expect("threads start");
     let posing = Preset::Fast.config();
-    let (case, _) = pose(case, &BoneMotion::Pose(raised), 130.0, &posing, &runtime).expect("the arms are raised");
+    let (case, _) =
+        pose(scan, (&BoneMotion::Pose(raised), Vec::new()), 130.0, &posing, &runtime).expect("the arms are raised");
     let found = register(&case, &bones_alone(), &runtime).expect("the patient is found");
     for (bone, t) in found.skeleton.bones.iter().zip(found.skeleton.transforms(&found.pose)) {
         let trunk = bone.name.starts_with("vertebrae") || bone.name == "skull" || bone.name == "mandible";
@@ -87,21 +88,6 @@ fn thinned<T: Copy + Send + Sync>(image: &Volume<T>) -> Volume<T> {
         let [i, j, k] = grid.voxel(l);
         *image.at([2 * i, 2 * j, k])
     })
-}
-
-/// A case without landmarks whose fraction is its own planning CT.
-fn case(planning: &Volume<f32>, bones: &LabelMap) -> Case {
-    Case {
-        planning: planning.clone(),
-        bones: bones.clone(),
-        fraction: planning.clone(),
-        landmarks: Vec::new(),
-        bone_landmarks: Vec::new(),
-        start: None,
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: Vec::new(),
-    }
 }
 
 /// Turns of the joints from the first thoracic vertebra up that add up to about 30 degrees, within their ranges.
@@ -156,10 +142,11 @@ fn a_neck_bent_by_thirty_degrees_is_found() {
             JointPose { rotation, translation: [0.0; 3] }
         };
         let bent = Pose { joints: skeleton.bones.iter().map(|b| of(&b.name)).collect() };
-        let case = case(&planning, &bones);
+        let scan = PlanningScan::new(planning.clone(), bones.clone());
         let posing = Preset::Fast.config();
-        let (case, _) = pose(case, &BoneMotion::Pose(bent.clone()), 60.0, &posing, &runtime).expect("the neck bends");
-        let found = fitted(&skeleton, &planning, &bones, &case.fraction);
+        let (case, _) =
+            pose(scan, (&BoneMotion::Pose(bent.clone()), Vec::new()), 60.0, &posing, &runtime).expect("the neck bends");
+        let found = fitted(&skeleton, &planning, &bones, &case.fraction.ct);
         let corners = |c: Point3<f64>| [-20.0, 20.0].map(|d| c + Vector3::repeat(d));
         for ((bone, truth), got) in skeleton.bones.iter().zip(skeleton.transforms(&bent)).zip(&found.transforms) {
             let off = corners(bone.centroid).map(|p| (truth * p - got * p).norm()).into_iter().fold(0.0, f64::max);

@@ -252,6 +252,26 @@ fn a_run_from_dicom_is_the_run_from_nifti() {
         assert!(worst < 0.01, "{}: {worst} mm", old.name);
         assert!((old.volume(9.0) / new.volume(9.0) - 1.0).abs() < 1e-3, "{}", old.name);
     }
+    // What `warp` makes of the same structures is the same file but for its names.
+    let (warped, pull) = (folder().join("warped.json"), nifti.join("fraction_to_planning.nii.gz"));
+    done(
+        &["warp", "--quiet", "--from", "planning", "--to", "fraction"],
+        &[
+            ("--field", &pull),
+            ("--input", &dicom.join("planning/RS.dcm")),
+            ("--grid", &nifti.join("planning_on_fraction.nii.gz")),
+            ("--out", &warped),
+        ],
+    );
+    let warped = read_contours(&warped).unwrap().0;
+    for old in &warped.structures {
+        let new = carried.structures.iter().find(|s| s.name == old.name).unwrap();
+        let at = |height: f64| old.polygons.iter().filter(move |p| (p.height - height).abs() < 0.01);
+        let off = |p: &Polygon, v: &[f64; 2]| at(p.height).map(|o| to_outline(*v, &o.points)).fold(f64::MAX, f64::min);
+        let worst = new.polygons.iter().flat_map(|p| p.points.iter().map(move |v| off(p, v))).fold(0.0, f64::max);
+        println!("{}: {worst} mm from warp's", old.name);
+        assert!(worst < 0.01, "{}: {worst} mm from warp's", old.name);
+    }
     let warped = folder().join("day_dose.nii.gz");
     let (plan, given) = (dicom.join("planning/RD.dcm"), day.join("dicom/RD.dcm"));
     let pull = day.join("fraction_to_planning.nii.gz");
@@ -424,6 +444,12 @@ fn a_fit_begins_where_it_is_told() {
     assert!(said.contains("start-left"), "a start 60 mm off is not told of");
     let apart = bones_apart(&searched, &found);
     assert!(apart < 0.05, "{apart} mm from where the search found them");
+    // Repeated, with the space that was given behind the name of the file.
+    let again = folder().join("far_again");
+    done(&["register", "--quiet"], &[("--config", &found.join("report.json")), ("--out", &again)]);
+    assert_eq!(bones_apart(&found, &again), 0.0);
+    let said = std::fs::read_to_string(again.join("report.json")).unwrap();
+    assert!(said.contains("start-left"), "the start of the repeated run is another");
     // It belongs to other scans.
     let strange = phantom().join("dicom/fraction_2");
     let (planning, bones) = (phantom().join("dicom/planning"), phantom().join("bones.nii.gz"));

@@ -8,7 +8,7 @@ use aventail::field::{PushField, push_point};
 use aventail::fit::DeterminedBy;
 use aventail::geometry::Grid;
 use aventail::pipeline::{Case, Outcome};
-use aventail::volume::{LabelMap, Mask, Volume};
+use aventail::volume::{Mask, Volume};
 use nalgebra::{Matrix3, Vector3};
 use std::fs;
 
@@ -90,15 +90,15 @@ fn threads_and_repetition_change_no_bit() {
 #[test]
 fn storage_order_does_not_matter() {
     let (phantom, outcome) = fine_registered();
-    let case = Case::from(phantom.clone());
+    let mut case = Case::from(phantom.clone());
     // Planning in RAS storage, the fraction in a left-handed permutation; both at once, by the
     // bounds of one.
     let (order, flip) = ([0, 1, 2], [true, true, false]);
-    let planning = restored(&case.planning, order, flip);
-    let bones = LabelMap { volume: restored(&case.bones.volume, order, flip), names: case.bones.names.clone() };
+    case.planning.ct = restored(&case.planning.ct, order, flip);
+    case.planning.bones.volume = restored(&case.planning.bones.volume, order, flip);
     let other = ([2, 0, 1], [false, false, true]);
-    let fraction = restored(&case.fraction, other.0, other.1);
-    let stored = registered(&Case { planning, bones, fraction, ..case });
+    case.fraction.ct = restored(&case.fraction.ct, other.0, other.1);
+    let stored = registered(&case);
     assert_close(outcome, &stored, ((order, flip), other));
 }
 
@@ -131,13 +131,13 @@ fn bones_apart(one: &Outcome, other: &Outcome, shift: Vector3<f64>) -> f64 {
 #[test]
 fn the_scanner_origin_only_shifts_the_result() {
     let (phantom, outcome) = fine_registered();
-    let case = Case::from(phantom.clone());
+    let mut case = Case::from(phantom.clone());
     let shift = Vector3::new(310.0, -290.0, 265.0);
     assert!(shift.norm() > 500.0);
-    let grid = case.fraction.grid();
+    let grid = case.fraction.ct.grid();
     let moved = Grid::new(grid.size(), grid.spacing(), grid.origin() + shift, *grid.direction()).unwrap();
-    let fraction = Volume::new(moved, case.fraction.data().to_vec()).unwrap();
-    let other = registered(&Case { fraction, ..case });
+    case.fraction.ct = Volume::new(moved, case.fraction.ct.data().to_vec()).unwrap();
+    let other = registered(&case);
     let bones = bones_apart(outcome, &other, shift);
     println!("origin shifted by {:.0} mm: bones {bones:.4} mm", shift.norm());
     assert!(bones <= 0.02, "{bones} mm");

@@ -86,7 +86,9 @@ fn registrations_meet_their_bounds() {
 impl Planning {
     /// With a fraction.
     fn case(&self, fraction: Volume<f32>, landmarks: Vec<Landmark>) -> Case {
-        Case { landmarks, ..Case::new(self.ct.clone(), self.bones.clone(), fraction) }
+        let mut case = Case::new(self.ct.clone(), self.bones.clone(), fraction);
+        case.fraction.landmarks = landmarks;
+        case
     }
 }
 
@@ -149,7 +151,7 @@ fn cone_beam(planning: &Planning, folder: &Path, fraction: Volume<f32>) -> (Vec<
         let index = outcome.push.displacement.grid().index(&point.at);
         let u = trilinear_vector(&outcome.push.displacement, &index).expect("truth lies on the planning grid");
         let error = (u - point.motion).norm();
-        let there = input.fraction.grid().voxel_at(&(point.at + point.motion));
+        let there = input.fraction.ct.grid().voxel_at(&(point.at + point.motion));
         if !there.is_some_and(|voxel| view.measured().is_none_or(|m| *m.at(voxel))) {
             outside.push(error);
             continue;

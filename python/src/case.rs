@@ -5,13 +5,12 @@ use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::{Grid, Rigid};
-use aventail::io::checksum::sha256_file;
 use aventail::io::dicom::{About, Role, check_frames, is_dicom_path};
 use aventail::io::{self, Loaded};
-use aventail::pipeline::InputFile;
+use aventail::pipeline::{FractionScan, InputFile, PlanningScan};
 use aventail::volume::{LabelMap, Volume};
 use aventail::warning::Warning;
-use aventail::{Case, Config, Error, Result, skeleton};
+use aventail::{Config, Error, Result, skeleton};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -25,14 +24,13 @@ pub(crate) struct Ledger {
 impl Ledger {
     fn take<T>(&mut self, role: &str, file: Loaded<T>) -> T {
         let about = About::of(&file.path);
-        self.inputs.push(InputFile { role: role.into(), path: file.path, sha256: file.sha256, about });
+        self.inputs.push(InputFile { about, ..InputFile::new(role, file.path, file.sha256) });
         self.warnings.extend(file.warnings);
         file.value
     }
 
     fn named(&mut self, role: &str, path: &Path) -> Result<()> {
-        let sha256 = sha256_file(path)?;
-        self.inputs.push(InputFile { role: role.into(), path: path.to_owned(), sha256, about: None });
+        self.inputs.push(InputFile::read(role, path)?);
         Ok(())
     }
 
@@ -141,7 +139,6 @@ pub(crate) fn points<T: for<'a, 'py> FromPyObject<'a, 'py>>(any: &Bound<'_, PyAn
 pub(crate) struct Inputs {
     planning: Given<Volume<f32>>,
     bones: Given<Volume<u16>>,
-    fraction: Option<Given<Volume<f32>>>,
     names: Option<Given<Names>>,
     landmarks: Option<Given<Points>>,
     bone_landmarks: Option<Given<BonePoints>>,
@@ -151,16 +148,10 @@ pub(crate) struct Inputs {
 
 impl Inputs {
     /// Of Python's keywords.
-    pub(crate) fn new(
-        planning: &Bound<'_, PyAny>,
-        bones: &Bound<'_, PyAny>,
-        fraction: Option<&Bound<'_, PyAny>>,
-        more: More<'_>,
-    ) -> PyResult<Self> {
+    pub(crate) fn new(planning: &Bound<'_, PyAny>, bones: &Bound<'_, PyAny>, more: More<'_>) -> PyResult<Self> {
         Ok(Self {
             planning: arrays::image(planning)?,
             bones: arrays::labels(bones)?,
-            fraction: fraction.map(arrays::image).transpose()?,
             names: more.labels.as_ref().map(arrays::names).transpose()?,
             landmarks: more.landmarks.as_ref().map(points).transpose()?,
             bone_landmarks: more.bone_landmarks.as_ref().map(points).transpose()?,
@@ -169,37 +160,56 @@ impl Inputs {
         })
     }
 
-    /// Reads the files.
-    pub(crate) fn read(self) -> Result<Case> {
+    /// Reads the files of the planning side, and what is known of it and a fraction or a posture.
+    pub(crate) fn read(self) -> Result<(PlanningScan, Marks)> {
         let mut ledger = Ledger::default();
         let planning_file = self.planning.path().map(Path::to_owned);
-        let planning = ledger.image("planning", self.planning)?;
-        let bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), planning.grid()))?;
-        let fraction = match self.fraction {
-            Some(given) => ledger.image("fraction", given)?,
-            None => Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0),
+        let ct = ledger.image("planning", self.planning)?;
+        let bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
+        let skeleton = match &self.skeleton {
+            Some(path) => {
+                ledger.named("skeleton", path)?;
+                Some(io::skeleton::load_override(path, skeleton::build(&bones)?.skeleton)?)
+            }
+            None => None,
         };
+        let Ledger { inputs, warnings } = ledger;
+        let planning = PlanningScan { ct, bones, skeleton, warnings, inputs };
+        let mut ledger = Ledger::default();
         let files = [
             ("landmarks", self.landmarks.as_ref().and_then(Given::path)),
             ("bone-landmarks", self.bone_landmarks.as_ref().and_then(Given::path)),
-            ("skeleton", self.skeleton.as_deref()),
         ];
         for (role, path) in files {
             path.map_or(Ok(()), |path| ledger.named(role, path))?;
         }
-        let skeleton = match &self.skeleton {
-            Some(path) => Some(io::skeleton::load_override(path, skeleton::build(&bones)?.skeleton)?),
-            None => None,
-        };
-        Ok(Case {
+        let marks = Marks {
             landmarks: self.landmarks.map(landmarks).transpose()?.unwrap_or_default(),
             bone_landmarks: self.bone_landmarks.map(on_bones).transpose()?.unwrap_or_default(),
             start: self.start.map(|rows| arrays::rigid("start", &rows)).transpose()?,
-            skeleton,
-            warnings: ledger.warnings,
             inputs: ledger.inputs,
-            ..Case::new(planning, bones, fraction)
-        })
+        };
+        Ok((planning, marks))
+    }
+}
+
+/// What is known of planning and a fraction or a posture, beside the scans.
+pub(crate) struct Marks {
+    pub(crate) landmarks: Vec<Landmark>,
+    pub(crate) bone_landmarks: Vec<BoneLandmark>,
+    start: Option<Rigid>,
+    /// The files behind it.
+    pub(crate) inputs: Vec<InputFile>,
+}
+
+impl Marks {
+    /// A fraction with them.
+    pub(crate) fn with(self, fraction: Given<Volume<f32>>) -> Result<FractionScan> {
+        let mut ledger = Ledger::default();
+        let ct = ledger.image("fraction", fraction)?;
+        let Self { landmarks, bone_landmarks, start, inputs } = self;
+        let inputs = [ledger.inputs, inputs].concat();
+        Ok(FractionScan { ct, landmarks, bone_landmarks, start, warnings: ledger.warnings, inputs })
     }
 }
 

@@ -1,12 +1,13 @@
 //! Registrations and poses, and what they found.
 
-use crate::arrays::{Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
+use crate::arrays::{self, Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
 use crate::case::{Inputs, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
+use aventail::fit::BoneLandmark;
 use aventail::io::RunFolder;
-use aventail::pipeline::{self, BoneMotion};
+use aventail::pipeline::{self, BoneMotion, PlanningScan};
 use aventail::report::{self, Report, Run, Saving, planned};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
@@ -119,7 +120,7 @@ impl Registration {
         self.runs.run(py, progress, move |runtime| {
             let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
             let Found { case, config, outcome } = &mut *found;
-            let inputs: Vec<_> = case.inputs.iter().map(|input| input.path.clone()).collect();
+            let inputs: Vec<_> = case.inputs().map(|input| input.path.clone()).collect();
             let inputs: Vec<_> = inputs.iter().map(PathBuf::as_path).collect();
             let command = command();
             let held = RunFolder::open(&folder, &planned(config), &inputs, &command)?;
@@ -230,10 +231,14 @@ pub(crate) fn register(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
     let config = settings.config().raised(py)?;
-    let inputs = Inputs::new(planning, bones, Some(fraction), more)?;
+    let inputs = Inputs::new(planning, bones, more)?;
+    let fraction = arrays::image(fraction)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
-        let case = runtime.stage("read", || inputs.read())?;
+        let case = runtime.stage("read", || {
+            let (planning, marks) = inputs.read()?;
+            Ok::<_, Error>(Case { planning, fraction: marks.with(fraction)? })
+        })?;
         let outcome = pipeline::register(&case, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
@@ -253,24 +258,24 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// The motion for the case, whose skeleton it fixes where it names joints.
-    fn of(self, case: &mut Case) -> Result<BoneMotion> {
+    /// The motion of a patient, whose skeleton it fixes where it names joints; by landmarks on bones where it is none of its own.
+    fn of(self, planning: &mut PlanningScan, bone_landmarks: Vec<BoneLandmark>) -> Result<BoneMotion> {
         if let Some(all) = self.transforms {
             return Ok(BoneMotion::Transforms(transforms(all)?));
         }
         if self.text.is_none() && self.file.is_none() {
-            return Ok(BoneMotion::Landmarks);
+            return Ok(BoneMotion::Landmarks(bone_landmarks));
         }
-        let skeleton = match case.skeleton.take() {
+        let skeleton = match planning.skeleton.take() {
             Some(own) => own,
-            None => skeleton::build(&case.bones)?.skeleton,
+            None => skeleton::build(&planning.bones)?.skeleton,
         };
         let pose = match (self.text, self.file) {
             (Some(text), _) => io::pose::parse_pose(&text, "pose", &skeleton)?,
             (None, Some(file)) => io::pose::read_pose(file, &skeleton)?,
             (None, None) => return Err(Error::Internal("a pose was just there".into())),
         };
-        case.skeleton = Some(skeleton);
+        planning.skeleton = Some(skeleton);
         Ok(BoneMotion::Pose(pose))
     }
 }
@@ -291,12 +296,13 @@ pub(crate) fn pose(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
     let config = settings.config().raised(py)?;
-    let inputs = Inputs::new(planning, bones, None, more)?;
+    let inputs = Inputs::new(planning, bones, more)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
-        let mut case = runtime.stage("read", || inputs.read())?;
-        let motion = motion.of(&mut case)?;
-        let (case, outcome) = pipeline::pose(case, &motion, margin_mm, &config, runtime)?;
+        let (mut planning, marks) = runtime.stage("read", || inputs.read())?;
+        planning.inputs.extend(marks.inputs);
+        let motion = motion.of(&mut planning, marks.bone_landmarks)?;
+        let (case, outcome) = pipeline::pose(planning, (&motion, marks.landmarks), margin_mm, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
     Ok(Registration::new(runs, found))

@@ -1,13 +1,13 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
 use super::args::{QuietArgs, ThreadArgs};
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
+use super::inputs::{Flags, Inputs};
 use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::config::{Config, StudyPlan};
 use crate::error::{Error, Result};
 use crate::phantom::{Phantom, PhantomOptions};
-use crate::pipeline::{Case, CurvePoint, measure, phantom_case};
+use crate::pipeline::{Case, CurvePoint, InputFile, measure, phantom_case};
 use crate::report::{CurveEntry, Peer, write_curve};
 use crate::runtime::Runtime;
 use clap::Args;
@@ -99,10 +99,10 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     }
     folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
-    let mut inputs = case.inputs.clone();
+    let mut inputs: Vec<_> = case.inputs().cloned().collect();
     for (role, path) in [("landmarks", &args.landmarks), ("plan", &args.plan), ("peers", &args.peers)] {
         let known = inputs.iter().any(|i| i.role == role);
-        inputs.extend(path.as_deref().filter(|_| !known).map(|p| record::input(role, p)).transpose()?);
+        inputs.extend(path.as_deref().filter(|_| !known).map(|p| InputFile::read(role, p)).transpose()?);
     }
     record::write(&folder, &args.out, "curve.json", inputs)?;
     folder.finish();
@@ -141,10 +141,11 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
         return Ok(("the phantom".into(), phantom_case(phantom)));
     };
     let flags = Flags { planning: &args.planning, bones: &args.bones, labels: &args.labels, ..Flags::default() };
-    let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], &Config::default(), runtime)?);
-    let read = || FractionSide::read(fraction, args.landmarks.as_deref());
-    side.take(runtime.stage("read the fraction", read)?, &[]);
-    Ok((fraction.display().to_string(), side.case))
+    let inputs = Inputs::new(&flags, &[])?;
+    let planning = inputs.load(&[], &Config::default(), runtime)?;
+    let read = || inputs.fraction((fraction, args.landmarks.as_deref()), &[]);
+    let fraction_scan = runtime.stage("read the fraction", read)?;
+    Ok((fraction.display().to_string(), Case { planning, fraction: fraction_scan }))
 }
 
 /// A row of the table of peers.

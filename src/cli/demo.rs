@@ -1,7 +1,7 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
 use super::args::RunArgs;
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide};
+use super::inputs::{Flags, Inputs};
 use super::phantom::write_landmarks;
 use super::register::{Told, settings, write_run};
 use super::run_folder;
@@ -85,8 +85,8 @@ fn write(phantom: Phantom, [planning, bones, fraction, landmarks]: &[PathBuf; 4]
 /// Reads the files as `register` does.
 fn read([planning, bones, fraction, landmarks]: [PathBuf; 4], config: &Config, runtime: &Runtime) -> Result<Case> {
     let flags = Flags { planning: &Some(planning), bones: &Some(bones), ..Flags::default() };
-    let mut side = PlanningSide::new(Inputs::new(&flags, &[])?.load(&[], config, runtime)?);
-    let scan = runtime.stage("read the fraction", || FractionSide::read(&fraction, Some(&landmarks)))?;
-    side.take(scan, &[]);
-    Ok(side.case)
+    let inputs = Inputs::new(&flags, &[])?;
+    let planning = inputs.load(&[], config, runtime)?;
+    let fraction = runtime.stage("read the fraction", || inputs.fraction((&fraction, Some(&landmarks)), &[]))?;
+    Ok(Case { planning, fraction })
 }

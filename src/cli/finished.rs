@@ -1,10 +1,10 @@
 //! A finished run as it was, out of its folder and its inputs.
 
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, other_than};
+use super::inputs::{Flags, Inputs, config_file, other_than};
 use crate::config::ConfigFile;
 use crate::error::{Error, Result};
 use crate::io::inspect::check_folder;
-use crate::pipeline::{Case, Outcome};
+use crate::pipeline::{Case, FractionScan, InputFile, Outcome, PlanningScan};
 use crate::report::{Report, cut_to, restore};
 use crate::runtime::Runtime;
 use crate::volume::LabelMap;
@@ -40,20 +40,36 @@ impl Finished {
                 "run aventail demo again, which leaves its scans beside its results",
             ));
         }
-        let case = Self::case(&file, runtime)?;
-        unchanged(&case, &file)?;
-        let mut case = Case {
-            planning: cut_to(case.planning, &report.planning_grid)?,
-            bones: LabelMap { volume: cut_to(case.bones.volume, &report.planning_grid)?, names: case.bones.names },
-            fraction: cut_to(case.fraction, &report.fraction_grid)?,
-            ..case
+        let inputs = Inputs::new(&Flags::default(), &file.inputs)?;
+        let planning = inputs.load(&file.inputs, &file.resolve(None)?, runtime)?;
+        unchanged(&planning.inputs, &file)?;
+        let fraction = Self::fraction(&inputs, &file, runtime)?;
+        let bones = planning.bones;
+        let planning = PlanningScan {
+            ct: cut_to(planning.ct, &report.planning_grid)?,
+            bones: LabelMap { volume: cut_to(bones.volume, &report.planning_grid)?, names: bones.names },
+            ..planning
         };
-        let outcome = runtime.stage("read the results", || restore(folder, &report, &case))?;
-        if case.inputs.iter().all(|input| input.role != "fraction") {
+        let outcome = runtime.stage("read the results", || restore(folder, &report, &planning))?;
+        let fraction = match fraction {
+            Some(scan) => FractionScan { ct: cut_to(scan.ct, &report.fraction_grid)?, ..scan },
             // A made posture has no fraction CT: its own artificial one takes that place.
-            case.fraction = outcome.planning_on_fraction.clone();
-        }
-        Ok(Self { case, outcome })
+            None => FractionScan::new(outcome.planning_on_fraction.clone()),
+        };
+        Ok(Self { case: Case { planning, fraction }, outcome })
+    }
+
+    /// The fraction of the run; a made posture has none.
+    fn fraction(inputs: &Inputs, file: &ConfigFile, runtime: &Runtime) -> Result<Option<FractionScan>> {
+        let Some(fraction) = file.inputs.iter().find(|i| i.role == "fraction") else {
+            unchanged(&inputs.marks()?.inputs, file)?;
+            return Ok(None);
+        };
+        let landmarks = file.inputs.iter().find(|i| i.role == "landmarks").map(|i| i.path.as_path());
+        let read = || inputs.fraction((&fraction.path, landmarks), &file.inputs);
+        let scan = runtime.stage("read the fraction", read)?;
+        unchanged(&scan.inputs, file)?;
+        Ok(Some(scan))
     }
 
     /// Refuses the folder of several fractions, naming the folder of each.
@@ -72,22 +88,11 @@ impl Finished {
         let problem = format!("it holds {} runs, one folder each", runs.len());
         Err(Error::read(folder, problem, format!("give one of them: {}", names.join(", "))))
     }
-
-    /// The inputs of the run.
-    fn case(file: &ConfigFile, runtime: &Runtime) -> Result<Case> {
-        let inputs = Inputs::new(&Flags::default(), &file.inputs)?;
-        let mut side = PlanningSide::new(inputs.load(&file.inputs, &file.resolve(None)?, runtime)?);
-        if let Some(fraction) = file.inputs.iter().find(|i| i.role == "fraction") {
-            let read = runtime.stage("read the fraction", || FractionSide::read(&fraction.path, None))?;
-            side.take(read, &file.inputs);
-        }
-        Ok(side.case)
-    }
 }
 
 /// Refuses inputs that are not those of the run.
-fn unchanged(case: &Case, file: &ConfigFile) -> Result<()> {
-    match other_than(&case.inputs, &file.inputs).next() {
+fn unchanged(inputs: &[InputFile], file: &ConfigFile) -> Result<()> {
+    match other_than(inputs, &file.inputs).next() {
         None => Ok(()),
         Some((input, _)) => {
             let problem = format!("it is not the file that the run has read as its {} (by its checksum)", input.role);

@@ -5,12 +5,12 @@ use super::{organs, start};
 use crate::config::{Config, ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
-use crate::geometry::Grid;
+use crate::fit::BoneLandmark;
 use crate::io::dicom::{About, Role, check_frames, is_dicom_path};
-use crate::io::{self, Loaded, checksum::sha256_file};
-use crate::pipeline::{Case, InputFile};
+use crate::io::{self, Loaded};
+use crate::pipeline::{FractionScan, InputFile, PlanningScan};
 use crate::runtime::Runtime;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::LabelMap;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
@@ -77,6 +77,8 @@ pub(super) fn config_file(path: &Path) -> Result<ConfigFile> {
 impl Inputs {
     pub(super) fn new(flags: &Flags<'_>, recorded: &[RecordedInput]) -> Result<Self> {
         let needed = |own: &Option<PathBuf>, role: &str| either(own, role, recorded).ok_or_else(|| missing(role));
+        let recorded_start = || recorded.iter().find(|i| i.role == "start").map(RecordedInput::given);
+        let start = flags.start.clone().or_else(recorded_start);
         Ok(Self {
             planning: needed(flags.planning, "planning")?,
             bones: needed(flags.bones, "bones")?,
@@ -85,8 +87,8 @@ impl Inputs {
             skeleton: either(flags.skeleton, "skeleton", recorded),
             landmarks: either(flags.landmarks, "landmarks", recorded),
             bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
-            start_file: either(flags.start, "start", recorded).map(|path| start::split(&path).0),
-            start: either(flags.start, "start", recorded),
+            start_file: start.as_deref().map(|path| start::split(path).0),
+            start,
         })
     }
 
@@ -126,9 +128,9 @@ impl Inputs {
         io::read_bones(&self.bones, names, &io::read_grid(&self.planning)?.0)
     }
 
-    /// Reads the files; those that a report recorded are checked against its checksums, and the settings against the labels. The case has an empty image in
-    /// place of a fraction.
-    pub(super) fn load(&self, recorded: &[RecordedInput], config: &Config, runtime: &Runtime) -> Result<Case> {
+    /// Reads the files of the planning side; those that a report recorded are checked against its checksums, and the settings
+    /// against the labels.
+    pub(super) fn load(&self, recorded: &[RecordedInput], config: &Config, runtime: &Runtime) -> Result<PlanningScan> {
         runtime.stage("read", || {
             let mut bones = self.read_bones()?;
             if let Some(path) = &self.organs {
@@ -139,41 +141,75 @@ impl Inputs {
                 bones.warnings.extend(odd);
             }
             judge_names(&bones.value, config)?;
-            let landmarks = self.landmarks.as_deref().map(io::read_landmarks).transpose()?.unwrap_or_default();
-            let bone_landmarks =
-                self.bone_landmarks.as_deref().map(io::read_bone_landmarks).transpose()?.unwrap_or_default();
             let skeleton = match &self.skeleton {
                 Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones.value)?.skeleton)?),
                 None => None,
             };
             let planning = io::read_image(&self.planning)?;
             let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
-            for (role, path) in [
-                ("labels", &self.labels),
-                ("organs", &self.organs),
-                ("skeleton", &self.skeleton),
-                ("landmarks", &self.landmarks),
-                ("bone-landmarks", &self.bone_landmarks),
-                ("start", &self.start_file),
-            ] {
-                inputs.extend(path.as_deref().map(|p| named(role, p)).transpose()?);
+            for (role, path) in [("labels", &self.labels), ("organs", &self.organs), ("skeleton", &self.skeleton)] {
+                inputs.extend(path.as_deref().map(|p| InputFile::read(role, p)).transpose()?);
             }
-            let mut warnings: Vec<Warning> = [planning.warnings, bones.warnings].concat();
-            warnings.extend(changed(&inputs, recorded));
-            let nothing = Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0);
-            Ok(Case {
-                planning: planning.value,
-                bones: bones.value,
-                fraction: nothing,
-                landmarks,
-                bone_landmarks,
-                start: None,
-                skeleton,
-                warnings,
-                inputs,
-            })
+            let found = changed(&inputs, recorded);
+            let warnings = [planning.warnings, bones.warnings, found].concat();
+            Ok(PlanningScan { ct: planning.value, bones: bones.value, skeleton, warnings, inputs })
         })
     }
+
+    /// Reads what is known of planning and a fraction, or a posture, beside the scans.
+    ///
+    /// # Errors
+    /// When a file cannot be read or used.
+    pub(super) fn marks(&self) -> Result<Marks> {
+        self.marks_of(self.landmarks.as_deref())
+    }
+
+    /// With the landmarks of one of several fractions.
+    fn marks_of(&self, landmarks: Option<&Path>) -> Result<Marks> {
+        let bones = self.bone_landmarks.as_deref();
+        let files = [("landmarks", landmarks), ("bone-landmarks", bones)];
+        let inputs = files.into_iter().filter_map(|(role, path)| Some(InputFile::read(role, path?)));
+        let start =
+            self.start.as_deref().map(start::split).map(|(file, entry)| {
+                Ok(InputFile { entry: entry.map(str::to_owned), ..InputFile::read("start", &file)? })
+            });
+        let inputs = inputs.chain(start);
+        Ok(Marks {
+            landmarks: landmarks.map(io::read_landmarks).transpose()?.unwrap_or_default(),
+            bone_landmarks: bones.map(io::read_bone_landmarks).transpose()?.unwrap_or_default(),
+            inputs: inputs.collect::<Result<_>>()?,
+        })
+    }
+
+    /// Reads a fraction with the landmarks of planning and this fraction; files that a report recorded are checked against its
+    /// checksums. The motion that its fit begins with is left to be set.
+    ///
+    /// # Errors
+    /// When a file cannot be read or used.
+    pub(super) fn fraction(
+        &self,
+        (file, landmarks): (&Path, Option<&Path>),
+        recorded: &[RecordedInput],
+    ) -> Result<FractionScan> {
+        let image = io::read_image(file)?;
+        let Marks { landmarks, bone_landmarks, inputs } = self.marks_of(landmarks)?;
+        let inputs = [vec![read("fraction", &image)], inputs].concat();
+        let warnings = [image.warnings, changed(&inputs, recorded)].concat();
+        Ok(FractionScan { ct: image.value, landmarks, bone_landmarks, start: None, warnings, inputs })
+    }
+}
+
+/// What is known of planning and a fraction, or a posture, beside the scans.
+pub(super) struct Marks {
+    pub(super) landmarks: Vec<Landmark>,
+    pub(super) bone_landmarks: Vec<BoneLandmark>,
+    /// The files behind it.
+    pub(super) inputs: Vec<InputFile>,
+}
+
+/// Leaves the patient's identity out.
+pub(super) fn without_identity(inputs: &mut [InputFile]) {
+    inputs.iter_mut().for_each(|i| i.about = i.about.take().map(About::anonymous));
 }
 
 /// That a file is missing which the task needs.
@@ -181,81 +217,18 @@ pub(super) fn missing(role: &str) -> Error {
     Error::usage(format!("no {role} file is given"), format!("add --{role} FILE; a TOML of settings names no inputs"))
 }
 
-/// The planning side of a case, to which one fraction after the other is added.
-pub(super) struct PlanningSide {
-    pub(super) case: Case,
-    warnings: Vec<Warning>,
-    inputs: Vec<InputFile>,
-    /// Whether reports leave the patient's identity out.
-    anonymous: bool,
-}
-
-impl PlanningSide {
-    /// Of a case without a fraction.
-    pub(super) fn new(case: Case) -> Self {
-        Self { warnings: case.warnings.clone(), inputs: case.inputs.clone(), anonymous: false, case }
-    }
-
-    /// With the patient's identity in reports, or without.
-    pub(super) fn anonymous(self, anonymous: bool) -> Self {
-        Self { anonymous, ..self }
-    }
-
-    /// Takes a fraction, and landmarks of planning and this fraction, in place of those before.
-    pub(super) fn take(&mut self, fraction: FractionSide, recorded: &[RecordedInput]) {
-        let found = changed(&fraction.inputs, recorded);
-        // Behind planning CT and bones.
-        self.case.inputs.clone_from(&self.inputs);
-        let at = self.case.inputs.len().min(2);
-        self.case.inputs.splice(at..at, fraction.inputs);
-        if self.anonymous {
-            self.case.inputs.iter_mut().for_each(|i| i.about = i.about.take().map(About::anonymous));
-        }
-        self.case.warnings = [self.warnings.as_slice(), &fraction.image.warnings, &found].concat();
-        self.case.fraction = fraction.image.value;
-        if let Some(landmarks) = fraction.landmarks {
-            self.case.landmarks = landmarks;
-        }
-    }
-}
-
-/// What is read for one fraction.
-pub(super) struct FractionSide {
-    image: Loaded<Volume<f32>>,
-    landmarks: Option<Vec<Landmark>>,
-    inputs: Vec<InputFile>,
-}
-
-impl FractionSide {
-    /// Reads a fraction, and landmarks of planning and this fraction.
-    ///
-    /// # Errors
-    /// When a file cannot be read or used.
-    pub(super) fn read(fraction: &Path, landmarks: Option<&Path>) -> Result<Self> {
-        let image = io::read_image(fraction)?;
-        let mut inputs = vec![read("fraction", &image)];
-        inputs.extend(landmarks.map(|path| named("landmarks", path)).transpose()?);
-        Ok(Self { image, landmarks: landmarks.map(io::read_landmarks).transpose()?, inputs })
-    }
-}
-
 fn read<T>(role: &str, file: &Loaded<T>) -> InputFile {
     let about = About::of(&file.path);
-    InputFile { role: role.into(), path: file.path.clone(), sha256: file.sha256.clone(), about }
-}
-
-/// A further input with its checksum.
-pub(super) fn named(role: &str, path: &Path) -> Result<InputFile> {
-    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)?, about: None })
+    InputFile { about, ..InputFile::new(role, file.path.clone(), file.sha256.clone()) }
 }
 
 /// The inputs that are no longer what they were when the report was made, with what it recorded.
 pub(super) fn other_than<'a>(
-    inputs: &'a [InputFile],
+    inputs: impl IntoIterator<Item = &'a InputFile>,
     recorded: &'a [RecordedInput],
 ) -> impl Iterator<Item = (&'a InputFile, &'a RecordedInput)> {
     let was = |i: &InputFile| recorded.iter().find(|r| r.role == i.role && r.sha256 != i.sha256);
-    inputs.iter().filter_map(move |i| Some((i, was(i)?)))
+    inputs.into_iter().filter_map(move |i| Some((i, was(i)?)))
 }
 
 /// A warning for each of them.

@@ -17,7 +17,7 @@ pub(super) struct Ledger {
 impl Ledger {
     /// Takes a file's value and notes the file.
     pub(super) fn take<T>(&mut self, role: &str, loaded: Loaded<T>) -> T {
-        self.inputs.push(InputFile { role: role.into(), path: loaded.path, sha256: loaded.sha256, about: None });
+        self.inputs.push(InputFile::new(role, loaded.path, loaded.sha256));
         self.warnings.extend(loaded.warnings);
         loaded.value
     }

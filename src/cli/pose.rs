@@ -3,14 +3,14 @@
 use super::args::{PlanningArgs, RunArgs};
 use super::auto::{Ask, Bones};
 use super::headers::judge;
-use super::inputs::{Flags, Inputs, changed, config_file, either, named};
+use super::inputs::{Flags, Inputs, changed, config_file, either};
 use super::organs::OrganArgs;
 use super::register::{Told, settings, write_run};
 use super::run_folder;
 use super::terminal::progress;
 use crate::error::{Error, Result};
 use crate::io;
-use crate::pipeline::{BoneMotion, pose};
+use crate::pipeline::{BoneMotion, InputFile, pose};
 use crate::report::planned;
 use crate::runtime::Runtime;
 use crate::skeleton;
@@ -122,29 +122,32 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let folder = run_folder(&args.out, &planned(&config), &files)?;
     let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
     judge(inputs.planning(), inputs.bones(), &[], &config)?;
-    let mut case = inputs.load(&recorded, &config, &runtime)?;
-    case.warnings.extend(bones.warnings);
+    let mut planning = inputs.load(&recorded, &config, &runtime)?;
+    planning.warnings.extend(bones.warnings);
+    let marks = inputs.marks()?;
     let motion = match (&by_hand, &transforms) {
         (Some(path), _) => {
             // The pose names bones and joints of the very skeleton that it is given to.
-            if case.skeleton.is_none() {
-                case.skeleton = Some(skeleton::build(&case.bones)?.skeleton);
+            if planning.skeleton.is_none() {
+                planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
             }
-            let skeleton = case.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
+            let skeleton =
+                planning.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
             BoneMotion::Pose(io::pose::read_pose(path, skeleton)?)
         }
         (None, Some(path)) => BoneMotion::Transforms(io::read_bone_transforms(path)?),
-        (None, None) if !case.bone_landmarks.is_empty() => BoneMotion::Landmarks,
+        (None, None) if !marks.bone_landmarks.is_empty() => BoneMotion::Landmarks(marks.bone_landmarks),
         (None, None) => return Err(no_motion()),
     };
+    let mut more = marks.inputs;
     for (role, path) in [("pose", &by_hand), ("transforms", &transforms)] {
         if let Some(path) = path {
-            let input = named(role, path)?;
-            case.warnings.extend(changed(std::slice::from_ref(&input), &file.inputs));
-            case.inputs.push(input);
+            more.push(InputFile::read(role, path)?);
         }
     }
-    let (case, outcome) = pose(case, &motion, args.margin, &config, &runtime)?;
+    planning.warnings.extend(changed(&more, &file.inputs));
+    planning.inputs.extend(more);
+    let (case, outcome) = pose(planning, (&motion, marks.landmarks), args.margin, &config, &runtime)?;
     write_run(&case, outcome, &config, &runtime, (folder, &args.out, None), Told::of(&args.run))
 }
 

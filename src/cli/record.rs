@@ -39,14 +39,6 @@ pub(super) fn outputs(folder: &Path, names: &[PathBuf]) -> Result<Vec<Output>> {
     names.iter().map(one).collect()
 }
 
-/// A file that was read.
-///
-/// # Errors
-/// [`crate::error::Error::Read`] when it cannot be read again.
-pub(super) fn input(role: &str, path: &Path) -> Result<InputFile> {
-    Ok(InputFile { role: role.into(), path: path.to_owned(), sha256: sha256_file(path)?, about: None })
-}
-
 /// Writes the record of a run as `name` into its folder `out`, after all other files.
 ///
 /// # Errors

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::geometry::Rigid;
 use crate::io::{self, checksum::sha256};
-use crate::pipeline::{Case, carry_again};
+use crate::pipeline::{Case, FractionScan, InputFile, PlanningScan, carry_again};
 use crate::progress::Progress;
 use crate::report::{Report, StageRecord, finished_stage, stage_files, write_concepts, write_stage, write_study};
 use crate::runtime::Runtime;
@@ -112,8 +112,8 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         write_study(&args.out, &moved.title, &plan, &records)?;
     }
     let text = write_study(&args.out, &moved.title, &plan, &records)?;
-    let mut inputs = vec![record::input("case", &case.join("report.json"))?];
-    inputs.extend(args.plan.as_deref().map(|plan| record::input("plan", plan)).transpose()?);
+    let mut inputs = vec![InputFile::read("case", &case.join("report.json"))?];
+    inputs.extend(args.plan.as_deref().map(|plan| InputFile::read("plan", plan)).transpose()?);
     record::write_of(&own, &args.out, "study.json", inputs)?;
     folder.finish();
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
@@ -176,15 +176,15 @@ impl Moved {
         Ok(Self {
             title: format!("Study of {}", folder.display()),
             case: Case {
-                planning: io::read_image(needed("planning")?)?.value,
-                bones,
-                fraction: io::read_image(fraction)?.value,
-                landmarks: file("landmarks").map(io::read_landmarks).transpose()?.unwrap_or_default(),
-                bone_landmarks: Vec::new(),
-                start: None,
-                skeleton,
-                warnings: Vec::new(),
-                inputs: report.inputs,
+                planning: PlanningScan {
+                    skeleton,
+                    inputs: report.inputs,
+                    ..PlanningScan::new(io::read_image(needed("planning")?)?.value, bones)
+                },
+                fraction: FractionScan {
+                    landmarks: file("landmarks").map(io::read_landmarks).transpose()?.unwrap_or_default(),
+                    ..FractionScan::new(io::read_image(fraction)?.value)
+                },
             },
             fit: FitResult {
                 transforms,
@@ -200,7 +200,7 @@ impl Moved {
 
     /// What a stage with these settings depends on, as a checksum.
     fn key(&self, settings: &serde_json::Value) -> String {
-        let inputs: Vec<&str> = self.case.inputs.iter().map(|i| i.sha256.as_str()).collect();
+        let inputs: Vec<&str> = self.case.inputs().map(|i| i.sha256.as_str()).collect();
         let all = serde_json::json!([env!("CARGO_PKG_VERSION"), settings, inputs, self.motion]);
         sha256(all.to_string().as_bytes())
     }

@@ -5,6 +5,7 @@ use super::terminal::command_line;
 use super::{planned, record, run_folder};
 use crate::error::{Error, Result};
 use crate::io::{self, relative_to};
+use crate::pipeline::InputFile;
 use crate::report::{Cohort, Member, Report};
 use clap::Args;
 use serde::Serialize;
@@ -85,7 +86,7 @@ pub fn run(args: &SummaryArgs) -> Result<String> {
     let cohort = Cohort::new(members, unfinished, command_line());
     folder.begin()?;
     cohort.write(&args.out)?;
-    let mut inputs = files.iter().map(|path| record::input("report", path)).collect::<Result<Vec<_>>>()?;
+    let mut inputs = files.iter().map(|path| InputFile::read("report", path)).collect::<Result<Vec<_>>>()?;
     inputs.iter_mut().for_each(|input| input.path = relative_to(&args.out, &input.path));
     let outputs = record::outputs(&args.out, &folder.written())?;
     let written = Written { cohort: &cohort, inputs, outputs };

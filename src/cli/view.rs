@@ -71,7 +71,7 @@ pub(super) fn run(args: &ViewArgs) -> Result<String> {
 
 /// Reads structures in the frame of the run's planning CT.
 fn structures(path: &Path, case: &Case, runtime: &Runtime) -> Result<Contours> {
-    if let Some(planning) = case.inputs.iter().find(|input| input.role == "planning") {
+    if let Some(planning) = case.inputs().find(|input| input.role == "planning") {
         check_frames((path, Role::Structures), (&planning.path, Role::Image))?;
     }
     let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(path)?;

@@ -38,12 +38,8 @@ fn real() -> Option<&'static Case> {
         let folder = PathBuf::from(std::env::var_os("AVENTAIL_CASES")?);
         let image = |name: &str| read_image(folder.join(name)).expect("AVENTAIL_CASES holds the CTs").value;
         let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json")));
-        Some(Case {
-            planning: image("planning_ct.nii.gz"),
-            fraction: image("moderate/fraction_ct.nii.gz"),
-            bones: bones.expect("AVENTAIL_CASES holds the bones").value,
-            ..phantom().clone()
-        })
+        let bones = bones.expect("AVENTAIL_CASES holds the bones").value;
+        Some(Case::new(image("planning_ct.nii.gz"), bones, image("moderate/fraction_ct.nii.gz")))
     });
     if case.is_none() {
         println!("AVENTAIL_CASES is not set: scenes of the real case are left out");
@@ -119,7 +115,7 @@ struct Measured {
 /// Measures a result against the phantom's truth, all of which is moved by `moved` mm.
 fn measured(case: &Case, outcome: &Outcome, moved: [f64; 3]) -> Measured {
     let (truth, push) = (neck(), &outcome.push.displacement);
-    let (grid, fraction) = (truth.body.grid(), case.fraction.grid());
+    let (grid, fraction) = (truth.body.grid(), case.fraction.ct.grid());
     let map = &outcome.uncertainty.as_ref().expect("it is asked for").0;
     let every = 7;
     let of = |n: usize| {

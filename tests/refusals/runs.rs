@@ -58,7 +58,7 @@ pub const RUNS: [Run; 8] = [
 
 /// What is left of the fraction between two heights (mm above the skull's joint), under a header that is `aside`.
 fn slab(case: &mut Case, low: f64, height: f64, aside: [f64; 3]) {
-    let grid = case.fraction.grid();
+    let grid = case.fraction.ct.grid();
     let first = grid.index(&Point3::new(0.0, 0.0, low)).z.round().max(0.0) as usize;
     let count = (height / grid.spacing()[2]).round() as usize;
     let [nx, ny, _] = grid.size();
@@ -66,9 +66,9 @@ fn slab(case: &mut Case, low: f64, height: f64, aside: [f64; 3]) {
     let thin = Grid::new([nx, ny, count], grid.spacing(), origin, *grid.direction()).expect("a legal grid");
     let part = Volume::from_fn(thin.clone(), |n| {
         let [i, j, k] = thin.voxel(n);
-        *case.fraction.at([i, j, k + first])
+        *case.fraction.ct.at([i, j, k + first])
     });
-    case.fraction = part;
+    case.fraction.ct = part;
     under(case, thin);
 }
 
@@ -85,16 +85,16 @@ fn noise(case: &mut Case, hu: f32) {
         };
         (0..12).map(|_| next()).sum::<f32>() - 6.0
     };
-    let image = &case.fraction;
-    case.fraction = Volume::from_fn(image.grid().clone(), |n| image.data()[n] + hu * at(n));
+    let image = &case.fraction.ct;
+    case.fraction.ct = Volume::from_fn(image.grid().clone(), |n| image.data()[n] + hu * at(n));
 }
 
 /// Fillings on both sides of the jaw, with streaks in their slices.
 fn metal(case: &mut Case) {
-    let image = &case.fraction;
+    let image = &case.fraction.ct;
     let grid = image.grid();
     let balls = [25.0, -25.0].map(|x| Point3::new(x, -70.0, -45.0));
-    case.fraction = Volume::from_fn(grid.clone(), |n| {
+    case.fraction.ct = Volume::from_fn(grid.clone(), |n| {
         let at = grid.centre(grid.voxel(n));
         let mut value = f64::from(image.data()[n]);
         for ball in &balls {

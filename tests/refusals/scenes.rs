@@ -67,7 +67,7 @@ pub const INPUTS: [Scene; 36] = [
                 (_, true) => n.replace("_right", "_left"),
                 _ => n.clone(),
             };
-            c.bones.names.values_mut().for_each(|n| *n = other(n));
+            c.planning.bones.names.values_mut().for_each(|n| *n = other(n));
         },
         Refused(&["labels-mirrored"]),
     ),
@@ -75,41 +75,45 @@ pub const INPUTS: [Scene; 36] = [
         "planning CT and labels mirrored alike",
         |c| {
             reverse_labels(c, 0);
-            c.planning = reversed(&c.planning, 0);
+            c.planning.ct = reversed(&c.planning.ct, 0);
         },
         Refused(&["labels-mirrored"]),
     ),
-    scene("a level without a label", |c| c.bones.names.retain(|_, n| n != "vertebrae_C4"), Warned("vertebra-missing")),
+    scene(
+        "a level without a label",
+        |c| c.planning.bones.names.retain(|_, n| n != "vertebrae_C4"),
+        Warned("vertebra-missing"),
+    ),
     scene("vertebrae named a level too low", |c| rename(c, 1), Warned("levels-shifted")),
     scene("vertebrae named a level too high", |c| rename(c, -1), Warned("levels-shifted")),
     scene("labels of another patient", |c| other_size(c, 0.85), OFF),
-    scene("labels without a voxel", |c| c.bones.volume = c.bones.volume.map(|_| 0), Exit(4)),
+    scene("labels without a voxel", |c| c.planning.bones.volume = c.planning.bones.volume.map(|_| 0), Exit(4)),
     scene("labels of one voxel each", one_voxel, Warned("small-bone")),
     scene("300 labels", |c| more_labels(c, 300), Warned("labels-ignored")),
     scene("planning and fraction swapped", swap, OFF),
-    scene("planning CT constant", |c| c.planning = c.planning.map(|_| 40.0), Exit(4)),
-    scene("fraction CT constant", |c| c.fraction = c.fraction.map(|_| 0.0), Exit(4)),
-    scene("fraction CT with NaN", |c| c.fraction.data_mut()[1000] = f32::NAN, Exit(4)),
-    scene("planning CT + 1024", |c| c.planning = c.planning.map(|v| v + 1024.0), NO_HU),
-    scene("fraction CT + 1024", |c| c.fraction = c.fraction.map(|v| v + 1024.0), NO_HU),
+    scene("planning CT constant", |c| c.planning.ct = c.planning.ct.map(|_| 40.0), Exit(4)),
+    scene("fraction CT constant", |c| c.fraction.ct = c.fraction.ct.map(|_| 0.0), Exit(4)),
+    scene("fraction CT with NaN", |c| c.fraction.ct.data_mut()[1000] = f32::NAN, Exit(4)),
+    scene("planning CT + 1024", |c| c.planning.ct = c.planning.ct.map(|v| v + 1024.0), NO_HU),
+    scene("fraction CT + 1024", |c| c.fraction.ct = c.fraction.ct.map(|v| v + 1024.0), NO_HU),
     scene(
         "both CTs + 1024",
         |c| {
-            c.planning = c.planning.map(|v| v + 1024.0);
-            c.fraction = c.fraction.map(|v| v + 1024.0);
+            c.planning.ct = c.planning.ct.map(|v| v + 1024.0);
+            c.fraction.ct = c.fraction.ct.map(|v| v + 1024.0);
         },
         NO_HU,
     ),
-    scene("fraction CT inverted", |c| c.fraction = c.fraction.map(|v| -v), NO_HU),
-    scene("fraction CT clipped at 0", |c| c.fraction = c.fraction.map(|v| v.max(0.0)), NO_HU),
+    scene("fraction CT inverted", |c| c.fraction.ct = c.fraction.ct.map(|v| -v), NO_HU),
+    scene("fraction CT clipped at 0", |c| c.fraction.ct = c.fraction.ct.map(|v| v.max(0.0)), NO_HU),
     scene(
         "a dose for the fraction CT",
-        |c| c.fraction = c.fraction.map(|v| (v + 1100.0).clamp(0.0, 2000.0) / 30.0),
+        |c| c.fraction.ct = c.fraction.ct.map(|v| (v + 1100.0).clamp(0.0, 2000.0) / 30.0),
         NO_HU,
     ),
-    scene("labels for the fraction CT", |c| c.fraction = c.bones.volume.map(|v| f32::from(*v)), NO_HU),
-    scene("fraction CT with slope 0.6", |c| c.fraction = c.fraction.map(|v| 0.6 * v), Warned("hu-doubtful")),
-    scene("planning CT with slope 0.6", |c| c.planning = c.planning.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene("labels for the fraction CT", |c| c.fraction.ct = c.planning.bones.volume.map(|v| f32::from(*v)), NO_HU),
+    scene("fraction CT with slope 0.6", |c| c.fraction.ct = c.fraction.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene("planning CT with slope 0.6", |c| c.planning.ct = c.planning.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
     scene("padding of -1024", |c| pad(c, -1024.0), Silent),
     scene("padding of -2000", |c| pad(c, -2000.0), Silent),
     scene("padding of -3024", |c| pad(c, -3024.0), Silent),
@@ -121,7 +125,7 @@ pub const INPUTS: [Scene; 36] = [
 pub const ALIKE: [Scene; 4] = [
     scene("as it is", |_| {}, Silent),
     scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), SCALED),
-    scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
+    scene("front to back", |c| c.fraction.ct = reversed(&c.fraction.ct, 1), TURNED),
     scene("turned by 180 degrees", |c| turn(c, 180.0), TURNED),
 ];
 
@@ -129,8 +133,8 @@ pub const ALIKE: [Scene; 4] = [
 pub const FRACTION: [Scene; 8] = [
     scene("as it is", |_| {}, Silent),
     scene("a metre away", |c| away(c, 1000.0), Silent),
-    scene("left to right", |c| c.fraction = reversed(&c.fraction, 0), TURNED),
-    scene("front to back", |c| c.fraction = reversed(&c.fraction, 1), TURNED),
+    scene("left to right", |c| c.fraction.ct = reversed(&c.fraction.ct, 0), TURNED),
+    scene("front to back", |c| c.fraction.ct = reversed(&c.fraction.ct, 1), TURNED),
     scene("slices 10 % too thin", |c| stretch(c, 2, 0.9), SCALED),
     scene("slices 5 % too thin", |c| stretch(c, 2, 0.95), Warned("fraction-scaled")),
     scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), Warned("fraction-scaled")),
@@ -148,7 +152,7 @@ fn reversed<T: Copy + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> 
 }
 
 fn reverse_labels(case: &mut Case, axis: usize) {
-    case.bones.volume = reversed(&case.bones.volume, axis);
+    case.planning.bones.volume = reversed(&case.planning.bones.volume, axis);
 }
 
 /// Vertebrae under the name of the level so far below; who has no such name loses his.
@@ -161,15 +165,16 @@ fn rename(case: &mut Case, by: isize) {
         Some(n) => n.checked_add_signed(by).and_then(|n| levels.get(n)).cloned(),
         None => Some(name.clone()),
     };
-    case.bones.names = case.bones.names.iter().filter_map(|(label, name)| Some((*label, renamed(name)?))).collect();
+    case.planning.bones.names =
+        case.planning.bones.names.iter().filter_map(|(label, name)| Some((*label, renamed(name)?))).collect();
 }
 
 /// Labels as a patient of another size has them, about the middle of the scan.
 fn other_size(case: &mut Case, factor: f64) {
-    let labels = &case.bones.volume;
+    let labels = &case.planning.bones.volume;
     let grid = labels.grid();
     let middle = grid.middle();
-    case.bones.volume = Volume::from_fn(grid.clone(), |n| {
+    case.planning.bones.volume = Volume::from_fn(grid.clone(), |n| {
         let from = middle + (grid.centre(grid.voxel(n)) - middle) / factor;
         grid.voxel_at(&from).map_or(0, |voxel| *labels.at(voxel))
     });
@@ -177,8 +182,8 @@ fn other_size(case: &mut Case, factor: f64) {
 
 /// Of each bone the voxel in the middle of its list.
 pub fn one_voxel(case: &mut Case) {
-    let labels = &mut case.bones.volume;
-    let all: Vec<u16> = case.bones.names.keys().copied().collect();
+    let labels = &mut case.planning.bones.volume;
+    let all: Vec<u16> = case.planning.bones.names.keys().copied().collect();
     for label in all {
         let own: Vec<usize> = labels.data().iter().enumerate().filter(|(_, l)| **l == label).map(|(n, _)| n).collect();
         let keep = own.get(own.len() / 2).copied();
@@ -188,32 +193,32 @@ pub fn one_voxel(case: &mut Case) {
 
 /// Labels that are no bones in a row of voxels, up to this number of labels.
 pub fn more_labels(case: &mut Case, count: u16) {
-    let first = case.bones.names.keys().max().map_or(1, |l| l + 1);
+    let first = case.planning.bones.names.keys().max().map_or(1, |l| l + 1);
     let free: Vec<usize> =
-        case.bones.volume.data().iter().enumerate().filter(|(_, l)| **l == 0).map(|(n, _)| n).collect();
+        case.planning.bones.volume.data().iter().enumerate().filter(|(_, l)| **l == 0).map(|(n, _)| n).collect();
     for (label, chunk) in (first..=count).zip(free.chunks(40).skip(1000)) {
-        case.bones.names.insert(label, format!("structure_{label}"));
-        chunk.iter().for_each(|&n| case.bones.volume.data_mut()[n] = label);
+        case.planning.bones.names.insert(label, format!("structure_{label}"));
+        chunk.iter().for_each(|&n| case.planning.bones.volume.data_mut()[n] = label);
     }
 }
 
 /// Either CT in the other's place, on the planning grid.
 fn swap(case: &mut Case) {
-    let grid = case.planning.grid().clone();
-    let fraction = &case.fraction;
+    let grid = case.planning.ct.grid().clone();
+    let fraction = &case.fraction.ct;
     let on = Volume::from_fn(grid.clone(), |n| {
         let index = fraction.grid().index(&grid.centre(grid.voxel(n)));
         trilinear(fraction, &index).map_or(-1000.0, |v| v as f32)
     });
-    case.fraction = std::mem::replace(&mut case.planning, on);
+    case.fraction.ct = std::mem::replace(&mut case.planning.ct, on);
 }
 
 /// Labels moved by whole voxels that come nearest to this, LPS mm.
 fn shift(case: &mut Case, mm: [f64; 3]) {
-    let labels = &case.bones.volume;
+    let labels = &case.planning.bones.volume;
     let grid = labels.grid();
     let step = grid.index(&Point3::from(grid.origin().coords + Vector3::from(mm))).map(|v| v.round() as i64);
-    case.bones.volume = Volume::from_fn(grid.clone(), |n| {
+    case.planning.bones.volume = Volume::from_fn(grid.clone(), |n| {
         let from: [i64; 3] = std::array::from_fn(|a| grid.voxel(n)[a] as i64 - step[a]);
         let inside = (0..3).all(|a| from[a] >= 0 && from[a] < grid.size()[a] as i64);
         if inside { *labels.at(from.map(|v| v as usize)) } else { 0 }
@@ -232,17 +237,17 @@ fn pad(case: &mut Case, value: f32) {
             if 6 * i > 5 * size[0] || 6 * i < size[0] { all.data()[n] } else { image.data()[n] }
         })
     };
-    case.planning = part(&case.planning);
-    case.fraction = part(&case.fraction);
+    case.planning.ct = part(&case.planning.ct);
+    case.fraction.ct = part(&case.fraction.ct);
 }
 
 /// The fraction under another header.
 pub fn under(case: &mut Case, grid: Grid) {
-    case.fraction = Volume::new(grid, case.fraction.data().to_vec()).expect("as many voxels");
+    case.fraction.ct = Volume::new(grid, case.fraction.ct.data().to_vec()).expect("as many voxels");
 }
 
 fn stretch(case: &mut Case, axis: usize, factor: f64) {
-    let grid = case.fraction.grid();
+    let grid = case.fraction.ct.grid();
     let mut spacing = grid.spacing();
     spacing[axis] *= factor;
     let grid = Grid::new(grid.size(), spacing, grid.origin(), *grid.direction()).expect("a legal grid");
@@ -250,7 +255,7 @@ fn stretch(case: &mut Case, axis: usize, factor: f64) {
 }
 
 fn away(case: &mut Case, mm: f64) {
-    let grid = case.fraction.grid();
+    let grid = case.fraction.ct.grid();
     let origin = grid.origin() + Vector3::new(mm, -0.3 * mm, 0.2 * mm);
     let grid = Grid::new(grid.size(), grid.spacing(), origin, *grid.direction()).expect("a legal grid");
     under(case, grid);
@@ -258,7 +263,7 @@ fn away(case: &mut Case, mm: f64) {
 
 /// Turned about the long axis through its middle.
 fn turn(case: &mut Case, degrees: f64) {
-    let grid = case.fraction.grid();
+    let grid = case.fraction.ct.grid();
     let q = Rotation3::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
     let middle = grid.middle();
     let origin = middle + q * (grid.origin() - middle);

@@ -1,11 +1,11 @@
 //! The structures whose dose is counted.
 
 use super::super::ledger::Ledger;
-use super::super::record;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;
 use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::{self, ContourFile};
+use crate::pipeline::InputFile;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -33,7 +33,7 @@ impl Structures {
         }
         near.iter().try_for_each(|other| check_frames((path, Role::Structures), *other))?;
         let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(path)?;
-        ledger.inputs.push(record::input("structures", &path)?);
+        ledger.inputs.push(InputFile::read("structures", &path)?);
         ledger.warnings.extend(warnings);
         ledger.warnings.extend(contours.tidy());
         Ok(Self::Contours(contours))

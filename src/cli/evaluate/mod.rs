@@ -169,7 +169,7 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
     if let Some(path) = &args.landmarks {
         let sha256 = io::checksum::sha256_file(path)?;
-        ledger.inputs.push(InputFile { role: "landmarks".into(), path: path.clone(), sha256, about: None });
+        ledger.inputs.push(InputFile::new("landmarks", path.clone(), sha256));
     }
     let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
     let triangle = None;

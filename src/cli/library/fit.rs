@@ -72,7 +72,7 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
         "The couch's shift is not the fractions': theirs holds differences of scanner origins.".into(),
     ];
     write_postures(args.out.join(PLAN), &skeleton, &plan(&skeleton, &found), &head)?;
-    let inputs = files.iter().map(|path| record::input("fit", path));
+    let inputs = files.iter().map(|path| InputFile::read("fit", path));
     let inputs = inputs.map(|i| i.map(|i| InputFile { path: relative_to(&args.out, &i.path), ..i }));
     let share = |(mode, share): (&'_ Mode, &f64)| (mode.name.clone(), *share);
     let shares: Vec<(String, f64)> = found.modes.iter().zip(&found.explained).map(share).collect();

@@ -49,8 +49,8 @@ struct Wanted {
 impl Maker<'_> {
     /// The patient, for pictures.
     pub(super) fn patient(&self) -> Result<Mask> {
-        let case = self.posing.case();
-        self.runtime.stage("find the patient", || body::find(&case.planning, Some(&case.bones), &self.config.body))
+        let scan = self.posing.planning();
+        self.runtime.stage("find the patient", || body::find(&scan.ct, Some(&scan.bones), &self.config.body))
     }
 
     /// Posture `n` of the library: the plan's own come first, then those that are drawn.
@@ -125,7 +125,7 @@ impl Maker<'_> {
         let mut config = self.config.clone();
         config.chainmail.volume_change.clone_from(&wanted.changes);
         let motion = BoneMotion::Pose(wanted.pose.clone());
-        let outcome = self.posing.posed(&motion, &config, &self.runtime)?;
+        let outcome = self.posing.posed((&motion, &[]), &config, &self.runtime)?;
         let why = self.posing.why_implausible(&outcome, &self.plan.limits);
         let mut record = PostureRecord::new(name, &outcome, why);
         (record.chosen, record.draw, record.held) = (wanted.chosen.clone(), wanted.draw, wanted.held);

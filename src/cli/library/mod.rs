@@ -50,8 +50,8 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
     // What an earlier run with the same settings has made is looked at again when its turn comes.
     let kept: Vec<&String> = names.iter().filter(|name| started(&args.out, name, &base)).collect();
     folder.go_on(|file| kept.iter().any(|name| file.starts_with(name)))?;
-    let Sources { case, plan, config, carried, degrade, inputs, .. } = sources;
-    let posing = Posing::new(case, args.margin, &config, &runtime)?;
+    let Sources { planning, plan, config, carried, degrade, inputs, .. } = sources;
+    let posing = Posing::new(planning, args.margin, &config, &runtime)?;
     let mut maker = Maker {
         posing: &posing,
         plan: &plan,
@@ -65,7 +65,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         draws: 0,
     };
     let body = maker.patient()?;
-    let mut gallery = Gallery::new((&posing.case().planning, &posing.case().bones), &body, posing.skeleton(), total);
+    let mut gallery = Gallery::new((&posing.planning().ct, &posing.planning().bones), &body, posing.skeleton(), total);
     let mut records = Vec::new();
     for (n, name) in names.iter().enumerate() {
         let made = maker.posture(n, name, &mut gallery);
@@ -117,7 +117,7 @@ fn finish(
     more.push(OutputFile::written(out, PLAN, "the plan in full, for --plan")?);
     more.push(OutputFile::written(out, PAGE, "the spread of the library as a page")?);
     let text = table(records, &about.rejected) + &told(&about.warnings);
-    let manifest = Manifest::new(records, &posing.case().bones.names, about, more);
+    let manifest = Manifest::new(records, &posing.planning().bones.names, about, more);
     write_json(out.join(MANIFEST), &manifest)?;
     folder.finish();
     if args.run.told.json {

@@ -2,7 +2,7 @@
 
 use super::super::auto::{Ask, Bones};
 use super::super::headers::judge;
-use super::super::inputs::{Flags, Inputs, changed, config_file, either, named};
+use super::super::inputs::{Flags, Inputs, changed, config_file, either};
 use super::super::phantom::cbct_options;
 use super::super::register::settings;
 use super::super::terminal::progress;
@@ -16,7 +16,7 @@ use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::postures::read_postures;
 use crate::io::{self, ContourFile};
 use crate::phantom::CbctOptions;
-use crate::pipeline::{Case, InputFile};
+use crate::pipeline::{InputFile, PlanningScan};
 use crate::postures::{PosturePlan, VolumeRange};
 use crate::runtime::Runtime;
 use crate::skeleton;
@@ -35,7 +35,7 @@ pub(super) struct Carried {
 
 /// Everything that was read.
 pub(super) struct Sources {
-    pub(super) case: Case,
+    pub(super) planning: PlanningScan,
     pub(super) plan: PosturePlan,
     /// With organs that change named, so that wrong names are refused.
     pub(super) config: Config,
@@ -76,12 +76,12 @@ impl Sources {
             (None, Some(noise_hu)) => Some(CbctOptions { noise_hu, ..CbctOptions::off() }),
             (None, None) => None,
         };
-        let mut case = inputs.load(&recorded, &config, runtime)?;
-        case.warnings.extend(bones.warnings);
-        if case.skeleton.is_none() {
-            case.skeleton = Some(skeleton::build(&case.bones)?.skeleton);
+        let mut planning = inputs.load(&recorded, &config, runtime)?;
+        planning.warnings.extend(bones.warnings);
+        if planning.skeleton.is_none() {
+            planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
         }
-        let skeleton = case.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
+        let skeleton = planning.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
         let own = |flag: &Option<PathBuf>, role: &str| either(flag, role, &file.inputs);
         let (plan_file, structures, dose) =
             (own(&args.plan, "plan"), own(&args.structures, "structures"), own(&args.dose, "dose"));
@@ -108,7 +108,7 @@ impl Sources {
             return Err(Error::usage(problem, "correct the settings, or what the volumes ask of them"));
         }
         let carried = Carried::read(structures.as_deref(), dose.as_deref(), inputs.planning())?;
-        let mut all = case.inputs.clone();
+        let mut all = planning.inputs.clone();
         let cbct = args.cbct.as_ref().and_then(Option::as_deref);
         let more = [
             ("plan", plan_file.as_deref()),
@@ -117,11 +117,11 @@ impl Sources {
             ("cbct", cbct),
         ];
         for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
-            let input = named(role, path)?;
-            case.warnings.extend(changed(std::slice::from_ref(&input), &file.inputs));
+            let input = InputFile::read(role, path)?;
+            planning.warnings.extend(changed(std::slice::from_ref(&input), &file.inputs));
             all.push(input);
         }
-        Ok(Self { case, plan, config, carried, degrade, inputs: all })
+        Ok(Self { planning, plan, config, carried, degrade, inputs: all })
     }
 
     /// The files, none of which may be overwritten.

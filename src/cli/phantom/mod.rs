@@ -13,6 +13,7 @@ use crate::io::{self, Planned, RunFolder, Stored, WriteOptions};
 use crate::phantom::{
     Breathing, BreathingOptions, CbctOptions, Formula, Phantom, PhantomOptions, Posture, TestObject, degrade,
 };
+use crate::pipeline::InputFile;
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
 use crate::volume::{LabelMap, Volume};
@@ -129,7 +130,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
         patient(args, options, cbct.as_ref(), &mut folder, &runtime)?
     };
     let read = [("pose", args.pose.as_deref()), ("cbct", cbct_file)];
-    let read = read.into_iter().filter_map(|(role, path)| Some(record::input(role, path?)));
+    let read = read.into_iter().filter_map(|(role, path)| Some(InputFile::read(role, path?)));
     record::write(&folder, &args.out, RECORD, read.collect::<Result<_>>()?)?;
     folder.finish();
     Ok(text)

@@ -9,14 +9,14 @@ use super::args::{PresetName, RunArgs, SpeedName};
 use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
-use super::inputs::{Flags, FractionSide, Inputs, PlanningSide, config_file, either, missing};
+use super::inputs::{Flags, Inputs, config_file, either, missing, without_identity};
 use super::terminal::{command_line, progress};
 use super::{run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, Outcome, Planning, check_fraction, register_fraction};
+use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
 use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
@@ -72,9 +72,19 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
-    let mut case = Case { start: begin, ..inputs.load(&recorded, &config, &runtime)? };
-    case.warnings.extend(bones.warnings);
-    let mut side = PlanningSide::new(case).anonymous(args.clinic.anonymous);
+    let mut scan = inputs.load(&recorded, &config, &runtime)?;
+    scan.warnings.extend(bones.warnings);
+    if args.clinic.anonymous {
+        without_identity(&mut scan.inputs);
+    }
+    let read = |one: &Fraction| {
+        let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
+        let mut fraction = FractionScan { start: begin, ..read };
+        if args.clinic.anonymous {
+            without_identity(&mut fraction.inputs);
+        }
+        Ok(fraction)
+    };
     let mut planning = None;
     let mut texts = Vec::new();
     let mut ahead = None;
@@ -82,17 +92,17 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         if planning.is_some() {
             runtime.restart();
         }
-        let read = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| one.read()))?;
-        side.take(read, &file.inputs);
-        check_fraction(&side.case.fraction, &config)?;
+        let fraction = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| read(one)))?;
+        check_fraction(&fraction.ct, &config)?;
         let planning = match &planning {
             Some(planning) => planning,
-            None => planning.insert(Planning::new(&side.case, &config, &runtime)?),
+            None => planning.insert(Planning::new(&scan, &config, &runtime)?),
         };
+        let case = Case { planning: scan, fraction };
         if fractions.len() > 1 {
             runtime.progress().note(&format!("fraction {}", one.name));
         }
-        let outcome = register_fraction(&side.case, planning, &config, &runtime)?;
+        let outcome = register_fraction(&case, planning, &config, &runtime)?;
         let out = folder_of(args, &fractions, one);
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
@@ -102,10 +112,12 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
         (text, ahead) = runtime.beside(
-            || write_run(&side.case, outcome, &config, &runtime, (folder, &out, more), told),
-            || fractions.get(n + 1).map(Fraction::read),
+            || write_run(&case, outcome, &config, &runtime, (folder, &out, more), told),
+            || fractions.get(n + 1).map(&read),
         );
         texts.push(text?);
+        // For the next fraction.
+        scan = case.planning;
     }
     Ok(match (texts.len(), args.run.told.json) {
         (1, _) => texts.swap_remove(0),
@@ -198,12 +210,6 @@ struct Fraction {
     name: String,
     file: PathBuf,
     landmarks: Option<PathBuf>,
-}
-
-impl Fraction {
-    fn read(&self) -> Result<FractionSide> {
-        FractionSide::read(&self.file, self.landmarks.as_deref())
-    }
 }
 
 /// The fractions that the arguments name, else the one of the recorded run.

@@ -158,23 +158,13 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
             .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds, processor_seconds: None })
             .into(),
     };
-    let inputs = ["planning", "bones", "fraction"].map(|role| InputFile {
-        role: role.into(),
-        path: format!("case/{role}.nii.gz").into(),
-        sha256: "0123456789abcdef".repeat(4),
-        about: None,
-    });
-    let case = Case {
-        planning,
-        bones,
-        fraction,
-        landmarks,
-        bone_landmarks: Vec::new(),
-        start: None,
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: inputs.into(),
-    };
+    let sha256 = "0123456789abcdef".repeat(4);
+    let inputs = ["planning", "bones", "fraction"]
+        .map(|role| InputFile::new(role, format!("case/{role}.nii.gz").into(), sha256.clone()));
+    let mut case = Case::new(planning, bones, fraction);
+    case.fraction.landmarks = landmarks;
+    let [planning, bones, fraction] = inputs;
+    (case.planning.inputs, case.fraction.inputs) = (vec![planning, bones], vec![fraction]);
     let outputs = vec![OutputFile {
         name: "planning_to_fraction.nii.gz".into(),
         what: "push field on the planning grid, LPS mm".into(),

@@ -4,7 +4,7 @@ use super::numbers::Report;
 use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
 use crate::io::{read_field, read_image, read_labels};
-use crate::pipeline::{Case, Outcome};
+use crate::pipeline::{Outcome, PlanningScan};
 use crate::skeleton::{Skeleton, build};
 use crate::volume::{Mask, Spans, Volume};
 use std::path::{Path, PathBuf};
@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 /// What to do where a file of the run is none.
 const REMEDY: &str = "give the --out folder of a finished run of aventail register";
 
-/// The outcome of the run that `report` tells of, from the files in `folder`, with `case` as it was read for it. What the
+/// The outcome of the run that `report` tells of, from the files in `folder`, with the planning side as it was read for it. What the
 /// report does not hold, such as regions of influence, is left out.
 ///
 /// # Errors
-/// [`Error::Read`] when a file is missing or cannot be read; [`Error::Input`] when bones of the case are not those of the
+/// [`Error::Read`] when a file is missing or cannot be read; [`Error::Input`] when its bones are not those of the
 /// report.
-pub fn restore(folder: &Path, report: &Report, case: &Case) -> Result<Outcome> {
+pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Result<Outcome> {
     let file = |stem: &str| file_of(folder, report, stem);
     let mask = |stem: &str| Ok::<Mask, Error>(read_image(file(stem)?)?.value.map(|v| *v != 0.0));
     let map = |stem: &str| Ok::<Volume<f32>, Error>(read_image(file(stem)?)?.value);
@@ -28,7 +28,7 @@ pub fn restore(folder: &Path, report: &Report, case: &Case) -> Result<Outcome> {
     };
     let bones_on_fraction = read_labels(file("bones_on_fraction")?, None)?.value;
     Ok(Outcome {
-        skeleton: skeleton_of(report, case)?,
+        skeleton: skeleton_of(report, planning)?,
         pose: report.pose.clone(),
         couch_shift: report.couch_shift,
         bone_fits: report.bones.clone(),
@@ -70,10 +70,10 @@ fn file_of(folder: &Path, report: &Report, stem: &str) -> Result<PathBuf> {
 }
 
 /// The bones of the report with where they lie in planning, in the order of the report.
-fn skeleton_of(report: &Report, case: &Case) -> Result<Skeleton> {
-    let built = match &case.skeleton {
+fn skeleton_of(report: &Report, planning: &PlanningScan) -> Result<Skeleton> {
+    let built = match &planning.skeleton {
         Some(skeleton) => skeleton.clone(),
-        None => build(&case.bones)?.skeleton,
+        None => build(&planning.bones)?.skeleton,
     };
     let bone = |name: &String| built.bones.iter().find(|b| b.name == *name).cloned();
     let bones: Option<Vec<_>> = report.bones.iter().map(|fit| bone(&fit.name)).collect();

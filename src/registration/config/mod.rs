@@ -144,6 +144,21 @@ pub struct RecordedInput {
     pub path: PathBuf,
     /// SHA-256 of the file then.
     pub sha256: String,
+    /// What was given behind `#`.
+    #[serde(default)]
+    pub entry: Option<String>,
+}
+
+impl RecordedInput {
+    /// The path as it was given, with what stood behind `#`.
+    pub fn given(&self) -> PathBuf {
+        let mut path = self.path.clone().into_os_string();
+        if let Some(entry) = &self.entry {
+            path.push("#");
+            path.push(entry);
+        }
+        path.into()
+    }
 }
 
 /// A configuration file: settings and, from a report, the inputs it was run with.

@@ -6,7 +6,7 @@ use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
 use super::outcome::CARRYING;
 use super::planning::Resting;
-use super::{Case, FractionKind, Outcome, VolumeReached};
+use super::{FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::chainmail::{
     self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, VolumeChange, check_links,
@@ -14,7 +14,7 @@ use crate::chainmail::{
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
-use crate::evaluate;
+use crate::evaluate::{self, landmark::Landmark};
 use crate::field::{self, ConsistencyOptions, MovedBones, PushField, Resampling};
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
@@ -38,7 +38,7 @@ pub(super) struct Carried {
 
 /// A patient whose bones have moved, in the frame that the couch has brought along.
 pub(super) struct Moved<'a> {
-    case: &'a Case,
+    scan: &'a PlanningScan,
     skeleton: &'a Skeleton,
     body: &'a Mask,
     transforms: &'a [Rigid],
@@ -49,7 +49,7 @@ pub(super) struct Moved<'a> {
 impl<'a> Moved<'a> {
     fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
         tissue(
-            self.case,
+            self.scan,
             (self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref()),
             bone_of_label,
             options,
@@ -72,17 +72,17 @@ struct Propagated {
 
 /// Carries the bones' motion on, with the images' pull where there is a fraction (in the frame of the couch).
 fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runtime) -> Result<Propagated> {
-    let Moved { case, body, resting, config, .. } = moved;
+    let Moved { scan, body, resting, config, .. } = moved;
     let Some(fraction) = fraction else {
         let (propagation, regions) = soft_tissue(moved, None, runtime)?;
         return Ok(Propagated { propagation, regions, alone: None, kind: None });
     };
     let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
-    let shading = alone.as_ref().map(|a| Shading::of((&case.planning, body, &case.bones), &fraction.ct, a));
+    let shading = alone.as_ref().map(|a| Shading::of((&scan.ct, body, &scan.bones), &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
-    let planning = Scan { ct: &case.planning, body };
+    let planning = Scan { ct: &scan.ct, body };
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
     let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
@@ -112,7 +112,7 @@ fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32;
 /// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
 /// is given, both images refine soft tissue.
 pub(super) fn carry_out(
-    case: &Case,
+    (scan, landmarks): (&PlanningScan, &[Landmark]),
     target: &Grid,
     (skeleton, body, fit): (Skeleton, Mask, FitResult),
     (resting, fraction): (&Resting, Option<&Fraction<'_>>),
@@ -121,9 +121,9 @@ pub(super) fn carry_out(
     runtime: &Runtime,
 ) -> Result<Carried> {
     // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
-    let couch = Couch::of(&fit, case.planning.grid(), config.chainmail.carry);
+    let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.carry);
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
-    let moved = Moved { case, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
+    let moved = Moved { scan, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
     let Propagated { propagation, regions, alone, kind } =
         runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
     let turns = rotation_matrices(&transforms);
@@ -131,45 +131,45 @@ pub(super) fn carry_out(
     let (mut push, pruning) = (propagation.push, propagation.pruning);
     let (mut pull, mut inverse) = runtime.stage("invert", || {
         let motions = skeleton.bones.iter().map(|b| b.label).zip(transforms.iter().copied());
-        let bones = MovedBones::new(&case.bones, motions, &there);
+        let bones = MovedBones::new(&scan.bones, motions, &there);
         field::invert(&push, &there, Some(&bones), &config.invert)
     })?;
     let consistency = runtime.stage("make consistent", || {
         let bone_of_label = bone_of_label(&skeleton);
-        let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
+        let bone = |v: usize| bone_of_label[usize::from(scan.bones.volume.data()[v])];
         field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &consistency_of(config))
     });
     let (push, pull) = (couch.push(push), couch.pull(pull));
     let alone = alone.map(|alone| couch.added(alone));
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
         let image = match config.resampling {
-            Resampling::PullBack => field::warp_image(&pull, &case.planning, OUTSIDE_HU)?,
-            Resampling::FiveTetrahedra => field::scatter_image(&push, &case.planning, target, OUTSIDE_HU)?.0,
+            Resampling::PullBack => field::warp_image(&pull, &scan.ct, OUTSIDE_HU)?,
+            Resampling::FiveTetrahedra => field::scatter_image(&push, &scan.ct, target, OUTSIDE_HU)?.0,
         };
-        Ok::<_, Error>((image, field::warp_labels(&pull, &case.bones)?))
+        Ok::<_, Error>((image, field::warp_labels(&pull, &scan.bones)?))
     })?;
     let rigid = skeleton.labels_and_names();
     let figures = || {
         let (map, report) = evaluate::jacobian::evaluate(&push, &resting.cells);
-        let rigidity = evaluate::rigidity::evaluate(&push, &case.bones, &rigid);
-        let landmarks = (!case.landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, &case.landmarks));
+        let rigidity = evaluate::rigidity::evaluate(&push, &scan.bones, &rigid);
+        let residuals = (!landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, landmarks));
         let multiple = field::multiple_preimages(&push, &map, target);
-        (map, report, rigidity, landmarks, multiple)
+        (map, report, rigidity, residuals, multiple)
     };
     let meeting = || contact::measure(&resting.bones, &fit.transforms, &push, &body, target);
     // Both have parts that one thread does alone.
     let (figures, (contact, skin_contact)) = runtime.stage("evaluate", || rayon::join(figures, meeting));
-    let (jacobian, jacobian_report, rigidity, landmarks, multiple) = figures;
+    let (jacobian, jacobian_report, rigidity, residuals, multiple) = figures;
     inverse.multiple = multiple.count();
     warnings.extend(kind.iter().flat_map(FractionKind::warnings));
     warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
-    let voxel = case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
+    let voxel = scan.ct.grid().spacing().into_iter().fold(0.0, f64::max);
     warnings.extend(contact::warnings(&contact, voxel));
-    let volume_changes = reached(&case.bones, &jacobian, config);
+    let volume_changes = reached(&scan.bones, &jacobian, config);
     warnings.extend(volume_changes.iter().filter_map(missed));
-    let couch_shift = couch_shift(&fit, case.planning.grid());
-    if let Some(report) = &landmarks {
-        warnings.extend(super::landmarks::warnings(case, &push, report, &couch_shift));
+    let couch_shift = couch_shift(&fit, scan.ct.grid());
+    if let Some(report) = &residuals {
+        warnings.extend(super::landmarks::warnings(landmarks, &push, report, &couch_shift));
     }
     let outcome = Outcome {
         skeleton,
@@ -193,7 +193,7 @@ pub(super) fn carry_out(
         links,
         inverse,
         consistency,
-        landmarks: landmarks.map(|report| report.with_shift(&couch_shift)),
+        landmarks: residuals.map(|report| report.with_shift(&couch_shift)),
         regions,
         warnings,
         stages: runtime.times(),

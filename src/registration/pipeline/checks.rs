@@ -1,6 +1,6 @@
 //! What an image, a label map or their headers must be by themselves.
 
-use super::Case;
+use super::PlanningScan;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -10,8 +10,8 @@ use crate::warning::Warning;
 use rayon::prelude::*;
 
 /// The labels lie on the planning grid.
-pub(super) fn check_labels(case: &Case) -> Result<()> {
-    check_grids(case.planning.grid(), case.bones.volume.grid())
+pub(super) fn check_labels(planning: &PlanningScan) -> Result<()> {
+    check_grids(planning.ct.grid(), planning.bones.volume.grid())
 }
 
 /// Whether bone labels lie on the planning CT's grid; headers are enough to tell.

@@ -1,6 +1,6 @@
-//! What the chain mail of a case is made from.
+//! What the chain mail of a patient is made from.
 
-use super::Case;
+use super::PlanningScan;
 use crate::chainmail::{ChainmailOptions, SlidingRegion, Tissue};
 use crate::config::{Config, SoftTissue};
 use crate::skeleton::Skeleton;
@@ -28,14 +28,14 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
     out
 }
 
-/// What the chain mail of a case is made from.
+/// What the chain mail of a patient is made from.
 pub(super) fn tissue<'a>(
-    case: &'a Case,
+    planning: &'a PlanningScan,
     (body, lung, sliding): (&'a Mask, Option<&'a Mask>, Option<&'a Mask>),
     bone_of_label: &'a [Option<u16>],
     options: &ChainmailOptions,
 ) -> Tissue<'a> {
     let along = options.slip.along;
     let sliding = sliding.map(|region| SlidingRegion { region, along });
-    Tissue { ct: &case.planning, body, labels: &case.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
+    Tissue { ct: &planning.ct, body, labels: &planning.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
 }

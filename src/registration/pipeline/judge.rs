@@ -6,7 +6,7 @@ use crate::evaluate::verdict::{Limits, Verdict, of_warnings};
 /// The rules of [`crate::evaluate::verdict`] on what a run has measured and warned of: those that fail, those to be
 /// reviewed, and those that pass.
 pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
-    let grids = [case.planning.grid(), case.fraction.grid()];
+    let grids = [case.planning.ct.grid(), case.fraction.ct.grid()];
     let voxel = grids.iter().flat_map(|grid| grid.spacing()).fold(0.0, f64::max);
     let (direction, jacobian) = ("planning to fraction", &outcome.jacobian_report);
     let mut all = Vec::new();

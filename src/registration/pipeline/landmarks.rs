@@ -1,6 +1,5 @@
 //! What landmarks tell of a run, beside their residuals.
 
-use super::Case;
 use crate::evaluate::landmark::{Landmark, LandmarkReport, LandmarkResidual};
 use crate::field::PushField;
 use crate::warning::Warning;
@@ -10,11 +9,16 @@ use nalgebra::Vector3;
 const PICKED_MM: f64 = 0.5;
 
 /// Landmarks that lie where nothing was computed, or that the registration takes farther off than the couch shift alone does.
-pub(super) fn warnings(case: &Case, push: &PushField, report: &LandmarkReport, couch: &Vector3<f64>) -> Vec<Warning> {
+pub(super) fn warnings(
+    landmarks: &[Landmark],
+    push: &PushField,
+    report: &LandmarkReport,
+    couch: &Vector3<f64>,
+) -> Vec<Warning> {
     let grid = push.computed.grid();
-    let computed = |n: usize| grid.voxel_at(&case.landmarks[n].planning).is_some_and(|v| *push.computed.at(v));
-    let all = 0..case.landmarks.len();
-    let outside: Vec<&str> = all.filter(|n| !computed(*n)).map(|n| case.landmarks[n].name.as_str()).collect();
+    let computed = |n: usize| grid.voxel_at(&landmarks[n].planning).is_some_and(|v| *push.computed.at(v));
+    let all = 0..landmarks.len();
+    let outside: Vec<&str> = all.filter(|n| !computed(*n)).map(|n| landmarks[n].name.as_str()).collect();
     let off = |l: &Landmark| (l.planning + couch - l.fraction).norm();
     let is_worse = |r: &&LandmarkResidual| r.after.is_some_and(|after| after > off(&r.landmark) + PICKED_MM);
     let worse: Vec<&str> = report.each.iter().filter(is_worse).map(|r| r.landmark.name.as_str()).collect();
@@ -31,7 +35,7 @@ pub(super) fn warnings(case: &Case, push: &PushField, report: &LandmarkReport, c
             format!(
                 "{} of {} landmarks are farther off than under the couch shift alone: {}",
                 worse.len(),
-                case.landmarks.len(),
+                landmarks.len(),
                 worse.join(", ")
             ),
         ));

@@ -22,7 +22,7 @@ mod register;
 mod study;
 mod uncertainty;
 
-pub use case::{Case, InputFile};
+pub use case::{Case, FractionScan, InputFile, PlanningScan};
 pub use checks::{check_fraction, check_grids, check_size};
 pub use curve::{CurvePoint, measure, phantom_case};
 pub use dose::{DoseMethod, DoseReport, map_dose};

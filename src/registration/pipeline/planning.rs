@@ -1,6 +1,6 @@
 //! The planning side of a registration: what does not depend on the fraction, and is shared by all fractions of a patient.
 
-use super::Case;
+use super::PlanningScan;
 use super::checks::{check_image, check_labels};
 use super::contact;
 use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
@@ -32,29 +32,29 @@ pub(super) struct Patient {
 }
 
 impl Patient {
-    /// Finds skeleton and patient in the planning side of a case.
-    pub(super) fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
-        Ok(Self::new_beside(case, config, runtime, |_| ())?.0)
+    /// Finds skeleton and patient in the planning side.
+    pub(super) fn new(planning: &PlanningScan, config: &Config, runtime: &Runtime) -> Result<Self> {
+        Ok(Self::new_beside(planning, config, runtime, |_| ())?.0)
     }
 
     /// As [`Patient::new`], with what `work` makes of the skeleton while the patient is looked for, for the most part by one
     /// thread.
     fn new_beside<T: Send>(
-        case: &Case,
+        planning: &PlanningScan,
         config: &Config,
         runtime: &Runtime,
         work: impl FnOnce(&Skeleton) -> T + Send,
     ) -> Result<(Self, T)> {
-        check_labels(case)?;
-        let (skeleton, mut warnings) = runtime.stage("build skeleton", || skeleton_of(case, config))?;
-        warnings.extend(runtime.stage("check inputs", || check_planning(case, &skeleton, config))?);
+        check_labels(planning)?;
+        let (skeleton, mut warnings) = runtime.stage("build skeleton", || skeleton_of(planning, config))?;
+        warnings.extend(runtime.stage("check inputs", || check_planning(planning, &skeleton, config))?);
         // Wrong names are found before the long work begins.
         let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
-        Organs::new(&config.chainmail.organs, &case.bones, is_bone)?;
+        Organs::new(&config.chainmail.organs, &planning.bones, is_bone)?;
         for change in &config.chainmail.volume_change {
-            organ_label("chainmail.volume_change", &change.organ, &case.bones, is_bone)?;
+            organ_label("chainmail.volume_change", &change.organ, &planning.bones, is_bone)?;
         }
-        let find = || body::find(&case.planning, Some(&case.bones), &config.body);
+        let find = || body::find(&planning.ct, Some(&planning.bones), &config.body);
         let (body, made) = runtime.stage("find the patient", || rayon::join(find, || work(&skeleton)));
         Ok((Self { skeleton, body: body?, warnings }, made))
     }
@@ -83,12 +83,12 @@ pub(super) struct Resting {
 }
 
 impl Resting {
-    /// Of a case or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
+    /// Of a planning side or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
     ///
     /// # Errors
     /// As [`ChainMail::new`].
     pub(super) fn new(
-        case: &Case,
+        planning: &PlanningScan,
         (skeleton, body): (&Skeleton, &Mask),
         mapped: bool,
         config: &Config,
@@ -97,27 +97,27 @@ impl Resting {
         runtime.stage(LINKING, || {
             let options = &config.chainmail;
             let mapped = mapped && config.output.uncertainty;
-            let lung = options.lung.then(|| body::lung(&case.planning, body)).flatten();
-            let sliding = options.slip.region(lung.as_ref(), &case.bones);
+            let lung = options.lung.then(|| body::lung(&planning.ct, body)).flatten();
+            let sliding = options.slip.region(lung.as_ref(), &planning.bones);
             let bone_of_label = bone_of_label(skeleton);
             let chain_mail = || {
                 let alone = images_pull(config).then(|| alone_mm(options));
                 ChainMail::new(
-                    &tissue(case, (body, lung.as_ref(), sliding.as_ref()), &bone_of_label, options),
+                    &tissue(planning, (body, lung.as_ref(), sliding.as_ref()), &bone_of_label, options),
                     options,
                     alone.as_slice(),
                 )
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let window = config.refine.window(lung.is_some());
-            let side = || mapped.then(|| uncertainty::side(case, (skeleton, body), window)).transpose();
-            let bones = || contact::resting(&case.bones, skeleton);
+            let side = || mapped.then(|| uncertainty::side(planning, (skeleton, body), window)).transpose();
+            let bones = || contact::resting(&planning.bones, skeleton);
             let cells = || {
-                let tissue = evaluate::jacobian::tissue(body, &case.planning);
+                let tissue = evaluate::jacobian::tissue(body, &planning.ct);
                 let rigid = skeleton.labels_and_names();
                 let cells = CellKinds::with_region(
                     &tissue,
-                    &case.bones,
+                    &planning.bones,
                     &rigid,
                     &config.sliding.pairs(&rigid),
                     sliding.as_ref(),
@@ -126,8 +126,8 @@ impl Resting {
             };
             let chain_mail = || wanted.then(chain_mail).transpose();
             let contact = || {
-                let bone = |v: usize| bone_of_label[usize::from(case.bones.volume.data()[v])];
-                field::beside_contact(case.bones.volume.grid(), &bone)
+                let bone = |v: usize| bone_of_label[usize::from(planning.bones.volume.data()[v])];
+                field::beside_contact(planning.bones.volume.grid(), &bone)
             };
             let bones = || rayon::join(bones, contact);
             let (((bones, beside_contact), side), ((tissue, cells), chain_mail)) =
@@ -152,7 +152,7 @@ pub struct Planning {
     pub(super) patient: Patient,
     /// Of the whole scan; a region of interest has its own.
     pub(super) resting: Option<Resting>,
-    /// Each bone's look in the planning CT; `None` where landmarks alone place the bones.
+    /// Each bone's look in the planning CT; `None` where the settings let landmarks alone place the bones.
     pub(super) samples: Option<BoneSamples>,
 }
 
@@ -162,34 +162,34 @@ impl Planning {
         &self.patient.warnings
     }
 
-    /// Prepares the planning side of a case; its fraction plays no part.
+    /// Prepares the planning side.
     ///
     /// # Errors
     /// [`crate::error::Error::Input`] when planning CT and labels do not fit each other.
-    pub fn new(case: &Case, config: &Config, runtime: &Runtime) -> Result<Self> {
-        let by_landmarks = !case.bone_landmarks.is_empty() && config.fit.bone_landmarks == LandmarkUse::Replace;
+    pub fn new(planning: &PlanningScan, config: &Config, runtime: &Runtime) -> Result<Self> {
+        let by_landmarks = config.fit.bone_landmarks == LandmarkUse::Replace;
         let draw = |skeleton: &Skeleton| {
-            (!by_landmarks).then(|| BoneSamples::new(skeleton, &case.planning, &case.bones, &config.fit))
+            (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit))
         };
-        let (patient, samples) = Patient::new_beside(case, config, runtime, draw)?;
-        let resting = || Resting::new(case, (&patient.skeleton, &patient.body), true, config, runtime);
+        let (patient, samples) = Patient::new_beside(planning, config, runtime, draw)?;
+        let resting = || Resting::new(planning, (&patient.skeleton, &patient.body), true, config, runtime);
         let resting = (!config.region.is_some()).then(resting).transpose()?;
         Ok(Self { patient, resting, samples })
     }
 }
 
 /// Judges planning CT and labels by themselves and against each other.
-pub(super) fn check_planning(case: &Case, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
-    let mut warnings = check_image("planning CT", &case.planning, config)?;
-    warnings.extend(config.checks.told(sides_and_levels(&case.bones))?);
-    warnings.extend(levels_by_landmarks(&case.bones));
-    warnings.extend(config.checks.told(labels_on_bone(skeleton, &case.planning, &case.bones))?);
+pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+    let mut warnings = check_image("planning CT", &planning.ct, config)?;
+    warnings.extend(config.checks.told(sides_and_levels(&planning.bones))?);
+    warnings.extend(levels_by_landmarks(&planning.bones));
+    warnings.extend(config.checks.told(labels_on_bone(skeleton, &planning.ct, &planning.bones))?);
     Ok(warnings)
 }
 
 /// The user's skeleton, or the one that the labels give.
-pub(super) fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
-    let built = skeleton::build(&case.bones)?;
+pub(super) fn skeleton_of(planning: &PlanningScan, config: &Config) -> Result<(Skeleton, Vec<Warning>)> {
+    let built = skeleton::build(&planning.bones)?;
     let mut warnings = built.warnings;
     let ignored: Vec<&str> =
         built.ignored.iter().map(String::as_str).filter(|n| !config.chainmail.names_organ(n)).collect();
@@ -200,5 +200,5 @@ pub(super) fn skeleton_of(case: &Case, config: &Config) -> Result<(Skeleton, Vec
             format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
         ));
     }
-    Ok((case.skeleton.clone().unwrap_or(built.skeleton), warnings))
+    Ok((planning.skeleton.clone().unwrap_or(built.skeleton), warnings))
 }

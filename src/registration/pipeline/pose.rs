@@ -2,30 +2,32 @@
 
 use super::planning::Patient;
 use super::posing::{BoneMotion, Posing, known};
-use super::{Case, Outcome};
+use super::{Case, FractionScan, Outcome, PlanningScan};
 use crate::config::Config;
 use crate::error::Result;
+use crate::evaluate::landmark::Landmark;
 use crate::runtime::Runtime;
 
-/// The patient in another posture, on the planning grid grown by `margin_mm` on all sides.
+/// The patient in another posture, on the planning grid grown by `margin_mm` on all sides. Landmarks, known in both postures,
+/// evaluate the result.
 ///
-/// `case.fraction` plays no part. Returns the case with the artificial CT as its fraction, and the outcome.
+/// Returns the case with the artificial CT as its fraction, and the outcome.
 ///
 /// # Errors
 /// [`crate::error::Error::Input`] when the inputs do not fit each other or name bones that the skeleton does not have.
 pub fn pose(
-    case: Case,
-    motion: &BoneMotion,
+    planning: PlanningScan,
+    (motion, landmarks): (&BoneMotion, Vec<Landmark>),
     margin_mm: f64,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Case, Outcome)> {
-    let patient = Patient::new(&case, config, runtime)?;
+    let patient = Patient::new(&planning, config, runtime)?;
     // Wrong motions are found before the long work begins.
-    known(&case, &patient.skeleton, motion)?;
-    let posing = Posing::of(case, patient, margin_mm, config, runtime)?;
-    let mut outcome = posing.posed(motion, config, runtime)?;
+    known(&patient.skeleton, motion)?;
+    let posing = Posing::of(planning, patient, margin_mm, config, runtime)?;
+    let mut outcome = posing.posed((motion, &landmarks), config, runtime)?;
     outcome.warnings = [posing.warnings(), outcome.warnings].concat();
-    let case = Case { fraction: outcome.planning_on_fraction.clone(), ..posing.case };
-    Ok((case, outcome))
+    let fraction = FractionScan { landmarks, ..FractionScan::new(outcome.planning_on_fraction.clone()) };
+    Ok((Case { planning: posing.planning, fraction }, outcome))
 }

@@ -1,19 +1,19 @@
 //! Many postures of one patient: what does not depend on the posture is made once.
 
-use super::carry::{Carried, OUTSIDE_HU, carry_out};
+use super::carry::{Carried, carry_out};
 use super::contact;
 use super::planning::{Patient, Resting};
 use super::register::fit_warnings;
-use super::{Case, Outcome};
+use super::{Outcome, PlanningScan};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::evaluate::contact::ContactReport;
-use crate::fit::{GivenMotion, from_landmarks, given};
+use crate::evaluate::landmark::Landmark;
+use crate::fit::{BoneLandmark, GivenMotion, from_landmarks, given};
 use crate::geometry::{Grid, Rigid};
 use crate::postures::Limits;
 use crate::runtime::Runtime;
 use crate::skeleton::{Pose, Skeleton};
-use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -25,45 +25,44 @@ pub enum BoneMotion {
     Pose(Pose),
     /// Some bones' transforms, by name, planning to fraction, LPS mm; the others follow their joints.
     Transforms(BTreeMap<String, Rigid>),
-    /// [`Case::bone_landmarks`]: bones with landmarks move as these say, the others follow their joints.
-    Landmarks,
+    /// Landmarks on some bones: these move as they say, the others follow their joints.
+    Landmarks(Vec<BoneLandmark>),
 }
 
-/// A patient who can be put into any posture. The fraction of its case is as empty as the target grid is large.
+/// A patient who can be put into any posture.
 pub struct Posing {
-    pub(super) case: Case,
+    pub(super) planning: PlanningScan,
     patient: Patient,
     resting: Resting,
     target: Grid,
 }
 
 impl Posing {
-    /// Prepares the planning side of a case; artificial CTs will lie on the planning grid, grown by `margin_mm` on all sides.
+    /// Prepares the planning side; artificial CTs will lie on the planning grid, grown by `margin_mm` on all sides.
     ///
     /// # Errors
     /// As [`super::pose`].
-    pub fn new(case: Case, margin_mm: f64, config: &Config, runtime: &Runtime) -> Result<Self> {
-        let patient = Patient::new(&case, config, runtime)?;
-        Self::of(case, patient, margin_mm, config, runtime)
+    pub fn new(planning: PlanningScan, margin_mm: f64, config: &Config, runtime: &Runtime) -> Result<Self> {
+        let patient = Patient::new(&planning, config, runtime)?;
+        Self::of(planning, patient, margin_mm, config, runtime)
     }
 
     /// Of a patient who was found.
     pub(super) fn of(
-        mut case: Case,
+        planning: PlanningScan,
         patient: Patient,
         margin_mm: f64,
         config: &Config,
         runtime: &Runtime,
     ) -> Result<Self> {
-        let target = grown(case.planning.grid(), margin_mm)?;
-        case.fraction = Volume::filled(target.clone(), OUTSIDE_HU);
-        let resting = Resting::new(&case, (&patient.skeleton, &patient.body), false, config, runtime)?;
-        Ok(Self { case, patient, resting, target })
+        let target = grown(planning.ct.grid(), margin_mm)?;
+        let resting = Resting::new(&planning, (&patient.skeleton, &patient.body), false, config, runtime)?;
+        Ok(Self { planning, patient, resting, target })
     }
 
     /// The planning side.
-    pub fn case(&self) -> &Case {
-        &self.case
+    pub fn planning(&self) -> &PlanningScan {
+        &self.planning
     }
 
     /// The skeleton that is posed.
@@ -73,7 +72,7 @@ impl Posing {
 
     /// What was found of the planning side.
     pub fn warnings(&self) -> Vec<Warning> {
-        [self.case.warnings.as_slice(), &self.patient.warnings].concat()
+        [self.planning.warnings.as_slice(), &self.patient.warnings].concat()
     }
 
     /// The bones' contact in a pose, before anything else is made of it.
@@ -81,23 +80,35 @@ impl Posing {
         self.resting.bones.moved(&self.patient.skeleton.transforms(pose))
     }
 
-    /// The patient in a posture. Settings may differ from those of [`Posing::new`] in `chainmail.volume_change` alone. Its
+    /// The patient in a posture, with residuals of landmarks that are known in both. Settings may differ from those of [`Posing::new`] in `chainmail.volume_change` alone. Its
     /// warnings are of the posture; those of the planning side are [`Posing::warnings`].
     ///
     /// # Errors
     /// As [`super::pose`].
-    pub fn posed(&self, motion: &BoneMotion, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-        let fit = given(&self.patient.skeleton, &known(&self.case, &self.patient.skeleton, motion)?)?;
+    pub fn posed(
+        &self,
+        (motion, landmarks): (&BoneMotion, &[Landmark]),
+        config: &Config,
+        runtime: &Runtime,
+    ) -> Result<Outcome> {
+        let fit = given(&self.patient.skeleton, &known(&self.patient.skeleton, motion)?)?;
         let warnings = fit_warnings(&fit);
         let moved = (self.patient.skeleton.clone(), self.patient.body.clone(), fit);
-        let Carried { outcome, .. } =
-            carry_out(&self.case, &self.target, moved, (&self.resting, None), warnings, config, runtime)?;
+        let Carried { outcome, .. } = carry_out(
+            (&self.planning, landmarks),
+            &self.target,
+            moved,
+            (&self.resting, None),
+            warnings,
+            config,
+            runtime,
+        )?;
         Ok(outcome)
     }
 
     /// Why bones in contact are implausible; nothing where they are not.
     pub fn why_of_bones(&self, contact: &ContactReport, limits: &Limits) -> Vec<String> {
-        let voxel = self.case.planning.grid().spacing().into_iter().fold(0.0, f64::max);
+        let voxel = self.planning.ct.grid().spacing().into_iter().fold(0.0, f64::max);
         let deepest = limits.overlap_mm.unwrap_or_else(|| contact::least_depth(voxel));
         let deep = contact.overlaps.iter().filter(|o| o.depth_mm > deepest);
         let mut why: Vec<String> =
@@ -122,7 +133,7 @@ impl Posing {
 }
 
 /// What is said about each bone's motion.
-pub(super) fn known(case: &Case, skeleton: &Skeleton, motion: &BoneMotion) -> Result<Vec<Option<GivenMotion>>> {
+pub(super) fn known(skeleton: &Skeleton, motion: &BoneMotion) -> Result<Vec<Option<GivenMotion>>> {
     let exactly = |transform: Rigid, source: &str| {
         Some(GivenMotion { transform, position_sd_mm: 0.0, source: source.to_owned() })
     };
@@ -144,7 +155,7 @@ pub(super) fn known(case: &Case, skeleton: &Skeleton, motion: &BoneMotion) -> Re
             }
             Ok(skeleton.bones.iter().map(|b| all.get(&b.name).and_then(|t| exactly(*t, "transform"))).collect())
         }
-        BoneMotion::Landmarks => from_landmarks(skeleton, &case.bone_landmarks),
+        BoneMotion::Landmarks(all) => from_landmarks(skeleton, all),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The part of a case that a region of interest needs.
 
-use super::Case;
+use super::{Case, FractionScan, PlanningScan};
 use crate::chainmail::fades_within;
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
@@ -25,8 +25,9 @@ pub(super) fn cut(
     (skeleton, body, fit): (&Skeleton, &Mask, &FitResult),
     region: &RegionOptions,
 ) -> Result<(Case, Mask)> {
-    let kept = region.voxels(&case.bones)?;
-    let bones = LabelMap { volume: part(&case.bones.volume, &kept)?, names: case.bones.names.clone() };
+    let kept = region.voxels(&case.planning.bones)?;
+    let bones =
+        LabelMap { volume: part(&case.planning.bones.volume, &kept)?, names: case.planning.bones.names.clone() };
     let present = bones.counts();
     let acting: Vec<usize> =
         (0..skeleton.bones.len()).filter(|&b| present.contains_key(&skeleton.bones[b].label)).collect();
@@ -43,24 +44,26 @@ pub(super) fn cut(
     let start = [Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN)];
     let [low, high] = moved.iter().fold(start, |[l, h], (_, p)| [l.inf(&p.coords), h.sup(&p.coords)]);
     let there =
-        voxels_of_box(case.fraction.grid(), [Point3::from(low), Point3::from(high)], fade).ok_or_else(|| {
+        voxels_of_box(case.fraction.ct.grid(), [Point3::from(low), Point3::from(high)], fade).ok_or_else(|| {
             Error::usage("the region comes to lie outside the fraction CT", "choose a region that both scans show")
         })?;
-    let around = grown(&kept, fade, case.planning.grid());
+    let around = grown(&kept, fade, case.planning.ct.grid());
     let inside = |p: &Point3<f64>| grid.contains(&grid.index(p));
-    let landmarks = case.landmarks.iter().filter(|l| inside(&l.planning)).cloned().collect();
-    let cut = Case {
-        fraction: part(&case.fraction, &there)?,
-        landmarks,
-        bone_landmarks: Vec::new(),
-        start: None,
-        skeleton: None,
-        warnings: Vec::new(),
-        inputs: case.inputs.clone(),
-        planning: part(&case.planning, &around)?,
-        bones: LabelMap { volume: only(&case.bones.volume, &kept, &around)?, names: case.bones.names.clone() },
+    let landmarks = case.fraction.landmarks.iter().filter(|l| inside(&l.planning)).cloned().collect();
+    let bones = LabelMap {
+        volume: only(&case.planning.bones.volume, &kept, &around)?,
+        names: case.planning.bones.names.clone(),
     };
-    Ok((cut, only(body, &kept, &around)?))
+    let planning = PlanningScan {
+        inputs: case.planning.inputs.clone(),
+        ..PlanningScan::new(part(&case.planning.ct, &around)?, bones)
+    };
+    let fraction = FractionScan {
+        landmarks,
+        inputs: case.fraction.inputs.clone(),
+        ..FractionScan::new(part(&case.fraction.ct, &there)?)
+    };
+    Ok((Case { planning, fraction }, only(body, &kept, &around)?))
 }
 
 /// A range of voxels and those less than `mm` from it, as far as the grid goes.

@@ -9,7 +9,7 @@ use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::fit::{BoneFit, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
+use crate::fit::{BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::view::View;
@@ -22,8 +22,8 @@ use std::borrow::Cow;
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    check_fraction(&case.fraction, config)?;
-    register_fraction(case, &Planning::new(case, config, runtime)?, config, runtime)
+    check_fraction(&case.fraction.ct, config)?;
+    register_fraction(case, &Planning::new(&case.planning, config, runtime)?, config, runtime)
 }
 
 /// Registers a case whose planning side is prepared, by itself or for another fraction, with the same settings.
@@ -31,17 +31,26 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
 /// # Errors
 /// As [`register`].
 pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    let odd = check_fraction(&case.fraction, config)?;
+    let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
-    let placed = match case.bone_landmarks.as_slice() {
+    let placed = match case.fraction.bone_landmarks.as_slice() {
         [] => None,
         landmarks => Some(from_landmarks(skeleton, landmarks)?),
     };
-    let view = View::of(&case.fraction);
-    let known = view.known(&case.fraction);
-    let fit = || match (&planning.samples, &placed) {
+    let drawn;
+    let samples = match (&planning.samples, &placed) {
+        // The settings would let landmarks alone place the bones, and there are none.
+        (None, None) => {
+            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit);
+            Some(&drawn)
+        }
+        (samples, _) => samples.as_ref(),
+    };
+    let view = View::of(&case.fraction.ct);
+    let known = view.known(&case.fraction.ct);
+    let fit = || match (samples, &placed) {
         (Some(samples), start) => {
-            let start = match (start, case.start) {
+            let start = match (start, case.fraction.start) {
                 (Some(placed), _) => FitStart::Placed(placed),
                 (None, Some(common)) => FitStart::Near(common),
                 (None, None) => FitStart::Search,
@@ -55,11 +64,12 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let (fit, fraction) = (fit?, fraction.transpose()?);
-    let warnings = [&case.warnings, warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    let warnings =
+        [&case.warnings(), warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
-        let fraction = fraction.map(|whole| whole.part(part.fraction.grid()));
-        let resting = Resting::new(&part, (skeleton, &body), true, config, runtime)?;
+        let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
+        let resting = Resting::new(&part.planning, (skeleton, &body), true, config, runtime)?;
         let moved = (skeleton.clone(), body, fit);
         let outcome = carried(&part, moved, &resting, fraction.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
@@ -79,12 +89,19 @@ fn carried(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let Carried { mut outcome, alone } =
-        carry_out(case, case.fraction.grid(), moved, (resting, fraction), warnings, config, runtime)?;
+    let Carried { mut outcome, alone } = carry_out(
+        (&case.planning, &case.fraction.landmarks),
+        case.fraction.ct.grid(),
+        moved,
+        (resting, fraction),
+        warnings,
+        config,
+        runtime,
+    )?;
     if let Some(side) = &resting.side {
-        let seen = fraction.map_or(&case.fraction, |f| &f.ct);
+        let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
         let map = runtime.stage("uncertainty", || {
-            uncertainty::of(case, &outcome, (side, &resting.tissue), (seen, alone.as_ref()))
+            uncertainty::of(&case.planning, &outcome, (side, &resting.tissue), (seen, alone.as_ref()))
         })?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();
@@ -98,11 +115,11 @@ fn carried(
 /// # Errors
 /// [`Error::Input`] when they do not fit each other.
 pub fn check_inputs(case: &Case, config: &Config) -> Result<Vec<Warning>> {
-    let mut warnings = check_fraction(&case.fraction, config)?;
-    check_labels(case)?;
-    let (skeleton, found) = skeleton_of(case, config)?;
+    let mut warnings = check_fraction(&case.fraction.ct, config)?;
+    check_labels(&case.planning)?;
+    let (skeleton, found) = skeleton_of(&case.planning, config)?;
     warnings.extend(found);
-    warnings.extend(check_planning(case, &skeleton, config)?);
+    warnings.extend(check_planning(&case.planning, &skeleton, config)?);
     Ok(warnings)
 }
 

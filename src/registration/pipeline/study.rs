@@ -11,13 +11,13 @@ use crate::fit::FitResult;
 use crate::runtime::Runtime;
 use crate::view::View;
 
-/// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction`.
+/// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction.ct`.
 ///
 /// # Errors
 /// [`Error::Input`] when the case does not fit the motion.
 pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runtime) -> Result<Outcome> {
-    let Patient { skeleton, body, warnings } = Patient::new(case, config, runtime)?;
-    let warnings = [case.warnings.as_slice(), &warnings].concat();
+    let Patient { skeleton, body, warnings } = Patient::new(&case.planning, config, runtime)?;
+    let warnings = [case.warnings().as_slice(), &warnings].concat();
     let same =
         skeleton.bones.len() == fit.bones.len() && skeleton.bones.iter().zip(&fit.bones).all(|(a, b)| a.name == b.name);
     if !same {
@@ -27,15 +27,24 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
             "study a run of these very files and this version",
         ));
     }
-    let seen = case.inputs.iter().any(|i| i.role == "fraction");
+    let seen = case.inputs().any(|i| i.role == "fraction");
     let find = || {
-        let view = View::of(&case.fraction);
-        Fraction::new(view.known(&case.fraction), view.report, config)
+        let view = View::of(&case.fraction.ct);
+        Fraction::new(view.known(&case.fraction.ct), view.report, config)
     };
     let wanted = seen && images_pull(config);
     let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
-    let resting = Resting::new(case, (&skeleton, &body), false, config, runtime)?;
+    let resting = Resting::new(&case.planning, (&skeleton, &body), false, config, runtime)?;
     let moved = (skeleton, body, fit.clone());
-    let target = case.fraction.grid();
-    Ok(carry_out(case, target, moved, (&resting, fraction.as_ref()), warnings, config, runtime)?.outcome)
+    let target = case.fraction.ct.grid();
+    Ok(carry_out(
+        (&case.planning, &case.fraction.landmarks),
+        target,
+        moved,
+        (&resting, fraction.as_ref()),
+        warnings,
+        config,
+        runtime,
+    )?
+    .outcome)
 }

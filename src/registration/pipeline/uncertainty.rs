@@ -1,7 +1,7 @@
 //! How far a registration may be trusted, place by place.
 
 use super::elements::bone_of_label;
-use super::{Case, Outcome};
+use super::{Outcome, PlanningScan};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::fit::DeterminedBy;
@@ -9,18 +9,22 @@ use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume, Window};
 use std::collections::BTreeMap;
 
-/// What the maps of all registrations of a case need of its planning side.
+/// What the maps of all registrations of a patient need of its planning side.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub(super) fn side(case: &Case, (skeleton, body): (&Skeleton, &Mask), window: Window) -> Result<PlanningSide> {
+pub(super) fn side(
+    planning: &PlanningScan,
+    (skeleton, body): (&Skeleton, &Mask),
+    window: Window,
+) -> Result<PlanningSide> {
     let bone_of_label = bone_of_label(skeleton);
-    PlanningSide::new(&case.planning, body, &case.bones, window, |l| bone_of_label[usize::from(l)].is_some())
+    PlanningSide::new(&planning.ct, body, &planning.bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
 
 /// The map of a registration; `alone` is the field of the bones alone, where images pulled.
 pub(super) fn of(
-    case: &Case,
+    planning: &PlanningScan,
     outcome: &Outcome,
     (side, tissue): (&PlanningSide, &Mask),
     (fraction, alone): (&Volume<f32>, Option<&Volume<[f32; 3]>>),
@@ -31,7 +35,7 @@ pub(super) fn of(
         fraction,
         body: &outcome.body,
         tissue,
-        bones: &case.bones,
+        bones: &planning.bones,
         bone_mm: &bone_mm,
         push: &outcome.push,
         doubt: doubt(outcome),

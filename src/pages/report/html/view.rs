@@ -15,7 +15,7 @@ use std::path::Path;
 pub fn view_page(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<String> {
     let view = embed_whole(case, outcome, contours)?;
     let name = |role: &str| {
-        let path = case.inputs.iter().find(|i| i.role == role).map(|i| i.path.as_path());
+        let path = case.inputs().find(|i| i.role == role).map(|i| i.path.as_path());
         path.and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())
     };
     let title = format!("{} \u{2192} {}", name("planning"), name("fraction"));

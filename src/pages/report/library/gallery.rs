@@ -183,8 +183,8 @@ mod tests {
     #[test]
     fn a_library_of_one_still_posture_spreads_nowhere() {
         let (case, outcome, _) = example::small();
-        let mut gallery = Gallery::new((&case.planning, &case.bones), &outcome.body, &outcome.skeleton, 2);
-        gallery.add("posture_001", &case.planning, &case.bones).unwrap();
+        let mut gallery = Gallery::new((&case.planning.ct, &case.planning.bones), &outcome.body, &outcome.skeleton, 2);
+        gallery.add("posture_001", &case.planning.ct, &case.planning.bones).unwrap();
         let view = &gallery.views[0];
         assert!(view.plane.kind == Kind::Sagittal && view.planning.iter().any(|l| *l > 0));
         assert!(view.sums.iter().all(|[a, b]| (b - a * a).abs() < 1e-6 * b.abs().max(1.0)));

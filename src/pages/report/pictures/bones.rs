@@ -24,7 +24,7 @@ pub(super) fn outlines(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
 
 /// The same with planning's bones moved by `shift` before.
 pub(super) fn outlines_at(scene: &Scene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
-    outline(&scene.case.bones.volume, plane, shift, picture, (BEFORE, WIDTHS[0]));
+    outline(&scene.case.planning.bones.volume, plane, shift, picture, (BEFORE, WIDTHS[0]));
     outline(&scene.outcome.bones_on_fraction.volume, plane, &Vector3::zeros(), picture, (AFTER, WIDTHS[1]));
 }
 
@@ -110,7 +110,8 @@ mod tests {
             (border, hit)
         };
         // Where a bone stays, the line of before lies below that of after.
-        for (map, colour, share) in [(&outcome.bones_on_fraction.volume, AFTER, 0.9), (&case.bones.volume, BEFORE, 0.5)]
+        for (map, colour, share) in
+            [(&outcome.bones_on_fraction.volume, AFTER, 0.9), (&case.planning.bones.volume, BEFORE, 0.5)]
         {
             let (border, hit) = near(map, colour);
             assert!(border > 50 && hit as f64 >= share * border as f64, "{border} {hit}");

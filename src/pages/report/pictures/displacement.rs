@@ -73,7 +73,7 @@ fn arrows(scene: &Scene<'_>, plane: &Plane) -> Vec<Arrow> {
         for x in (SPACING / 2..plane.width).step_by(SPACING) {
             let foot = [x as f64, y as f64];
             let p: Point3<f64> = plane.world(foot[0], foot[1]);
-            let tissue = hu_at(&scene.case.planning, &p).is_some_and(|hu| hu > f64::from(TISSUE_HU));
+            let tissue = hu_at(&scene.case.planning.ct, &p).is_some_and(|hu| hu > f64::from(TISSUE_HU));
             if tissue && nearest(&scene.outcome.body, &p) == Some(true) {
                 out.extend(trilinear_vector(field, &field.grid().index(&p)).map(|u| (foot, u)));
             }

@@ -37,8 +37,8 @@ const WIDTH_MM: f64 = 120.0;
 /// [`Error::Usage`] when the place lies outside the scan, or the run has no map of uncertainty.
 pub fn figure(case: &Case, outcome: &Outcome, kind: FigureKind, plane: Kind, at: Option<f64>) -> Result<FigureOf> {
     let (which, grid) = match kind {
-        FigureKind::Fusion => ("fraction", case.fraction.grid()),
-        _ => ("planning", case.planning.grid()),
+        FigureKind::Fusion => ("fraction", case.fraction.ct.grid()),
+        _ => ("planning", case.planning.ct.grid()),
     };
     let (region, axis) = (Region::of(grid), plane.across());
     let at = at.unwrap_or_else(|| grid.middle()[axis]);

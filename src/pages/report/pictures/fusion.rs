@@ -25,7 +25,7 @@ pub(super) fn before(scene: &Scene<'_>) -> Plate {
         file: "fusion_before.png",
         title: "Before registration",
         caption: format!("{how} Planes: {}.", scene.focus),
-        canvas: panels(scene, &scene.case.planning, &shift, &shift),
+        canvas: panels(scene, &scene.case.planning.ct, &shift, &shift),
     }
 }
 
@@ -43,7 +43,7 @@ pub(super) fn couch(scene: &Scene<'_>) -> Option<Plate> {
              the deformation.",
             s.x, s.y, s.z
         ),
-        canvas: panels(scene, &scene.case.planning, &s, &s),
+        canvas: panels(scene, &scene.case.planning.ct, &s, &s),
     })
 }
 
@@ -103,7 +103,7 @@ fn limited<'a>(scene: &'a Scene<'_>) -> Option<&'a ViewReport> {
 /// Draws where the fraction's view ends.
 fn outline(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
     let Some(view) = limited(scene) else { return };
-    let grid = scene.case.fraction.grid();
+    let grid = scene.case.fraction.ct.grid();
     let shown = |x: usize, y: usize| view.shows(grid, &plane.world(x as f64, y as f64));
     for y in (1..plane.height).filter(|y| y % DASH.1 < DASH.0) {
         for x in (1..plane.width).filter(|x| (x + y) % DASH.1 < DASH.0) {
@@ -183,10 +183,10 @@ mod tests {
     #[test]
     fn equal_scans_fuse_to_grey_everywhere() {
         let (mut case, outcome, _) = example::small();
-        case.fraction = case.planning.clone();
+        case.fraction.ct = case.planning.ct.clone();
         let scene = Scene::new(&case, &outcome);
         for plane in &scene.fraction {
-            let hu = [&case.planning, &case.fraction].map(|ct| plane.hu(ct));
+            let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| plane.hu(ct));
             let panel = fused(plane, &hu[0], &hu[1]);
             let (mut worst, mut brightest) = (0, 0);
             for y in 0..plane.height {
@@ -203,14 +203,14 @@ mod tests {
     fn a_shifted_scan_shows_blue_where_it_left_and_orange_where_it_went() {
         let (mut case, outcome, _) = example::small();
         // The fraction lies 8 mm to the patient's left: 2 voxels.
-        let [ni, ..] = case.planning.grid().size();
-        let shifted: Vec<f32> = (0..case.planning.data().len())
-            .map(|l| if l % ni >= 2 { case.planning.data()[l - 2] } else { -1000.0 })
+        let [ni, ..] = case.planning.ct.grid().size();
+        let shifted: Vec<f32> = (0..case.planning.ct.data().len())
+            .map(|l| if l % ni >= 2 { case.planning.ct.data()[l - 2] } else { -1000.0 })
             .collect();
-        case.fraction = crate::volume::Volume::new(case.planning.grid().clone(), shifted).unwrap();
+        case.fraction.ct = crate::volume::Volume::new(case.planning.ct.grid().clone(), shifted).unwrap();
         let scene = Scene::new(&case, &outcome);
         let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
-        let hu = [&case.planning, &case.fraction].map(|ct| axial.hu(ct));
+        let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| axial.hu(ct));
         let panel = fused(axial, &hu[0], &hu[1]);
         // Skin at x = -84 (patient right, image left) is now air; x = 88 is now tissue; the inside agrees but for the gradient.
         let at = |x: f64| tint(&panel, axial.place(&Point3::new(x, 10.0, 0.0)));
@@ -232,7 +232,7 @@ mod tests {
         // Apart from the numbers written on it, the picture is the same, but for a step of brightness.
         let panel = |s: &Scene<'_>| {
             let shift = s.shift_before.unwrap_or_default();
-            fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning, &shift), &s.fraction_hu[0])
+            fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning.ct, &shift), &s.fraction_hu[0])
         };
         assert!(panel(&far).difference(&panel(&near)) <= 5);
     }
@@ -249,7 +249,7 @@ mod tests {
                 .map(|at| tint(&panel, at).unsigned_abs() as usize)
                 .sum::<usize>()
         };
-        let (before, after) = (colour(&case.planning), colour(&outcome.planning_on_fraction));
+        let (before, after) = (colour(&case.planning.ct), colour(&outcome.planning_on_fraction));
         // What is left is linear interpolation at the edges of 4 mm voxels.
         assert!(after * 2 < before, "{before} {after}");
     }

@@ -19,7 +19,8 @@ pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
         report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
     let through = densest(&known);
     let rows = scene.fraction_through(&through).map(|plane| {
-        let [planning, fraction] = [&scene.outcome.planning_on_fraction, &scene.case.fraction].map(|ct| plane.hu(ct));
+        let [planning, fraction] =
+            [&scene.outcome.planning_on_fraction, &scene.case.fraction.ct].map(|ct| plane.hu(ct));
         let mut panel = fused(&plane, &planning, &fraction);
         bones::outlines(scene, &plane, &mut panel);
         let shown: Vec<_> = known.iter().filter(|(_, r)| distance(&plane, &r.landmark.fraction) <= SLAB_MM).collect();

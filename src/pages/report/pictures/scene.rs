@@ -42,15 +42,15 @@ impl<'a> Scene<'a> {
         let shift_before = shift_before(case, outcome);
         let (body, moved) = patient(outcome, shift_before.unwrap_or_default());
         // Of a region of interest, the scans hold more than the patient that was carried along.
-        let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.grid()))];
-        let middles = [case.planning.grid().middle(), case.fraction.grid().middle()];
+        let seen = [Region::around(body.iter().copied()), Some(Region::of(case.fraction.ct.grid()))];
+        let middles = [case.planning.ct.grid().middle(), case.fraction.ct.grid().middle()];
         let Focus { from, to: meant, mut told } = focus(outcome, seen, middles);
         let (from, to) = (in_the_patient(&body, &from, POINTS_MM), in_the_patient(&moved, &meant, POINTS_MM));
         for kind in KINDS.into_iter().filter(|kind| (to - meant)[kind.across()].abs() > POINTS_MM) {
             told.push_str(&format!("; the {} one moved to where more of the patient is", kind.name()));
         }
-        let planning = planes(&regions(&body, &from, case.planning.grid()), &from).into();
-        let fraction = planes(&regions(&moved, &to, case.fraction.grid()), &to).into();
+        let planning = planes(&regions(&body, &from, case.planning.ct.grid()), &from).into();
+        let fraction = planes(&regions(&moved, &to, case.fraction.ct.grid()), &to).into();
         Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
     }
 
@@ -65,7 +65,7 @@ impl<'a> Scene<'a> {
             let region = regions(points, &through, grid)[kind as usize];
             vec![Plane::alone(kind, &region, &through).keeping_shapes()]
         };
-        let (planning, fraction) = (plane(&body, case.planning.grid()), plane(&moved, case.fraction.grid()));
+        let (planning, fraction) = (plane(&body, case.planning.ct.grid()), plane(&moved, case.fraction.ct.grid()));
         let told = format!("{} at {at:.1} mm", kind.name());
         Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
     }
@@ -78,13 +78,13 @@ impl<'a> Scene<'a> {
         (focus, shift_before): (String, Option<Vector3<f64>>),
     ) -> Self {
         let hu = |ct, planes: &[Plane]| planes.iter().map(|plane| plane.hu(ct)).collect::<Vec<_>>();
-        let mut fraction_hu = hu(&case.fraction, &fraction);
+        let mut fraction_hu = hu(&case.fraction.ct, &fraction);
         if let Some(kind) = &outcome.kind {
             // One window shows both scans: a cone-beam CT on planning's scale.
             fraction_hu.iter_mut().flatten().for_each(|hu| *hu = kind.on_plannings_scale(*hu));
         }
         Self {
-            planning_hu: hu(&case.planning, &planning),
+            planning_hu: hu(&case.planning.ct, &planning),
             fraction_hu,
             case,
             outcome,
@@ -104,7 +104,7 @@ impl<'a> Scene<'a> {
 
     /// The planes of the fraction through another point.
     pub(super) fn fraction_through(&self, p: &Point3<f64>) -> [Plane; 3] {
-        planes(&regions(&self.moved, p, self.case.fraction.grid()), p)
+        planes(&regions(&self.moved, p, self.case.fraction.ct.grid()), p)
     }
 }
 
@@ -140,7 +140,7 @@ fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Poi
 
 /// Shift of the planning CT in what is shown of before the registration; `None` where the scans meet as they are.
 pub(in crate::report) fn shift_before(case: &Case, outcome: &Outcome) -> Option<Vector3<f64>> {
-    (overlap(case.planning.grid(), case.fraction.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
+    (overlap(case.planning.ct.grid(), case.fraction.ct.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.

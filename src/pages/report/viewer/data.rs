@@ -74,8 +74,8 @@ pub fn embed(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Res
 /// # Errors
 /// As [`embed`].
 pub fn embed_whole(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
-    let scans = [&case.fraction, &outcome.planning_on_fraction];
-    let page = PageGrid::whole(&scans, case.planning.extremes()[0])?;
+    let scans = [&case.fraction.ct, &outcome.planning_on_fraction];
+    let page = PageGrid::whole(&scans, case.planning.ct.extremes()[0])?;
     let field = outcome.pull.displacement.data();
     let most = field.par_iter().map(|v| v.iter().fold(0f32, |most, c| most.max(c.abs()))).reduce(|| 0.0, f32::max);
     // Far scanner origins need more than the script's 16 bits in fine steps.
@@ -86,7 +86,7 @@ pub fn embed_whole(case: &Case, outcome: &Outcome, contours: Option<&Contours>) 
 
 /// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
 fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<View> {
-    let scans = [&case.fraction, &outcome.planning_on_fraction];
+    let scans = [&case.fraction.ct, &outcome.planning_on_fraction];
     let mut finest = FINEST_MM;
     let mut page = PageGrid::thinned(&scans, finest)?;
     loop {
@@ -113,10 +113,10 @@ fn embed_on(
     let shift_before = super::super::pictures::shift_before(case, outcome);
     let shift = shift_before.unwrap_or_default();
     let whole: [(&'static str, Values<'_>); 5] = [
-        ("fraction", Box::new(|| page.hu(&case.fraction))),
+        ("fraction", Box::new(|| page.hu(&case.fraction.ct))),
         ("deformed", Box::new(|| page.hu(&outcome.planning_on_fraction))),
-        ("planning", Box::new(|| page.hu_between(&case.planning, &shift))),
-        ("bones_before", Box::new(|| page.labels_moved(&case.bones.volume, &shift))),
+        ("planning", Box::new(|| page.hu_between(&case.planning.ct, &shift))),
+        ("bones_before", Box::new(|| page.labels_moved(&case.planning.bones.volume, &shift))),
         ("bones_after", Box::new(|| page.labels(&outcome.bones_on_fraction.volume))),
     ];
     let (volumes, (maps, top)) = rayon::join(
@@ -142,7 +142,7 @@ fn embed_on(
     let about = json!({
         "grid": grid(page.grid()),
         "coarse": grid(coarse.grid()),
-        "own": case.fraction.grid().spacing(),
+        "own": case.fraction.ct.grid().spacing(),
         "hu": { "first": first, "step": step },
         // The fraction on planning's scale, as the pictures show it.
         "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
@@ -153,7 +153,7 @@ fn embed_on(
         // Motion of the couch beyond that shift.
         "couch": (outcome.couch_shift - shift).as_slice(),
         "unsure": outcome.uncertainty.as_ref().map_or([3.0, 0.0], |(map, _)| uncertainty::scale(map)),
-        "names": case.bones.names,
+        "names": case.planning.bones.names,
         "structures": structures::about(contours),
         "start": start(case, outcome),
         "places": all(places(case, outcome)),

@@ -67,7 +67,7 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
         let (span, values) = map.row(row);
         for (i, _) in span.zip(values).filter(|(_, j)| **j <= 0.0) {
             let p = grid.world(&Vector3::new(i as f64 + 0.5, (row % nj) as f64 + 0.5, (row / nj) as f64 + 0.5));
-            let bones = bones_of(&case.bones, [i, row % nj, row / nj]);
+            let bones = bones_of(&case.planning.bones, [i, row % nj, row / nj]);
             let near = |(q, own, _): &(Point3<f64>, BTreeSet<u16>, usize)| (p - q).norm() < APART_MM && *own == bones;
             if let Some(known) = found.iter().position(near) {
                 found[known].2 += 1;
@@ -78,7 +78,7 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
     }
     found.sort_by_key(|(_, bones, cells)| (!bones.is_empty(), Reverse(*cells)));
     let place = |(p, bones, cells): (Point3<f64>, BTreeSet<u16>, usize)| {
-        let name = |label| case.bones.names.get(label).map_or("?", String::as_str);
+        let name = |label| case.planning.bones.names.get(label).map_or("?", String::as_str);
         let names: Vec<&str> = bones.iter().map(name).collect();
         let what = if names.is_empty() { "folded".into() } else { format!("folded: {}", names.join(", ")) };
         let more = if cells == 1 { "1 cell".into() } else { format!("{cells} cells") };
@@ -138,7 +138,7 @@ pub(super) fn landmarks(outcome: &Outcome) -> Value {
 
 /// Where the crosshair is first: where the pictures' planes meet.
 pub(super) fn start(case: &Case, outcome: &Outcome) -> Value {
-    let grids = [case.planning.grid(), case.fraction.grid()];
+    let grids = [case.planning.ct.grid(), case.fraction.ct.grid()];
     let focus = focus(outcome, grids.map(|grid| Some(Region::of(grid))), grids.map(Grid::middle));
     json!(focus.to.coords.as_slice())
 }

@@ -35,7 +35,7 @@ pub(super) fn bits(
     page: &PageGrid,
     shift: &Vector3<f64>,
 ) -> Result<[Vec<i32>; 2]> {
-    let planning = drawn(contours, PageGrid::of(&[&case.planning])?);
+    let planning = drawn(contours, PageGrid::of(&[&case.planning.ct])?);
     let at = |p: Point3<f64>| planning.grid().voxel_at(&p).map_or(0, |voxel| *planning.at(voxel));
     let [before, after] =
         page.of_field(&outcome.pull.displacement, |p, v| [at(p - shift), at(p + Vector3::from(v.map(f64::from)))]);
@@ -95,7 +95,7 @@ mod tests {
         let none = Structure { name: "none".into(), colour: None, polygons: Vec::new() };
         let contours = Contours { axes: Matrix3::identity(), structures: vec![none, tube("a", 20.0), tube("b", 8.0)] };
         assert_eq!(about(Some(&contours)).as_array().unwrap().len(), 2);
-        let page = PageGrid::of(&[&case.fraction]).unwrap();
+        let page = PageGrid::of(&[&case.fraction.ct]).unwrap();
         let [before, after] = bits((&case, &outcome), &contours, &page, &Vector3::zeros()).unwrap();
         let at = |bits: &[i32], p: Point3<f64>| bits[page.grid().linear(page.grid().voxel_at(&p).unwrap())];
         let places = [(0.0, 0b11), (14.0, 0b01), (30.0, 0)];
