@@ -172,8 +172,9 @@ fn a_bone_that_is_cut_off_or_gone_follows_its_joint() {
         assert_eq!(bone.determined_by, DeterminedBy::Joint, "{bone:?}");
         // What it would explain there is told all the same.
         assert_eq!(bone.similarity_after.is_some(), bone.visible > 0.0, "{bone:?}");
+        // A block that an edge cuts, or that a gap ends, does not move for more of it to come into view (0.57 mm).
         let cut = scene.error(&found, NECK[3], &truth[3]);
-        println!("cut {cut} {:?}", found.bones[of(3)]);
+        assert!(cut < 0.5, "{cut}");
         for n in kept {
             assert_eq!(found.bones[of(n)].determined_by, DeterminedBy::Image);
             assert!(scene.error(&found, NECK[n], &truth[n]) < 0.6, "{}", NECK[n]);
