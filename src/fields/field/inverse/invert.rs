@@ -244,8 +244,9 @@ mod tests {
     #[test]
     fn what_lies_beyond_the_planning_scan_is_counted() {
         // The field moves a part of the scan only: most rows are left where they are without a search.
-        let push = push(|x| Vector3::new(0.0, 0.0, if x.norm() < 10.0 { 1.0 } else { 0.0 }));
+        let mut push = push(|x| Vector3::new(0.0, 0.0, if x.norm() < 10.0 { 1.0 } else { 0.0 }));
         let planning = push.displacement.grid().clone();
+        push.computed = push.displacement.map(|u| u[2] > 0.0);
         let fraction = Grid::axis_aligned([60, 20, 30], [2.0, 2.0, 3.0], [-61.0, -21.0, -46.0]).unwrap();
         let (pull, report) = invert(&push, &fraction, None, &InvertOptions::default()).unwrap();
         let within = |n: usize| planning.contains(&planning.index(&fraction.centre(fraction.voxel(n))));
