@@ -2,12 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
+use crate::support::files::labels;
 use crate::support::{Register, aventail, bones_alone, files_below, folder, phantom};
 use assert_cmd::Command;
 use aventail::field::jacobian;
 use aventail::geometry::Rigid;
 use aventail::io::{read_bone_transforms, read_field, read_image, read_labels};
-use aventail::volume::Volume;
+use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -244,4 +245,52 @@ stage = [
     let refused = aventail().args(["study", "--case", text(folder()), "--out", text(&nowhere)]).assert().code(3);
     let message = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
     assert!(message.contains("report.json") && message.contains("finished"), "{message}");
+}
+
+/// Tissue within 10 mm of air, as a label of subcutaneous fat would be.
+fn fat() -> PathBuf {
+    let ct = read_image(&phantom().planning).unwrap().value;
+    let bones = read_labels(&phantom().bones, None).unwrap().value;
+    let grid = ct.grid();
+    let reach = grid.spacing().map(|s| (10.0 / s) as i64);
+    let is_air = |at: [i64; 3]| {
+        let inside = (0..3).all(|a| (0..grid.size()[a] as i64).contains(&at[a]));
+        inside && *ct.at(at.map(|i| i as usize)) < -500.0
+    };
+    let near_air = |l: usize| {
+        let at = grid.voxel(l).map(|i| i as i64);
+        let along = |a: usize| (-reach[a]..=reach[a]).map(move |d| (a, d));
+        (0..2).flat_map(along).any(|(a, d)| {
+            let mut there = at;
+            there[a] += d;
+            is_air(there)
+        })
+    };
+    let fat = |l: usize| (-150.0..150.0).contains(&ct.data()[l]) && bones.volume.data()[l] == 0 && near_air(l);
+    let mask = Volume::from_fn(grid.clone(), |l| u16::from(fat(l)));
+    labels(&folder().join("fat.nii.gz"), &LabelMap { volume: mask, names: BTreeMap::new() })
+}
+
+/// A patient who loses weight: the skin comes in with the fat, bones stay, nothing folds.
+#[test]
+fn fat_that_is_lost_takes_the_skin_along() {
+    let (out, still, fat) = (folder().join("thinner"), folder().join("still.toml"), fat());
+    fs::write(&still, "# nothing moves\n").unwrap();
+    let change = ["--organs", text(&fat), "--volume-change", "fat=0.75"];
+    pose(&out, &[&["--pose", text(&still)][..], &change].concat()).assert().success();
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
+    let reached = report["volume_changes"][0]["reached"].as_f64().unwrap();
+    assert!((reached / 0.75 - 1.0).abs() < 0.1, "{}", report["volume_changes"]);
+    assert_eq!(report["jacobian"]["all"]["folded"], 0, "{}", report["jacobian"]);
+    // Litres of what is no air: by as much less as of the fat is lost, but for the skin's voxels.
+    let of = |path: &Path| {
+        let ct = read_image(path).unwrap().value;
+        let full = |hu: &f32| f64::from(((hu + 1000.0) / 1000.0).clamp(0.0, 1.0));
+        ct.data().iter().map(full).sum::<f64>() * ct.grid().voxel_volume()
+    };
+    let lost = of(&phantom().planning) - of(&out.join("planning_on_fraction.nii.gz"));
+    let mask = read_labels(&fat, None).unwrap().value.volume;
+    let expected = 0.25 * mask.data().iter().filter(|l| **l > 0).count() as f64 * mask.grid().voxel_volume();
+    println!("lost {lost} for {expected}");
+    assert!((lost / expected - 1.0).abs() < 0.35, "{lost} for {expected}");
 }
