@@ -274,6 +274,7 @@ fn an_index_goes_when_its_fractions_do() {
     assert!(index.is_file());
     // The first fraction is registered anew and the second fails: the index would tell of what is no longer there.
     let bytes = fs::read(&second).unwrap();
+    fs::create_dir_all(folder().join("torn")).unwrap();
     let torn = files::bytes(&folder().join("torn/fraction_ct.nii.gz"), &bytes[..bytes.len() / 2]);
     Register::quick("index_goes").with("--fraction", torn).command().assert().failure();
     assert!(!index.is_file() && !run().out.join("index.json").is_file());

@@ -1,6 +1,7 @@
 //! Inputs of a registration, from files and from memory.
 
 use crate::arrays::{self, Given, Names};
+use aventail::chainmail::VolumeChange;
 use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
@@ -147,6 +148,7 @@ pub(crate) struct Inputs {
     bone_landmarks: Option<Given<BonePoints>>,
     skeleton: Option<PathBuf>,
     start: Option<[[f64; 4]; 4]>,
+    organs: Option<PathBuf>,
 }
 
 impl Inputs {
@@ -166,15 +168,22 @@ impl Inputs {
             bone_landmarks: more.bone_landmarks.as_ref().map(points).transpose()?,
             skeleton: more.skeleton,
             start: more.start,
+            organs: more.organs,
         })
     }
 
-    /// Reads the files.
-    pub(crate) fn read(self) -> Result<Case> {
+    /// Reads the files; `named`: organs that the settings name, for structure sets.
+    pub(crate) fn read(self, named: &[String]) -> Result<Case> {
         let mut ledger = Ledger::default();
         let planning_file = self.planning.path().map(Path::to_owned);
         let planning = ledger.image("planning", self.planning)?;
-        let bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), planning.grid()))?;
+        let mut bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), planning.grid()))?;
+        if let Some(path) = &self.organs {
+            if let (true, Some(planning)) = (is_dicom_path(path), &planning_file) {
+                check_frames((path, Role::Structures), (planning, Role::Image))?;
+            }
+            ledger.warnings.extend(io::add_organs(&mut bones, path, named)?);
+        }
         let fraction = match self.fraction {
             Some(given) => ledger.image("fraction", given)?,
             None => Volume::filled(Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?, 0.0),
@@ -183,6 +192,7 @@ impl Inputs {
             ("landmarks", self.landmarks.as_ref().and_then(Given::path)),
             ("bone-landmarks", self.bone_landmarks.as_ref().and_then(Given::path)),
             ("skeleton", self.skeleton.as_deref()),
+            ("organs", self.organs.as_deref()),
         ];
         for (role, path) in files {
             path.map_or(Ok(()), |path| ledger.named(role, path))?;
@@ -200,6 +210,33 @@ impl Inputs {
             inputs: ledger.inputs,
             ..Case::new(planning, bones, fraction)
         })
+    }
+}
+
+/// One of several fractions, still to be read, with its landmarks.
+pub(crate) struct FractionInputs {
+    image: Given<Volume<f32>>,
+    landmarks: Option<Given<Points>>,
+}
+
+impl FractionInputs {
+    /// Of Python's keywords.
+    pub(crate) fn new(image: &Bound<'_, PyAny>, landmarks: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        Ok(Self { image: arrays::image(image)?, landmarks: landmarks.map(points).transpose()? })
+    }
+
+    /// Reads the files into a case of its own with this planning side.
+    pub(crate) fn read(self, planning: &Case) -> Result<Case> {
+        let mut ledger = Ledger::default();
+        let fraction = ledger.image("fraction", self.image)?;
+        self.landmarks.as_ref().and_then(Given::path).map_or(Ok(()), |path| ledger.named("landmarks", path))?;
+        let landmarks = self.landmarks.map(landmarks).transpose()?.unwrap_or_default();
+        let mut case = Case { fraction, landmarks, ..planning.clone() };
+        // Behind planning CT and bones, where these are files.
+        let at = case.inputs.iter().take_while(|input| ["planning", "bones"].contains(&input.role.as_str())).count();
+        case.inputs.splice(at..at, ledger.inputs);
+        case.warnings.extend(ledger.warnings);
+        Ok(case)
     }
 }
 
@@ -228,6 +265,26 @@ pub(crate) struct More<'py> {
     bone_landmarks: Option<Bound<'py, PyAny>>,
     skeleton: Option<PathBuf>,
     start: Option<[[f64; 4]; 4]>,
+    organs: Option<PathBuf>,
+    volume_change: Vec<(String, f64)>,
+}
+
+impl More<'_> {
+    /// Lays the changes of organs' volumes over those of the settings.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when a factor makes no sense or the settings cannot use it.
+    pub(crate) fn apply(&self, config: &mut Config) -> Result<()> {
+        for (organ, factor) in &self.volume_change {
+            let change = VolumeChange { organ: organ.clone(), factor: *factor };
+            config.chainmail.volume_change.retain(|c| c.organ != change.organ);
+            config.chainmail.volume_change.push(change);
+        }
+        match config.problem().filter(|_| !self.volume_change.is_empty()) {
+            Some(problem) => Err(Error::usage(problem, "correct volume_change, or the settings it goes with")),
+            None => Ok(()),
+        }
+    }
 }
 
 /// How a run is set up.

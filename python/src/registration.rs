@@ -1,12 +1,12 @@
 //! Registrations and poses, and what they found.
 
 use crate::arrays::{Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
-use crate::case::{Inputs, More, Settings, transforms};
+use crate::case::{FractionInputs, Inputs, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
 use aventail::io::RunFolder;
-use aventail::pipeline::{self, BoneMotion};
+use aventail::pipeline::{self, BoneMotion, Planning};
 use aventail::report::{self, Report, Run, Saving, planned};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
@@ -229,15 +229,60 @@ pub(crate) fn register(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
-    let config = settings.config().raised(py)?;
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
     let inputs = Inputs::new(planning, bones, Some(fraction), more)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
-        let case = runtime.stage("read", || inputs.read())?;
+        let case = runtime.stage("read", || inputs.read(&named))?;
         let outcome = pipeline::register(&case, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
     Ok(Registration::new(runs, found))
+}
+
+/// Registers several fractions of one patient, in their order; what depends on planning alone is done once.
+#[pyfunction]
+#[pyo3(signature = (planning, bones, fractions, more, settings, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn register_several(
+    py: Python<'_>,
+    planning: &Bound<'_, PyAny>,
+    bones: &Bound<'_, PyAny>,
+    fractions: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    more: More<'_>,
+    settings: Settings,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<Registration>> {
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
+    let inputs = Inputs::new(planning, bones, None, more)?;
+    let fractions = fractions.iter().map(|(image, landmarks)| FractionInputs::new(image, landmarks.as_ref()));
+    let fractions = fractions.collect::<PyResult<Vec<_>>>()?;
+    let runs = Runs::new(threads).raised(py)?;
+    let found = runs.run(py, progress, move |runtime| {
+        let side = runtime.stage("read", || inputs.read(&named))?;
+        let mut planning = None;
+        let mut all = Vec::new();
+        for (n, fraction) in fractions.into_iter().enumerate() {
+            if n > 0 {
+                runtime.restart();
+            }
+            let case = runtime.stage("read the fraction", || fraction.read(&side))?;
+            pipeline::check_fraction(&case.fraction, &config)?;
+            let planning = match &planning {
+                Some(planning) => planning,
+                None => planning.insert(Planning::new(&case, &config, runtime)?),
+            };
+            let outcome = pipeline::register_fraction(&case, planning, &config, runtime)?;
+            all.push((case, config.clone(), outcome));
+        }
+        Ok(all)
+    })?;
+    Ok(found.into_iter().map(|found| Registration::new(runs.clone(), found)).collect())
 }
 
 /// How bones are told to move.
@@ -290,11 +335,13 @@ pub(crate) fn pose(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
-    let config = settings.config().raised(py)?;
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
     let inputs = Inputs::new(planning, bones, None, more)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
-        let mut case = runtime.stage("read", || inputs.read())?;
+        let mut case = runtime.stage("read", || inputs.read(&named))?;
         let motion = motion.of(&mut case)?;
         let (case, outcome) = pipeline::pose(case, &motion, margin_mm, &config, runtime)?;
         Ok((case, config, outcome))

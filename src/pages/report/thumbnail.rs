@@ -6,12 +6,16 @@ use std::io::Cursor;
 /// Width of what is made, pixels: twice what a page shows, for screens that show more.
 const WIDTH: usize = 240;
 
+/// Samples from here on are white.
+const WHITE: u8 = 240;
+
 /// The uppermost plane of a picture of planes, small; nothing where the file is no PNG of colours.
 pub(super) fn thumbnail(png: &[u8]) -> Option<Vec<u8>> {
     let (pixels, [width, height]) = decoded(png)?;
     let row = |y: usize| &pixels[y * width..(y + 1) * width];
-    // Planes lie below each other, apart by white.
-    let end = (1..height).find(|y| row(*y).iter().all(|p| *p == [255; 3])).unwrap_or(height);
+    // Planes lie below each other, apart by white, or what few colours have made of it.
+    let white = |y: &usize| row(*y).iter().flatten().all(|c| *c >= WHITE);
+    let end = (1..height).find(white).unwrap_or(height);
     let by = width.div_ceil(WIDTH).max(1);
     let mean = |x: usize, y: usize| -> Rgb {
         let inside = |n: usize, most: usize| n * by..((n + 1) * by).min(most);
@@ -51,7 +55,8 @@ mod tests {
     fn the_first_plane_is_made_small() {
         // Red above, a white gap, blue below.
         let colour = |y: usize| if y < 300 { [200, 20, 20] } else { [20, 20, 200] };
-        let canvas = Canvas::from_fn(960, 700, |_, y| if (300..306).contains(&y) { [255; 3] } else { colour(y) });
+        let canvas =
+            Canvas::from_fn(960, 700, |_, y| if (300..306).contains(&y) { [250, 255, 247] } else { colour(y) });
         let small = thumbnail(&canvas.png_within(usize::MAX).unwrap()).unwrap();
         let (pixels, size) = decoded(&small).unwrap();
         assert_eq!(size, [240, 75]);

@@ -97,8 +97,7 @@ impl Fractions {
             let image = report.inputs.iter().find(|i| i.role == "fraction");
             planning = planning.or_else(|| report.inputs.iter().find(|i| i.role == "planning").cloned());
             fractions.push(Fraction {
-                image: image
-                    .map_or(String::new(), |i| i.path.file_name().unwrap_or_default().to_string_lossy().into_owned()),
+                image: image.map_or(String::new(), |i| ending(&i.path)),
                 moves_most: report.moves_most().map(|(bone, mm)| Moved { bone: bone.name.clone(), mm }),
                 warned: report.warnings.len(),
                 picture: std::fs::read(folder.join("report/fusion_after.png")).ok().and_then(|png| thumbnail(&png)),
@@ -158,13 +157,19 @@ impl Fractions {
                     tr {
                         th { "After registration" } th { "Fraction" } th { "Verdict" }
                         @for k in kinds { th.n { (k.title) @if !k.unit.is_empty() { br; (k.unit) } } }
-                        th { "Moves most, couch apart" } th.n { "Warnings" }
+                        th { "Moves most, apart from the couch shift" } th.n { "Warnings" }
                     }
                 }
                 tbody { @for f in &self.fractions { (line(f, kinds)) } }
             }
         }
     }
+}
+
+/// The last two parts of a path: files of several fractions often have one name.
+fn ending(path: &Path) -> String {
+    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
+    parts[parts.len().saturating_sub(2)..].join("/")
 }
 
 /// The line of one fraction.
@@ -186,7 +191,7 @@ fn line(f: &Fraction, kinds: &[&Kind]) -> Markup {
             @for k in kinds {
                 td.n data-what=(k.title) { (number(k, f.run.figure(k.key))) span.note { " " (k.unit) } }
             }
-            td data-what="Moves most, couch apart" {
+            td data-what="Moves most" {
                 @match &f.moves_most { Some(m) => { (m.bone) ", " (format!("{:.1} mm", m.mm)) } None => { "\u{2013}" } }
             }
             td.n data-what="Warnings" { (f.warned) }
@@ -223,6 +228,7 @@ mod tests {
         let page = all.page();
         let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what} is not in it"));
         assert!(at("href=\"b/report.html\"") < at("href=\"a&lt;b&gt;/report.html\"") && !page.contains("<b>/"));
+        assert!(page.contains("case/fraction.nii.gz"));
         assert!(page.contains("3 fractions: 1 fail, 1 to review, 1 pass") && page.contains("skull, "), "{page}");
         assert_eq!(page.matches("<svg").count(), 4, "no uncertainty was asked for");
         assert!(!page.contains("http:") && !page.contains("<script") && page.contains("default-src 'none'"));

@@ -126,7 +126,7 @@ impl DosePage<'_> {
                 tbody {
                     @for (line, row) in table.rows.iter().enumerate() {
                         tr.screen[line >= most] {
-                            @for (n, cell) in row.iter().enumerate() { td class=[class(n)] { span.short { (cell) } } }
+                            @for (n, cell) in row.iter().enumerate() { td class=[class(n)] { @if n == 0 { span.short { (cell) } } @else { (cell) } } }
                         }
                     }
                 }

@@ -222,7 +222,7 @@ fn provenance(report: &Report) -> Markup {
         }
         h3.screen { "Command" }
         pre.screen { (report.command) }
-        details.screen open { summary { "Settings, defaults resolved" } pre { (settings) } }
+        details.screen { summary { "Settings, defaults resolved" } pre { (settings) } }
     }
 }
 

@@ -10,8 +10,10 @@ use crate::geometry::rotation_angle_deg;
 use maud::{Markup, html};
 
 /// Lines of each table that are printed.
-const BONES_ON_PAPER: usize = 32;
+const BONES_ON_PAPER: usize = 26;
 const LANDMARKS_ON_PAPER: usize = 60;
+/// As many lie in two columns; more need three.
+const FEW: usize = 30;
 const PAIRS_ON_PAPER: usize = 8;
 const CELLS_ON_PAPER: usize = 8;
 const ORGANS_ON_PAPER: usize = 8;
@@ -106,7 +108,7 @@ pub(super) fn landmarks(report: &Report) -> Markup {
             span { i.dot-after style="border-radius: 50%" {} "after" }
             span.note { (format!("scale 0 to {top:.1} mm")) }
         }
-        div.rows { table {
+        div.rows.dense[l.each.len() > FEW] { table {
             thead { tr { th.n { "#" } th { "Landmark" } th.n { "before mm" } th.n { "after mm" } th.n.screen { "ratio" } th { "residual" } } }
             tbody {
                 @for (i, r) in l.each.iter().enumerate() {
