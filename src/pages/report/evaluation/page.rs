@@ -14,6 +14,8 @@ use std::cmp::Reverse;
 
 /// Fields, rules, and rows of pictures that a page of paper has room for.
 const FIELDS_ON_PAPER: usize = 4;
+/// As many have tables in two columns.
+const FEW_FIELDS: usize = 2;
 const RULES_ON_PAPER: usize = 18;
 const ROWS_OF_A_SHEET: usize = 3;
 
@@ -152,8 +154,9 @@ fn side_by_side(report: &EvaluationReport, names: &[&str]) -> Markup {
     let worst =
         |row: &MarkRow| row.values.iter().map(|v| ["pass", "review", "fail"].iter().position(|m| *m == class(v))).max();
     rows.sort_by_key(|row| Reverse(worst(row)));
+    let most = if names.len() > FEW_FIELDS { RULES_ON_PAPER * 2 / 3 } else { RULES_ON_PAPER };
     html! {
-        table {
+        table.fields {
             thead {
                 tr {
                     th { "Figure" }
@@ -163,16 +166,16 @@ fn side_by_side(report: &EvaluationReport, names: &[&str]) -> Markup {
             }
             tbody {
                 @for (line, row) in rows.iter().enumerate() {
-                    tr.screen[line >= RULES_ON_PAPER] {
+                    tr.screen[line >= most] {
                         td { span.short { (row.figure) } }
                         @for (n, v) in row.values.iter().enumerate() { td.(class(v)).n.screen[n >= FIELDS_ON_PAPER] { (v) } }
-                        td { (row.limit) }
+                        td { span.clip { (row.limit) } }
                         td.screen { (row.source) }
                     }
                 }
             }
         }
-        (more(rows.len(), RULES_ON_PAPER, "rules", "evaluation.md"))
+        (more(rows.len(), most, "rules", "evaluation.md"))
     }
 }
 
@@ -183,8 +186,8 @@ fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -
     html! {
         @if !rows.is_empty() {
             h2 { (heading) }
-            div.rows {
-                table {
+            div.rows[names.len() <= FEW_FIELDS] {
+                table.fields {
                     thead {
                         tr {
                             th {} th {}
@@ -206,7 +209,7 @@ fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -
                     }
                 }
             }
-            (more(items.len(), most, "of them, less conspicuous", "evaluation.md"))
+            (more(items.len(), most, "with smaller errors", "evaluation.md"))
         }
     }
 }

@@ -95,7 +95,7 @@ pub(in crate::report) fn table(verdicts: &[Verdict], on_paper: usize) -> Markup 
                 }
             }
         }
-        (more(all.len(), on_paper, "rules, the last to be looked at", "on the page"))
+        (more(all.len(), on_paper, "rules", "on the screen"))
     }
 }
 
