@@ -66,6 +66,9 @@ fn printed(browser: &Browser, (paper, [wide, high]): (&str, [f64; 2])) -> Vec<(b
 fn on_paper(name: &str, file: &Path) -> Option<Vec<(&'static str, Vec<(bool, usize)>)>> {
     let browser = Browser::start(&folder().join(name))?;
     browser.open(file);
+    // What is said of the print is not said on the screen.
+    let shown = "[...document.querySelectorAll('.paper')].filter(e => e.getClientRects().length).length";
+    assert_eq!(browser.value(shown), 0);
     Some(PAPERS.into_iter().map(|paper| (paper.0, printed(&browser, paper))).collect())
 }
 
