@@ -112,11 +112,16 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         );
         texts.push(text?);
     }
+    all_told(texts, &fractions, index, args.run.json)
+}
+
+/// What the terminal is told of all fractions, whose index is written where there are several.
+fn all_told(mut texts: Vec<String>, fractions: &[Fraction], index: Option<Index>, json: bool) -> Result<String> {
     let names: Vec<&str> = fractions.iter().map(|one| one.name.as_str()).collect();
     let page = index.map(|index| index.write(&names)).transpose()?;
     Ok(match page {
         None => texts.swap_remove(0),
-        Some(_) if args.run.json => format!("[\n{}\n]", texts.join(",\n")),
+        Some(_) if json => format!("[\n{}\n]", texts.join(",\n")),
         Some(page) => {
             let named = names.iter().zip(&texts).map(|(name, text)| format!("{name}\n{text}"));
             format!("{}\n\nAll fractions: {}", named.collect::<Vec<_>>().join("\n\n"), page.display())
