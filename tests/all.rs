@@ -25,6 +25,7 @@ mod library;
 mod page;
 mod phantom;
 mod pose;
+mod print;
 mod real_cases;
 #[path = "refusals/main.rs"]
 mod refusals;

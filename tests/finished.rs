@@ -4,7 +4,7 @@
 
 use crate::support::browser::Browser;
 use crate::support::viewer::{click, numbers, on_canvas, pixels, told};
-use crate::support::{Register, aventail, done, folder, phantom, quick_settings, small_phantom};
+use crate::support::{Register, aventail, done, files, folder, phantom, quick_settings, small_phantom};
 use aventail::io::{read_field, read_image};
 use aventail::volume::Volume;
 use nalgebra::{Point3, Vector3};
@@ -235,4 +235,72 @@ fn of_several_fractions_one_is_to_be_named() {
         assert!(said.contains(&one.display().to_string()), "{said}");
         figure(&one, "fusion", "axial", &out).assert().success();
     }
+    // The page above leads to them, and is named.
+    let page = both.out.join("index.html");
+    assert!(said.contains(&page.display().to_string()), "{said}");
+    let index: Value = serde_json::from_slice(&fs::read(both.out.join("index.json")).unwrap()).unwrap();
+    for (n, name) in ["1", "2"].into_iter().enumerate() {
+        let report: Value =
+            serde_json::from_slice(&fs::read(both.out.join(name).join("report.json")).unwrap()).unwrap();
+        let line = &index["fractions"][n];
+        assert_eq!((line["fraction"].as_str(), &line["verdict"]), (Some(name), &report["verdict"]));
+        assert_eq!(line["warned"].as_u64(), report["warnings"].as_array().map(|w| w.len() as u64));
+        assert_eq!(line["figures"]["folded_percent"], report["jacobian"]["body"]["folded_percent"]);
+        assert_eq!(index["inputs"][n]["path"], format!("{name}/report.json"));
+    }
+    let Some(browser) = Browser::start(&folder().join("index")) else { return };
+    browser.open(&page);
+    let shown = "[...document.images].every(i => i.complete && i.naturalWidth > 100) && document.images.length";
+    assert_eq!(browser.value(shown), 2);
+    let links = "[...document.querySelectorAll('table a')].map(a => a.getAttribute('href')).join()";
+    assert_eq!(browser.text(links), "1/report.html,2/report.html");
+    let (complaints, requests) = browser.complaints_and_requests();
+    assert!(complaints.is_empty() && requests.iter().all(|r| r.starts_with("data:") || r.ends_with("index.html")));
+    let phone = serde_json::json!({ "width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": true });
+    browser.call("Emulation.setDeviceMetricsOverride", phone);
+    let wide = browser.value("document.documentElement.scrollWidth").as_f64().expect("a number");
+    assert!(wide <= 390.0, "{wide}");
+}
+
+#[test]
+fn an_index_goes_when_its_fractions_do() {
+    let second = small_phantom().planning.parent().unwrap().join("fraction_2/fraction_ct.nii.gz");
+    let run = || Register::quick("index_goes").with("--fraction", &second);
+    run().command().assert().success();
+    let index = run().out.join("index.html");
+    assert!(index.is_file());
+    // Refused before it writes: it stays.
+    run().with("--max-memory", "0.0001").command().assert().failure();
+    assert!(index.is_file());
+    // The first fraction is registered anew and the second fails: the index would tell of what is no longer there.
+    let bytes = fs::read(&second).unwrap();
+    fs::create_dir_all(folder().join("torn")).unwrap();
+    let torn = files::bytes(&folder().join("torn/fraction_ct.nii.gz"), &bytes[..bytes.len() / 2]);
+    Register::quick("index_goes").with("--fraction", torn).command().assert().failure();
+    assert!(!index.is_file() && !run().out.join("index.json").is_file());
+}
+
+#[test]
+fn structures_that_a_run_carried_are_shown_by_themselves() {
+    let made = folder().join("made");
+    aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&made).assert().success();
+    let (dicom, out) = (made.join("dicom"), folder().join("carried"));
+    let set = dicom.join("planning/RS.dcm");
+    let mut run = aventail();
+    run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
+    run.arg("--bones").arg(made.join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
+    run.args(["--dicom", "--quiet", "--structures"]).arg(&set).arg("--out").arg(&out).assert().success();
+    let names = |served: &Served| {
+        let (status, page) = ask(served, "GET", &served.path, &served.host);
+        assert_eq!(status, 200);
+        let about = page.split("id=\"view-about\"").nth(1).and_then(|rest| rest.split_once('>')).unwrap().1;
+        let about: Value = serde_json::from_str(about.split("</script>").next().unwrap()).unwrap();
+        about["structures"].to_string()
+    };
+    assert!(names(&serve(&out, &[])).contains("parotid_left"));
+    // A file that has changed since is not what the run carried.
+    let mut bytes = fs::read(&set).unwrap();
+    bytes.push(0);
+    fs::write(&set, bytes).unwrap();
+    assert!(!names(&serve(&out, &[])).contains("parotid_left"));
 }

@@ -1,4 +1,4 @@
-//! The page of a run in a browser: opened from disk, looked through, printed. Where there is no
+//! The page of a run in a browser: opened from disk, looked through. Where there is no
 //! Chromium these tests say so and do nothing (`AVENTAIL_BROWSER` names the one to take).
 
 use crate::support::browser::Browser;
@@ -6,10 +6,8 @@ use crate::support::viewer::{click, mouse, numbers, on_canvas, pixels, settle, t
 use crate::support::{Register, aventail, bones_alone, done, files, folder, phantom};
 use aventail::io::{read_field, read_image, read_labels};
 use aventail::volume::{LabelMap, Volume, trilinear_vector};
-use base64::{Engine, engine::general_purpose::STANDARD};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
-use std::io::Read;
 
 /// The page of the shared run in a browser of its own, 1400 by 1000 pixels; `name` of its profile.
 fn opened(name: &str) -> Option<Browser> {
@@ -238,48 +236,6 @@ fn without_the_view_the_page_has_no_script() {
         assert!(page.matches("data:image/png;base64,").count() >= 5 && page.contains("alt=\"Couch shift alone\""));
     }
     assert!(whole.contains("script-src 'sha256-") && whole.contains("<section class=\"viewer\" id=\"viewer\" hidden>"));
-}
-
-/// The content of each page of a PDF file: whether it shows a picture, and how many lines of text.
-fn pages_of(pdf: &[u8]) -> Vec<(bool, usize)> {
-    let text = String::from_utf8_lossy(pdf);
-    let pages = text.split("/Type /Page\n").skip(1);
-    pages
-        .map(|page| {
-            let page = page.split("endobj").next().expect("a page ends");
-            let number = page.split("/Contents ").nth(1).and_then(|c| c.split(' ').next()).expect("it has contents");
-            let head = format!("\n{number} 0 obj\n");
-            let at = pdf.windows(head.len()).position(|w| w == head.as_bytes()).expect("the contents are there");
-            let begin = at + pdf[at..].windows(7).position(|w| w == b"stream\n").expect("a stream") + 7;
-            let mut shown = String::new();
-            let read = flate2::read::ZlibDecoder::new(&pdf[begin..]).read_to_string(&mut shown);
-            read.expect("the contents are deflated text");
-            (page.contains("/XObject"), shown.matches("BT\n").count())
-        })
-        .collect()
-}
-
-#[test]
-fn it_prints_on_four_pages_each_with_a_picture_or_a_table_and_is_signed_on_the_first() {
-    let Some(browser) = opened("print") else { return };
-    for (paper, [wide, high]) in [("A4", [8.27, 11.69]), ("Letter", [8.5, 11.0])] {
-        let parameters = json!({ "paperWidth": wide, "paperHeight": high });
-        let answer = browser.call("Page.printToPDF", parameters);
-        let pdf = STANDARD.decode(answer["data"].as_str().expect("a file")).expect("base64");
-        let pages = pages_of(&pdf);
-        assert!((2..=4).contains(&pages.len()), "{paper}: {} pages", pages.len());
-        // A heading alone is a few words.
-        assert!(pages.iter().all(|(picture, words)| *picture || *words > 40), "{paper}: {pages:?}");
-        assert!(pages[0].0 && pages[1].0, "{paper}: {pages:?}");
-        // As wide as the paper between its margins of 11 mm; the lines to sign lie on the first page.
-        let [w, h] = [wide, high].map(|inches: f64| (inches * 96.0 - 22.0 / 25.4 * 96.0) as u32);
-        browser.call("Emulation.setEmulatedMedia", json!({ "media": "print" }));
-        let screen = json!({ "width": w, "height": h, "deviceScaleFactor": 1, "mobile": false });
-        browser.call("Emulation.setDeviceMetricsOverride", screen);
-        let bottom = "document.querySelector('section.sign').getBoundingClientRect().bottom + scrollY";
-        assert!(browser.value(bottom).as_f64().is_some_and(|y| y < f64::from(h)), "{paper}");
-        browser.call("Emulation.setEmulatedMedia", json!({ "media": "" }));
-    }
 }
 
 #[test]

@@ -22,6 +22,7 @@ __all__ = [
     "read_image",
     "read_labels",
     "register",
+    "register_several",
     "skeleton",
     "write_contours",
     "write_field",
@@ -60,6 +61,15 @@ def register(
     threads: int,
     progress: _Reporter,
 ) -> Registration: ...
+def register_several(
+    planning: _Source,
+    bones: _Source,
+    fractions: list[tuple[_Source, Any]],
+    more: dict[str, Any],
+    settings: dict[str, Any],
+    threads: int,
+    progress: _Reporter,
+) -> list[Registration]: ...
 def pose(
     planning: _Source,
     bones: _Source,

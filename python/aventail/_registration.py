@@ -284,9 +284,12 @@ def _more(
         "bone_landmarks": on_bones,
         "skeleton": None if skeleton is None else os.fspath(skeleton),
         "start": None if start is None else np.asarray(start, np.float64).tolist(),
+        "organs": None,
+        "volume_change": [],
     }
 
 
+@overload
 def register(
     planning: ImageLike,
     bones: ImageLike,
@@ -298,17 +301,56 @@ def register(
     bone_landmarks: BoneLandmarks | None = None,
     skeleton: Path | None = None,
     start: ArrayLike | None = None,
+    organs: Path | None = None,
+    volume_change: Mapping[str, float] | None = None,
     threads: int = 0,
     progress: Progress = None,
-) -> Registration:
+) -> Registration: ...
+@overload
+def register(
+    planning: ImageLike,
+    bones: ImageLike,
+    fraction: list[ImageLike],
+    labels: Names | None = None,
+    settings: Settings = None,
+    landmarks: Sequence[Landmarks | None] | None = None,
+    *,
+    skeleton: Path | None = None,
+    organs: Path | None = None,
+    volume_change: Mapping[str, float] | None = None,
+    threads: int = 0,
+    progress: Progress = None,
+) -> list[Registration]: ...
+
+
+def register(
+    planning: ImageLike,
+    bones: ImageLike,
+    fraction: Any,
+    labels: Names | None = None,
+    settings: Settings = None,
+    landmarks: Any = None,
+    *,
+    bone_landmarks: BoneLandmarks | None = None,
+    skeleton: Path | None = None,
+    start: ArrayLike | None = None,
+    organs: Path | None = None,
+    volume_change: Mapping[str, float] | None = None,
+    threads: int = 0,
+    progress: Progress = None,
+) -> Any:
     """Registers a planning CT to a fraction CT; both in HU.
 
     ``planning``, ``bones`` (labels on the planning grid) and ``fraction`` are paths (NIfTI, MetaImage, NRRD, DICOM
     folders; a structure set for the bones), SimpleITK images, nibabel images, or an :class:`Image`. ``labels`` names the
     bones where the labels do not, by TotalSegmentator's names. ``landmarks`` evaluate and never enter the fit;
     ``bone_landmarks`` place the skeleton; ``start`` is a 4x4 near which the fit begins, planning to fraction, LPS mm.
-    Results do not depend on ``threads`` (0: one per core). The interpreter's lock is free meanwhile, and Ctrl-C raises
-    KeyboardInterrupt.
+    ``organs`` is a file of their labels on the planning grid, or a structure set; ``volume_change`` says of an organ its
+    volume in the fraction over that in planning, ``{"parotid_left": 0.8}``. Results do not depend on ``threads`` (0: one
+    per core). The interpreter's lock is free meanwhile, and Ctrl-C raises KeyboardInterrupt.
+
+    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` is
+    then a list too.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -320,12 +362,28 @@ def register(
     ['body', 'brainstem', 'ctv']
     """
     given, names = label_source(bones, labels)
-    more = _more(names, landmarks, bone_landmarks, skeleton, start)
-    with told(progress) as function:
-        native = _aventail.register(
-            source(planning), given, source(fraction), more, settings_source(settings), threads, function
+    several = isinstance(fraction, list)
+    more = _more(names, None if several else landmarks, bone_landmarks, skeleton, start)
+    more["organs"] = None if organs is None else os.fspath(organs)
+    more["volume_change"] = [(str(organ), float(factor)) for organ, factor in (volume_change or {}).items()]
+    settled = settings_source(settings)
+    if not several:
+        with told(progress) as function:
+            native = _aventail.register(source(planning), given, source(fraction), more, settled, threads, function)
+        return Registration(native)
+    if bone_landmarks is not None or start is not None:
+        raise _errors.usage(
+            "bone_landmarks and start belong to one fraction, and several are given", "register the fractions one by one"
         )
-    return Registration(native)
+    points = [None] * len(fraction) if landmarks is None else list(landmarks)
+    if len(points) != len(fraction):
+        raise _errors.usage(
+            f"{len(points)} sets of landmarks are given for {len(fraction)} fractions", "give one for each, or None"
+        )
+    pairs = [(source(image), landmark_source(each)) for image, each in zip(fraction, points)]
+    with told(progress) as function:
+        natives = _aventail.register_several(source(planning), given, pairs, more, settled, threads, function)
+    return [Registration(native) for native in natives]
 
 
 def pose(

@@ -1,6 +1,7 @@
 //! Inputs of a registration, from files and from memory.
 
 use crate::arrays::{self, Given, Names};
+use aventail::chainmail::VolumeChange;
 use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
@@ -144,6 +145,7 @@ pub(crate) struct Inputs {
     bone_landmarks: Option<Given<BonePoints>>,
     skeleton: Option<PathBuf>,
     start: Option<[[f64; 4]; 4]>,
+    organs: Option<PathBuf>,
 }
 
 impl Inputs {
@@ -157,15 +159,24 @@ impl Inputs {
             bone_landmarks: more.bone_landmarks.as_ref().map(points).transpose()?,
             skeleton: more.skeleton,
             start: more.start,
+            organs: more.organs,
         })
     }
 
-    /// Reads the files of the planning side, and what is known of it and a fraction or a posture.
-    pub(crate) fn read(self) -> Result<(PlanningScan, Marks)> {
+    /// Reads the files of the planning side, and what is known of it and a fraction or a posture; `named`: organs that the
+    /// settings name, for structure sets.
+    pub(crate) fn read(self, named: &[String]) -> Result<(PlanningScan, Marks)> {
         let mut ledger = Ledger::default();
         let planning_file = self.planning.path().map(Path::to_owned);
         let ct = ledger.image("planning", self.planning)?;
-        let bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
+        let mut bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
+        if let Some(path) = &self.organs {
+            if let (true, Some(planning)) = (is_dicom_path(path), &planning_file) {
+                check_frames((path, Role::Structures), (planning, Role::Image))?;
+            }
+            ledger.warnings.extend(io::add_organs(&mut bones, path, named)?);
+            ledger.named("organs", path)?;
+        }
         let skeleton = match &self.skeleton {
             Some(path) => {
                 ledger.named("skeleton", path)?;
@@ -175,20 +186,7 @@ impl Inputs {
         };
         let Ledger { inputs, warnings } = ledger;
         let planning = PlanningScan { ct, bones, skeleton, warnings, inputs };
-        let mut ledger = Ledger::default();
-        let files = [
-            ("landmarks", self.landmarks.as_ref().and_then(Given::path)),
-            ("bone-landmarks", self.bone_landmarks.as_ref().and_then(Given::path)),
-        ];
-        for (role, path) in files {
-            path.map_or(Ok(()), |path| ledger.named(role, path))?;
-        }
-        let marks = Marks {
-            landmarks: self.landmarks.map(landmarks).transpose()?.unwrap_or_default(),
-            bone_landmarks: self.bone_landmarks.map(on_bones).transpose()?.unwrap_or_default(),
-            start: self.start.map(|rows| arrays::rigid("start", &rows)).transpose()?,
-            inputs: ledger.inputs,
-        };
+        let marks = Marks::read(self.landmarks, self.bone_landmarks, self.start)?;
         Ok((planning, marks))
     }
 }
@@ -203,6 +201,27 @@ pub(crate) struct Marks {
 }
 
 impl Marks {
+    fn read(
+        points: Option<Given<Points>>,
+        bone_points: Option<Given<BonePoints>>,
+        start: Option<[[f64; 4]; 4]>,
+    ) -> Result<Self> {
+        let mut ledger = Ledger::default();
+        let files = [
+            ("landmarks", points.as_ref().and_then(Given::path)),
+            ("bone-landmarks", bone_points.as_ref().and_then(Given::path)),
+        ];
+        for (role, path) in files {
+            path.map_or(Ok(()), |path| ledger.named(role, path))?;
+        }
+        Ok(Self {
+            landmarks: points.map(landmarks).transpose()?.unwrap_or_default(),
+            bone_landmarks: bone_points.map(on_bones).transpose()?.unwrap_or_default(),
+            start: start.map(|rows| arrays::rigid("start", &rows)).transpose()?,
+            inputs: ledger.inputs,
+        })
+    }
+
     /// A fraction with them.
     pub(crate) fn with(self, fraction: Given<Volume<f32>>) -> Result<FractionScan> {
         let mut ledger = Ledger::default();
@@ -210,6 +229,24 @@ impl Marks {
         let Self { landmarks, bone_landmarks, start, inputs } = self;
         let inputs = [ledger.inputs, inputs].concat();
         Ok(FractionScan { ct, landmarks, bone_landmarks, start, warnings: ledger.warnings, inputs })
+    }
+}
+
+/// One of several fractions, still to be read, with its landmarks.
+pub(crate) struct FractionInputs {
+    image: Given<Volume<f32>>,
+    landmarks: Option<Given<Points>>,
+}
+
+impl FractionInputs {
+    /// Of Python's keywords.
+    pub(crate) fn new(image: &Bound<'_, PyAny>, landmarks: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        Ok(Self { image: arrays::image(image)?, landmarks: landmarks.map(points).transpose()? })
+    }
+
+    /// Reads the files.
+    pub(crate) fn read(self) -> Result<FractionScan> {
+        Marks::read(self.landmarks, None, None)?.with(self.image)
     }
 }
 
@@ -238,6 +275,26 @@ pub(crate) struct More<'py> {
     bone_landmarks: Option<Bound<'py, PyAny>>,
     skeleton: Option<PathBuf>,
     start: Option<[[f64; 4]; 4]>,
+    organs: Option<PathBuf>,
+    volume_change: Vec<(String, f64)>,
+}
+
+impl More<'_> {
+    /// Lays the changes of organs' volumes over those of the settings.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when a factor makes no sense or the settings cannot use it.
+    pub(crate) fn apply(&self, config: &mut Config) -> Result<()> {
+        for (organ, factor) in &self.volume_change {
+            let change = VolumeChange { organ: organ.clone(), factor: *factor };
+            config.chainmail.volume_change.retain(|c| c.organ != change.organ);
+            config.chainmail.volume_change.push(change);
+        }
+        match config.problem().filter(|_| !self.volume_change.is_empty()) {
+            Some(problem) => Err(Error::usage(problem, "correct volume_change, or the settings it goes with")),
+            None => Ok(()),
+        }
+    }
 }
 
 /// How a run is set up.

@@ -25,7 +25,7 @@ mod _aventail {
     #[pymodule_export]
     use crate::phantom::Phantom;
     #[pymodule_export]
-    use crate::registration::{Registration, pose, register};
+    use crate::registration::{Registration, pose, register, register_several};
 
     /// Runs a command line, whose first entry is the program's name; returns the exit code.
     #[pyfunction]

@@ -1,13 +1,13 @@
 //! Registrations and poses, and what they found.
 
 use crate::arrays::{self, Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
-use crate::case::{Inputs, More, Settings, transforms};
+use crate::case::{FractionInputs, Inputs, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
 use aventail::fit::BoneLandmark;
 use aventail::io::RunFolder;
-use aventail::pipeline::{self, BoneMotion, PlanningScan};
+use aventail::pipeline::{self, BoneMotion, Planning, PlanningScan};
 use aventail::report::{self, Report, Run, Saving, planned};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
@@ -230,19 +230,66 @@ pub(crate) fn register(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
-    let config = settings.config().raised(py)?;
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
     let inputs = Inputs::new(planning, bones, more)?;
     let fraction = arrays::image(fraction)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
         let case = runtime.stage("read", || {
-            let (planning, marks) = inputs.read()?;
+            let (planning, marks) = inputs.read(&named)?;
             Ok::<_, Error>(Case { planning, fraction: marks.with(fraction)? })
         })?;
         let outcome = pipeline::register(&case, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
     Ok(Registration::new(runs, found))
+}
+
+/// Registers several fractions of one patient, in their order; what depends on planning alone is done once.
+#[pyfunction]
+#[pyo3(signature = (planning, bones, fractions, more, settings, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+pub(crate) fn register_several(
+    py: Python<'_>,
+    planning: &Bound<'_, PyAny>,
+    bones: &Bound<'_, PyAny>,
+    fractions: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    more: More<'_>,
+    settings: Settings,
+    threads: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<Registration>> {
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
+    let inputs = Inputs::new(planning, bones, more)?;
+    let fractions = fractions.iter().map(|(image, landmarks)| FractionInputs::new(image, landmarks.as_ref()));
+    let fractions = fractions.collect::<PyResult<Vec<_>>>()?;
+    let runs = Runs::new(threads).raised(py)?;
+    let found = runs.run(py, progress, move |runtime| {
+        // What is known of one fraction alone is refused before.
+        let (scan, _) = runtime.stage("read", || inputs.read(&named))?;
+        let mut planning = None;
+        let mut all = Vec::new();
+        for (n, fraction) in fractions.into_iter().enumerate() {
+            if n > 0 {
+                runtime.restart();
+            }
+            let fraction = runtime.stage("read the fraction", || fraction.read())?;
+            pipeline::check_fraction(&fraction.ct, &config)?;
+            let planning = match &planning {
+                Some(planning) => planning,
+                None => planning.insert(Planning::new(&scan, &config, runtime)?),
+            };
+            let case = Case { planning: scan.clone(), fraction };
+            let outcome = pipeline::register_fraction(&case, planning, &config, runtime)?;
+            all.push((case, config.clone(), outcome));
+        }
+        Ok(all)
+    })?;
+    Ok(found.into_iter().map(|found| Registration::new(runs.clone(), found)).collect())
 }
 
 /// How bones are told to move.
@@ -295,11 +342,13 @@ pub(crate) fn pose(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
-    let config = settings.config().raised(py)?;
+    let mut config = settings.config().raised(py)?;
+    more.apply(&mut config).raised(py)?;
+    let named = config.chainmail.organs_named();
     let inputs = Inputs::new(planning, bones, more)?;
     let runs = Runs::new(threads).raised(py)?;
     let found = runs.run(py, progress, move |runtime| {
-        let (mut planning, marks) = runtime.stage("read", || inputs.read())?;
+        let (mut planning, marks) = runtime.stage("read", || inputs.read(&named))?;
         planning.inputs.extend(marks.inputs);
         let motion = motion.of(&mut planning, marks.bone_landmarks)?;
         let (case, outcome) = pipeline::pose(planning, (&motion, marks.landmarks), margin_mm, &config, runtime)?;

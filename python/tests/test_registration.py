@@ -252,6 +252,42 @@ def test_what_was_stopped_can_be_asked_for_again(registration: aventail.Registra
     assert (tmp_path / "out" / "report.json").exists()
 
 
+def test_several_fractions_are_those_of_single_runs(phantom: aventail.Phantom) -> None:
+    second = aventail.phantom(spacing=(5, 5, 6), second=True).fraction
+    fractions = [phantom.fraction, second]
+    both = aventail.register(
+        phantom.planning, phantom.bones, fractions, settings="fast", landmarks=[phantom.landmarks, None]
+    )
+    alone = aventail.register(phantom.planning, phantom.bones, second, settings="fast")
+    assert len(both) == 2 and both[0].report["landmarks"] is not None and both[1].report["landmarks"] is None
+    assert np.array_equal(both[1].planning_to_fraction.array, alone.planning_to_fraction.array)
+    assert not np.array_equal(both[0].planning_to_fraction.array, alone.planning_to_fraction.array)
+    with pytest.raises(aventail.UsageError, match="1 sets of landmarks"):
+        aventail.register(phantom.planning, phantom.bones, fractions, landmarks=[None])
+
+
+def test_an_organ_changes_its_volume_as_told(phantom: aventail.Phantom, tmp_path: Path) -> None:
+    # A block around the parotid; bones win where they are.
+    middle = np.concatenate(phantom.contours.structures["parotid_left"]).mean(axis=0)
+    bones = phantom.bones
+    index = np.linalg.solve(np.asarray(bones.direction), middle - bones.origin) / bones.spacing
+    x, y, z = np.rint(index).astype(int)
+    block = np.zeros(bones.array.shape, np.uint8)
+    block[z - 2 : z + 3, y - 2 : y + 3, x - 2 : x + 3] = 1
+    file = tmp_path / "parotid_left.nii.gz"
+    aventail.Image(block, bones.spacing, bones.origin, bones.direction, kind="labels").save(file)
+    registration = aventail.register(
+        phantom.planning, phantom.bones, phantom.fraction, settings="fast", organs=file, volume_change={"parotid_left": 0.7}
+    )
+    report = registration.report
+    assert [i["role"] for i in report["inputs"]] == ["organs"]
+    change = report["volume_changes"][0]
+    assert change["organ"] == "parotid_left" and change["factor"] == 0.7
+    assert change["reached"] is not None and 0.6 < change["reached"] < 0.85
+    with pytest.raises(aventail.UsageError, match="volume_change"):
+        aventail.register(phantom.planning, phantom.bones, phantom.fraction, volume_change={"parotid_left": -1.0})
+
+
 def test_a_pose_moves_what_it_names(phantom: aventail.Phantom) -> None:
     posed = aventail.pose(phantom.planning, phantom.bones, {"skull": {"axial_deg": 5.0}}, settings="fast", margin_mm=6.0)
     turn = posed.bones["skull"][:3, :3]

@@ -15,7 +15,7 @@ use crate::io::dicom::{
     Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,
     read_structure_set,
 };
-use crate::pipeline::Outcome;
+use crate::pipeline::{InputFile, Outcome};
 use crate::report::OutputFile;
 use crate::volume::contour::Contours;
 use crate::warning::Warning;
@@ -58,6 +58,15 @@ impl ClinicArgs {
     /// Files that are read besides the images.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         [&self.structures, &self.dose].into_iter().flatten().map(PathBuf::as_path)
+    }
+
+    /// The same as inputs of the run, for its report.
+    ///
+    /// # Errors
+    /// [`Error::Read`] when one cannot be read.
+    pub(super) fn inputs(&self) -> Result<Vec<InputFile>> {
+        let all = [("structures", &self.structures), ("dose", &self.dose)];
+        all.iter().filter_map(|(role, path)| Some(InputFile::read(role, path.as_deref()?))).collect()
     }
 
     /// Names of what is written, as far as they do not depend on the images.

@@ -86,7 +86,7 @@ pub(super) fn run(args: &FigureArgs) -> Result<String> {
     io::check_files(&[&args.run.join("report.json")], std::slice::from_ref(&args.out))?;
     io::check_place(&args.out)?;
     let runtime = Runtime::new(0, progress(args.shown.quiet))?;
-    let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
+    let Finished { case, outcome, .. } = Finished::read(&args.run, &runtime)?;
     let kind = match args.kind {
         FigureKindName::Fusion => FigureKind::Fusion,
         FigureKindName::Displacement => FigureKind::Displacement,

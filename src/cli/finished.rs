@@ -1,7 +1,7 @@
 //! A finished run as it was, out of its folder and its inputs.
 
 use super::inputs::{Flags, Inputs, config_file, other_than};
-use crate::config::ConfigFile;
+use crate::config::{ConfigFile, RecordedInput};
 use crate::error::{Error, Result};
 use crate::io::inspect::check_folder;
 use crate::pipeline::{Case, FractionScan, InputFile, Outcome, PlanningScan};
@@ -17,6 +17,8 @@ const REMEDY: &str = "give the --out folder of a finished run of aventail regist
 pub(super) struct Finished {
     pub(super) case: Case,
     pub(super) outcome: Outcome,
+    /// The structure set that it carried, as its report tells.
+    pub(super) structures: Option<RecordedInput>,
 }
 
 impl Finished {
@@ -56,7 +58,8 @@ impl Finished {
             // A made posture has no fraction CT: its own artificial one takes that place.
             None => FractionScan::new(outcome.planning_on_fraction.clone()),
         };
-        Ok(Self { case: Case { planning, fraction }, outcome })
+        let structures = file.inputs.into_iter().find(|input| input.role == "structures");
+        Ok(Self { case: Case { planning, fraction }, outcome, structures })
     }
 
     /// The fraction of the run; a made posture has none.
@@ -86,7 +89,9 @@ impl Finished {
         runs.sort();
         let names: Vec<String> = runs.iter().map(|p| p.display().to_string()).collect();
         let problem = format!("it holds {} runs, one folder each", runs.len());
-        Err(Error::read(folder, problem, format!("give one of them: {}", names.join(", "))))
+        let index = Some(folder.join("index.html")).filter(|page| page.is_file());
+        let index = index.map_or(String::new(), |page| format!("; {} shows them side by side", page.display()));
+        Err(Error::read(folder, problem, format!("give one of them: {}{index}", names.join(", "))))
     }
 }
 

@@ -3,7 +3,9 @@
 use super::args::QuietArgs;
 use super::finished::Finished;
 use super::terminal::progress;
+use crate::config::RecordedInput;
 use crate::error::{Error, Result};
+use crate::io::checksum::sha256_file;
 use crate::io::dicom::{Role, check_frames};
 use crate::io::{self, ContourFile};
 use crate::pipeline::Case;
@@ -18,19 +20,22 @@ use tiny_http::{Header, Method, Request, Response, Server};
 /// What `aventail view --help` adds.
 pub(super) const AFTER: &str = "\
 The page is served on the loopback address of this machine, under an address with a random token, until Ctrl-C. Nothing but the
-page is served, and other machines cannot reach it. The run's files and inputs must be unchanged.
+page is served, and other machines cannot reach it. The run's files and inputs must be unchanged. A run with --dicom --structures
+is shown with those structures. Of several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
 
 Examples:
   aventail view out
+  aventail view out/fraction_1
   aventail view out --structures contours.json";
 
 /// Options of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`
+    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; of several fractions the folder of one
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
-    /// Structures of the planning CT, to be shown before and after: contours (JSON, DICOM structure set)
+    /// Structures of the planning CT, to be shown before and after: contours (JSON, DICOM structure set). Without it those that
+    /// the run carried
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,
     /// Only print the address
@@ -47,8 +52,10 @@ pub struct ViewArgs {
 /// When the run cannot be read, or no port is free.
 pub(super) fn run(args: &ViewArgs) -> Result<String> {
     let runtime = Runtime::new(0, progress(args.shown.quiet))?;
-    let Finished { case, outcome } = Finished::read(&args.run, &runtime)?;
-    let contours = args.structures.as_deref().map(|path| structures(path, &case, &runtime)).transpose()?;
+    let Finished { case, outcome, structures: carried } = Finished::read(&args.run, &runtime)?;
+    let known = carried.as_ref().filter(|_| args.structures.is_none()).and_then(|set| unchanged(set, &runtime));
+    let contours = args.structures.as_deref().or(known);
+    let contours = contours.map(|path| structures(path, &case, &runtime)).transpose()?;
     let page = runtime.stage("pack the volumes", || view_page(&case, &outcome, contours.as_ref()))?;
     drop((case, outcome));
     let failed =
@@ -67,6 +74,20 @@ pub(super) fn run(args: &ViewArgs) -> Result<String> {
         site.answer(request);
     }
     Ok(String::new())
+}
+
+/// The file of the run's structures, if it is still what the run has read; else why it is not shown is told.
+fn unchanged<'a>(set: &'a RecordedInput, runtime: &Runtime) -> Option<&'a Path> {
+    let problem = match sha256_file(&set.path) {
+        Ok(sum) if sum == set.sha256 => return Some(&set.path),
+        Ok(_) => "it is not what the run has read".to_owned(),
+        Err(e) => e.to_string(),
+    };
+    let path = set.path.display();
+    runtime
+        .progress()
+        .note(&format!("the run's structures are not shown ({path}: {problem}); --structures takes others"));
+    None
 }
 
 /// Reads structures in the frame of the run's planning CT.

@@ -28,7 +28,7 @@ Examples:
                                                               # labels by TotalSegmentator, kept in patient
   aventail register --config out/report.json --out again      # the same run once more
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
-                                                              # writes week/monday and week/friday
+                                                              # writes week/monday, week/friday and week/index.html
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw";
 
 /// Options of `register`.

@@ -1,6 +1,7 @@
 //! `aventail register`: load, run, write.
 
 mod args;
+mod index;
 
 pub(super) use args::HELP;
 pub use args::{LandmarkUseName, RegisterArgs};
@@ -22,6 +23,7 @@ use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::volume::region::RegionOptions;
+use index::Index;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -61,7 +63,8 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let threads = Runtime::new(args.run.work.threads, progress(true))?.threads();
         return Estimate { memory_bytes, threads }.told(args.run.told.json);
     }
-    let mut folders = hold(args, &config, &inputs, &fractions)?.into_iter();
+    let (mut index, folders) = hold(args, &config, &inputs, &fractions)?;
+    let mut folders = folders.into_iter();
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
     let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
     runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
@@ -74,6 +77,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let mut scan = inputs.load(&recorded, &config, &runtime)?;
     scan.warnings.extend(bones.warnings);
+    scan.inputs.extend(args.clinic.inputs()?);
     if args.clinic.anonymous {
         without_identity(&mut scan.inputs);
     }
@@ -104,6 +108,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         }
         let outcome = register_fraction(&case, planning, &config, &runtime)?;
         let out = folder_of(args, &fractions, one);
+        index.iter_mut().filter(|_| n == 0).try_for_each(Index::begin)?;
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
         // The next one is read meanwhile: disks and networks take their time.
@@ -119,12 +124,19 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         // For the next fraction.
         scan = case.planning;
     }
-    Ok(match (texts.len(), args.run.told.json) {
-        (1, _) => texts.swap_remove(0),
-        (_, true) => format!("[\n{}\n]", texts.join(",\n")),
-        (_, false) => {
-            let named = fractions.iter().zip(&texts).map(|(one, text)| format!("{}\n{text}", one.name));
-            named.collect::<Vec<_>>().join("\n\n")
+    all_told(texts, &fractions, index, args.run.told.json)
+}
+
+/// What the terminal is told of all fractions, whose index is written where there are several.
+fn all_told(mut texts: Vec<String>, fractions: &[Fraction], index: Option<Index>, json: bool) -> Result<String> {
+    let names: Vec<&str> = fractions.iter().map(|one| one.name.as_str()).collect();
+    let page = index.map(|index| index.write(&names)).transpose()?;
+    Ok(match page {
+        None => texts.swap_remove(0),
+        Some(_) if json => format!("[\n{}\n]", texts.join(",\n")),
+        Some(page) => {
+            let named = names.iter().zip(&texts).map(|(name, text)| format!("{name}\n{text}"));
+            format!("{}\n\nAll fractions: {}", named.collect::<Vec<_>>().join("\n\n"), page.display())
         }
     })
 }
@@ -165,15 +177,22 @@ fn folder_of(args: &RegisterArgs, all: &[Fraction], one: &Fraction) -> PathBuf {
     if all.len() > 1 { args.out.join(&one.name) } else { args.out.clone() }
 }
 
-/// Takes hold of the folder of each fraction, before anything is read.
-fn hold(args: &RegisterArgs, config: &Config, inputs: &Inputs, fractions: &[Fraction]) -> Result<Vec<RunFolder>> {
+/// Takes hold of the folder of each fraction, and of the one above several, before anything is read.
+fn hold(
+    args: &RegisterArgs,
+    config: &Config,
+    inputs: &Inputs,
+    fractions: &[Fraction],
+) -> Result<(Option<Index>, Vec<RunFolder>)> {
     let mut files = inputs.files();
     files.extend(args.config.as_deref());
     files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
     files.extend(args.clinic.files());
     let mut planned = planned(config);
     planned.names.extend(args.clinic.names());
-    fractions.iter().map(|one| run_folder(&folder_of(args, fractions, one), &planned, &files)).collect()
+    let index = (fractions.len() > 1).then(|| Index::hold(&args.out, &files)).transpose()?;
+    let folder = |one: &Fraction| run_folder(&folder_of(args, fractions, one), &planned, &files);
+    Ok((index, fractions.iter().map(folder).collect::<Result<_>>()?))
 }
 
 /// The settings of file and flags.

@@ -32,6 +32,7 @@ mod metaimage;
 mod names;
 mod nifti;
 mod nrrd;
+mod organs;
 pub mod points;
 pub mod pose;
 pub mod postures;
@@ -62,6 +63,7 @@ pub use labels::{
     check_labels, read_bones, read_label_map, read_label_names, read_labels, read_organs, read_structures, write_labels,
 };
 pub use landmarks::{read_bone_landmarks, read_landmarks};
+pub use organs::add_organs;
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 pub use sheet::{Sheet, plain_cell};
 pub use transform::read_bone_transforms;

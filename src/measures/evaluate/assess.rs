@@ -252,7 +252,7 @@ fn verdicts(a: &Assessment, pair: &FieldPair, limits: &Limits) -> Vec<Verdict> {
     }
     for c in &a.contours {
         if let Some(d) = &c.distances {
-            all.push(limits.agreement(&c.name, d.mean_mm));
+            all.push(limits.agreement(&c.name, d.mean_mm, voxel));
         }
         all.push(limits.dice(&c.name, c.dice));
     }

@@ -29,10 +29,11 @@ mod shape;
 mod study;
 mod svg;
 mod table;
+mod thumbnail;
 mod transforms;
 mod viewer;
 
-pub use cohort::{Cohort, Member};
+pub use cohort::{Cohort, Fractions, Member};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};

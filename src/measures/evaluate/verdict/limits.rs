@@ -13,7 +13,7 @@ pub struct Limits {
     pub landmark_mean_mm: [f64; 2],
     /// Greatest residual of a landmark, mm; beyond it is reviewed.
     pub landmark_greatest_mm: f64,
-    /// Mean distance to agreement of a structure, mm.
+    /// Mean distance to agreement of a structure, mm; the second as for landmarks.
     pub agreement_mm: [f64; 2],
     /// Dice of a structure: passes and is reviewed from these on.
     pub dice: [f64; 2],
@@ -75,11 +75,12 @@ impl Limits {
         ]
     }
 
-    /// Mean distance to agreement of a structure, mm.
-    pub fn agreement(&self, name: &str, mean_mm: f64) -> Verdict {
+    /// Mean distance to agreement of a structure, mm; `voxel_mm`: largest voxel edge of both scans.
+    pub fn agreement(&self, name: &str, mean_mm: f64, voxel_mm: f64) -> Verdict {
         let name = format!("{name}, mean distance to agreement");
         let remedy = "compare the mapped contour with the drawn one; do not take the mapped one over";
-        Figure { name, value: mean_mm, unit: "mm", source: TG132, remedy }.at_most(self.agreement_mm)
+        let figure = Figure { name, value: mean_mm, unit: "mm", source: TG132, remedy };
+        figure.at_most(or_voxel(self.agreement_mm, voxel_mm))
     }
 
     /// Dice of a structure.
@@ -209,7 +210,7 @@ mod tests {
         let all = [pass, review, fail];
         assert_eq!(marks(&|v| limits.landmarks(&summary(v, 0.0), 1.0)[0].clone(), [2.0, 2.9, 3.1]), all);
         assert_eq!(marks(&|v| limits.landmarks(&summary(0.0, v), 1.0)[1].clone(), [5.0, 5.1, 99.0])[1..], [review; 2]);
-        assert_eq!(marks(&|v| limits.agreement("cord", v), [2.0, 2.9, 3.1]), all);
+        assert_eq!(marks(&|v| limits.agreement("cord", v, 1.0), [2.0, 2.9, 3.1]), all);
         assert_eq!(marks(&|v| limits.dice("cord", v), [0.9, 0.85, 0.79]), all);
         assert_eq!(marks(&|v| limits.consistency("there and back", v, 1.0), [2.0, 2.9, 3.1]), all);
         assert_eq!(marks(&|v| limits.rigidity("C1", v), [1.0, 1.9, 2.1]), all);
@@ -221,9 +222,11 @@ mod tests {
     }
 
     #[test]
-    fn the_looser_limit_of_landmarks_grows_with_the_voxel() {
+    fn the_looser_limit_of_landmarks_and_contours_grows_with_the_voxel() {
         let of = |mean, voxel| Limits::default().landmarks(&Summary { mean, ..Summary::default() }, voxel)[0].verdict;
         assert_eq!((of(3.9, 4.0), of(4.1, 4.0), of(2.9, 1.0)), (Mark::Review, Mark::Fail, Mark::Review));
+        let of = |mean, voxel| Limits::default().agreement("cord", mean, voxel).verdict;
+        assert_eq!((of(3.9, 4.0), of(4.1, 4.0), of(3.1, 1.0)), (Mark::Review, Mark::Fail, Mark::Fail));
     }
 
     #[test]

@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn verdicts_follow_the_ranges() {
         let limits = Limits::default();
-        let agreement = |mm| mark(&limits.agreement("cord", mm));
+        let agreement = |mm| mark(&limits.agreement("cord", mm, 1.0));
         assert_eq!([1.9, 2.5, 3.1].map(agreement), [Mark::Pass, Mark::Review, Mark::Fail]);
         let dice = |share| mark(&limits.dice("cord", share));
         assert_eq!([0.95, 0.85, 0.79].map(dice), [Mark::Pass, Mark::Review, Mark::Fail]);

@@ -1,9 +1,12 @@
 //! Many runs side by side: a table of their figures, what stands apart, and each patient's course over the fractions.
 
 mod figures;
+mod fractions;
 mod odd;
 mod page;
 mod text;
+
+pub use fractions::Fractions;
 
 use super::numbers::Report;
 use crate::error::Result;

@@ -10,7 +10,7 @@ use crate::evaluate::verdict::Mark;
 use maud::{DOCTYPE, Markup, html};
 
 /// Styles beside the common ones.
-const STYLE: &str = "
+pub(super) const STYLE: &str = "
 body { max-width: 1400px; }
 .odd { color: var(--warn); font-weight: 700; }
 table.runs th { white-space: normal; }
@@ -63,7 +63,7 @@ pub(super) fn page(cohort: &Cohort) -> String {
     .into_string()
 }
 
-fn report_link(m: &Member) -> String {
+pub(super) fn report_link(m: &Member) -> String {
     m.folder.join("report.html").display().to_string()
 }
 
@@ -123,13 +123,14 @@ fn runs(cohort: &Cohort, shown: &[&Kind]) -> Markup {
     }
 }
 
-fn number(kind: &Kind, v: Option<f64>) -> String {
+pub(super) fn number(kind: &Kind, v: Option<f64>) -> String {
     v.map_or("\u{2013}".into(), |v| format!("{v:.*}", kind.digits))
 }
 
 /// A small picture of each figure that has a course, patient by patient.
 fn courses(cohort: &Cohort, shown: &[&Kind]) -> Markup {
     let shown: Vec<&Kind> = shown.iter().copied().filter(|k| k.course).collect();
+    let all: Vec<&Member> = cohort.runs.iter().collect();
     html! {
         table {
             thead { tr { th { "Patient" } th.n { "Fractions" } @for k in &shown { th { (k.title) } } } }
@@ -138,7 +139,7 @@ fn courses(cohort: &Cohort, shown: &[&Kind]) -> Markup {
                     tr {
                         td { b { (patient[0].patient) } }
                         td.n { (patient.len()) }
-                        @for k in &shown { td { (course(cohort, patient, k)) } }
+                        @for k in &shown { td { (course(&all, patient, k, cohort.medians.get(k.key).copied().flatten())) } }
                     }
                 }
             }
@@ -146,8 +147,15 @@ fn courses(cohort: &Cohort, shown: &[&Kind]) -> Markup {
     }
 }
 
-fn course(cohort: &Cohort, patient: &[Member], kind: &Kind) -> Markup {
-    let all = || cohort.runs.iter().filter_map(|m| m.figure(kind.key));
+/// The figure of one patient's runs on the scale of `all` runs, with a line at their median where it is given.
+pub(super) fn course<'a>(
+    all: &[&'a Member],
+    patient: impl IntoIterator<Item = &'a Member>,
+    kind: &Kind,
+    median: Option<f64>,
+) -> Markup {
+    let patient: Vec<&Member> = patient.into_iter().collect();
+    let all = || all.iter().filter_map(|m| m.figure(kind.key));
     let (low, high) = all().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
     // Differences that matter to nobody are no slopes.
     let high = high.max(low + kind.least);
@@ -155,10 +163,9 @@ fn course(cohort: &Cohort, patient: &[Member], kind: &Kind) -> Markup {
     let x = |n: usize| RIM + (SIZE[0] - 2.0 * RIM) * if patient.len() == 1 { 0.5 } else { n as f64 / last };
     let y = |v: f64| SIZE[1] - RIM - (SIZE[1] - 2.0 * RIM) * (v - low) / (high - low).max(1e-12);
     let points: Vec<(f64, f64, &Member)> =
-        patient.iter().enumerate().filter_map(|(n, m)| Some((x(n), y(m.figure(kind.key)?), m))).collect();
+        patient.iter().enumerate().filter_map(|(n, m)| Some((x(n), y(m.figure(kind.key)?), *m))).collect();
     let line = points.iter().map(|(x, y, _)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ");
     let said = patient.iter().filter_map(|m| m.figure(kind.key)).map(|v| value(kind, v)).collect::<Vec<_>>();
-    let median = cohort.medians.get(kind.key).copied().flatten();
     html! {
         @if !points.is_empty() {
             svg.course viewBox=(format!("0 0 {} {}", SIZE[0], SIZE[1])) role="img" aria-label=(said.join(", ")) {

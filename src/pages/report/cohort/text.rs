@@ -51,6 +51,12 @@ pub(super) fn why(cohort: &Cohort, m: &Member) -> String {
     failed.chain(Some(apart(cohort, m)).filter(|text| !text.is_empty())).collect::<Vec<_>>().join("; ")
 }
 
+/// How many fail, are to be looked at and pass.
+pub(super) fn of_verdicts<'a>(runs: impl Iterator<Item = &'a Member> + Clone) -> String {
+    let of = |mark: Mark| runs.clone().filter(|m| m.verdict == Some(mark)).count();
+    format!("{} fail, {} to review, {} pass", of(Mark::Fail), of(Mark::Review), of(Mark::Pass))
+}
+
 /// How many runs of how many patients.
 pub(super) fn counts(cohort: &Cohort) -> String {
     let plural = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });

@@ -1,14 +1,20 @@
 //! The pages of `dose`: pictures, tables, warnings, and where a person signs.
 
+use super::super::html::paper::more;
 use super::super::html::verdict::{identity, review};
-use super::super::html::{data_url, head};
+use super::super::html::{data_url, head, inputs, warnings};
 use super::super::viewer::policy;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::InputFile;
 use crate::warning::Warning;
-use maud::{DOCTYPE, html};
+use maud::{DOCTYPE, Markup, html};
 use std::path::Path;
+
+/// Inputs in the head, tables, and lines of all tables together that are printed.
+const INPUTS_ON_PAPER: usize = 6;
+const TABLES_ON_PAPER: usize = 6;
+const LINES_ON_PAPER: usize = 72;
 
 /// A picture of a page.
 #[derive(Debug, Clone)]
@@ -67,53 +73,66 @@ impl DosePage<'_> {
             html lang="en" {
                 (head(&format!("aventail dose: {}", self.title), "", &policy(false)))
                 body {
-                    header {
-                        p.brand { "aventail \u{b7} dose" }
-                        h1 { (self.title) }
-                        dl.case {
-                            @for input in self.inputs { div { dt { (input.role) } dd { (identity(input)) } } }
+                    div.sheet {
+                        header {
+                            p.brand { "aventail \u{b7} dose" }
+                            h1 { span.clip { (self.title) } }
+                            dl.case {
+                                @for (n, input) in self.inputs.iter().enumerate() {
+                                    div.screen[n >= INPUTS_ON_PAPER] { dt { (input.role) } dd { (identity(input)) } }
+                                }
+                            }
                         }
-                    }
-                    (review())
-                    @if !self.warnings.is_empty() {
-                        ul.warnings { @for w in self.warnings { li { code { (w.code) } (w.message) } } }
-                    }
-                    div.large.pair[self.pictures.len() > 1] {
-                        @for p in &self.pictures {
-                            figure { h3 { (p.title) } img alt=(p.title) src=(data_url(&p.png)); figcaption { (p.caption) } }
-                        }
-                    }
-                    @for table in &self.tables {
-                        h2 { (table.title) }
-                        @if !table.note.is_empty() { p.note { (table.note) } }
-                        table {
-                            thead { tr { @for (n, cell) in table.head.iter().enumerate() { th class=[(n > 0).then_some("n")] { (cell) } } } }
-                            tbody {
-                                @for row in &table.rows {
-                                    tr { @for (n, cell) in row.iter().enumerate() { td class=[(n > 0).then_some("n")] { (cell) } } }
+                        (review())
+                        (warnings(self.warnings, "the JSON file beside this page"))
+                        div.fill {
+                            div.large.pair[self.pictures.len() > 1].gallery[self.pictures.len() > 2] {
+                                @for p in &self.pictures {
+                                    figure { h3 { (p.title) } img alt=(p.title) src=(data_url(&p.png)); figcaption { (p.caption) } }
                                 }
                             }
                         }
                     }
-                    h2 { "Provenance" }
-                    table {
-                        thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
-                        tbody {
-                            @for i in self.inputs { tr { td { (i.role) } td.wide { (i.path.display()) } td.mono { (i.sha256) } } }
-                        }
+                    @for (n, table) in self.tables.iter().enumerate() {
+                        div.screen[n >= TABLES_ON_PAPER] { (self.table(table)) }
                     }
-                    pre { (self.command) }
-                    section.limits {
-                        p {
-                            "TG-132 gives no tolerance for carrying dose: a mapped dose is as good as the field, and in a steep dose a "
-                            "millimetre of error is a large difference. Research software, not a medical device."
+                    (more(self.tables.len(), TABLES_ON_PAPER, "tables", "the CSV file beside this page"))
+                    div.end {
+                        h2 { "Provenance" }
+                        (inputs(self.inputs, "the JSON file beside this page"))
+                        pre { span.clip { (self.command) } }
+                        section.limits {
+                            p {
+                                "TG-132 gives no tolerance for carrying dose: a mapped dose is as good as the field, and in a steep dose a "
+                                "millimetre of error is a large difference. Research software, not a medical device."
+                            }
                         }
+                        footer { "aventail " (env!("CARGO_PKG_VERSION")) ". Doses in Gy, positions in LPS mm." }
                     }
-                    footer { "aventail " (env!("CARGO_PKG_VERSION")) ". Doses in Gy, positions in LPS mm." }
                 }
             }
         }
         .into_string()
+    }
+
+    fn table(&self, table: &DoseTable) -> Markup {
+        let most = LINES_ON_PAPER / self.tables.len().clamp(1, TABLES_ON_PAPER);
+        let class = |n: usize| (n > 0).then_some("n");
+        html! {
+            h2 { (table.title) }
+            @if !table.note.is_empty() { p.note { (table.note) } }
+            table {
+                thead { tr { @for (n, cell) in table.head.iter().enumerate() { th class=[class(n)] { (cell) } } } }
+                tbody {
+                    @for (line, row) in table.rows.iter().enumerate() {
+                        tr.screen[line >= most] {
+                            @for (n, cell) in row.iter().enumerate() { td class=[class(n)] { @if n == 0 { span.short { (cell) } } @else { (cell) } } }
+                        }
+                    }
+                }
+            }
+            (more(table.rows.len(), most, "lines", "the CSV file beside this page"))
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! The verdict of the rules comes first, and the reviewer's fields, which stay blank.
 
+pub(super) mod paper;
 mod summary;
 mod tables;
 pub(super) mod verdict;
@@ -10,6 +11,7 @@ mod view;
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
+use crate::pipeline::InputFile;
 use crate::warning::Warning;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -41,43 +43,48 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
         html lang="en" {
             (head(&format!("aventail: {title}"), "", &policy(view.is_some())))
             body {
-                (summary::header(report, &title))
-                (verdict::verdict(&report.verdicts, &summary::missing(report)))
-                (review())
-                (summary::cards(report))
-                (warnings(report))
-                @if let Some(view) = view { (section(view)) }
-                div.together {
-                    h2 { "Fusion" }
-                    (colour_key())
-                    div.pair.large.three[shifted] {
-                        (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
+                // What is in a sheet is on one page of paper; its pictures have the room that is left.
+                div.sheet {
+                    (summary::header(report, &title))
+                    (verdict::verdict(&report.verdicts, &summary::missing(report)))
+                    (review())
+                    (summary::cards(report))
+                    (warnings(&report.warnings, "report.json"))
+                    @if let Some(view) = view { (section(view)) }
+                    div.together.fill {
+                        h2 { "Fusion" }
+                        (colour_key())
+                        div.pair.three[shifted] {
+                            (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
+                        }
                     }
                 }
                 @if pictures.iter().any(|p| p.file == "fusion_lung.png") {
                     div.pair.screen { (picture("fusion_lung.png")) }
                 }
-                div.together {
-                    h2 { @if report.uncertainty.is_some() { "Deformation and uncertainty" } @else { "Deformation" } }
-                    div.pair.four {
-                        (picture("displacement.png"))
-                        (picture("jacobian.png"))
-                        @if report.uncertainty.is_some() { (picture("uncertainty.png")) (tables::trust(report)) }
-                    }
-                }
-                @if has_landmarks {
-                    div.together {
-                        h2 { "Landmarks" }
-                        (colour_key())
-                        div.pair {
-                            (picture("landmarks.png"))
-                            div { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                div.sheet {
+                    div.together.fill {
+                        h2 { @if report.uncertainty.is_some() { "Deformation and uncertainty" } @else { "Deformation" } }
+                        div.pair.four {
+                            (picture("displacement.png"))
+                            (picture("jacobian.png"))
+                            @if report.uncertainty.is_some() { (picture("uncertainty.png")) (tables::trust(report)) }
                         }
                     }
-                    (tables::landmarks(report))
+                    @if has_landmarks {
+                        div.together.fill {
+                            h2 { "Landmarks" }
+                            (colour_key())
+                            div.pair {
+                                (picture("landmarks.png"))
+                                div.stack { (picture("residuals.png")) (tables::landmark_figures(report)) }
+                            }
+                        }
+                        (tables::landmarks(report))
+                    }
                 }
                 h2 { "Verdicts" }
-                (verdict::table(&report.verdicts))
+                (verdict::table(&report.verdicts, RULES_ON_PAPER))
                 h2 { "Bones" }
                 (tables::bones(report))
                 h2 { "Contact and sliding" }
@@ -92,10 +99,12 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     h2 { "Time and memory" }
                     (stages(report))
                 }
-                h2 { "Provenance" }
-                (provenance(report))
-                (limits())
-                footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
+                div.end {
+                    h2 { "Provenance" }
+                    (provenance(report))
+                    (limits())
+                    footer { "aventail " (report.version) ", " (utc(report.created)) ". All positions and lengths in mm, LPS world frame." }
+                }
             }
         }
     }
@@ -132,21 +141,31 @@ fn figure(picture: Option<&Picture>) -> Markup {
     }
 }
 
-/// Warnings of one kind that are printed; the screen has room for all.
-const ON_PAPER: usize = 2;
+/// Kinds of warnings that are printed, and warnings of one kind.
+const ON_PAPER: [usize; 2] = [4, 2];
+/// Rules that are printed.
+const RULES_ON_PAPER: usize = 16;
+/// Inputs that are printed.
+const INPUTS_ON_PAPER: usize = 10;
 
-fn warnings(report: &Report) -> Markup {
+/// Warnings by kind; `file`: where all of them are.
+pub(in crate::report) fn warnings(all: &[Warning], file: &str) -> Markup {
+    let [most, each] = ON_PAPER;
+    let kinds: Vec<&[Warning]> = all.chunk_by(|a, b| a.code == b.code).collect();
+    let missing: usize = kinds.iter().skip(most).map(|kind| kind.len()).sum();
     html! {
-        @if !report.warnings.is_empty() {
+        @if !all.is_empty() {
             h3 { "Warnings" }
             ul.warnings {
-                @for of_one_kind in report.warnings.chunk_by(|a, b| a.code == b.code) {
-                    li { code { (of_one_kind[0].code) }
-                        @for (n, w) in of_one_kind.iter().enumerate() { span.screen[n >= ON_PAPER] { (reason(w)) } }
-                        @if of_one_kind.len() > ON_PAPER { span.paper { "and " (of_one_kind.len() - ON_PAPER) " more" } }
-                    }
+                @for (kind, of_one_kind) in kinds.iter().enumerate() {
+                    li.screen[kind >= most] { div.clip {
+                        code { (of_one_kind[0].code) }
+                        @for (n, w) in of_one_kind.iter().enumerate() { span.screen[n >= each] { (reason(w)) } }
+                        @if of_one_kind.len() > each { span.paper { "and " (of_one_kind.len() - each) " more" } }
+                    } }
                 }
             }
+            (paper::more(missing, 0, "warnings", file))
         }
     }
 }
@@ -172,21 +191,29 @@ fn stages(report: &Report) -> Markup {
     }
 }
 
-fn provenance(report: &Report) -> Markup {
-    let settings = serde_json::to_string_pretty(&report.settings).unwrap_or_default();
+/// The files that were read, with their checksums.
+pub(in crate::report) fn inputs(inputs: &[InputFile], file: &str) -> Markup {
     html! {
         table {
             thead { tr { th { "Input" } th { "File" } th { "SHA-256" } } }
             tbody {
-                @for input in &report.inputs {
-                    tr {
+                @for (n, input) in inputs.iter().enumerate() {
+                    tr.screen[n >= INPUTS_ON_PAPER] {
                         td { (input.role) }
-                        td.wide { (input.path.display()) @if let Some(about) = &input.about { br; (about) } }
+                        td.wide { div.clip { (input.path.display()) @if let Some(about) = &input.about { br; (about) } } }
                         td.mono { (input.sha256) }
                     }
                 }
             }
         }
+        (paper::more(inputs.len(), INPUTS_ON_PAPER, "files", file))
+    }
+}
+
+fn provenance(report: &Report) -> Markup {
+    let settings = serde_json::to_string_pretty(&report.settings).unwrap_or_default();
+    html! {
+        (inputs(&report.inputs, "report.json"))
         @if !report.outputs.is_empty() {
             table.screen {
                 thead { tr { th { "Output" } th { "What it holds" } } }
@@ -195,7 +222,7 @@ fn provenance(report: &Report) -> Markup {
         }
         h3.screen { "Command" }
         pre.screen { (report.command) }
-        details.screen open { summary { "Settings, defaults resolved" } pre { (settings) } }
+        details.screen { summary { "Settings, defaults resolved" } pre { (settings) } }
     }
 }
 

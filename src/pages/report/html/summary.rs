@@ -49,7 +49,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
     html! {
         header {
             p.brand { "aventail \u{b7} deformable registration report" }
-            h1 { (title) }
+            h1 { span.clip { (title) } }
             dl.case {
                 div { dt.planning { "Planning" } dd { (scan("planning")) br; span.note { (grid(&report.planning_grid)) } } }
                 div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }

@@ -1,12 +1,22 @@
 //! Tables of the page: bones, landmarks, Jacobian, inverse and links.
 
 use super::super::numbers::{Report, count};
+use super::paper::{more, printed};
 use crate::evaluate::contact::LISTED_MM;
 use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::rotation_angle_deg;
 use maud::{Markup, html};
+
+/// Lines of each table that are printed.
+const BONES_ON_PAPER: usize = 26;
+const LANDMARKS_ON_PAPER: usize = 60;
+/// As many lie in two columns; more need three.
+const FEW: usize = 30;
+const PAIRS_ON_PAPER: usize = 8;
+const CELLS_ON_PAPER: usize = 8;
+const ORGANS_ON_PAPER: usize = 8;
 
 const MISSING: &str = "\u{2013}";
 
@@ -17,6 +27,9 @@ fn number(value: Option<f64>, digits: usize) -> String {
 /// Each bone's motion and how well it is known.
 pub(super) fn bones(report: &Report) -> Markup {
     let rigid_rms = |bone: &BoneFit| report.rigidity.iter().find(|r| r.name == bone.name).map(|r| r.rms_mm);
+    let own = |n: usize| report.own_motion_mm.get(n).copied();
+    let motion: Vec<f64> = (0..report.bones.len()).map(|n| own(n).unwrap_or(0.0)).collect();
+    let on_paper = printed(&motion, BONES_ON_PAPER);
     html! {
         p.note {
             "Motion is the displacement of a bone's centre, from planning to fraction; own motion is that apart from the couch shift. Uncertainty is one standard "
@@ -32,22 +45,23 @@ pub(super) fn bones(report: &Report) -> Markup {
             }
             tbody {
                 @for (n, b) in report.bones.iter().enumerate() {
-                    tr {
-                        td { (b.name) }
+                    tr.screen[!on_paper[n]] {
+                        td { span.short { (b.name) } }
                         td { span.tag.image[b.determined_by == DeterminedBy::Image] { (b.determined_by.name()) } }
                         td { (format!("{:.0} %", 100.0 * b.visible)) span.meter { i style=(format!("width: {:.0}%", 100.0 * b.visible)) {} } }
                         td.n { (number(b.similarity_before, 2)) " \u{2192} " (number(b.similarity_after, 2)) }
                         td.n { (format!("{:.1}", b.motion_mm)) }
-                        td.n { (number(report.own_motion_mm.get(n).copied(), 1)) }
+                        td.n { (number(own(n), 1)) }
                         td.n { (format!("{:.1}", rotation_angle_deg(&b.transform))) }
                         td.n { (uncertainty(b)) }
                         td.n { @if b.beyond_range.any() { (b.beyond_range) } @else { (MISSING) } }
                         td.n { (rigid_rms(b).map_or(MISSING.to_owned(), |r| format!("{r:.1e}"))) }
-                        td.wide { (b.stop) }
+                        td.wide { span.short { (b.stop) } }
                     }
                 }
             }
         }
+        (more(report.bones.len(), BONES_ON_PAPER, "bones, which move least on their own", "report.json"))
     }
 }
 
@@ -86,27 +100,30 @@ pub(super) fn landmark_figures(report: &Report) -> Markup {
 pub(super) fn landmarks(report: &Report) -> Markup {
     let Some(l) = &report.landmarks else { return html! {} };
     let top = l.before.max.max(l.after.max).max(1e-9);
+    let residual: Vec<f64> = l.each.iter().map(|r| r.after.unwrap_or(f64::INFINITY)).collect();
+    let on_paper = printed(&residual, LANDMARKS_ON_PAPER);
     html! {
         p.key {
             span { i.dot-before style="border-radius: 50%" {} "before" }
             span { i.dot-after style="border-radius: 50%" {} "after" }
             span.note { (format!("scale 0 to {top:.1} mm")) }
         }
-        div.rows { table {
-            thead { tr { th.n { "#" } th { "Landmark" } th.n { "before mm" } th.n { "after mm" } th.n { "ratio" } th { "residual" } } }
+        div.rows.dense[l.each.len() > FEW] { table {
+            thead { tr { th.n { "#" } th { "Landmark" } th.n { "before mm" } th.n { "after mm" } th.n.screen { "ratio" } th { "residual" } } }
             tbody {
                 @for (i, r) in l.each.iter().enumerate() {
-                    tr {
+                    tr.screen[!on_paper[i]] {
                         td.n { (i + 1) }
-                        td.wide { (r.landmark.name) }
+                        td.wide { span.short { (r.landmark.name) } }
                         td.n { (format!("{:.2}", r.before)) }
                         td.n { (number(r.after, 2)) }
-                        td.n { (number(r.after.filter(|_| r.before > 0.0).map(|a| a / r.before), 2)) }
+                        td.n.screen { (number(r.after.filter(|_| r.before > 0.0).map(|a| a / r.before), 2)) }
                         td { (dots(r, top)) }
                     }
                 }
             }
         } }
+        (more(l.each.len(), LANDMARKS_ON_PAPER, "landmarks with smaller residuals", "landmarks.csv"))
     }
 }
 
@@ -157,11 +174,12 @@ pub(super) fn volumes(report: &Report) -> Markup {
             table {
                 thead { tr { th { "Volume after over before" } th.n { "asked" } th.n { "reached" } } }
                 tbody {
-                    @for v in &report.volume_changes {
-                        tr { td { (v.organ) } td.n { (format!("{:.3}", v.factor)) } td.n { (number(v.reached, 3)) } }
+                    @for (n, v) in report.volume_changes.iter().enumerate() {
+                        tr.screen[n >= ORGANS_ON_PAPER] { td { span.short { (v.organ) } } td.n { (format!("{:.3}", v.factor)) } td.n { (number(v.reached, 3)) } }
                     }
                 }
             }
+            (more(report.volume_changes.len(), ORGANS_ON_PAPER, "organs", "report.json"))
         }
     }
 }
@@ -185,8 +203,8 @@ pub(super) fn contact(report: &Report) -> Markup {
                 table {
                     thead { tr { th { "Overlapping bones" } th.n { "Depth" br; "mm" } th.n { "At (fraction)" br; "LPS mm" } } }
                     tbody {
-                        @for o in &c.overlaps {
-                            tr { td { (o.bones[0]) ", " (o.bones[1]) } td.n { (format!("{:.2}", o.depth_mm)) } td.n { (format!("{:.0}, {:.0}, {:.0}", o.at.x, o.at.y, o.at.z)) } }
+                        @for (n, o) in c.overlaps.iter().enumerate() {
+                            tr.screen[n >= PAIRS_ON_PAPER] { td { span.short { (o.bones[0]) ", " (o.bones[1]) } } td.n { (format!("{:.2}", o.depth_mm)) } td.n { (format!("{:.0}, {:.0}, {:.0}", o.at.x, o.at.y, o.at.z)) } }
                         }
                     }
                 }
@@ -197,13 +215,14 @@ pub(super) fn contact(report: &Report) -> Markup {
                 table {
                     thead { tr { th { "Joints that open" } th.n { "Gap before" br; "mm" } th.n { "after" br; "mm" } th.n { "soft range" br; "mm" } } }
                     tbody {
-                        @for j in opening {
-                            tr { td { (j.bones[0]) ", " (j.bones[1]) } @for v in [j.planning_mm, j.fraction_mm, j.play_mm] { td.n { (format!("{v:.2}")) } } }
+                        @for (n, j) in opening.iter().enumerate() {
+                            tr.screen[n >= PAIRS_ON_PAPER] { td { span.short { (j.bones[0]) ", " (j.bones[1]) } } @for v in [j.planning_mm, j.fraction_mm, j.play_mm] { td.n { (format!("{v:.2}")) } } }
                         }
                     }
                 }
             }
         }
+        (more(c.overlaps.len().max(opening.len()), PAIRS_ON_PAPER, "pairs", "report.json"))
         p {
             @if c.skin_voxels == 0 { "Nowhere does the moved patient lie on himself: skin does not pass through skin." }
             @else { "Skin passes through skin in " (format!("{:.2} ml", c.skin_ml)) " (" (count(c.skin_voxels)) " fraction voxels, skin_contact.nii.gz)." }
@@ -235,9 +254,10 @@ pub(super) fn jacobian(report: &Report) -> Markup {
                 (jacobian_row("Soft tissue", &j.soft_tissue))
                 (jacobian_row("Bone contact", &j.contact))
                 @if j.interface.cells > 0 { (jacobian_row("Sliding interfaces", &j.interface)) }
-                @for (name, s) in shown { (jacobian_row(name, s)) }
+                @for (n, (name, s)) in shown.iter().enumerate() { (row_of_cells(name, s, n >= CELLS_ON_PAPER)) }
             }
         }
+        (more(shown.len(), CELLS_ON_PAPER, "bones", "report.json"))
         p {
             @if !rigid.is_empty() { "Inside " (rigid.len()) " bones every Jacobian is 1 within 0.001. " }
             (count(j.digital_folded)) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
@@ -247,9 +267,13 @@ pub(super) fn jacobian(report: &Report) -> Markup {
 }
 
 fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
+    row_of_cells(name, s, false)
+}
+
+fn row_of_cells(name: &str, s: &JacobianStats, on_screen_alone: bool) -> Markup {
     html! {
-        tr {
-            td { (name) } td.n { (count(s.cells)) } td.n { (count(s.folded)) }
+        tr.screen[on_screen_alone] {
+            td { span.short { (name) } } td.n { (count(s.cells)) } td.n { (count(s.folded)) }
             @for v in [s.folded_percent, s.above_2_percent, s.below_half_percent] { td.n { (format!("{v:.3}")) } }
             @for v in [s.mean, s.max, s.min, s.p1, s.p99] { td.n { (format!("{v:.3}")) } }
         }

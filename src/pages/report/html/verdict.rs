@@ -1,5 +1,6 @@
 //! The first screen of every page: the verdict with its reasons, whose scans they are, and where a person signs.
 
+use super::paper::more;
 use crate::evaluate::verdict::{Mark, Verdict, against, overall};
 use crate::io::dicom::About;
 use crate::pipeline::InputFile;
@@ -7,6 +8,8 @@ use maud::{Markup, html};
 
 /// Reasons that the first screen tells; the table has all.
 const SHOWN: usize = 5;
+/// Reasons that its print tells.
+const PRINTED: usize = 3;
 /// Letters of a reason on the first screen, about.
 const LETTERS: usize = 260;
 
@@ -24,13 +27,14 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
             p.head { b.mark { (mark.name()) } span { (head) } }
             @if !reasons.is_empty() {
                 ul {
-                    @for v in reasons.iter().take(SHOWN) {
-                        li.(v.verdict.name()) {
+                    @for (n, v) in reasons.iter().take(SHOWN).enumerate() {
+                        li.(v.verdict.name()).screen[n >= PRINTED] {
                             b { (v.verdict.name()) ", " (v.name) } ": " (shortened(&v.reason)) " "
                             span.remedy { (sentence(&v.remedy)) }
                         }
                     }
-                    @if reasons.len() > SHOWN { li { "and " (reasons.len() - SHOWN) " more in the table of verdicts" } }
+                    @if reasons.len() > SHOWN { li.screen { (others(reasons.len() - SHOWN)) } }
+                    @if reasons.len() > PRINTED { li.paper { (others(reasons.len() - PRINTED)) } }
                 }
             }
             p.note {
@@ -40,6 +44,11 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
             }
         }
     }
+}
+
+/// Says how many reasons are told elsewhere.
+fn others(n: usize) -> String {
+    format!("and {n} more in the table of verdicts")
 }
 
 /// The first sentences of a long reason.
@@ -62,30 +71,31 @@ fn sentence(text: &str) -> String {
     format!("{first}{}{end}", letters.as_str())
 }
 
-/// Every rule with its value and limit; those that do not pass first.
-pub(in crate::report) fn table(verdicts: &[Verdict]) -> Markup {
+/// Every rule with its value and limit, those that do not pass first; as many as `on_paper` are printed.
+pub(in crate::report) fn table(verdicts: &[Verdict], on_paper: usize) -> Markup {
     let mut all: Vec<&Verdict> = verdicts.iter().collect();
     all.sort_by_key(|v| std::cmp::Reverse(v.verdict));
     html! {
         p.note.screen {
-            "Where AAPM TG-132 (Brock et al., Med. Phys. 44 (2017) e43) gives a range, as commonly quoted, a figure passes beyond the "
+            "Where AAPM TG-132 (Brock et al., Med. Phys. 44 (2017) e43, Table III, as others quote it) gives a range, a figure passes beyond the "
             "stricter end, is reviewed inside it and fails beyond the looser end; check it against the report itself and your protocol. "
             "The limits can be set: [verdict] in the settings."
         }
         table.verdicts {
             thead { tr { th { "Verdict" } th { "Figure" } th { "Value and reason" } th { "Limit" } th.screen { "Source" } } }
             tbody {
-                @for v in all {
-                    tr {
+                @for (n, v) in all.iter().enumerate() {
+                    tr.screen[n >= on_paper] {
                         td { b.(v.verdict.name()) { (v.verdict.name()) } }
-                        td { (v.name) }
-                        td.wide { (v.reason) }
-                        td { (v.limit) }
+                        td.wide { div.clip { (v.name) } }
+                        td.wide { div.clip { (v.reason) } }
+                        td { div.clip { (v.limit) } }
                         td.screen { (v.source) }
                     }
                 }
             }
         }
+        (more(all.len(), on_paper, "rules", "on the screen"))
     }
 }
 
@@ -95,10 +105,10 @@ pub(in crate::report) fn identity(input: &InputFile) -> Markup {
         @match &input.about {
             Some(about) => {
                 @if let Some(patient) = &about.patient { b { (or_none(&patient.name)) } ", number " (or_none(&patient.id)) br; }
-                (series(about)) br;
-                span.note { (input.path.display()) }
+                span.clip { (series(about)) } br;
+                span.note.clip { (input.path.display()) }
             }
-            None => (input.path.display()),
+            None => { span.clip { (input.path.display()) } }
         }
     }
 }
@@ -138,7 +148,7 @@ mod tests {
     #[test]
     fn the_worst_reason_stands_first_and_is_escaped() {
         let limits = Limits::default();
-        let all = [limits.dice("cord", 0.95), limits.dice("<b>brain", 0.85), limits.agreement("lung", 9.0)];
+        let all = [limits.dice("cord", 0.95), limits.dice("<b>brain", 0.85), limits.agreement("lung", 9.0, 1.0)];
         let text = verdict(&all, &["landmarks"]).into_string();
         assert!(text.contains("class=\"verdict fail\"") && text.contains("not measured here: landmarks"), "{text}");
         let at = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what} is not in {text}"));

@@ -1,0 +1,33 @@
+//! What is printed of lists that may be long. The screen has room for all; a printed report has four pages, so that of each
+//! list as many lines are printed as its part of a page holds, and the number of the others is told.
+
+use maud::{Markup, html};
+
+/// For each weight whether its line is printed: the `most` greatest are, earlier ones first where weights are equal.
+pub(in crate::report) fn printed(weights: &[f64], most: usize) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..weights.len()).collect();
+    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
+    let mut shown = vec![false; weights.len()];
+    order.iter().take(most).for_each(|n| shown[*n] = true);
+    shown
+}
+
+/// Says on paper how many of `all` lines are not printed and `where_` they are; nothing where none is missing.
+pub(in crate::report) fn more(all: usize, most: usize, what: &str, where_: &str) -> Markup {
+    html! { @if all > most { p.note.paper { "And " (all - most) " more " (what) ": " (where_) "." } } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_greatest_are_printed_and_the_others_counted() {
+        assert_eq!(printed(&[1.0, f64::NAN, 3.0, 3.0, 2.0], 3), [false, true, true, true, false]);
+        assert_eq!(printed(&[0.0, 0.0, 0.0], 2), [true, true, false]);
+        assert_eq!(printed(&[1.0], 2), [true]);
+        let told = more(45, 40, "bones, which move least", "report.json").into_string();
+        assert!(told.contains("And 5 more bones, which move least: report.json."), "{told}");
+        assert_eq!(more(40, 40, "bones", "report.json").into_string(), "");
+    }
+}
