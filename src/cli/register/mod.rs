@@ -17,7 +17,7 @@ use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
+use crate::pipeline::{Case, FractionScan, InputFile, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
 use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
@@ -78,15 +78,16 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let mut scan = inputs.load(&recorded, &config, &runtime)?;
     scan.warnings.extend(bones.warnings);
     scan.inputs.extend(args.clinic.inputs()?);
-    if args.clinic.anonymous {
-        without_identity(&mut scan.inputs);
-    }
+    let identity = |files: &mut [InputFile]| {
+        if args.clinic.anonymous {
+            without_identity(files)
+        }
+    };
+    identity(&mut scan.inputs);
     let read = |one: &Fraction| {
         let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
-        if args.clinic.anonymous {
-            without_identity(&mut fraction.inputs);
-        }
+        identity(&mut fraction.inputs);
         Ok(fraction)
     };
     let mut planning = None;
