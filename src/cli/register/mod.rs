@@ -66,9 +66,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let (mut index, folders) = hold(args, &config, &inputs, &fractions)?;
     let mut folders = folders.into_iter();
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
-    let expected = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
-    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
-    within_memory(expected, args.max_memory)?;
+    enough(args, (&inputs, &scans), &config, &runtime)?;
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
@@ -126,6 +124,13 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         scan = case.planning;
     }
     all_told(texts, &fractions, index, args.run.told.json)
+}
+
+/// Judges the files by their headers, and whether the memory that they will need may be had.
+fn enough(args: &RegisterArgs, (inputs, scans): (&Inputs, &[&Path]), config: &Config, runtime: &Runtime) -> Result<()> {
+    let expected = judge(inputs.planning(), inputs.bones(), scans, config)?;
+    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+    within_memory(expected, args.max_memory)
 }
 
 /// What the terminal is told of all fractions, whose index is written where there are several.
