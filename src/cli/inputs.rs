@@ -207,9 +207,9 @@ pub(super) struct Marks {
     pub(super) inputs: Vec<InputFile>,
 }
 
-/// Leaves the patient's identity out.
-pub(super) fn without_identity(inputs: &mut [InputFile]) {
-    inputs.iter_mut().for_each(|i| i.about = i.about.take().map(About::anonymous));
+/// Leaves the patient's identity with the files of a clinic, or takes it out of them.
+pub(super) fn name_patient(inputs: &mut [InputFile], anonymous: bool) {
+    inputs.iter_mut().filter(|_| anonymous).for_each(|i| i.about = i.about.take().map(About::anonymous));
 }
 
 /// That a file is missing which the task needs.

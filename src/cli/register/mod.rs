@@ -10,14 +10,14 @@ use super::args::{PresetName, RunArgs, SpeedName};
 use super::auto::{Ask, Bones};
 use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
-use super::inputs::{Flags, Inputs, config_file, either, missing, without_identity};
+use super::inputs::{Flags, Inputs, config_file, either, missing, name_patient};
 use super::terminal::{command_line, progress};
 use super::{run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, FractionScan, InputFile, Outcome, Planning, check_fraction, register_fraction};
+use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
 use crate::report::{self, More, Saving, planned};
 use crate::runtime::Runtime;
@@ -76,16 +76,11 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let mut scan = inputs.load(&recorded, &config, &runtime)?;
     scan.warnings.extend(bones.warnings);
     scan.inputs.extend(args.clinic.inputs()?);
-    let identity = |files: &mut [InputFile]| {
-        if args.clinic.anonymous {
-            without_identity(files)
-        }
-    };
-    identity(&mut scan.inputs);
+    name_patient(&mut scan.inputs, args.clinic.anonymous);
     let read = |one: &Fraction| {
         let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
-        identity(&mut fraction.inputs);
+        name_patient(&mut fraction.inputs, args.clinic.anonymous);
         Ok(fraction)
     };
     let mut planning = None;
