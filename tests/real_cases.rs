@@ -49,7 +49,7 @@ struct Planning {
 fn planning() -> Option<&'static Planning> {
     static ONE: OnceLock<Option<Planning>> = OnceLock::new();
     let planning = ONE.get_or_init(|| {
-        let folder = PathBuf::from(std::env::var_os("AVENTAIL_CASES")?);
+        let folder = PathBuf::from(std::env::var_os("AVENTAIL_CASES").filter(|f| !f.is_empty())?);
         let ct = read_image(folder.join("planning_ct.nii.gz")).expect("AVENTAIL_CASES holds the planning CT").value;
         let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json")));
         Some(Planning { folder, ct, bones: bones.expect("AVENTAIL_CASES holds the bones").value })

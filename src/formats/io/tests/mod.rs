@@ -430,7 +430,7 @@ fn values_that_do_not_fit_and_places_that_do_not_exist() {
 /// Against numbers that SimpleITK 2.5 gives for the same files.
 #[test]
 fn real_files_as_simpleitk_reads_them() {
-    let Some(cases) = std::env::var_os("AVENTAIL_CASES") else { return };
+    let Some(cases) = std::env::var_os("AVENTAIL_CASES").filter(|folder| !folder.is_empty()) else { return };
     let cases = Path::new(&cases);
     let planning = read_image(cases.join("planning_ct.nii.gz")).unwrap();
     let grid = planning.value.grid();
