@@ -116,7 +116,7 @@ fn contours_of_another_frame_are_not_shown_as_planning() {
     fs::write(&path, text).unwrap();
     let run =
         aventail().arg("view").arg(&done().out).args(["--quiet", "--no-browser", "--structures"]).arg(&path).assert();
-    let said = String::from_utf8_lossy(&run.code(2).get_output().stderr).into_owned();
+    let said = String::from_utf8_lossy(&run.code(4).get_output().stderr).into_owned();
     assert!(said.contains("elsewhere.json") && said.contains("day1"), "{said}");
 }
 

@@ -4,6 +4,7 @@ pub mod args;
 mod auto;
 pub mod bench;
 pub mod clinic;
+mod contours;
 pub mod curve;
 mod demo;
 pub mod dose;

@@ -1,13 +1,12 @@
 //! `aventail view`: a finished run to look through at full resolution, on this machine alone.
 
 use super::args::QuietArgs;
+use super::contours;
 use super::finished::Finished;
 use super::terminal::progress;
 use crate::config::RecordedInput;
 use crate::error::{Error, Result};
 use crate::io::checksum::sha256_file;
-use crate::io::dicom::{Role, check_frames};
-use crate::io::{self, ContourFile};
 use crate::pipeline::Case;
 use crate::report::view_page;
 use crate::runtime::Runtime;
@@ -92,15 +91,9 @@ fn unchanged<'a>(set: &'a RecordedInput, runtime: &Runtime) -> Option<&'a Path> 
 
 /// Reads structures in the frame of the run's planning CT.
 fn structures(path: &Path, case: &Case, runtime: &Runtime) -> Result<Contours> {
-    if let Some(planning) = case.inputs().find(|input| input.role == "planning") {
-        check_frames((path, Role::Structures), (&planning.path, Role::Image))?;
-    }
-    let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(path)?;
-    if let Some(frame) = frame.filter(|frame| frame != "planning") {
-        let problem = format!("{}: its contours lie in the frame {frame}", path.display());
-        return Err(Error::usage(problem, "give contours of the planning CT: those after are made of them"));
-    }
-    for warning in warnings.into_iter().chain(contours.tidy()) {
+    let planning = case.inputs().find(|input| input.role == "planning").map(|input| input.path.as_path());
+    let (contours, warnings) = contours::of_planning(path, planning)?;
+    for warning in warnings {
         runtime.progress().note(&format!("warning ({}): {}", warning.code, warning.message));
     }
     Ok(contours)

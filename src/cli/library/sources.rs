@@ -1,6 +1,7 @@
 //! What a library is made from: files and flags, read and judged.
 
 use super::super::auto::{Ask, Bones};
+use super::super::contours::of_planning;
 use super::super::headers::judge;
 use super::super::inputs::{Flags, Inputs, changed, config_file, either};
 use super::super::phantom::cbct_options;
@@ -11,10 +12,10 @@ use crate::chainmail::VolumeChange;
 use crate::config::{Config, RecordedInput};
 use crate::dose::judge as judge_dose;
 use crate::error::{Error, Result};
+use crate::io;
 use crate::io::checksum::sha256;
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::dicom::{Role, check_frames};
 use crate::io::postures::read_postures;
-use crate::io::{self, ContourFile};
 use crate::phantom::CbctOptions;
 use crate::pipeline::{InputFile, PlanningScan};
 use crate::postures::{PosturePlan, VolumeRange};
@@ -170,14 +171,8 @@ impl Carried {
     fn read(structures: Option<&Path>, dose: Option<&Path>, planning: &Path) -> Result<Self> {
         let mut out = Self { contours: None, dose: None, warnings: Vec::new() };
         if let Some(path) = structures {
-            check_frames((path, Role::Structures), (planning, Role::Image))?;
-            let ContourFile { mut contours, frame, warnings, .. } = io::read_contour_file(path)?;
-            if let Some(frame) = frame.filter(|f| f != "planning" && !is_dicom_path(path)) {
-                let problem = format!("it lies in frame {frame:?}, not in planning");
-                return Err(Error::input(path.display().to_string(), problem, "give contours of the planning CT"));
-            }
-            out.warnings.extend(warnings);
-            out.warnings.extend(contours.tidy());
+            let (contours, found) = of_planning(path, Some(planning))?;
+            out.warnings.extend(found);
             out.contours = Some(contours);
         }
         if let Some(path) = dose {
