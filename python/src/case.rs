@@ -285,15 +285,10 @@ impl More<'_> {
     /// # Errors
     /// [`Error::Usage`] when a factor makes no sense or the settings cannot use it.
     pub(crate) fn apply(&self, config: &mut Config) -> Result<()> {
-        for (organ, factor) in &self.volume_change {
-            let change = VolumeChange { organ: organ.clone(), factor: *factor };
-            config.chainmail.volume_change.retain(|c| c.organ != change.organ);
-            config.chainmail.volume_change.push(change);
-        }
-        match config.problem().filter(|_| !self.volume_change.is_empty()) {
-            Some(problem) => Err(Error::usage(problem, "correct volume_change, or the settings it goes with")),
-            None => Ok(()),
-        }
+        let change = |(organ, factor): &(String, f64)| VolumeChange { organ: organ.clone(), factor: *factor };
+        let changes: Vec<VolumeChange> = self.volume_change.iter().map(change).collect();
+        let problem = config.change_volumes(&changes);
+        problem.map_or(Ok(()), |p| Err(Error::usage(p, "correct volume_change, or the settings it goes with")))
     }
 }
 

@@ -57,6 +57,20 @@ pub struct QuietArgs {
     pub quiet: bool,
 }
 
+/// Threads, progress, and how a result is told.
+#[derive(Debug, Args, Clone, Copy, Default)]
+pub struct CommonArgs {
+    /// Threads.
+    #[command(flatten)]
+    pub work: ThreadArgs,
+    /// How the result is told.
+    #[command(flatten)]
+    pub told: JsonArgs,
+    /// Whether progress is shown.
+    #[command(flatten)]
+    pub shown: QuietArgs,
+}
+
 /// Planning CT, its bones and their names.
 #[derive(Debug, Args, Clone)]
 pub struct PlanningArgs {

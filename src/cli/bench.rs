@@ -1,6 +1,6 @@
 //! `aventail bench`: how long the hot paths take here, beside what the memory allows.
 
-use super::args::{JsonArgs, QuietArgs, ThreadArgs};
+use super::args::CommonArgs;
 use super::terminal::progress;
 use crate::benchmark::{AgainstExact, BenchmarkOptions, BenchmarkReport, Distances, SceneSize, Task, run as measure};
 use crate::error::Result;
@@ -34,15 +34,9 @@ pub struct BenchArgs {
     /// Only these tasks, separated by commas
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = task)]
     pub only: Vec<Task>,
-    /// Threads.
+    /// Threads, progress, and how the result is told.
     #[command(flatten)]
-    pub work: ThreadArgs,
-    /// How the result is told.
-    #[command(flatten)]
-    pub told: JsonArgs,
-    /// Whether progress is shown.
-    #[command(flatten)]
-    pub shown: QuietArgs,
+    pub common: CommonArgs,
 }
 
 /// Sizes of the scene.
@@ -77,9 +71,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<String> {
     };
     let tasks = if args.only.is_empty() { Task::ALL.to_vec() } else { args.only.clone() };
     let options = BenchmarkOptions { size, repeat: usize::from(args.repeat), tasks };
-    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
+    let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let report = measure(&options, &runtime)?;
-    if args.told.json {
+    if args.common.told.json {
         return report.json();
     }
     Ok(table(&report))

@@ -27,14 +27,8 @@ impl OrganArgs {
     /// # Errors
     /// [`Error::Usage`] when a factor makes no sense or the settings cannot use it.
     pub(super) fn apply(&self, config: &mut Config) -> Result<()> {
-        for change in &self.volume_change {
-            config.chainmail.volume_change.retain(|c| c.organ != change.organ);
-            config.chainmail.volume_change.push(change.clone());
-        }
-        match config.problem().filter(|_| !self.volume_change.is_empty()) {
-            Some(problem) => Err(Error::usage(problem, "correct --volume-change, or the settings it goes with")),
-            None => Ok(()),
-        }
+        let problem = config.change_volumes(&self.volume_change);
+        problem.map_or(Ok(()), |p| Err(Error::usage(p, "correct --volume-change, or the settings it goes with")))
     }
 }
 

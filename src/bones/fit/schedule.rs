@@ -352,18 +352,18 @@ impl<'a> Fitter<'a> {
 }
 
 /// The bones that share a joint with a bone, in their order.
-fn neighbours(skeleton: &Skeleton, bone: usize) -> impl Iterator<Item = usize> + Clone {
+pub(super) fn neighbours(skeleton: &Skeleton, bone: usize) -> impl Iterator<Item = usize> + Clone {
     let bones = &skeleton.bones;
     (0..bones.len()).filter(move |&o| bones[bone].parent == Some(o) || bones[o].parent == Some(bone))
 }
 
 /// Whether a bone may be at a wrong place: it explains little, or an edge hides what would tell.
-fn doubtful(e: &Evaluation) -> bool {
+pub(super) fn doubtful(e: &Evaluation) -> bool {
     e.explained < DOUBTFUL || (e.visible < WHOLE && e.explained < DOUBTFUL_CUT)
 }
 
 /// Whether each bone is too little in view, or the image does not explain it as it does the others.
-fn unexplained(bones: &[Evaluation]) -> Vec<bool> {
+pub(super) fn unexplained(bones: &[Evaluation]) -> Vec<bool> {
     let mut left: Vec<f64> = bones.iter().filter(|e| e.visible >= LEAST_VISIBLE).map(|e| 1.0 - e.explained).collect();
     left.sort_by(f64::total_cmp);
     let usual = left.get(left.len() / 2).copied().unwrap_or(1.0);
@@ -372,7 +372,7 @@ fn unexplained(bones: &[Evaluation]) -> Vec<bool> {
 }
 
 /// What is in view of each bone, and the gain of all together; nothing where no bone shows a contrast.
-fn held(bones: &[Evaluation]) -> Vec<Option<Held>> {
+pub(super) fn held(bones: &[Evaluation]) -> Vec<Option<Held>> {
     let [covariance, variance] = bones.iter().fold([0.0; 2], |[c, v], e| [c + e.contrast[0], v + e.contrast[1]]);
     let held = |e: &Evaluation| Held { view: e.visible, gain: covariance / variance };
     bones.iter().map(|e| (variance > 0.0).then(|| held(e))).collect()
@@ -386,73 +386,5 @@ fn deviations(curvature: &DMatrix<f64>) -> impl Fn(usize) -> f64 {
         let Some(c) = &covariance else { return f64::MAX };
         let block: Matrix3<f64> = c.fixed_view::<3, 3>(at, at).into_owned();
         block.symmetric_eigenvalues().max().max(0.0).sqrt()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::skeleton::{Bone, Joint};
-
-    fn seen(visible: f64, explained: f64, contrast: [f64; 2]) -> Evaluation {
-        Evaluation { visible, explained, contrast, ..Evaluation::nothing() }
-    }
-
-    #[test]
-    fn neighbours_are_parent_and_children() {
-        // 2 hangs on 0, 3 and 1 on 2, 4 on 3.
-        let parents = [None, Some(2), Some(0), Some(2), Some(3)];
-        let joint = Joint {
-            name: String::new(),
-            centre: Point3::origin(),
-            axes: Matrix3::identity(),
-            rotation_range_deg: [[-1.0, 1.0]; 3],
-            translation_range_mm: [1.0; 3],
-            source: String::new(),
-        };
-        let bone = |(n, parent): (usize, Option<usize>)| Bone {
-            name: n.to_string(),
-            label: n as u16 + 1,
-            parent,
-            joint: joint.clone(),
-            centroid: Point3::origin(),
-            volume_mm3: 1.0,
-        };
-        let skeleton = Skeleton { bones: parents.into_iter().enumerate().map(bone).collect() };
-        let of = |b: usize| neighbours(&skeleton, b).collect::<Vec<_>>();
-        assert_eq!([0, 1, 2, 3, 4].map(of), [vec![2], vec![2], vec![0, 1, 3], vec![2, 4], vec![3]]);
-    }
-
-    #[test]
-    fn a_bone_is_doubtful_when_it_explains_little_or_is_cut() {
-        let of = |visible, explained| doubtful(&seen(visible, explained, [0.0; 2]));
-        assert!(of(1.0, 0.59) && !of(1.0, 0.61) && !of(0.91, 0.61));
-        assert!(of(0.89, 0.84) && !of(0.89, 0.86) && of(0.89, 0.3));
-    }
-
-    #[test]
-    fn what_the_image_does_not_explain_is_told_by_the_others_too() {
-        let of = |bones: &[(f64, f64)]| {
-            let all: Vec<Evaluation> = bones.iter().map(|&(v, e)| seen(v, e, [0.0; 2])).collect();
-            unexplained(&all)
-        };
-        // Too little in view, too little explained, and a cut bone that is unlike the others by itself.
-        let good = [(1.0, 0.96); 6];
-        let odd = [(0.04, 0.99), (1.0, 0.49), (0.5, 0.75), (0.95, 0.75), (0.5, 0.86)];
-        assert_eq!(of(&[&good[..], &odd].concat())[6..], [true, true, true, false, false]);
-        // Among bones that explain no more, by noise, it is usual; those out of view do not count for what is usual.
-        assert_eq!(of(&[(1.0, 0.8), (0.5, 0.83), (1.0, 0.8)]), [false; 3]);
-        assert_eq!(
-            of(&[(1.0, 0.96), (1.0, 0.95), (0.5, 0.75), (0.0, 0.0), (0.0, 0.0)]),
-            [false, false, true, true, true]
-        );
-    }
-
-    #[test]
-    fn one_gain_is_held_for_all_bones() {
-        let held = held(&[seen(0.9, 0.8, [6.0, 4.0]), seen(0.2, 0.1, [-1.0, 1.0])]);
-        let found: Vec<[f64; 2]> = held.iter().flatten().map(|h| [h.view, h.gain]).collect();
-        assert_eq!(found, [[0.9, 1.0], [0.2, 1.0]]);
-        assert!(super::held(&[seen(0.9, 0.0, [0.0; 2])]).iter().all(Option::is_none));
     }
 }

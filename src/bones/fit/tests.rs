@@ -12,6 +12,7 @@ use crate::volume::Volume;
 use nalgebra::{DVector, Matrix3, Point3, Vector3};
 use proptest::prelude::*;
 
+mod schedule;
 mod whole;
 
 /// A smooth texture without symmetry, HU 0 to 800.

@@ -1,6 +1,6 @@
 //! The command line of `aventail dose`.
 
-use super::super::args::{DirectionName, JsonArgs, QuietArgs, ThreadArgs};
+use super::super::args::{CommonArgs, DirectionName, JsonArgs};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -63,21 +63,15 @@ pub struct MethodArgs {
     /// Parts of a voxel along each axis for energy-mass
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub parts: usize,
-    /// Threads.
+    /// Threads, progress, and how the result is told.
     #[command(flatten)]
-    pub work: ThreadArgs,
-    /// How the result is told.
-    #[command(flatten)]
-    pub told: JsonArgs,
-    /// Whether progress is shown.
-    #[command(flatten)]
-    pub shown: QuietArgs,
+    pub common: CommonArgs,
 }
 
 impl MethodArgs {
     /// Whether progress is hidden: beside JSON too.
     pub(super) fn quiet(&self) -> bool {
-        self.shown.quiet || self.told.json
+        self.common.shown.quiet || self.common.told.json
     }
 }
 

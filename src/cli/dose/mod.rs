@@ -68,9 +68,9 @@ fn map(args: &MapArgs) -> Result<String> {
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
     let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).chain(args.page.files());
     let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
-    let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.told.json)?;
+    let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, back.like.is_some(), &files)?;
-    let runtime = Runtime::new(args.how.work.threads, progress(args.how.quiet()))?;
+    let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut ledger = Ledger::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
         let dose = read_dose(&mut ledger, &args.dose)?;
@@ -116,9 +116,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     }
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
     let files: Vec<&Path> = files.chain(args.page.files()).map(PathBuf::as_path).collect();
-    let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.told.json)?;
+    let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, out.like.is_some(), &files)?;
-    let runtime = Runtime::new(args.how.work.threads, progress(args.how.quiet()))?;
+    let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut ledger = Ledger::default();
     let grid = ledger.take("grid", io::read_image(&args.grid)?);
     let to = grid.grid().clone();

@@ -1,6 +1,6 @@
 //! Options of `aventail evaluate`.
 
-use super::super::args::{DirectionName, JsonArgs, QuietArgs, ThreadArgs};
+use super::super::args::{CommonArgs, DirectionName};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -76,15 +76,9 @@ pub struct EvaluateArgs {
     /// Settings (TOML), or the report.json of a run: its limits (table verdict) judge the field
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Threads.
+    /// Threads, progress, and how the result is told.
     #[command(flatten)]
-    pub work: ThreadArgs,
-    /// How the result is told.
-    #[command(flatten)]
-    pub told: JsonArgs,
-    /// Whether progress is shown.
-    #[command(flatten)]
-    pub shown: QuietArgs,
+    pub common: CommonArgs,
 }
 
 impl EvaluateArgs {

@@ -57,7 +57,7 @@ struct Inputs {
 pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let files = field_files(args)?;
     let mut folder = run_folder(&args.out, &planned_files(&files), &args.files())?;
-    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
+    let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let limits = args.config.as_deref().map(limits).transpose()?.unwrap_or_default();
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
@@ -94,7 +94,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     folder.begin()?;
     runtime.stage("write", || evaluation::write(&args.out, &mut report, &pictures))?;
     folder.finish();
-    if args.told.json {
+    if args.common.told.json {
         report.stages = runtime.times();
         return report.json();
     }

@@ -1,6 +1,6 @@
 //! Options of `warp`, and its help.
 
-use super::super::args::{FormatName, JsonArgs, QuietArgs, SpaceName, ThreadArgs};
+use super::super::args::{CommonArgs, FormatName, SpaceName};
 use super::super::links::{LinkArg, frame};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -77,15 +77,9 @@ pub struct WarpArgs {
     /// Layout of --out-field [default: by its extension]
     #[arg(long, value_enum, requires = "out_field", conflicts_with = "dicom_like", value_name = "FORMAT")]
     pub dvf_format: Option<FormatName>,
-    /// Threads.
+    /// Threads, progress, and how the result is told.
     #[command(flatten)]
-    pub work: ThreadArgs,
-    /// How the result is told.
-    #[command(flatten)]
-    pub told: JsonArgs,
-    /// Whether progress is shown.
-    #[command(flatten)]
-    pub shown: QuietArgs,
+    pub common: CommonArgs,
 }
 
 /// What voxels are.

@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 /// Of every kind; see [`Error`].
 pub fn run(args: &WarpArgs) -> Result<String> {
     check_paths(args)?;
-    let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
+    let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
         let (mut links, mut silent) = (Vec::new(), Vec::new());
@@ -87,7 +87,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
             ));
         }
     }
-    if args.told.json {
+    if args.common.told.json {
         return io::json(&report);
     }
     Ok(report.text())

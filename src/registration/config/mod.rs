@@ -1,12 +1,14 @@
 //! Rank 6: the settings of a run. A preset, overlaid with the user's file; complete, serialisable, recorded with every
 //! result.
 
+mod recorded;
 mod study;
 
+pub use recorded::RecordedInput;
 pub use study::{Published, StudyPlan, StudyStage, StudyTable};
 
 use crate::body::BodyOptions;
-use crate::chainmail::ChainmailOptions;
+use crate::chainmail::{ChainmailOptions, VolumeChange};
 use crate::error::{Error, Result};
 use crate::evaluate::verdict::Limits;
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
@@ -135,32 +137,6 @@ impl Preset {
     }
 }
 
-/// One input of an earlier run, as its report records it.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-pub struct RecordedInput {
-    /// Role, for example `planning`.
-    pub role: String,
-    /// Where it lies, seen from the folder of the report, or as it was given.
-    pub path: PathBuf,
-    /// SHA-256 of the file then.
-    pub sha256: String,
-    /// What was given behind `#`.
-    #[serde(default)]
-    pub entry: Option<String>,
-}
-
-impl RecordedInput {
-    /// The path as it was given, with what stood behind `#`.
-    pub fn given(&self) -> PathBuf {
-        let mut path = self.path.clone().into_os_string();
-        if let Some(entry) = &self.entry {
-            path.push("#");
-            path.push(entry);
-        }
-        path.into()
-    }
-}
-
 /// A configuration file: settings and, from a report, the inputs it was run with.
 #[derive(Debug, Clone, Default)]
 pub struct ConfigFile {
@@ -286,6 +262,15 @@ impl Config {
     /// [`Error::Internal`] when one has no TOML.
     pub fn toml(&self) -> Result<String> {
         toml::to_string_pretty(self).map_err(|e| Error::Internal(format!("settings as TOML: {e}")))
+    }
+
+    /// Lays changes of organs' volumes over those of the settings; what is impossible then, if there are any.
+    pub fn change_volumes(&mut self, changes: &[VolumeChange]) -> Option<String> {
+        for change in changes {
+            self.chainmail.volume_change.retain(|c| c.organ != change.organ);
+            self.chainmail.volume_change.push(change.clone());
+        }
+        self.problem().filter(|_| !changes.is_empty())
     }
 
     /// What is impossible in these settings, if anything.
