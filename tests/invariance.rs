@@ -102,6 +102,31 @@ fn storage_order_does_not_matter() {
     assert_close(outcome, &stored, ((order, flip), other));
 }
 
+/// A file of all structures labels muscles beside the bones, too: to the fit they are the tissue around a bone as before.
+#[test]
+fn labels_of_muscles_beside_the_bones_change_nothing() {
+    let (phantom, outcome) = fine_registered();
+    let mut case = Case::from(phantom.clone());
+    let bones = &mut case.planning.bones;
+    let muscle = bones.names.keys().max().expect("the phantom has bones") + 1;
+    bones.names.insert(muscle, "autochthon_left".into());
+    let grid = bones.volume.grid().clone();
+    let mut labelled = 0;
+    for n in 0..grid.len() {
+        let at = grid.centre(grid.voxel(n));
+        let soft = (0.0..120.0).contains(&phantom.planning.data()[n]);
+        if bones.volume.data()[n] == 0 && soft && phantom.body.data()[n] && at.x.abs() < 40.0 && at.z < 0.0 {
+            bones.volume.data_mut()[n] = muscle;
+            labelled += 1;
+        }
+    }
+    assert!(labelled > 1000, "{labelled}");
+    let with = registered(&case);
+    let moved = |o: &Outcome| o.bone_fits.iter().map(|f| f.transform).collect::<Vec<_>>();
+    assert_eq!(moved(outcome), moved(&with));
+    assert!(outcome.push.displacement.data() == with.push.displacement.data(), "the fields differ");
+}
+
 fn assert_close(one: &Outcome, other: &Outcome, how: impl std::fmt::Debug) {
     let bones = bones_apart(one, other, Vector3::zeros());
     let (mean, p99) = difference(&one.push, &other.push, &one.body);

@@ -108,7 +108,8 @@ struct Measured {
     points: usize,
     /// Mean error, mm.
     mean: f64,
-    /// Share of points that are off by more than 3 times the map and half a millimetre, percent.
+    /// Share of points that are off by more than 3 times the map and half a millimetre, percent; one of which the map says
+    /// that it is not known is none of them.
     beyond: f64,
 }
 
@@ -126,7 +127,7 @@ fn measured(case: &Case, outcome: &Outcome, moved: [f64; 3]) -> Measured {
     };
     let inside = (0..grid.len()).step_by(every).filter(|&n| truth.body.data()[n]);
     let all: Vec<(f64, f64)> = inside.filter_map(of).collect();
-    let beyond = all.iter().filter(|(error, said)| *error > 3.0 * said + 0.5).count();
+    let beyond = all.iter().filter(|(error, said)| *said >= 0.0 && *error > 3.0 * said + 0.5).count();
     let points = all.len().max(1);
     Measured {
         points: all.len(),

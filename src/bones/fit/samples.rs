@@ -30,6 +30,7 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     let grid = labels.volume.grid();
     let size = grid.size();
     let spacing = grid.spacing();
+    // What bears another label (an organ, a muscle) is tissue like any other.
     let mut of_label = vec![usize::MAX; usize::from(u16::MAX) + 1];
     for (b, bone) in skeleton.bones.iter().enumerate() {
         of_label[usize::from(bone.label)] = b;
@@ -70,7 +71,7 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
                 continue;
             }
             let m = grid.linear(n.map(|v| v as usize));
-            if data[m] == 0 && !taken[m] {
+            if of_label[usize::from(data[m])] == usize::MAX && !taken[m] {
                 taken[m] = true;
                 out[b].push(m as u32);
             }

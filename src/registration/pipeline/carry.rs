@@ -78,7 +78,9 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
         return Ok(Propagated { propagation, regions, alone: None, kind: None });
     };
     let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
-    let shading = alone.as_ref().map(|a| Shading::of((&scan.ct, body, &scan.bones), &fraction.ct, a));
+    let bone = bone_of_label(moved.skeleton);
+    let soft = |voxel: usize| body.data()[voxel] && bone[usize::from(scan.bones.volume.data()[voxel])].is_none();
+    let shading = alone.as_ref().map(|a| Shading::of((&scan.ct, soft), &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;

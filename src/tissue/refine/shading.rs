@@ -7,7 +7,7 @@
 
 use super::options::ShadingOptions;
 use crate::geometry::Grid;
-use crate::volume::{LabelMap, Mask, Volume, gaussian_ratio, trilinear, trilinear_vector};
+use crate::volume::{Volume, gaussian_ratio, trilinear, trilinear_vector};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -59,13 +59,13 @@ struct Pair {
 
 impl Shading {
     /// Compares two CTs (HU; no number where nothing was measured) by a displacement from planning to fraction (mm, on any
-    /// grid). `body` is the patient in planning, on whose grid the bone labels lie.
+    /// grid). `soft` tells of a planning voxel (its place in storage) whether it is soft tissue of the patient.
     pub fn of(
-        (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
+        (planning, soft): (&Volume<f32>, impl Fn(usize) -> bool + Sync),
         fraction: &Volume<f32>,
         moved: &Volume<[f32; 3]>,
     ) -> Self {
-        let pairs = pairs((planning, body, bones), fraction, moved);
+        let pairs = pairs((planning, soft), fraction, moved);
         if pairs.len() < FEWEST {
             return Self { grey: None, offset: None };
         }
@@ -124,7 +124,7 @@ fn gain_of(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
 
 /// Nodes of homogeneous soft tissue that both scans show.
 fn pairs(
-    (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
+    (planning, soft): (&Volume<f32>, impl Fn(usize) -> bool + Sync),
     fraction: &Volume<f32>,
     moved: &Volume<[f32; 3]>,
 ) -> Vec<Pair> {
@@ -133,7 +133,7 @@ fn pairs(
     let pair = |n: usize| {
         let x = nodes.centre(nodes.voxel(n));
         let own = planning.grid().linear(planning.grid().voxel_at(&x)?);
-        if !body.data()[own] || bones.volume.data()[own] != 0 {
+        if !soft(own) {
             return None;
         }
         let place = x + trilinear_vector(moved, &nodes.index(&x))?;
@@ -186,7 +186,6 @@ fn spread(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     fn grid() -> Grid {
         Grid::axis_aligned([60, 60, 40], [3.0; 3], [0.0; 3]).unwrap()
@@ -214,10 +213,8 @@ mod tests {
             ((f64::from(planning.data()[l]) + 1000.0) * gain - 1000.0 + shade(&p, greatest) + noise(l)) as f32
         };
         let fraction = Volume::from_fn(grid(), value);
-        let all = Volume::filled(grid(), true);
-        let bones = LabelMap { volume: Volume::filled(grid(), 0), names: BTreeMap::new() };
         let still = Volume::filled(grid().coarsened(9.0), [0f32; 3]);
-        (Shading::of((&planning, &all, &bones), &fraction, &still), fraction)
+        (Shading::of((&planning, |_| true), &fraction, &still), fraction)
     }
 
     #[test]
