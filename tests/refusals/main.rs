@@ -14,7 +14,7 @@ use aventail::pipeline::{Case, Outcome, check_inputs, register};
 use aventail::runtime::Runtime;
 use nalgebra::Vector3;
 use runs::RUNS;
-use scenes::{ALIKE, Expected, FRACTION, INPUTS, Scene};
+use scenes::{Expected, FRACTION, INPUTS, NECK, Scene};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -98,7 +98,7 @@ fn inputs_of_the_phantom() {
 
 #[test]
 fn fractions_of_the_phantom() {
-    check(phantom(), &ALIKE, registered);
+    check(&Case::from(neck().clone()), &NECK, registered);
 }
 
 /// What a registration of a changed phantom is off, and how much of that its map of uncertainty owns up to.

@@ -43,18 +43,16 @@ const fn done(mean_mm: f64, beyond_percent: f64, warned: &'static str) -> End {
 const HERE: [f64; 3] = [0.0; 3];
 const ASIDE: [f64; 3] = [30.0, -20.0, 45.0];
 
-/// The aim is that at most 3 % of the points are off by more than their map says. Where the phantom is whole it is missed by a
-/// little: its scan ends beside the neck, and of each clavicle a piece of 7 ml without ends is in view, which slides by 6 mm
-/// along itself to where it fits better than at its place.
+/// At most 3 % of the points may be off by more than the map says.
 pub const RUNS: [Run; 8] = [
-    run("as it is", |_| {}, HERE, done(1.0, 4.5, "")),
+    run("as it is", |_| {}, HERE, done(1.0, 3.0, "")),
     // It was taken for the levels above, 19 mm off and without a word.
     run("slab of 54 mm, origin elsewhere", |c| slab(c, -100.0, 54.0, ASIDE), ASIDE, done(1.5, 3.0, "")),
     run("slab of 36 mm, origin elsewhere", |c| slab(c, -60.0, 36.0, ASIDE), ASIDE, done(1.5, 3.0, "")),
     run("slab of 20 mm, origin elsewhere", |c| slab(c, -60.0, 20.0, ASIDE), ASIDE, End::Refused(&["bones-not-found"])),
-    run("noise of 100 HU", |c| noise(c, 100.0), HERE, done(1.2, 4.5, "")),
-    run("metal in the jaw", metal, HERE, done(1.2, 4.5, "")),
-    run("300 labels", |c| more_labels(c, 300), HERE, done(1.0, 4.5, "labels-ignored")),
+    run("noise of 100 HU", |c| noise(c, 100.0), HERE, done(1.2, 3.0, "")),
+    run("metal in the jaw", metal, HERE, done(1.2, 3.0, "")),
+    run("300 labels", |c| more_labels(c, 300), HERE, done(1.0, 3.0, "labels-ignored")),
     run("labels of one voxel each", one_voxel, HERE, End::Refused(&["bones-not-found"])),
 ];
 

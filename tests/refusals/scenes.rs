@@ -121,10 +121,11 @@ pub const INPUTS: [Scene; 36] = [
     scene("padding of 0", |c| pad(c, 0.0), Silent),
 ];
 
-/// What the fit finds of a phantom that is nearly the same left and right.
-pub const ALIKE: [Scene; 4] = [
+/// What the fit finds of the phantom's head and neck.
+pub const NECK: [Scene; 5] = [
     scene("as it is", |_| {}, Silent),
-    scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), SCALED),
+    scene("slices 5 % too thick", |c| stretch(c, 2, 1.05), Warned("fraction-scaled")),
+    scene("left to right", |c| c.fraction.ct = reversed(&c.fraction.ct, 0), TURNED),
     scene("front to back", |c| c.fraction.ct = reversed(&c.fraction.ct, 1), TURNED),
     scene("turned by 180 degrees", |c| turn(c, 180.0), TURNED),
 ];

@@ -33,14 +33,14 @@ pub(super) fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
 
 /// Judges a fit that has found a share of the bones of at least [`LEAST_FOUND`].
 ///
-/// `coarse`: all bones' samples and the fraction at the start's resolution.
+/// `samples`: all bones at the start's resolution, as in planning and as the fit has posed them; `fraction` likewise.
 ///
 /// # Errors
 /// [`Error::Registration`] where the fraction is mirrored or stretched.
 pub(super) fn accept(
     fit: &mut FitResult,
     (scale, found): (&Scale, f64),
-    (samples, fraction): (&Samples, &Tissue),
+    (samples, fraction): ((&Samples, &Samples), &Tissue),
     measure: Measure,
 ) -> Result<()> {
     let twins = twins(samples, fraction, &fit.common, measure)?;

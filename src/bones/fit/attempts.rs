@@ -3,6 +3,7 @@
 use super::accept::{LEAST_FOUND, accept, not_found};
 use super::given::given;
 use super::level::Level;
+use super::mirror::posed;
 use super::planning::BoneSamples;
 use super::rivals::best_level;
 use super::schedule::{Fitter, Start, Tried};
@@ -67,7 +68,8 @@ pub fn fit_pose(
         }
         if tried.found >= LEAST_FOUND {
             let Tried { mut fit, found, scale, .. } = tried;
-            accept(&mut fit, (&scale, found), (all, image), options.measure)?;
+            let posed = posed(&level.drawn.bones, &fit.transforms);
+            accept(&mut fit, (&scale, found), ((all, &posed), image), options.measure)?;
             if let FitStart::Near(known) = &start {
                 fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
             }

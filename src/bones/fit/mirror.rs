@@ -4,6 +4,7 @@
 //! off. What tells is which of the two explains the fraction better: the bones as they are, or reflected left to right
 //! (docs/decisions/inputs.md).
 
+use super::planning::START_SAMPLES;
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
@@ -15,12 +16,13 @@ use crate::geometry::Rigid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Shares of the bones' contrast that the fraction explains, each at its best rigid motion.
+/// Shares of the bones' contrast that the fraction explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Twins {
-    /// By the bones as they are.
+    /// By the bones as they are: at their best rigid motion, or as the fit has posed them where that is more. The bones of a
+    /// short scan of a bent neck are nearer to their rigid mirror image than to themselves.
     pub(super) own: f64,
-    /// By their reflection in the sagittal plane (x, LPS) through their centre.
+    /// By their reflection in the sagittal plane (x, LPS) through their centre, at its best rigid motion.
     pub(super) mirrored: f64,
 }
 
@@ -60,15 +62,35 @@ fn under(samples: &Samples, centre: &Point3<f64>, map: &Matrix3<f64>) -> Samples
     Samples { points: samples.points.iter().map(|p| centre + map * (p - centre)).collect(), ..samples.clone() }
 }
 
-/// Refines the bones and their mirror image from `start` (planning to fraction, LPS mm).
+/// All bones as one, where the fit has them; each with the part of the samples that it has of the volume.
+pub(super) fn posed(bones: &[Samples], transforms: &[Rigid]) -> Samples {
+    let volume_mm3 = bones.iter().map(|b| b.volume_mm3).sum::<f64>();
+    let mut all = Samples { points: Vec::new(), values: Vec::new(), volume_mm3 };
+    for (bone, t) in bones.iter().zip(transforms) {
+        let share = START_SAMPLES as f64 * bone.volume_mm3 / volume_mm3.max(1.0);
+        let every = (bone.points.len() as f64 / share.max(1.0)).ceil().max(1.0) as usize;
+        all.points.extend(bone.points.iter().step_by(every).map(|p| t * p));
+        all.values.extend(bone.values.iter().step_by(every));
+    }
+    all
+}
+
+/// Refines the bones and their mirror image from `start` (planning to fraction, LPS mm). `posed` are the bones in the fraction.
 ///
 /// # Errors
 /// As the solver.
-pub(super) fn twins(samples: &Samples, fraction: &Tissue, start: &Rigid, measure: Measure) -> Result<Twins> {
+pub(super) fn twins(
+    (samples, posed): (&Samples, &Samples),
+    fraction: &Tissue,
+    start: &Rigid,
+    measure: Measure,
+) -> Result<Twins> {
     let centre = Bones::new(samples).centre;
     let reflected = under(samples, &centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)));
-    let share = |samples: &Samples| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
-    Ok(Twins { own: share(samples)?, mirrored: share(&reflected)? })
+    let share =
+        |samples: &Samples, start: &Rigid| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
+    let own = share(samples, start)?.max(share(posed, &Rigid::identity())?);
+    Ok(Twins { own, mirrored: share(&reflected, start)? })
 }
 
 impl Twins {

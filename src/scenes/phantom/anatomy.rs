@@ -1,5 +1,6 @@
 //! The analytic anatomy: HU and bone label of any planning-space point.
 
+use super::asymmetry::drawn_at;
 use super::cells::Cells;
 use super::outline::{self, Couch};
 use super::shape::{Bounds, Shape, V3};
@@ -147,7 +148,7 @@ impl Anatomy {
 
     /// Signed distance to the skin, mm, negative inside; exact only within 15 mm of it.
     pub fn skin_distance(&self, point: &Point3<f64>) -> f64 {
-        self.outline(&point.coords)
+        self.outline(&drawn_at(&point.coords))
     }
 
     /// Signed distance to the bone at `position` (label - 1), mm; infinite when farther than about 10 mm.
@@ -158,17 +159,18 @@ impl Anatomy {
 
     /// HU of couch and air alone.
     pub(super) fn couch_hu(&self, p: &V3) -> f64 {
-        self.couch.hu(p, || self.outline(p), self.edge)
+        self.couch.hu(p, || self.outline(&drawn_at(p)), self.edge)
     }
 
     /// Whether a point is outside the patient by 4 mm at least.
     pub(super) fn outer_air(&self, p: &V3) -> bool {
-        self.skin_cells.cell(p).is_none_or(|c| self.depth[c] == Depth::Air)
+        self.skin_cells.cell(&drawn_at(p)).is_none_or(|c| self.depth[c] == Depth::Air)
     }
 
     /// Share of patient at a point, HU of that share, and bone label.
     pub(super) fn patient(&self, p: &V3) -> (f64, f64, u16) {
         const NOTHING: (f64, f64, u16) = (0.0, -1000.0, 0);
+        let p = &drawn_at(p);
         let Some(cell) = self.skin_cells.cell(p) else { return NOTHING };
         let (cover, skin) = match self.depth[cell] {
             Depth::Air => return NOTHING,
@@ -182,7 +184,7 @@ impl Anatomy {
             return NOTHING;
         }
         // From the top layer down, until nothing shows through.
-        let near = self.near_bones(p);
+        let near = self.near_drawn(p);
         let mut paint = Paint { hu: 0.0, through: 1.0 };
         let mut label = 0;
         if let Some((bone, d)) = near.nearest() {
@@ -222,6 +224,11 @@ impl Anatomy {
 
     /// Bones within [`BONE_REACH`] of a point.
     pub(super) fn near_bones(&self, p: &V3) -> Near {
+        self.near_drawn(&drawn_at(p))
+    }
+
+    /// The same of a point of the drawing.
+    fn near_drawn(&self, p: &V3) -> Near {
         let mut near = Near { list: [(0, 0.0); MOST_NEAR], len: 0, tooth: f64::MAX };
         let Some(cell) = self.bone_cells.cell(p) else { return near };
         let list = self.bone_cells.parts(cell);
@@ -246,6 +253,7 @@ impl Anatomy {
         near
     }
 
+    /// Signed distance to the skin at a point of the drawing.
     fn outline(&self, p: &V3) -> f64 {
         self.skin_cells.cell(p).map_or(SKIN_REACH, |cell| self.outline_in(cell, p))
     }

@@ -1,5 +1,6 @@
 //! The phantom's true skeleton: where its joints are by construction.
 
+use super::asymmetry::placed;
 use super::spine::DISCS;
 use super::trunk_bones::{ELBOW, RIBS_EACH_SIDE, SHOULDER, rib_head};
 use crate::skeleton::{Bone, Joint, Skeleton};
@@ -128,7 +129,7 @@ pub(super) fn skeleton(labels: &BTreeMap<String, (u16, Point3<f64>, f64)>) -> Sk
         let (label, centroid, volume_mm3) = *labels.get(&r.bone)?;
         let joint = Joint {
             name: r.joint.clone(),
-            centre: r.centre.into(),
+            centre: placed(&r.centre.into()).into(),
             axes: Matrix3::identity(),
             rotation_range_deg: r.degrees.map(|d| [-d, d]),
             translation_range_mm: [r.shift; 3],

@@ -1,12 +1,14 @@
 //! Rank 5: analytic head, neck and shoulders with known truth, for the demo and for tests.
 //!
 //! [`Anatomy`] is a function of position: signed-distance solids for 42 named bones, soft tissue,
-//! airway and couch. [`TrueMotion`] moves it: bones exactly rigid, posed joint by joint with the
-//! phantom's true skeleton, soft tissue by a model that is neither the chain mail nor its
-//! relaxation. [`Phantom`] holds the images of both. [`Breathing`] is a chest whose lungs slide in
-//! their pleura, and [`degrade`] makes a cone-beam CT of any CT.
+//! airway and couch; its two sides differ by some millimetres, as people's do. [`TrueMotion`]
+//! moves it: bones exactly rigid, posed joint by joint with the phantom's true skeleton, soft
+//! tissue by a model that is neither the chain mail nor its relaxation. [`Phantom`] holds the
+//! images of both. [`Breathing`] is a chest whose lungs slide in their pleura, and [`degrade`]
+//! makes a cone-beam CT of any CT.
 
 mod anatomy;
+mod asymmetry;
 mod breathing;
 mod build;
 mod cbct;
@@ -100,7 +102,7 @@ impl Phantom {
         );
         let (fraction, unfound) = render::fraction(&motion, &fraction_grid, options)?;
         let landmark = |(name, at): &(&str, [f64; 3])| {
-            let planning = Point3::from(*at);
+            let planning = Point3::from(asymmetry::placed(&Vector3::from(*at)));
             Landmark { name: (*name).into(), planning, fraction: motion.push(&planning) }
         };
         let landmarks = landmarks::LANDMARKS

@@ -7,6 +7,7 @@
 //! once differentiable outside bone, and can be evaluated, and inverted, at any point.
 
 use super::anatomy::Anatomy;
+use super::asymmetry::drawn_at;
 use super::lattice::{CHANNELS, Lattice};
 use super::shape::{Bounds, V3};
 use super::texture::{smoothstep, uniform};
@@ -186,7 +187,8 @@ impl PreImage {
 
 /// Blended twist and random motion at a lattice node.
 fn node(anatomy: &Anatomy, boxes: &[Bounds], twists: &[[f64; 6]], x: &V3, random: (f64, u64)) -> [f64; CHANNELS] {
-    let mut order: Vec<(f64, usize)> = boxes.iter().enumerate().map(|(n, b)| (box_distance(b, x), n)).collect();
+    let drawn = drawn_at(x);
+    let mut order: Vec<(f64, usize)> = boxes.iter().enumerate().map(|(n, b)| (box_distance(b, &drawn), n)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (mut nearest, mut total, mut out) = (f64::MAX, 0.0, [0.0; CHANNELS]);
     for (at_least, bone) in order {
@@ -195,7 +197,7 @@ fn node(anatomy: &Anatomy, boxes: &[Bounds], twists: &[[f64; 6]], x: &V3, random
             break;
         }
         // From afar a bone is its box.
-        let d = if at_least > 40.0 { at_least } else { anatomy.bones()[bone].solid.distance(x).max(0.0) };
+        let d = if at_least > 40.0 { at_least } else { anatomy.bones()[bone].solid.distance(&drawn).max(0.0) };
         nearest = nearest.min(d);
         let weight = (d + 3.0).powi(-3);
         total += weight;

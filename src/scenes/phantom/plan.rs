@@ -3,6 +3,7 @@
 //! The target lies left of the pharynx and close to the cord; the dose is level inside it, falls steeply outside, and is
 //! held down around the cord, as intensity modulation does. No beam and no scatter: a dose to map, not to treat with.
 
+use super::asymmetry::{MOST_MM, drawn_at};
 use super::build::{chain, ell};
 use super::shape::V3;
 use super::solid::Solid;
@@ -49,6 +50,13 @@ struct Organ {
     grown: f64,
 }
 
+impl Organ {
+    /// Signed distance to the organ, mm.
+    fn distance(&self, p: &V3) -> f64 {
+        self.solid.distance(&drawn_at(p)) - self.grown
+    }
+}
+
 fn organs() -> Vec<Organ> {
     let cord: Vec<[f64; 4]> = spine::canal().iter().map(|&[x, y, z]| [x, y, z, 5.0]).collect();
     let ctv = || [ell([20.0, -24.0, -62.0], [17.0, 15.0, 26.0]), ell([30.0, -8.0, -78.0], [11.0, 11.0, 24.0])];
@@ -84,8 +92,8 @@ impl Phantom {
         }];
         structures.extend(organs.iter().map(|o| {
             let [low, high] = o.solid.bounds();
-            let around = V3::repeat(o.grown + 2.0 * PIXEL_MM);
-            let inside = |p: &V3| (o.solid.distance(p) - o.grown).max(skin(p));
+            let around = V3::repeat(o.grown + MOST_MM + 2.0 * PIXEL_MM);
+            let inside = |p: &V3| o.distance(p).max(skin(p));
             let polygons = drawn(grid, &[low - around, high + around], &inside);
             Structure { name: o.name.into(), colour: Some(o.colour), polygons }
         }));
@@ -133,11 +141,7 @@ fn dose(anatomy: &Anatomy, organs: &[Organ], grid: &Grid) -> Result<Volume<f32>>
 fn dose_at(anatomy: &Anatomy, organs: &[Organ], point: &Point3<f64>) -> f64 {
     let cover = smoothstep(SKIN_MM, -SKIN_MM, anatomy.skin_distance(point));
     let distance = |name: &str| {
-        organs
-            .iter()
-            .filter(|o| o.name == name)
-            .map(|o| o.solid.distance(&point.coords) - o.grown)
-            .fold(f64::MAX, f64::min)
+        organs.iter().filter(|o| o.name == name).map(|o| o.distance(&point.coords)).fold(f64::MAX, f64::min)
     };
     let (target, cord) = (distance("ptv"), distance("spinal_cord").max(0.0));
     let outside = target.max(0.0);
