@@ -2,9 +2,8 @@
 
 pub mod components;
 pub mod contour;
-mod cubic;
 pub mod distance;
-mod interpolate;
+pub mod interpolation;
 pub mod label;
 pub mod morphology;
 pub mod region;
@@ -12,8 +11,7 @@ mod smooth;
 mod spans;
 mod window;
 
-pub use cubic::cubic;
-pub use interpolate::{Surrounding, axis_pairs, place, trilinear, trilinear_vector};
+pub use interpolation::{Surrounding, axis_pairs, cubic, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
 pub use smooth::{gaussian, gaussian_ratio};
 pub use spans::Spans;

@@ -5,7 +5,7 @@
 //! nor the image's edge bleeds into bone.
 
 use crate::geometry::Grid;
-use crate::volume::{Volume, cubic, gaussian_ratio};
+use crate::volume::{Volume, cubic, gaussian_ratio, interpolation};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -82,18 +82,8 @@ impl Tissue {
         if corners == [ALL; 8] {
             return (1.0, Vector3::zeros());
         }
-        let t: [f64; 3] = std::array::from_fn(|a| index[a] - low[a] as f64);
-        let (mut value, mut slope) = (0.0, Vector3::zeros());
-        for (c, x) in corners.into_iter().enumerate() {
-            let x = f64::from(x) / f64::from(ALL);
-            let high = |a: usize| c >> a & 1 == 1;
-            let w: [f64; 3] = std::array::from_fn(|a| if high(a) { t[a] } else { 1.0 - t[a] });
-            value += x * w[0] * w[1] * w[2];
-            for a in 0..3 {
-                slope[a] += x * if high(a) { 1.0 } else { -1.0 } * w[(a + 1) % 3] * w[(a + 2) % 3];
-            }
-        }
-        (value, slope)
+        let t = std::array::from_fn(|a| index[a] - low[a] as f64);
+        interpolation::corners(corners.map(|x| f64::from(x) / f64::from(ALL)), t)
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! A registration makes a [`PushField`]; `inverse` makes the [`PullField`] of it and `consistency` lets soft tissue give way until
 //! both agree as they are stored. `mesh` measures a push field (Jacobian, folds), `warp` carries images, labels, contours and
-//! points, [`Chain`] joins fields and rigid transforms between named frames into one map. `sampling` is the kernel below.
+//! points, [`Chain`] joins fields and rigid transforms between named frames into one map. Fields are read by
+//! [`crate::volume::interpolation`].
 //! Directions and frames: docs/conventions.md; what was tried: docs/decisions/fields.md.
 
 mod chain;
@@ -12,7 +13,6 @@ mod format;
 mod inverse;
 mod mesh;
 mod outside;
-mod sampling;
 mod warp;
 
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};

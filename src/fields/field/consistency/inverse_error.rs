@@ -1,9 +1,9 @@
 //! The way to the fraction and back: where it ends beside its start.
 
-use crate::field::sampling::sampler::{NOWHERE, Sampler};
 use crate::field::{PullField, PushField};
 use crate::geometry::wide_vector::{dot, plus};
 use crate::geometry::{LANES, Wide, vectorised};
+use crate::volume::interpolation::lanes::{NOWHERE, Sampler};
 use crate::volume::{Mask, trilinear_vector};
 use nalgebra::Vector3;
 use rayon::prelude::*;

@@ -8,7 +8,6 @@
 use super::super::PullField;
 use super::super::PushField;
 use super::super::mesh::tetrahedra::{Drop, Mesh};
-use super::super::sampling::sampler::Sampler;
 use super::bones::MovedBones;
 use super::newton::thinned;
 use super::pre_image::{Continued, InvertOptions, solve};
@@ -18,6 +17,7 @@ use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
 use crate::volume::Volume;
+use crate::volume::interpolation::lanes::Sampler;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

@@ -3,10 +3,10 @@
 //! One voxel after the other each step would wait for the one before it.
 
 use super::super::PushField;
-use super::super::sampling::sampler::{Block, Sampler};
 use crate::error::Result;
 use crate::geometry::wide_vector::{WideVector, cross, dot, plus};
 use crate::geometry::{Grid, LANES, Wide};
+use crate::volume::interpolation::lanes::{Block, Sampler};
 use crate::volume::{Mask, Volume};
 
 /// Residuals below this many tolerances are taken for steps: where the field changes by a tenth of the way, that will do.
@@ -23,91 +23,89 @@ pub(in crate::field) struct Best {
     pub(in crate::field) residual: Wide,
 }
 
-impl Sampler<'_> {
-    /// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm for the places `y` of a block, in at most `steps` steps. Where the
-    /// start is `rough`, a first step is sure to be needed.
-    #[inline(always)]
-    pub(in crate::field) fn invert(
-        &self,
-        block: &Block,
-        (start, rough): (WideVector, bool),
-        (tolerance, steps): (f32, usize),
-    ) -> Best {
-        let mut v = start;
-        let mut best = Best { v, residual: Wide::all(f32::INFINITY) };
-        let mut newton = true;
-        for step in 0..=steps {
-            let cells = self.cells(block, &v);
-            let (value, slope) = if rough && step == 0 {
-                let sample = self.at(block, &cells);
-                (sample.value, Some(sample.slope))
-            } else {
-                (self.values(block, &cells), None)
-            };
-            let r = plus(&v, &value);
-            let size = dot(&r, &r).sqrt();
-            let (mut open, mut close) = (false, true);
-            for l in 0..LANES {
-                let better = size.0[l] < best.residual.0[l];
-                best.residual.0[l] = if better { size.0[l] } else { best.residual.0[l] };
-                for (best, v) in best.v.iter_mut().zip(&v) {
-                    best.0[l] = if better { v.0[l] } else { best.0[l] };
-                }
-                open |= best.residual.0[l] >= tolerance;
-                close &= best.residual.0[l] < CLOSE * tolerance;
-            }
-            if !open || step == steps {
-                break;
-            }
-            // A small residual is its own step, for which no slope is needed; but not twice in a row.
-            newton = !(newton && close);
-            // No closure: it would not be compiled for wide registers.
-            let by = match slope {
-                Some(slope) => self.step(&slope, &r),
-                None if newton => self.step(&self.at(block, &cells).slope, &r),
-                None => r,
-            };
-            // A step is kept short, so that it stays in its basin.
-            let length = dot(&by, &by).sqrt();
-            for l in 0..LANES {
-                let longest = 2.0 * size.0[l];
-                let share = if length.0[l] > longest { longest / length.0[l] } else { 1.0 };
-                // A voxel that has arrived stays, whatever its neighbours still need.
-                let share = if best.residual.0[l] < tolerance { 0.0 } else { share };
-                for (v, by) in v.iter_mut().zip(&by) {
-                    v.0[l] -= share * by.0[l];
-                }
-            }
-        }
-        best
-    }
-
-    /// The Newton steps for residuals: the map's gradient, turned round; near a fold the residual takes its place.
-    #[inline(always)]
-    fn step(&self, slope: &[WideVector; 3], r: &WideVector) -> WideVector {
-        // Columns of the gradient by world position.
-        let mut by = [[Wide::default(); 3]; 3];
-        for (c, column) in by.iter_mut().enumerate() {
-            for (a, entry) in column.iter_mut().enumerate() {
-                let turn = [Wide::all(self.turn[0][c]), Wide::all(self.turn[1][c]), Wide::all(self.turn[2][c])];
-                *entry = slope[0][a] * turn[0] + slope[1][a] * turn[1] + slope[2][a] * turn[2];
-            }
-            column[c] = column[c] + Wide::all(1.0);
-        }
-        let [a, b, c] = &by;
-        let bc = cross(b, c);
-        let determinant = dot(a, &bc);
-        let solved = [dot(r, &bc), dot(r, &cross(c, a)), dot(r, &cross(a, b))];
-        let mut out = *r;
+/// Searches `v` with `v + u(y + v) = 0` within `tolerance` mm for the places `y` of a block of a field, in at most `steps` steps.
+/// Where the start is `rough`, a first step is sure to be needed.
+#[inline(always)]
+pub(in crate::field) fn newton(
+    field: &Sampler<'_>,
+    block: &Block,
+    (start, rough): (WideVector, bool),
+    (tolerance, steps): (f32, usize),
+) -> Best {
+    let mut v = start;
+    let mut best = Best { v, residual: Wide::all(f32::INFINITY) };
+    let mut newton = true;
+    for step in 0..=steps {
+        let cells = field.cells(block, &v);
+        let (value, slope) = if rough && step == 0 {
+            let sample = field.at(block, &cells);
+            (sample.value, Some(sample.slope))
+        } else {
+            (field.values(block, &cells), None)
+        };
+        let r = plus(&v, &value);
+        let size = dot(&r, &r).sqrt();
+        let (mut open, mut close) = (false, true);
         for l in 0..LANES {
-            let upright = determinant.0[l] >= LEAST_DETERMINANT;
-            let scale = if upright { determinant.0[l].recip() } else { 0.0 };
-            for a in 0..3 {
-                out[a].0[l] = if upright { solved[a].0[l] * scale } else { r[a].0[l] };
+            let better = size.0[l] < best.residual.0[l];
+            best.residual.0[l] = if better { size.0[l] } else { best.residual.0[l] };
+            for (best, v) in best.v.iter_mut().zip(&v) {
+                best.0[l] = if better { v.0[l] } else { best.0[l] };
+            }
+            open |= best.residual.0[l] >= tolerance;
+            close &= best.residual.0[l] < CLOSE * tolerance;
+        }
+        if !open || step == steps {
+            break;
+        }
+        // A small residual is its own step, for which no slope is needed; but not twice in a row.
+        newton = !(newton && close);
+        // No closure: it would not be compiled for wide registers.
+        let by = match slope {
+            Some(slope) => newton_step(field, &slope, &r),
+            None if newton => newton_step(field, &field.at(block, &cells).slope, &r),
+            None => r,
+        };
+        // A step is kept short, so that it stays in its basin.
+        let length = dot(&by, &by).sqrt();
+        for l in 0..LANES {
+            let longest = 2.0 * size.0[l];
+            let share = if length.0[l] > longest { longest / length.0[l] } else { 1.0 };
+            // A voxel that has arrived stays, whatever its neighbours still need.
+            let share = if best.residual.0[l] < tolerance { 0.0 } else { share };
+            for (v, by) in v.iter_mut().zip(&by) {
+                v.0[l] -= share * by.0[l];
             }
         }
-        out
     }
+    best
+}
+
+/// The Newton steps for residuals: the map's gradient, turned round; near a fold the residual takes its place.
+#[inline(always)]
+fn newton_step(field: &Sampler<'_>, slope: &[WideVector; 3], r: &WideVector) -> WideVector {
+    // Columns of the gradient by world position.
+    let mut by = [[Wide::default(); 3]; 3];
+    for (c, column) in by.iter_mut().enumerate() {
+        for (a, entry) in column.iter_mut().enumerate() {
+            let turn = [Wide::all(field.turn[0][c]), Wide::all(field.turn[1][c]), Wide::all(field.turn[2][c])];
+            *entry = slope[0][a] * turn[0] + slope[1][a] * turn[1] + slope[2][a] * turn[2];
+        }
+        column[c] = column[c] + Wide::all(1.0);
+    }
+    let [a, b, c] = &by;
+    let bc = cross(b, c);
+    let determinant = dot(a, &bc);
+    let solved = [dot(r, &bc), dot(r, &cross(c, a)), dot(r, &cross(a, b))];
+    let mut out = *r;
+    for l in 0..LANES {
+        let upright = determinant.0[l] >= LEAST_DETERMINANT;
+        let scale = if upright { determinant.0[l].recip() } else { 0.0 };
+        for a in 0..3 {
+            out[a].0[l] = if upright { solved[a].0[l] * scale } else { r[a].0[l] };
+        }
+    }
+    out
 }
 
 /// The field at every few voxels, about `spacing` mm apart: enough to start an inversion from.

@@ -4,11 +4,12 @@ use super::super::PushField;
 use super::super::extent::{extent, union};
 use super::super::in_steps;
 use super::super::mesh::tetrahedra::{Drop, Mesh};
-use super::super::sampling::sampler::{NOWHERE, Sampler};
 use super::bones::MovedBones;
+use super::newton::newton;
 use super::pre_image::{Continued, InvertOptions, solve};
 use super::reach::Reach;
 use crate::geometry::{Grid, LANES, Wide, vectorised};
+use crate::volume::interpolation::lanes::{NOWHERE, Sampler};
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 
@@ -144,7 +145,7 @@ impl<V> Search<'_, V> {
                 for (n, (((x, y), z), residual)) in (begin..).zip(blocks) {
                     let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
                     let rough = drawn[n * LANES..].iter().take(LANES).any(|d| d.rank > 0);
-                    let found = self.quick.invert(&block, ([Wide(*x), Wide(*y), Wide(*z)], rough), limits);
+                    let found = newton(&self.quick, &block, ([Wide(*x), Wide(*y), Wide(*z)], rough), limits);
                     [*x, *y, *z] = found.v.map(|v| v.0);
                     *residual = found.residual.0;
                 }

@@ -2,7 +2,7 @@
 
 use super::super::PullField;
 use super::super::PushField;
-use super::super::sampling::walk::{Corner, Hull, Places, pulled, walked};
+use super::walk::{Corner, Hull, Places, pulled, walked};
 use crate::error::Result;
 use crate::geometry::LANES;
 use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
@@ -155,7 +155,7 @@ pub fn push_point(push: &PushField, point: &Point3<f64>) -> Option<Point3<f64>> 
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
-    use super::super::super::sampling::walk::Place;
+    use super::super::walk::Place;
     use super::*;
     use crate::geometry::Grid;
     use crate::volume::trilinear;

@@ -4,9 +4,10 @@
 //! wins nowhere, because it is smaller than a voxel or falls between voxels, takes the voxels where its share is
 //! greatest, as many as its shares add up to and at least one: small structures survive.
 
-use super::super::sampling::walk::{Corner, Hull, Place, pulled, walked};
+use super::walk::{Corner, Hull, Place, pulled, walked};
 use crate::error::Result;
 use crate::geometry::Grid;
+use crate::volume::interpolation::weights;
 use crate::volume::{LabelMap, Volume};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -127,8 +128,7 @@ fn around(map: &Volume<u16>, corner: &Corner, hull: &Hull) -> [u16; 8] {
 fn tally(labels: [u16; 8], t: [f64; 3]) -> ([(u16, f64); 8], usize) {
     let mut votes = [(0u16, 0f64); 8];
     let mut kinds = 0;
-    for (c, label) in labels.into_iter().enumerate() {
-        let weight = (0..3).fold(1.0, |w, a| w * if c >> a & 1 == 1 { t[a] } else { 1.0 - t[a] });
+    for (label, weight) in labels.into_iter().zip(weights(t)) {
         match votes[..kinds].iter_mut().find(|v| v.0 == label) {
             Some(v) => v.1 += weight,
             None => {

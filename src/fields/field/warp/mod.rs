@@ -7,6 +7,7 @@ mod contours;
 mod density;
 mod images;
 mod labels;
+mod walk;
 
 pub use contours::resample_contours;
 pub use density::{Scaled, scale_by_volume};

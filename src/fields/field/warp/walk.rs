@@ -2,6 +2,7 @@
 
 use crate::geometry::{Grid, LANES, vectorised};
 use crate::volume::Volume;
+use crate::volume::interpolation::nearest;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -11,45 +12,45 @@ const ROUNDING: f64 = 1e-3;
 
 /// A place between voxels: the lower ones along each axis, which may lie outside the grid, and the way to the upper ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::field) struct Place {
-    pub(in crate::field) low: [i32; 3],
-    pub(in crate::field) t: [f32; 3],
+pub(super) struct Place {
+    pub(super) low: [i32; 3],
+    pub(super) t: [f32; 3],
 }
 
 /// [`LANES`] places, axis by axis.
-pub(in crate::field) struct Places {
-    pub(in crate::field) low: [[i32; LANES]; 3],
-    pub(in crate::field) t: [[f32; LANES]; 3],
+pub(super) struct Places {
+    pub(super) low: [[i32; LANES]; 3],
+    pub(super) t: [[f32; LANES]; 3],
 }
 
 impl Places {
     #[inline(always)]
-    pub(in crate::field) fn at(&self, l: usize) -> Place {
+    pub(super) fn at(&self, l: usize) -> Place {
         let (low, t) = (&self.low, &self.t);
         Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] }
     }
 }
 
 /// A place inside a grid: storage position of the lower corner, and the way to the upper ones.
-pub(in crate::field) struct Corner {
-    pub(in crate::field) base: usize,
-    pub(in crate::field) t: [f32; 3],
+pub(super) struct Corner {
+    pub(super) base: usize,
+    pub(super) t: [f32; 3],
 }
 
 /// How places lie in a grid.
-pub(in crate::field) struct Hull {
+pub(super) struct Hull {
     size: [usize; 3],
-    pub(in crate::field) strides: [usize; 3],
+    pub(super) strides: [usize; 3],
     /// Pairs of voxels along each axis.
     pairs: [u32; 3],
     /// The same where positions in storage fit 31 bits, else none.
-    pub(in crate::field) quick: [u32; 3],
+    pub(super) quick: [u32; 3],
     /// Distances in storage to the upper corners; 0 along an axis of one voxel.
-    pub(in crate::field) up: [usize; 3],
+    pub(super) up: [usize; 3],
 }
 
 impl Hull {
-    pub(in crate::field) fn new(grid: &Grid) -> Self {
+    pub(super) fn new(grid: &Grid) -> Self {
         let (size, strides) = (grid.size(), grid.strides());
         let up = std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 });
         // More voxels along an axis than an image can have: places beyond are looked up the slow way.
@@ -60,7 +61,7 @@ impl Hull {
 
     /// The corner of a place; `None` outside the hull of the voxel centres.
     #[inline(always)]
-    pub(in crate::field) fn corner(&self, Place { low: [i, j, k], t }: Place) -> Option<Corner> {
+    pub(super) fn corner(&self, Place { low: [i, j, k], t }: Place) -> Option<Corner> {
         if (i as u32) < self.pairs[0] && (j as u32) < self.pairs[1] && (k as u32) < self.pairs[2] {
             let base = i as usize + j as usize * self.strides[1] + k as usize * self.strides[2];
             return Some(Corner { base, t });
@@ -99,7 +100,7 @@ const OUTSIDE: i32 = -400_000_000;
 
 /// `value(continuous index in the source)` at every voxel of the displacements' grid, in parallel over rows. Indices that
 /// rounding puts outside the hull of the voxel centres are put back on it.
-pub(in crate::field) fn pulled<T: Send + Default + Clone>(
+pub(super) fn pulled<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,
     value: impl Fn(&Vector3<f64>) -> T + Sync,
@@ -127,7 +128,7 @@ pub(in crate::field) fn pulled<T: Send + Default + Clone>(
 }
 
 /// As [`pulled`], with places instead of indices, in single precision relative to the row: [`LANES`] voxels at a time.
-pub(in crate::field) fn walked<T: Send + Default + Clone>(
+pub(super) fn walked<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,
     value: impl Fn(&Places, &mut [T]) + Sync,
@@ -215,14 +216,4 @@ fn lower(x: f32, whole: i32) -> (i32, f32) {
     let floor = nearest - f32::from_bits(1f32.to_bits() & above);
     let low = number.wrapping_add(above as i32);
     (low.wrapping_add(whole & near as i32 | OUTSIDE & !near as i32), held - floor)
-}
-
-/// The whole number nearest to one below 2^22, as such and as it is; nothing that makes sense for others.
-#[inline(always)]
-pub(in crate::field) fn nearest(x: f32) -> (i32, f32) {
-    // Added to such a number this leaves the nearest whole one in the low bits: without a rounding instruction, which the
-    // oldest 64-bit machines lack, a cast costs several times as much.
-    const MAGIC: f32 = 12_582_912.0;
-    let shifted = x + MAGIC;
-    ((shifted.to_bits() as i32).wrapping_sub(MAGIC.to_bits() as i32), shifted - MAGIC)
 }

@@ -1,7 +1,7 @@
 //! Cubic convolution (Keys 1981, a = -1/2): value and world gradient, once continuously differentiable.
 
-use super::Volume;
 use crate::geometry::Wide;
+use crate::volume::Volume;
 use nalgebra::Vector3;
 
 /// Weights of the four samples around a fraction `t` in [0, 1) and their derivatives.
@@ -73,24 +73,4 @@ pub fn cubic(volume: &Volume<f32>, index: &Vector3<f64>) -> Option<(f64, Vector3
     let (w, dw) = (&w[0].0, &w[0].1);
     let gradient = Vector3::new(along(dw, &value), along(w, &down), along(w, &through));
     Some((f64::from(along(w, &value)), gradient.cast()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::Grid;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn reproduces_quadratics_with_their_gradient(at in prop::array::uniform3(1.5f64..6.0)) {
-            let grid = Grid::axis_aligned([9, 9, 9], [1.0; 3], [0.0; 3]).unwrap();
-            let f = |x: f64, y: f64, z: f64| x * x - 0.5 * y * y + 0.3 * x * z + y;
-            let v = Volume::from_fn(grid.clone(), |l| { let [i, j, k] = grid.voxel(l).map(|c| c as f64); f(i, j, k) as f32 });
-            let [x, y, z] = at;
-            let (value, g) = cubic(&v, &Vector3::from(at)).unwrap();
-            prop_assert!((value - f(x, y, z)).abs() < 1e-3);
-            prop_assert!((g - Vector3::new(2.0 * x + 0.3 * z, 1.0 - y, 0.3 * x)).norm() < 1e-3);
-        }
-    }
 }

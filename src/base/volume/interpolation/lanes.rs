@@ -1,20 +1,19 @@
 //! A field at eight places of a row at once, in single precision, whose error of about 1e-5 mm is far below any tolerance: values
 //! and gradients from the same eight corners.
 
-use super::walk::nearest;
 use crate::geometry::wide_vector::{WideVector, minus};
 use crate::geometry::{LANES, Wide};
 use crate::volume::Volume;
 use nalgebra::Vector3;
 
 /// The position in storage of what lies outside the grid.
-pub(in crate::field) const NOWHERE: usize = usize::MAX;
+pub const NOWHERE: usize = usize::MAX;
 
 /// Places are held within this many voxels: farther out no image has any.
 const FAR: f64 = 1e6;
 
 /// A field that is continued by its edge values, with the constants of its grid at hand.
-pub(in crate::field) struct Sampler<'a> {
+pub struct Sampler<'a> {
     field: &'a Volume<[f32; 3]>,
     last: [i32; 3],
     /// Lower neighbour of the last pair of voxels.
@@ -23,19 +22,19 @@ pub(in crate::field) struct Sampler<'a> {
     /// Distances in storage to the upper corners; 0 along an axis of one voxel.
     up: [usize; 3],
     /// World to index, row by row.
-    pub(in crate::field) turn: [[f32; 3]; 3],
+    pub turn: [[f32; 3]; 3],
 }
 
 /// [`LANES`] places that follow each other in a row, as indices of the field's grid: whole part and rest of the first, and the
 /// way from one to the next.
-pub(in crate::field) struct Block {
+pub struct Block {
     whole: [i32; 3],
     rest: [f32; 3],
     along: [f32; 3],
 }
 
 /// In which cells of the field [`LANES`] places lie.
-pub(in crate::field) struct Cells {
+pub struct Cells {
     /// Position in storage of their first corners.
     base: [usize; LANES],
     /// How far the places are from these, in cells.
@@ -47,13 +46,16 @@ pub(in crate::field) struct Cells {
 }
 
 /// Values of the field at places, and its derivative by the index: one column per axis.
-pub(in crate::field) struct Sample {
-    pub(in crate::field) value: WideVector,
-    pub(in crate::field) slope: [WideVector; 3],
+pub struct Sample {
+    /// The values.
+    pub value: WideVector,
+    /// The derivative along each axis of the index.
+    pub slope: [WideVector; 3],
 }
 
 impl<'a> Sampler<'a> {
-    pub(in crate::field) fn new(field: &'a Volume<[f32; 3]>) -> Self {
+    /// Of displacements (mm) on any grid.
+    pub fn new(field: &'a Volume<[f32; 3]>) -> Self {
         let grid = field.grid();
         let (size, strides, turn) = (grid.size(), grid.strides(), grid.inverse_step());
         let index = |n: usize| i32::try_from(n).unwrap_or(i32::MAX);
@@ -68,7 +70,7 @@ impl<'a> Sampler<'a> {
     }
 
     /// The places from a continuous index on, `along` apart.
-    pub(in crate::field) fn block(start: &Vector3<f64>, along: &Vector3<f64>) -> Block {
+    pub fn block(start: &Vector3<f64>, along: &Vector3<f64>) -> Block {
         // What is no number becomes 0, and what is far off is held far outside.
         let held = start.map(|x| x.clamp(-FAR, FAR));
         Block {
@@ -80,7 +82,7 @@ impl<'a> Sampler<'a> {
 
     /// The voxels nearest to where displacements lead, by their position in storage; [`NOWHERE`] outside the grid.
     #[inline(always)]
-    pub(in crate::field) fn land(&self, block: &Block, v: &WideVector) -> [usize; LANES] {
+    pub fn land(&self, block: &Block, v: &WideVector) -> [usize; LANES] {
         let (mut near, mut within) = ([0u64; LANES], [true; LANES]);
         for a in 0..3 {
             let by = self.turn[a];
@@ -103,7 +105,7 @@ impl<'a> Sampler<'a> {
 
     /// The cells in which the places of a block lie after displacements `v`.
     #[inline(always)]
-    pub(in crate::field) fn cells(&self, block: &Block, v: &WideVector) -> Cells {
+    pub fn cells(&self, block: &Block, v: &WideVector) -> Cells {
         let (x, t) = ([Wide::default(); 3], [Wide::default(); 3]);
         let mut cells = Cells { base: [0; LANES], t, x, in_line: self.up[0] == 1 };
         for a in 0..3 {
@@ -134,7 +136,7 @@ impl<'a> Sampler<'a> {
 
     /// The field in cells of a block.
     #[inline(always)]
-    pub(in crate::field) fn at(&self, block: &Block, cells: &Cells) -> Sample {
+    pub fn at(&self, block: &Block, cells: &Cells) -> Sample {
         let t = &cells.t;
         let ((a, ax, ay), (b, bx, by)) = (self.face(cells, 0), self.face(cells, self.up[2]));
         let z = minus(&b, &a);
@@ -156,13 +158,13 @@ impl<'a> Sampler<'a> {
 
     /// The field's values at the places of a block after displacements `v`.
     #[inline(always)]
-    pub(in crate::field) fn value(&self, block: &Block, v: &WideVector) -> WideVector {
+    pub fn value(&self, block: &Block, v: &WideVector) -> WideVector {
         self.values(block, &self.cells(block, v))
     }
 
     /// The field's values in cells of a block: the same bits as with the slope, sooner.
     #[inline(always)]
-    pub(in crate::field) fn values(&self, block: &Block, cells: &Cells) -> WideVector {
+    pub fn values(&self, block: &Block, cells: &Cells) -> WideVector {
         let edges = [0, self.up[1], self.up[2], self.up[1] + self.up[2]];
         let flat = self.field.data().as_flattened();
         if cells.in_line
@@ -311,57 +313,12 @@ fn in_cell(edges: [&[f32; 7]; 4], t: [f32; 3]) -> [f32; 4] {
     mix(low, t[2], high)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::super::super::inverse::pre_image::Continued;
-    use super::*;
-    use crate::geometry::Grid;
-    use nalgebra::{Point3, Rotation3};
-    use proptest::prelude::*;
-
-    proptest! {
-        /// Values are those of the continued field, in and beyond the grid, next to each other in storage or not, and the
-        /// same bits with and without the slope.
-        #[test]
-        fn values_are_the_continued_fields(size in prop::array::uniform3(1usize..14), axis in prop::array::uniform3(-1.0f64..1.0),
-                                           start in prop::array::uniform3(-6.0f64..16.0), along in prop::array::uniform3(-1.2f64..1.2),
-                                           straight in any::<bool>(), seed in any::<u32>()) {
-            let turn = Rotation3::from_scaled_axis(axis.into()).into_inner();
-            let grid = Grid::new(size, [1.0, 1.5, 2.0], Point3::new(-3.0, 5.0, 8.0), turn).unwrap();
-            let random = |l: usize| (l as u32 ^ seed).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(40_503) >> 8;
-            let component = |l: usize| random(l) as f32 / 8_388_608.0 - 1.0;
-            let field = Volume::from_fn(grid.clone(), |l| [3 * l, 3 * l + 1, 3 * l + 2].map(component));
-            let (sampler, truth) = (Sampler::new(&field), Continued::new(&field));
-            let along = if straight { Vector3::x() } else { Vector3::from(along) };
-            let start = Vector3::from(start);
-            let block = Sampler::block(&start, &along);
-            let v: WideVector = std::array::from_fn(|a| Wide(std::array::from_fn(|l| 0.3 * component(100 + 8 * a + l))));
-            let cells = sampler.cells(&block, &v);
-            let (alone, with_slope) = (sampler.value(&block, &v), sampler.at(&block, &cells).value);
-            for l in 0..LANES {
-                let moved = Vector3::from_fn(|a, _| f64::from(v[a].0[l]));
-                let at = start + along * l as f64 + grid.inverse_step() * moved;
-                let true_value = truth.value(&grid.world(&at));
-                for a in 0..3 {
-                    prop_assert_eq!(alone[a].0[l].to_bits(), with_slope[a].0[l].to_bits());
-                    prop_assert!((f64::from(alone[a].0[l]) - true_value[a]).abs() < 1e-4, "lane {}: {} for {}", l, alone[a].0[l], true_value[a]);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn what_is_no_number_comes_to_lie_at_the_edge() {
-        let grid = Grid::axis_aligned([4, 3, 5], [1.0; 3], [0.0; 3]).unwrap();
-        let field = Volume::from_fn(grid, |l| [l as f32; 3]);
-        let sampler = Sampler::new(&field);
-        for start in [f64::NAN, f64::INFINITY, -1e30, 1e12] {
-            let block = Sampler::block(&Vector3::repeat(start), &Vector3::x());
-            for v in [0.0, f32::NAN, f32::INFINITY, -1e30] {
-                let v = [Wide::all(v); 3];
-                assert!(sampler.value(&block, &v).iter().all(|c| c.0.iter().all(|c| c.is_finite())));
-                assert!(sampler.land(&block, &v).iter().all(|n| *n == NOWHERE || *n < field.data().len()));
-            }
-        }
-    }
+/// The whole number nearest to one below 2^22, as such and as it is; nothing that makes sense for others.
+#[inline(always)]
+pub fn nearest(x: f32) -> (i32, f32) {
+    // Added to such a number this leaves the nearest whole one in the low bits: without a rounding instruction, which the
+    // oldest 64-bit machines lack, a cast costs several times as much.
+    const MAGIC: f32 = 12_582_912.0;
+    let shifted = x + MAGIC;
+    ((shifted.to_bits() as i32).wrapping_sub(MAGIC.to_bits() as i32), shifted - MAGIC)
 }
