@@ -335,9 +335,11 @@ mod tests {
         let Motion::Field(wave) = &links[0].motion else { panic!("a field was made") };
         let along = Chain::along(wave);
         let between = Chain::between(&links, "a", "b", &InvertOptions::default()).unwrap();
-        let at =
-            |n: i32| Point3::new(f64::from(n % 13) * 6.1 - 38.0, f64::from(n % 7) * 8.3 - 27.0, f64::from(n) * 0.2);
-        for x in (-140..140).map(at) {
+        let at = |n: u8| {
+            let [i, j] = [13, 7].map(|m| f64::from(n % m));
+            Point3::new(i * 6.1 - 38.0, j * 8.3 - 27.0, f64::from(n) * 0.2 - 25.0)
+        };
+        for x in (0..250).map(at) {
             let mapped = along.map(&x);
             let moved = displacement(wave, &x).unwrap();
             assert!((mapped.point - x - moved).norm() < 1e-12 && mapped.covered && mapped.residual_mm.is_none());
