@@ -16,7 +16,7 @@ use crate::config::{Config, ConfigFile, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, FractionScan, InputFile, Outcome, Planning, check_fraction, register_fraction};
+use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
 use crate::report::{self, Clinic, More, Saving, planned};
 use crate::runtime::Runtime;
@@ -69,22 +69,17 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
-    let clinic =
-        || args.clinic.dicom.then(|| Clinic::read(&args.clinic.files(), inputs.planning(), &scans)).transpose();
-    let clinic = runtime.stage("read for DICOM", clinic)?;
+    let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let mut scan = inputs.load(&recorded, &config, &runtime)?;
     scan.warnings.extend(bones.warnings);
     scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
-    let forget = |inputs: &mut [InputFile]| {
-        inputs.iter_mut().filter(|_| args.clinic.anonymous).for_each(InputFile::forget_patient);
-    };
-    forget(&mut scan.inputs);
+    args.clinic.name_patient(&mut scan.inputs);
     let read = |one: &Fraction| {
         let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
-        forget(&mut fraction.inputs);
+        args.clinic.name_patient(&mut fraction.inputs);
         Ok(fraction)
     };
     let mut planning = None;
