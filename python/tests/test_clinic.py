@@ -112,7 +112,53 @@ def test_every_fraction_comes_back(export: Path, tmp_path: Path) -> None:
     assert both[0].report["inputs"][0]["about"]["patient"]["name"]
 
 
-def test_structures_as_bones_and_dose_are_read(export: Path, registration: aventail.Registration) -> None:
+def drawn(export: Path, out: Path) -> Path:
+    """The bones as a structure set, each outline half a voxel around its voxels' centres."""
+    pydicom = pytest.importorskip("pydicom", reason="pydicom is not installed: no structure set of bones is made")
+    contourpy = pytest.importorskip("contourpy", reason="contourpy is not installed: no bone is outlined")
+    bones = aventail.Image.of(export / "bones.nii.gz", "labels")
+    own = pydicom.dcmread(export / "dicom/planning/RS.dcm")
+    own.SOPInstanceUID = own.file_meta.MediaStorageSOPInstanceUID = pydicom.uid.generate_uid()
+    rois, outlines, observations = [], [], []
+    for number, (label, name) in enumerate((bones.names or {}).items(), 1):
+        roi, observation, outline = pydicom.Dataset(), pydicom.Dataset(), pydicom.Dataset()
+        roi.update(own.StructureSetROISequence[0])
+        observation.update(own.RTROIObservationsSequence[0])
+        roi.ROINumber = outline.ReferencedROINumber = number
+        observation.ObservationNumber = observation.ReferencedROINumber = number
+        roi.ROIName, observation.RTROIInterpretedType = name, "ORGAN"
+        polygons = []
+        for k in np.flatnonzero((bones.array == label).any(axis=(1, 2))):
+            mask = np.pad((bones.array[k] == label).astype(float), 1)
+            for line in contourpy.contour_generator(z=mask).lines(0.5):
+                points = [bones.point((x - 1, y - 1, k)) for x, y in line[:-1]]
+                polygon = pydicom.Dataset()
+                polygon.ContourGeometricType, polygon.NumberOfContourPoints = "CLOSED_PLANAR", len(points)
+                polygon.ContourData = [f"{c:.4f}" for point in points for c in point]
+                polygons.append(polygon)
+        outline.ContourSequence = polygons
+        rois, outlines, observations = [*rois, roi], [*outlines, outline], [*observations, observation]
+    own.StructureSetROISequence, own.ROIContourSequence, own.RTROIObservationsSequence = rois, outlines, observations
+    own.save_as(out)
+    return out
+
+
+def test_bones_of_a_structure_set_are_those_of_the_program(export: Path, tmp_path: Path) -> None:
+    planning, fraction = export / "dicom/planning", export / "dicom/fraction"
+    bones = drawn(export, tmp_path / "bones.dcm")
+    found = aventail.register(planning, bones, fraction, settings="fast")
+    assert len(found.bones) > 30
+    options = [f"--planning={planning}", f"--bones={bones}", f"--fraction={fraction}", "--speed=fast"]
+    done = program("register", *options, "--quiet", f"--out={tmp_path / 'out'}")
+    assert done.returncode == 0, done.stderr
+    field = aventail.Field.of(tmp_path / "out/planning_to_fraction.nii.gz", "planning", "fraction")
+    assert np.array_equal(found.planning_to_fraction.array, field.array)
+    # The set lies in planning's frame of reference.
+    with pytest.raises(aventail.InputError, match="frame"):
+        aventail.register(fraction, bones, planning)
+
+
+def test_structures_and_dose_are_read(export: Path, registration: aventail.Registration) -> None:
     planning = export / "dicom" / "planning"
     dose = aventail.Image.of(planning / "RD.dcm", "dose")
     assert dose.array.max() > 10
