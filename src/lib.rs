@@ -32,7 +32,8 @@
 //! # }
 //! ```
 //!
-//! [`report::save`] writes what a run of the program writes; [`field`] carries images, labels and points.
+//! [`report::save`] writes what a run of the program writes, and [`report::Clinic`] what a planning system takes back;
+//! [`field`] carries images, labels and points.
 //!
 //! # Rooms
 //!

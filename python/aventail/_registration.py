@@ -127,7 +127,8 @@ class Registration:
     def save(self, folder: Path, *, view: bool = True, progress: Progress = None) -> None:
         """Writes what ``aventail register --out`` writes: fields, images, masks, ``report.html``, ``report.json``.
 
-        ``view=False`` leaves the volumes out of the page.
+        Of a registration with ``dicom=True`` also what ``--dicom`` writes, into ``dicom`` in the folder. ``view=False``
+        leaves the volumes out of the page.
         """
         with told(progress) as function:
             self._native.save(os.fspath(folder), view, function)
@@ -274,6 +275,7 @@ def _more(
     bone_landmarks: BoneLandmarks | None,
     skeleton: Path | None,
     start: ArrayLike | None,
+    bones_folder: Path | None = None,
 ) -> dict[str, Any]:
     on_bones: Any = bone_landmarks
     if bone_landmarks is not None and not isinstance(bone_landmarks, (str, os.PathLike)):
@@ -286,7 +288,23 @@ def _more(
         "start": None if start is None else np.asarray(start, np.float64).tolist(),
         "organs": None,
         "volume_change": [],
+        "bones_folder": None if bones_folder is None else os.fspath(bones_folder),
+        "dicom": False,
+        "structures": None,
+        "dose": None,
+        "anonymous": False,
     }
+
+
+def _give_back(dicom: bool, structures: Path | None, dose: Path | None, anonymous: bool) -> dict[str, Any]:
+    """What goes back to a planning system, as the compiled module takes it."""
+    if not dicom and (structures is not None or dose is not None):
+        raise _errors.usage(
+            "structures and dose go back as DICOM, which is not asked for", "give dicom=True too, or leave them out"
+        )
+    paths = {"structures": structures, "dose": dose}
+    files = {role: None if path is None else os.fspath(path) for role, path in paths.items()}
+    return {"dicom": bool(dicom), **files, "anonymous": bool(anonymous)}
 
 
 @overload
@@ -303,6 +321,11 @@ def register(
     start: ArrayLike | None = None,
     organs: Path | None = None,
     volume_change: Mapping[str, float] | None = None,
+    bones_folder: Path | None = None,
+    dicom: bool = False,
+    structures: Path | None = None,
+    dose: Path | None = None,
+    anonymous: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> Registration: ...
@@ -318,6 +341,11 @@ def register(
     skeleton: Path | None = None,
     organs: Path | None = None,
     volume_change: Mapping[str, float] | None = None,
+    bones_folder: Path | None = None,
+    dicom: bool = False,
+    structures: Path | None = None,
+    dose: Path | None = None,
+    anonymous: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> list[Registration]: ...
@@ -336,18 +364,31 @@ def register(
     start: ArrayLike | None = None,
     organs: Path | None = None,
     volume_change: Mapping[str, float] | None = None,
+    bones_folder: Path | None = None,
+    dicom: bool = False,
+    structures: Path | None = None,
+    dose: Path | None = None,
+    anonymous: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> Any:
     """Registers a planning CT to a fraction CT; both in HU.
 
     ``planning``, ``bones`` (labels on the planning grid) and ``fraction`` are paths (NIfTI, MetaImage, NRRD, DICOM
-    folders; a structure set for the bones), SimpleITK images, nibabel images, or an :class:`Image`. ``labels`` names the
+    folders; a structure set or ``"auto"`` for the bones), SimpleITK images, nibabel images, or an :class:`Image`. ``labels`` names the
     bones where the labels do not, by TotalSegmentator's names. ``landmarks`` evaluate and never enter the fit;
     ``bone_landmarks`` place the skeleton; ``start`` is a 4x4 near which the fit begins, planning to fraction, LPS mm.
     ``organs`` is a file of their labels on the planning grid, or a structure set; ``volume_change`` says of an organ its
     volume in the fraction over that in planning, ``{"parotid_left": 0.8}``. Results do not depend on ``threads`` (0: one
     per core). The interpreter's lock is free meanwhile, and Ctrl-C raises KeyboardInterrupt.
+
+    ``bones="auto"`` has TotalSegmentator, where it is installed, label the file ``planning``; the labels are kept in
+    ``bones_folder`` (without it the current folder) and found there by the next run. Nobody has looked at them: look.
+
+    With ``dicom=True`` planning and fraction are DICOM folders, and :meth:`Registration.save` also writes what a planning
+    system imports: the planning CT on the fraction, the registrations, and ``structures`` (RTSTRUCT of planning) and
+    ``dose`` (RTDOSE of the plan) carried to the fraction. ``anonymous`` leaves the patient's identity out of the report
+    and of DICOM.
 
     A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` is
     then a list too.
@@ -363,7 +404,8 @@ def register(
     """
     given, names = label_source(bones, labels)
     several = isinstance(fraction, list)
-    more = _more(names, None if several else landmarks, bone_landmarks, skeleton, start)
+    more = _more(names, None if several else landmarks, bone_landmarks, skeleton, start, bones_folder)
+    more |= _give_back(dicom, structures, dose, anonymous)
     more["organs"] = None if organs is None else os.fspath(organs)
     more["volume_change"] = [(str(organ), float(factor)) for organ, factor in (volume_change or {}).items()]
     settled = settings_source(settings)
@@ -399,6 +441,7 @@ def pose(
     margin_mm: float = 0.0,
     landmarks: Landmarks | None = None,
     skeleton: Path | None = None,
+    bones_folder: Path | None = None,
     threads: int = 0,
     progress: Progress = None,
 ) -> Registration:
@@ -406,7 +449,8 @@ def pose(
 
     ``pose`` is a pose file or a dict by bone, ``{"skull": {"axial_deg": 10.0}}`` with ``flexion_deg``, ``lateral_deg``,
     ``axial_deg`` and ``shift_mm``; ``transforms`` are 4x4 by bone, planning to fraction; other bones follow their joints.
-    The artificial CT lies on the planning grid, grown by ``margin_mm`` on all sides.
+    The artificial CT lies on the planning grid, grown by ``margin_mm`` on all sides. ``bones="auto"`` and
+    ``bones_folder`` are those of :func:`register`.
     """
     motion: dict[str, Any] = {"text": None, "file": None, "transforms": None}
     if transforms is not None:
@@ -418,7 +462,7 @@ def pose(
     elif bone_landmarks is None:
         raise _errors.usage("no motion is given", "give pose, transforms or bone_landmarks")
     given, names = label_source(bones, labels)
-    more = _more(names, landmarks, bone_landmarks, skeleton, None)
+    more = _more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
     with told(progress) as function:
         native = _aventail.pose(
             source(planning), given, motion, margin_mm, more, settings_source(settings), threads, function

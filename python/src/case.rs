@@ -1,19 +1,24 @@
 //! Inputs of a registration, from files and from memory.
 
 use crate::arrays::{self, Given, Names};
+use crate::clinic::GiveBack;
 use aventail::chainmail::VolumeChange;
 use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::{Grid, Rigid};
+use aventail::io::auto::{AUTO, Ask, AutoBones};
 use aventail::io::dicom::{About, Role, check_frames, is_dicom_path};
 use aventail::io::{self, Loaded};
 use aventail::pipeline::{FractionScan, InputFile, PlanningScan};
 use aventail::volume::{LabelMap, Volume};
 use aventail::warning::Warning;
-use aventail::{Config, Error, Result, skeleton};
+use aventail::{Config, Error, Result, Runtime, skeleton};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
+
+/// What reports and locks name as the command.
+pub(crate) const COMMAND: &str = "aventail (Python)";
 
 /// The files behind a case and what reading them found.
 #[derive(Default)]
@@ -146,6 +151,9 @@ pub(crate) struct Inputs {
     skeleton: Option<PathBuf>,
     start: Option<[[f64; 4]; 4]>,
     organs: Option<PathBuf>,
+    bones_folder: PathBuf,
+    /// What is to be known of labels that were made.
+    made: Vec<Warning>,
 }
 
 impl Inputs {
@@ -160,7 +168,45 @@ impl Inputs {
             skeleton: more.skeleton,
             start: more.start,
             organs: more.organs,
+            bones_folder: more.bones_folder.unwrap_or_default(),
+            made: Vec::new(),
         })
+    }
+
+    /// The planning CT's file.
+    pub(crate) fn planning(&self) -> Option<&Path> {
+        self.planning.path()
+    }
+
+    /// Has labels made by TotalSegmentator where bones are asked for as `auto`, or finds those that were made before; `needed`:
+    /// other files that the run will read.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when the labels have names beside their own, or the planning CT is no file; else as [`AutoBones::of`].
+    pub(crate) fn make_bones(&mut self, needed: &[&Path], quiet: bool, runtime: &Runtime) -> Result<()> {
+        if self.bones.path() != Some(Path::new(AUTO)) {
+            return Ok(());
+        }
+        if self.names.is_some() {
+            let problem = "bones are \"auto\" and labels are given: labels that are made have their names";
+            return Err(Error::usage(problem, "leave labels out, or give a label map as bones"));
+        }
+        let Some(planning) = self.planning.path() else {
+            let problem = "bones are \"auto\" and the planning CT is in memory: TotalSegmentator reads a file";
+            return Err(Error::usage(problem, "give the path of the planning CT; Image.save writes one"));
+        };
+        let own = [
+            self.landmarks.as_ref().and_then(Given::path),
+            self.bone_landmarks.as_ref().and_then(Given::path),
+            self.skeleton.as_deref(),
+            self.organs.as_deref(),
+        ];
+        let needed: Vec<&Path> = needed.iter().copied().chain(own.into_iter().flatten()).collect();
+        let beside = self.bones_folder.join("registration");
+        let ask = Ask { planning, needed: &needed, beside: &beside, command: COMMAND, quiet };
+        let made = runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))?;
+        (self.bones, self.made) = (Given::Path(made.file), made.warnings);
+        Ok(())
     }
 
     /// Reads the files of the planning side, and what is known of it and a fraction or a posture; `named`: organs that the
@@ -184,7 +230,8 @@ impl Inputs {
             }
             None => None,
         };
-        let Ledger { inputs, warnings } = ledger;
+        let Ledger { inputs, mut warnings } = ledger;
+        warnings.extend(self.made);
         let planning = PlanningScan { ct, bones, skeleton, warnings, inputs };
         let marks = Marks::read(self.landmarks, self.bone_landmarks, self.start)?;
         Ok((planning, marks))
@@ -244,6 +291,16 @@ impl FractionInputs {
         Ok(Self { image: arrays::image(image)?, landmarks: landmarks.map(points).transpose()? })
     }
 
+    /// The image's file.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.image.path()
+    }
+
+    /// All of its files.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+        [self.image.path(), self.landmarks.as_ref().and_then(Given::path)].into_iter().flatten()
+    }
+
     /// Reads the files.
     pub(crate) fn read(self) -> Result<FractionScan> {
         Marks::read(self.landmarks, None, None)?.with(self.image)
@@ -277,9 +334,19 @@ pub(crate) struct More<'py> {
     start: Option<[[f64; 4]; 4]>,
     organs: Option<PathBuf>,
     volume_change: Vec<(String, f64)>,
+    bones_folder: Option<PathBuf>,
+    dicom: bool,
+    structures: Option<PathBuf>,
+    dose: Option<PathBuf>,
+    anonymous: bool,
 }
 
 impl More<'_> {
+    /// What goes back to a planning system.
+    pub(crate) fn give_back(&self) -> GiveBack {
+        GiveBack::new(self.dicom, [self.structures.clone(), self.dose.clone()], self.anonymous)
+    }
+
     /// Lays the changes of organs' volumes over those of the settings.
     ///
     /// # Errors

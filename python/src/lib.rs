@@ -3,6 +3,7 @@
 
 mod arrays;
 mod case;
+mod clinic;
 mod errors;
 mod measures;
 mod phantom;

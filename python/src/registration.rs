@@ -1,19 +1,19 @@
 //! Registrations and poses, and what they found.
 
 use crate::arrays::{self, Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
-use crate::case::{FractionInputs, Inputs, More, Settings, transforms};
+use crate::case::{COMMAND, FractionInputs, Inputs, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
 use aventail::fit::BoneLandmark;
 use aventail::io::RunFolder;
-use aventail::pipeline::{self, BoneMotion, Planning, PlanningScan};
-use aventail::report::{self, Report, Run, Saving, planned};
+use aventail::pipeline::{self, BoneMotion, InputFile, Planning, PlanningScan};
+use aventail::report::{self, Clinic, Report, Run, Saving, planned};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
 /// A case and what was found of it.
@@ -28,16 +28,22 @@ struct Found {
 pub(crate) struct Registration {
     runs: Runs,
     found: Arc<RwLock<Found>>,
+    /// What goes back to a planning system, and which of its fractions this is.
+    clinic: Option<(Arc<Clinic>, usize)>,
 }
 
 /// A raster of labels, or none.
 type MaybeLabels<'py> = Option<LabelRaster<'py>>;
 
 impl Registration {
-    fn new(runs: Runs, (case, config, mut outcome): (Case, Config, Outcome)) -> Self {
+    fn new(
+        runs: Runs,
+        (case, config, mut outcome): (Case, Config, Outcome),
+        clinic: Option<(Arc<Clinic>, usize)>,
+    ) -> Self {
         // Of a region everything lies on the part's grids.
         let case = outcome.part.take().map_or(case, |part| *part);
-        Self { runs, found: Arc::new(RwLock::new(Found { case, config, outcome })) }
+        Self { runs, found: Arc::new(RwLock::new(Found { case, config, outcome })), clinic }
     }
 
     fn found(&self) -> RwLockReadGuard<'_, Found> {
@@ -58,7 +64,7 @@ impl Registration {
         self.taken(py, |found| {
             let settings = found.config.value()?;
             let limits = found.config.verdict.clone();
-            let run = Run { command: command(), settings, threads, outputs: Vec::new(), limits };
+            let run = Run { command: COMMAND.into(), settings, threads, outputs: Vec::new(), limits };
             Report::new(&found.case, &found.outcome, &run).json()
         })
         .raised(py)
@@ -116,16 +122,24 @@ impl Registration {
     /// Writes what the program writes.
     #[pyo3(signature = (folder, view, progress))]
     fn save(&self, py: Python<'_>, folder: PathBuf, view: bool, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        let all = Arc::clone(&self.found);
+        let (all, clinic) = (Arc::clone(&self.found), self.clinic.clone());
         self.runs.run(py, progress, move |runtime| {
             let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
             let Found { case, config, outcome } = &mut *found;
+            let config = &*config;
             let inputs: Vec<_> = case.inputs().map(|input| input.path.clone()).collect();
             let inputs: Vec<_> = inputs.iter().map(PathBuf::as_path).collect();
-            let command = command();
-            let held = RunFolder::open(&folder, &planned(config), &inputs, &command)?;
-            let saving = Saving { command: &command, view, contours: None, more: None };
-            report::save(case, outcome, config, runtime, (held, &folder), saving).map(drop)
+            let mut planned = planned(config);
+            planned.names.extend(clinic.iter().flat_map(|_| Clinic::planned()));
+            let held = RunFolder::open(&folder, &planned, &inputs, COMMAND)?;
+            let out = folder.as_path();
+            let write = clinic.as_ref().map(|(clinic, n)| {
+                move |outcome: &Outcome| runtime.stage("write DICOM", || clinic.write(*n, outcome, config, out))
+            });
+            let more = write.as_ref().map(|write| write as &report::More<'_>);
+            let contours = clinic.as_ref().and_then(|(clinic, _)| clinic.contours());
+            let saving = Saving { command: COMMAND, view, contours, more };
+            report::save(case, outcome, config, runtime, (held, out), saving).map(drop)
         })
     }
 
@@ -211,9 +225,9 @@ fn displacement(outcome: &Outcome, to_fraction: bool) -> &Volume<[f32; 3]> {
     if to_fraction { &outcome.push.displacement } else { &outcome.pull.displacement }
 }
 
-/// What reports name as the command.
-fn command() -> String {
-    "aventail (Python)".into()
+/// Leaves the patient out of what reports tell of files.
+fn forget(inputs: &mut [InputFile], anonymous: bool) {
+    inputs.iter_mut().filter(|_| anonymous).for_each(InputFile::forget_patient);
 }
 
 /// Registers a fraction.
@@ -232,19 +246,26 @@ pub(crate) fn register(
 ) -> PyResult<Registration> {
     let mut config = settings.config().raised(py)?;
     more.apply(&mut config).raised(py)?;
-    let named = config.chainmail.organs_named();
-    let inputs = Inputs::new(planning, bones, more)?;
+    let (named, back) = (config.chainmail.organs_named(), more.give_back());
+    let mut inputs = Inputs::new(planning, bones, more)?;
     let fraction = arrays::image(fraction)?;
-    let runs = Runs::new(threads).raised(py)?;
-    let found = runs.run(py, progress, move |runtime| {
+    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
+    let (found, clinic) = runs.run(py, progress, move |runtime| {
+        let needed: Vec<&Path> = fraction.path().into_iter().chain(back.paths()).collect();
+        inputs.make_bones(&needed, quiet, runtime)?;
+        let clinic = back.read(inputs.planning(), &[fraction.path()], &config, runtime)?;
         let case = runtime.stage("read", || {
-            let (planning, marks) = inputs.read(&named)?;
-            Ok::<_, Error>(Case { planning, fraction: marks.with(fraction)? })
+            let (mut planning, marks) = inputs.read(&named)?;
+            planning.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
+            let mut fraction = marks.with(fraction)?;
+            forget(&mut planning.inputs, back.anonymous);
+            forget(&mut fraction.inputs, back.anonymous);
+            Ok::<_, Error>(Case { planning, fraction })
         })?;
         let outcome = pipeline::register(&case, &config, runtime)?;
-        Ok((case, config, outcome))
+        Ok(((case, config, outcome), clinic))
     })?;
-    Ok(Registration::new(runs, found))
+    Ok(Registration::new(runs, found, clinic.map(|clinic| (clinic, 0))))
 }
 
 /// Registers several fractions of one patient, in their order; what depends on planning alone is done once.
@@ -263,21 +284,28 @@ pub(crate) fn register_several(
 ) -> PyResult<Vec<Registration>> {
     let mut config = settings.config().raised(py)?;
     more.apply(&mut config).raised(py)?;
-    let named = config.chainmail.organs_named();
-    let inputs = Inputs::new(planning, bones, more)?;
+    let (named, back) = (config.chainmail.organs_named(), more.give_back());
+    let mut inputs = Inputs::new(planning, bones, more)?;
     let fractions = fractions.iter().map(|(image, landmarks)| FractionInputs::new(image, landmarks.as_ref()));
     let fractions = fractions.collect::<PyResult<Vec<_>>>()?;
-    let runs = Runs::new(threads).raised(py)?;
-    let found = runs.run(py, progress, move |runtime| {
+    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
+    let (found, clinic) = runs.run(py, progress, move |runtime| {
+        let needed: Vec<&Path> = fractions.iter().flat_map(FractionInputs::paths).chain(back.paths()).collect();
+        inputs.make_bones(&needed, quiet, runtime)?;
+        let scans: Vec<Option<&Path>> = fractions.iter().map(FractionInputs::path).collect();
+        let clinic = back.read(inputs.planning(), &scans, &config, runtime)?;
         // What is known of one fraction alone is refused before.
-        let (scan, _) = runtime.stage("read", || inputs.read(&named))?;
+        let (mut scan, _) = runtime.stage("read", || inputs.read(&named))?;
+        scan.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
+        forget(&mut scan.inputs, back.anonymous);
         let mut planning = None;
         let mut all = Vec::new();
         for (n, fraction) in fractions.into_iter().enumerate() {
             if n > 0 {
                 runtime.restart();
             }
-            let fraction = runtime.stage("read the fraction", || fraction.read())?;
+            let mut fraction = runtime.stage("read the fraction", || fraction.read())?;
+            forget(&mut fraction.inputs, back.anonymous);
             pipeline::check_fraction(&fraction.ct, &config)?;
             let planning = match &planning {
                 Some(planning) => planning,
@@ -287,9 +315,10 @@ pub(crate) fn register_several(
             let outcome = pipeline::register_fraction(&case, planning, &config, runtime)?;
             all.push((case, config.clone(), outcome));
         }
-        Ok(all)
+        Ok((all, clinic))
     })?;
-    Ok(found.into_iter().map(|found| Registration::new(runs.clone(), found)).collect())
+    let one = |(n, found)| Registration::new(runs.clone(), found, clinic.clone().map(|clinic| (clinic, n)));
+    Ok(found.into_iter().enumerate().map(one).collect())
 }
 
 /// How bones are told to move.
@@ -345,14 +374,16 @@ pub(crate) fn pose(
     let mut config = settings.config().raised(py)?;
     more.apply(&mut config).raised(py)?;
     let named = config.chainmail.organs_named();
-    let inputs = Inputs::new(planning, bones, more)?;
-    let runs = Runs::new(threads).raised(py)?;
+    let mut inputs = Inputs::new(planning, bones, more)?;
+    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
     let found = runs.run(py, progress, move |runtime| {
+        let file = motion.file.as_deref();
+        inputs.make_bones(file.as_slice(), quiet, runtime)?;
         let (mut planning, marks) = runtime.stage("read", || inputs.read(&named))?;
         planning.inputs.extend(marks.inputs);
         let motion = motion.of(&mut planning, marks.bone_landmarks)?;
         let (case, outcome) = pipeline::pose(planning, (&motion, marks.landmarks), margin_mm, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
-    Ok(Registration::new(runs, found))
+    Ok(Registration::new(runs, found, None))
 }

@@ -44,16 +44,18 @@ struct Relay {
 struct Stopped;
 
 impl Relay {
-    /// Hands a word on, or ends a run that is to stop: every stage and every step of one asks here.
-    fn tell(&self, told: Told) {
+    /// Hands a word on, where there is one, or ends a run that is to stop: every stage and every step of one asks here.
+    fn tell(&self, told: Option<Told>) {
         let listener = held(&self.listener);
         let Some(Listener { to, stop }) = &*listener else { return };
         if stop.load(Ordering::Relaxed) {
             drop(listener);
             resume_unwind(Box::new(Stopped));
         }
-        // Nobody listens any longer where Python's thread has gone.
-        let _ = to.send(told);
+        if let Some(told) = told {
+            // Nobody listens any longer where Python's thread has gone.
+            let _ = to.send(told);
+        }
     }
 }
 
@@ -67,13 +69,16 @@ struct Reporter(Arc<Relay>);
 
 impl Progress for Reporter {
     fn stage(&self, name: &str) {
-        self.0.tell(Told::Stage(name.to_owned()));
+        self.0.tell(Some(Told::Stage(name.to_owned())));
     }
     fn step(&self, done: usize, total: usize, _: &str) {
-        self.0.tell(Told::Share(done as f64 / total.max(1) as f64));
+        self.0.tell(Some(Told::Share(done as f64 / total.max(1) as f64)));
+    }
+    fn waiting(&self) {
+        self.0.tell(None);
     }
     fn finish(&self, _: f64) {
-        self.0.tell(Told::Finished);
+        self.0.tell(Some(Told::Finished));
     }
 }
 

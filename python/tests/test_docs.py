@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from test_program import program
 
 import aventail
 
@@ -24,6 +25,10 @@ def files(phantom: aventail.Phantom, tmp_path: Path, monkeypatch: pytest.MonkeyP
     phantom.fraction.save(tmp_path / "fraction_ct.nii.gz")
     phantom.dose.save(tmp_path / "dose.nii.gz")
     phantom.contours.save(tmp_path / "contours.json")
+    done = program("phantom", "--dicom", "--spacing", "5x5x6", "--out", tmp_path / "export")
+    assert done.returncode == 0, done.stderr
+    for series in ("planning", "fraction"):
+        (tmp_path / "export" / "dicom" / series).rename(tmp_path / series)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -9,6 +9,8 @@ pub trait Progress: Send + Sync {
     fn stage(&self, name: &str);
     /// `done` of `total` units of the current stage are finished, `label` names the unit.
     fn step(&self, done: usize, total: usize, label: &str);
+    /// Another program does the work, for minutes perhaps: asked several times a second, so that a run can be ended meanwhile.
+    fn waiting(&self) {}
     /// Something worth knowing between two stages.
     fn note(&self, _text: &str) {}
     /// The current stage ended after `seconds`.

@@ -21,12 +21,6 @@ use std::path::Path;
 const SAME_MM: f64 = 0.05;
 /// Boxes of a coarser field agree within this share of its largest voxel.
 const SAME_BOX: f64 = 0.75;
-/// Less of a dose or of the patient outside a field is not worth a word, percent.
-pub(super) const WORTH: f64 = 0.1;
-/// Less of labels or contours: bones are cut where a scan ends.
-pub(super) const WORTH_OF_LABELS: f64 = 1.0;
-/// Less of an image: what lies beyond the other scan comes in at its edges.
-pub(super) const WORTH_OF_IMAGE: f64 = 5.0;
 
 /// The role of a field of one case: by the option of its direction, or by another option and `--direction`.
 pub(super) fn role(direction: Direction, option: Option<&'static str>) -> FieldRole<'static> {
@@ -186,15 +180,6 @@ pub(super) fn pair(
     let (push, pull) = (field(Direction::PlanningToFraction, push)?, field(Direction::FractionToPlanning, pull)?);
     FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
         Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")
-    })
-}
-
-/// A word about what of `what` lies outside a field.
-pub(super) fn outside(what: &str, field: &str, percent: f64, worth: f64) -> Option<Warning> {
-    (percent > worth).then(|| {
-        let message =
-            format!("{percent:.1} % of {what} lies outside {field}, which is the identity there: it is not moved");
-        Warning::new("outside-field", message)
     })
 }
 

@@ -5,7 +5,7 @@ use crate::geometry::Grid;
 use crate::io::checksum::sha256_file;
 use crate::io::dicom::registration::{DerivedRegistration, reference_of, write_deformable};
 use crate::io::dicom::write::{
-    DerivedCt, DerivedDose, DerivedStructures, Origin, write_ct, write_dose, write_structures,
+    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, no_plan, write_ct, write_dose, write_structures,
 };
 use crate::io::dicom::{Dose, Patient, Roi, Series, describe_series, dose_at, is_dicom_path};
 use crate::volume::Volume;
@@ -14,23 +14,9 @@ use crate::warning::Warning;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Said of everything that is written.
-pub(super) const CAUTION: &str = "Made by aventail. For research, not for treatment.";
-
 /// Whether a path is that of a DICOM file to be written.
 pub(super) fn is_dcm(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
-}
-
-/// A word about a dose that names no plan.
-pub(super) fn no_plan(what: &str, plans: &BTreeSet<String>) -> Option<Warning> {
-    plans.is_empty().then(|| {
-        let message = format!(
-            "{what}: it names no plan, so the dose that is written as DICOM names none either; every dose of a planning system has \
-             one, and it may be refused without"
-        );
-        Warning::new("dicom-no-plan", message)
-    })
 }
 
 /// Refuses an output in DICOM without a scan that it refers to, and the other way round, before anything is read.

@@ -207,11 +207,6 @@ pub(super) struct Marks {
     pub(super) inputs: Vec<InputFile>,
 }
 
-/// Leaves the patient's identity with the files of a clinic, or takes it out of them.
-pub(super) fn name_patient(inputs: &mut [InputFile], anonymous: bool) {
-    inputs.iter_mut().filter(|_| anonymous).for_each(|i| i.about = i.about.take().map(About::anonymous));
-}
-
 /// That a file is missing which the task needs.
 pub(super) fn missing(role: &str) -> Error {
     Error::usage(format!("no {role} file is given"), format!("add --{role} FILE; a TOML of settings names no inputs"))

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::evaluate::verdict::Limits;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
-use crate::field::Outside;
+use crate::field::{Outside, WORTH, outside_field};
 use crate::geometry::Grid;
 use crate::io::{self, Planned, dicom};
 use crate::pipeline::InputFile;
@@ -257,9 +257,7 @@ fn one(
             Direction::FractionToPlanning => pair.pull.displacement.grid(),
         };
         let share = inputs.outside(*direction, grid);
-        ledger
-            .warnings
-            .extend(share.and_then(|(what, share)| fields::outside(what, name, share.amount_percent, fields::WORTH)));
+        ledger.warnings.extend(share.and_then(|(what, share)| outside_field(what, name, share.amount_percent, WORTH)));
     }
     let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
     let subject = Subject {

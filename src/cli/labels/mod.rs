@@ -1,15 +1,14 @@
 //! `aventail labels merge`: one named label map of masks, label maps and structure sets.
 
 mod inputs;
-pub(super) mod merge;
 
 use super::args::JsonArgs;
 use crate::error::{Error, Result};
+use crate::io::merge::{Merged, Merging};
 use crate::io::{WriteOptions, check_files, check_place, json, read_grid, write_labels};
 use crate::warning::Warning;
 use clap::{Args, Subcommand};
 use inputs::Sources;
-use merge::{Merged, Merging};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

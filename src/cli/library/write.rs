@@ -5,7 +5,7 @@ use super::sources::Carried;
 use crate::config::Config;
 use crate::dose::interpolate;
 use crate::error::{Error, Result};
-use crate::field::{Chain, InvertOptions, Link, Motion, PullField, resample_contours};
+use crate::field::{Chain, InvertOptions, Link, Motion, PullField, WORTH_OF_LABELS, outside_field, resample_contours};
 use crate::geometry::Grid;
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::phantom::{CbctOptions, degrade};
@@ -154,8 +154,7 @@ impl<'a> Written<'a> {
         let back = Chain::between(&pull, "fraction", "planning", &options)?;
         let (moved, mapped) = resample_contours(contours, &forward, &back, self.ct.grid());
         let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
-        let outside =
-            super::super::fields::outside("the contours", "a field", share, super::super::fields::WORTH_OF_LABELS);
+        let outside = outside_field("the contours", "a field", share, WORTH_OF_LABELS);
         Ok((Some(moved), outside.into_iter().collect()))
     }
 

@@ -8,9 +8,8 @@ pub use args::{LandmarkUseName, RegisterArgs};
 
 use super::args::{PresetName, RunArgs, SpeedName};
 use super::auto::{Ask, Bones};
-use super::clinic::Clinic;
 use super::headers::{judge, within_memory};
-use super::inputs::{Flags, Inputs, config_file, either, missing, name_patient};
+use super::inputs::{Flags, Inputs, config_file, either, missing};
 use super::terminal::{command_line, progress};
 use super::{run_folder, start};
 use crate::config::{Config, ConfigFile, Preset, RecordedInput};
@@ -19,7 +18,7 @@ use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
 use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
-use crate::report::{self, More, Saving, planned};
+use crate::report::{self, Clinic, More, Saving, planned};
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::volume::region::RegionOptions;
@@ -70,17 +69,17 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
-    let clinic = runtime.stage("read for DICOM", || Clinic::read(&args.clinic, inputs.planning(), &scans))?;
+    let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let mut scan = inputs.load(&recorded, &config, &runtime)?;
     scan.warnings.extend(bones.warnings);
-    scan.inputs.extend(args.clinic.inputs()?);
-    name_patient(&mut scan.inputs, args.clinic.anonymous);
+    scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
+    args.clinic.name_patient(&mut scan.inputs);
     let read = |one: &Fraction| {
         let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
-        name_patient(&mut fraction.inputs, args.clinic.anonymous);
+        args.clinic.name_patient(&mut fraction.inputs);
         Ok(fraction)
     };
     let mut planning = None;
@@ -188,7 +187,8 @@ fn hold(
     let mut files = inputs.files();
     files.extend(args.config.as_deref());
     files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
-    files.extend(args.clinic.files());
+    let clinic = args.clinic.files();
+    files.extend(clinic.paths());
     let mut planned = planned(config);
     planned.names.extend(args.clinic.names());
     let index = (fractions.len() > 1).then(|| Index::hold(&args.out, &files)).transpose()?;
@@ -215,11 +215,8 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
             return Err(Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1"));
         }
     }
-    if args.clinic.dicom && config.region.is_some() {
-        return Err(Error::usage(
-            "--dicom writes what the whole scan needs, and the settings choose a region",
-            "leave --dicom out, or remove [region] from the settings",
-        ));
+    if args.clinic.dicom {
+        Clinic::check(&config)?;
     }
     Ok(config)
 }

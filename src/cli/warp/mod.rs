@@ -7,7 +7,6 @@ mod report;
 pub(super) use args::HELP;
 pub use args::WarpArgs;
 
-use super::fields;
 use super::frames::{Names, role_of};
 use super::giveback::Like;
 use super::links::LinkArg;
@@ -15,8 +14,8 @@ use super::terminal::progress;
 use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{
-    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, resample, resample_contours, resample_labels,
-    scale_by_volume,
+    Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, WORTH, WORTH_OF_IMAGE, WORTH_OF_LABELS,
+    outside_field, resample, resample_contours, resample_labels, scale_by_volume,
 };
 use crate::geometry::Grid;
 use crate::io::dicom::{Role, is_structure_set};
@@ -269,7 +268,7 @@ fn map_contours(
     dicom::write_contours(args, like.as_ref(), rois, &moved, out)?;
     report.kind = "contours";
     let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
-    report.warnings.extend(fields::outside("the contours", "a field", share, fields::WORTH_OF_LABELS));
+    report.warnings.extend(outside_field("the contours", "a field", share, WORTH_OF_LABELS));
     report.finish(back, mapped, out);
     Ok(())
 }
@@ -307,7 +306,7 @@ fn map_volume(
         report.notes.extend(label_notes(&labels.value, &warped));
         report.kind = "labels";
         let weight = |l: usize| f64::from(u8::from(warped.volume.data()[l] > 0));
-        report.missed("the labels' volume", fields::WORTH_OF_LABELS, (back, &mapped, &grid), weight);
+        report.missed("the labels' volume", WORTH_OF_LABELS, (back, &mapped, &grid), weight);
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
@@ -325,12 +324,12 @@ fn map_volume(
             Ok::<_, Error>((scalar(args, &v, (&image.value, greatest), report)?, mapped))
         })?;
         if kind == VolumeKind::Dose {
-            report.missed("the dose", fields::WORTH, (back, &mapped, &grid), |l| f64::from(warped.data()[l]));
+            report.missed("the dose", WORTH, (back, &mapped, &grid), |l| f64::from(warped.data()[l]));
         } else {
             // Air around the patient is no loss: what differs from it counts.
             let air = args.outside.unwrap_or(-1000.0);
             let weight = |l: usize| f64::from((warped.data()[l] - air).abs());
-            report.missed("the image (by contrast to air)", fields::WORTH_OF_IMAGE, (back, &mapped, &grid), weight);
+            report.missed("the image (by contrast to air)", WORTH_OF_IMAGE, (back, &mapped, &grid), weight);
         }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();

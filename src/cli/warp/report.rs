@@ -2,7 +2,7 @@
 
 use super::super::fields::{self, Known};
 use super::args::WarpArgs;
-use crate::field::{Chain, ChainReport, Link, Motion};
+use crate::field::{Chain, ChainReport, Link, Motion, outside_field};
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use serde::Serialize;
@@ -52,7 +52,7 @@ impl Report {
     ) {
         if mapped.outside > 0 {
             let share = fields::missed(chain, grid, weight);
-            self.warnings.extend(fields::outside(what, "a field", share, worth));
+            self.warnings.extend(outside_field(what, "a field", share, worth));
         }
     }
 

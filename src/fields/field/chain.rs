@@ -330,6 +330,39 @@ mod tests {
     }
 
     #[test]
+    fn a_field_along_which_points_go_is_used_as_it_is() {
+        let links = [link("a", "b", field(wave))];
+        let Motion::Field(wave) = &links[0].motion else { panic!("a field was made") };
+        let along = Chain::along(wave);
+        let between = Chain::between(&links, "a", "b", &InvertOptions::default()).unwrap();
+        let at = |n: u8| {
+            let [i, j] = [13, 7].map(|m| f64::from(n % m));
+            Point3::new(i * 6.1 - 38.0, j * 8.3 - 27.0, f64::from(n) * 0.2 - 25.0)
+        };
+        for x in (0..250).map(at) {
+            let mapped = along.map(&x);
+            let moved = displacement(wave, &x).unwrap();
+            assert!((mapped.point - x - moved).norm() < 1e-12 && mapped.covered && mapped.residual_mm.is_none());
+            assert!((mapped.point - between.map(&x).point).norm() < 1e-12);
+        }
+        let voxel = [7, 11, 13];
+        let (x, u) = (wave.grid().centre(voxel), wave.data()[wave.grid().linear(voxel)]);
+        assert!((along.map(&x).point - x - Vector3::from(u.map(f64::from))).norm() < 1e-9);
+        assert!(u.iter().any(|c| c.abs() > 1.0), "nothing moves there: {u:?}");
+        let far = along.map(&Point3::new(0.0, 200.0, 0.0));
+        assert!(!far.covered && (far.point.y - 200.0).abs() < 1e-12);
+        // On its own grid the field itself comes back, and elsewhere what it says there.
+        let (own, report) = along.displacement_on(wave.grid()).unwrap();
+        assert!(matches!(own, Cow::Borrowed(_)) && own.data() == wave.data() && report.outside == 0);
+        let grid = Grid::axis_aligned([3, 1, 1], [50.0, 2.0, 2.0], [-40.5, 3.5, 1.0]).unwrap();
+        let (elsewhere, report) = along.displacement_on(&grid).unwrap();
+        assert_eq!((report.points, report.outside), (3, 1));
+        let expected = displacement(wave, &grid.centre([1, 0, 0])).unwrap();
+        assert!((Vector3::from(elsewhere.data()[1].map(f64::from)) - expected).norm() < 1e-6);
+        assert!(elsewhere.data()[2].iter().all(|c| c.abs() < f32::EPSILON));
+    }
+
+    #[test]
     fn outside_is_identity_and_the_edge_reaches_half_a_voxel() {
         let links = [link("a", "b", field(|_| Vector3::new(0.0, 0.0, 5.0)))];
         let options = InvertOptions::default();

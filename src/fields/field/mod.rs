@@ -23,7 +23,7 @@ pub use mesh::{
     FOLDED, Resampling, RowOfCells, ScatterReport, digital_folds, folded_cells, jacobian, jacobian_by_rows,
     multiple_preimages, overlaps, scatter_image,
 };
-pub use outside::{Outside, covers};
+pub use outside::{Outside, WORTH, WORTH_OF_IMAGE, WORTH_OF_LABELS, covers, outside_field};
 pub use warp::{
     Interpolation, Scaled, push_point, resample, resample_contours, resample_labels, scale_by_volume, warp_image,
     warp_labels, warp_mask,

@@ -2,9 +2,17 @@
 
 use crate::geometry::Grid;
 use crate::volume::Volume;
+use crate::warning::Warning;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+/// Less of a dose or of the patient outside a field is not worth a word, percent.
+pub const WORTH: f64 = 0.1;
+/// Less of labels or contours: bones are cut where a scan ends.
+pub const WORTH_OF_LABELS: f64 = 1.0;
+/// Less of an image: what lies beyond the other scan comes in at its edges.
+pub const WORTH_OF_IMAGE: f64 = 5.0;
 
 /// What lies outside a grid, whose outermost voxels reach half a voxel beyond their centres.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -61,6 +69,15 @@ impl Outside {
             amount_percent: percent(lost, weights),
         }
     }
+}
+
+/// A word about the share of `what` that lies outside a field, percent, where it is more than `worth`.
+pub fn outside_field(what: &str, field: &str, percent: f64, worth: f64) -> Option<Warning> {
+    (percent > worth).then(|| {
+        let message =
+            format!("{percent:.1} % of {what} lies outside {field}, which is the identity there: it is not moved");
+        Warning::new("outside-field", message)
+    })
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //! the same folder that is renamed when complete, so that no half-written result is ever seen.
 
 mod atomic;
+pub mod auto;
 mod bytes;
 pub mod checksum;
 mod contours;
@@ -28,6 +29,7 @@ mod kinds;
 mod labels;
 mod landmarks;
 mod load;
+pub mod merge;
 mod metaimage;
 mod names;
 mod nifti;

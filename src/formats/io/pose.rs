@@ -157,6 +157,27 @@ mod tests {
     }
 
     #[test]
+    fn a_text_is_read_as_its_file_is() {
+        let text = "couch.rotation_deg = [0, 0, 180]\n[bones.skull]\naxial_deg = -45\nshift_mm = [1, -2.5, 0]\n";
+        let pose = parse_pose(text, "pose", &example()).unwrap();
+        assert_eq!(pose, load(text).unwrap());
+        let mut expected = vec![JointPose::default(); 4];
+        expected[0].rotation = [0.0, 0.0, std::f64::consts::PI];
+        expected[2] = JointPose { rotation: [0.0, 0.0, -std::f64::consts::FRAC_PI_4], translation: [1.0, -2.5, 0.0] };
+        assert_eq!(pose.joints, expected);
+        assert_eq!(parse_pose("", "pose", &example()).unwrap().joints, vec![JointPose::default(); 4]);
+    }
+
+    #[test]
+    fn a_texts_name_stands_in_what_is_refused() {
+        for (text, word, code) in [("[bones.skull", "posture of Monday", 3), ("[bones.skul]", "skul", 4)] {
+            let error = parse_pose(text, "posture of Monday", &example()).unwrap_err();
+            let told = error.to_string();
+            assert!(error.exit_code() == code && told.contains("posture of Monday") && told.contains(word), "{told}");
+        }
+    }
+
+    #[test]
     fn refusals_name_the_file_the_key_and_the_value() {
         let cases = [
             ("[bones.skul]", &["bones.skul", "no such bone", "skull"][..]),

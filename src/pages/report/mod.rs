@@ -6,6 +6,7 @@
 
 mod canvas;
 mod chart;
+mod clinic;
 mod cohort;
 mod colour;
 mod concepts;
@@ -33,6 +34,7 @@ mod thumbnail;
 mod transforms;
 mod viewer;
 
+pub use clinic::{Clinic, ClinicFiles};
 pub use cohort::{Cohort, Fractions, Member};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;

@@ -369,6 +369,33 @@ mod tests {
     }
 
     #[test]
+    fn settings_in_memory_are_those_of_a_file() {
+        let settings = serde_json::json!({ "chainmail": { "exponent": 2.0 }, "preset": "fast" });
+        let file = ConfigFile::of(settings).unwrap();
+        assert!(file.inputs.is_empty() && file.folder.is_none());
+        let config = file.resolve(None).unwrap();
+        assert_eq!(config, resolve("preset = \"fast\"\n[chainmail]\nexponent = 2.0").unwrap());
+        let fast = Preset::Fast.config();
+        assert_eq!((config.chainmail.exponent, config.preset), (2.0, Preset::Fast));
+        assert_eq!(config.chainmail.cutoff, fast.chainmail.cutoff);
+        // The argument's preset goes before theirs, and nothing at all is the default.
+        let thesis = file.resolve(Some(Preset::Thesis)).unwrap();
+        assert_eq!((thesis.preset, thesis.chainmail.exponent), (Preset::Thesis, 2.0));
+        assert_eq!(ConfigFile::of(serde_json::json!({})).unwrap().resolve(None).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn settings_in_memory_are_a_table_of_known_keys() {
+        for other in [Value::Null, serde_json::json!([1]), serde_json::json!("fast"), serde_json::json!(2.5)] {
+            let error = ConfigFile::of(other.clone()).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains(&format!("{other}, not a table")), "{error}");
+        }
+        let unknown = ConfigFile::of(serde_json::json!({ "chainmail": { "exponant": 2.0 } })).unwrap();
+        let error = unknown.resolve(None).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("exponant"), "{error}");
+    }
+
+    #[test]
     fn nothing_beyond_the_thesis_changes_the_field_of_its_preset() {
         let Config { chainmail, refine, consistency, resampling, soft_tissue, .. } = Preset::Thesis.config();
         assert!(!refine.pulls() && consistency.rounds == 0);

@@ -44,6 +44,11 @@ impl InputFile {
     pub fn read(role: &str, path: &Path) -> Result<Self> {
         Ok(Self::new(role, path.to_owned(), sha256_file(path)?))
     }
+
+    /// Leaves the patient's identity out, which reports repeat otherwise.
+    pub fn forget_patient(&mut self) {
+        self.about = self.about.take().map(About::anonymous);
+    }
 }
 
 /// The planning side of a patient, loaded and converted to LPS mm: what all his fractions share, and all that a posture is made

@@ -154,3 +154,46 @@ impl PhantomOptions {
         Err(Error::input("phantom options", problem, "give finite numbers; edge and gain must be positive"))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the field of view ends, from the outer faces of its voxels: low and high, mm.
+    fn extent(options: &PhantomOptions) -> [[f64; 2]; 3] {
+        let grid = options.planning_grid().unwrap();
+        std::array::from_fn(|a| {
+            let (low, spacing) = (grid.origin()[a], grid.spacing()[a]);
+            [low - spacing / 2.0, low + (grid.size()[a] as f64 - 0.5) * spacing]
+        })
+    }
+
+    #[test]
+    fn another_spacing_keeps_the_field_of_view() {
+        let own = PhantomOptions { seed: 7, fat_mm: 3.0, ..PhantomOptions::default() };
+        for spacing in [[6.0, 6.0, 6.0], [1.0, 1.0, 1.5], [2.5, 4.0, 3.0], [2.0, 2.0, 3.0]] {
+            let other = own.clone().with_spacing(spacing);
+            assert_eq!((other.spacing_mm, other.seed, other.fat_mm), (spacing, 7, 3.0));
+            for (axis, (a, b)) in extent(&own).iter().zip(extent(&other)).enumerate() {
+                // Half a voxel at most by rounding to whole ones; the top slice's centre stays where it is.
+                let rounding = 0.5 * spacing[axis] + 0.5 * (spacing[axis] - own.spacing_mm[axis]).abs();
+                for (a, b) in a.iter().zip(b) {
+                    assert!((a - b).abs() <= rounding + 1e-9, "{spacing:?}, axis {axis}: {a} and {b}");
+                }
+            }
+        }
+        assert_eq!(own.clone().with_spacing(own.spacing_mm), own);
+    }
+
+    #[test]
+    fn borders_widen_with_coarse_voxels_and_no_grid_is_too_small() {
+        let own = PhantomOptions::default();
+        let edge = |x: f64, z: f64| own.clone().with_spacing([x, 2.0, z]).edge_mm / own.edge_mm;
+        for (x, factor) in [(6.0, 3.0), (2.0, 1.0), (1.0, 0.5), (0.25, 0.5)] {
+            assert!((edge(x, 3.0) - factor).abs() < 1e-12 && (edge(x, 30.0) - factor).abs() < 1e-12, "{x}");
+        }
+        let huge = own.with_spacing([1e4; 3]);
+        assert_eq!(huge.size, [4; 3]);
+        assert!(huge.planning_grid().is_ok());
+    }
+}

@@ -17,6 +17,9 @@ const PROGRAM: &str = "aventail";
 /// Its version.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
+/// Said of everything that is written.
+pub const CAUTION: &str = "Made by aventail. For research, not for treatment.";
+
 /// When an object's content was made.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct When {

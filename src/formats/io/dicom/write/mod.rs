@@ -10,9 +10,9 @@ mod plane;
 mod structures;
 mod uid;
 
-pub use common::{Origin, When};
+pub use common::{CAUTION, Origin, When};
 pub use ct::{DerivedCt, ct_series, write_ct};
-pub use dose::{DerivedDose, write_dose};
+pub use dose::{DerivedDose, no_plan, write_dose};
 pub use structures::{DerivedStructures, write_structures};
 pub use uid::uid_of;
 

@@ -11,6 +11,7 @@ use super::element::{decimal, decimals, integer, reference, sequence, short, tex
 use super::plane::{Frames, orientation, plane_size};
 use crate::error::{Error, Result};
 use crate::volume::Volume;
+use crate::warning::Warning;
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -44,6 +45,17 @@ pub struct DerivedDose<'a> {
     /// The registrations that carried the dose, SOP Class UID and SOP Instance UID of each that is an object of DICOM. None for
     /// a dose that is where it was computed.
     pub carried_by: Option<&'a [[&'a str; 2]]>,
+}
+
+/// A word about a dose that names no plan.
+pub fn no_plan(what: &str, plans: &BTreeSet<String>) -> Option<Warning> {
+    plans.is_empty().then(|| {
+        let message = format!(
+            "{what}: it names no plan, so the dose that is written as DICOM names none either; every dose of a planning system has \
+             one, and it may be refused without"
+        );
+        Warning::new("dicom-no-plan", message)
+    })
 }
 
 /// Writes a dose in Gy as unsigned 32-bit integers, frames ascending along the normal of the slices.

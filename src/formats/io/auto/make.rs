@@ -1,30 +1,21 @@
-//! `--bones auto`: labels that TotalSegmentator, installed by the user, makes of the planning CT, kept for the next run.
+//! Labels are made: tasks of TotalSegmentator, joined to one map.
 
-mod place;
-mod record;
-mod segmentator;
-
-use super::inputs::missing;
-use super::labels::merge::Merging;
-use super::terminal::command_line;
-use crate::config::RecordedInput;
+use super::Ask;
+use super::place::Place;
+use super::record::{Failed, Record};
+use super::segmentator::{Segmentator, arguments};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
+use crate::io::merge::Merging;
 use crate::io::{
-    Loaded, Planned, RunFolder, Stored, WriteOptions, check_files, check_place, is_lock, open_folder, read_image,
-    read_label_map, write_image, write_json, write_labels,
+    Loaded, Planned, RunFolder, Stored, WriteOptions, check_place, is_lock, open_folder, read_image, read_label_map,
+    write_image, write_json, write_labels,
 };
 use crate::progress::Progress;
 use crate::skeleton::anatomy::Kind;
 use crate::volume::{LabelMap, Volume};
-use crate::warning::Warning;
-use place::Place;
-use record::Record;
-use segmentator::Segmentator;
 use std::path::{Path, PathBuf};
 
-/// What `--bones` says that is no file; a file of this name is `./auto`.
-const AUTO: &str = "auto";
 /// The task that finds the whole skeleton but for what hangs on the skull.
 const WHOLE: &str = "total";
 /// Further tasks, the bone that each finds, and the bones of which one must be in view. They come first: what `total` calls
@@ -35,58 +26,6 @@ const FURTHER: [(&str, &str, &[&str]); 2] = [
 ];
 /// Bones of the skeleton that no open task finds with their side.
 const LICENSED: [&str; 4] = ["ulna_left", "ulna_right", "radius_left", "radius_right"];
-
-/// What the command line says that matters here.
-pub(super) struct Ask<'a> {
-    pub bones: Option<&'a Path>,
-    pub labels: Option<&'a Path>,
-    pub planning: Option<PathBuf>,
-    /// Other files that the run will read: known to be there before minutes are spent.
-    pub needed: Vec<&'a Path>,
-    /// The result beside which the labels are kept.
-    pub beside: &'a Path,
-    pub quiet: bool,
-}
-
-/// The bones of a run.
-pub(super) struct Bones {
-    /// The file as the command line names it, or of `auto`; `None` where neither says it.
-    pub file: Option<PathBuf>,
-    /// What is to be known of labels that were made.
-    pub warnings: Vec<Warning>,
-}
-
-impl Bones {
-    /// The file that `--bones` names; of `auto` the label map that TotalSegmentator makes now, or made of the same planning CT
-    /// before. Bones and names that a report recorded do not count then.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] when TotalSegmentator is not there; [`Error::Read`] when it fails; [`Error::Input`] when labels are no
-    /// longer those that were made; [`Error::Write`] when the labels cannot be kept.
-    pub(super) fn of(ask: Ask<'_>, recorded: &mut Vec<RecordedInput>, progress: &dyn Progress) -> Result<Self> {
-        if ask.bones != Some(Path::new(AUTO)) {
-            return Ok(Self { file: ask.bones.map(Path::to_owned), warnings: Vec::new() });
-        }
-        recorded.retain(|i| i.role != "bones" && i.role != "labels");
-        if let Some(names) = ask.labels {
-            let problem =
-                format!("--bones auto and --labels {}: labels that are made have their names", names.display());
-            return Err(Error::usage(problem, "leave --labels out, or name a label map with --bones"));
-        }
-        let planning = ask.planning.ok_or_else(|| missing("planning"))?;
-        let files: Vec<&Path> = std::iter::once(planning.as_path()).chain(ask.needed).collect();
-        check_files(&files, &[])?;
-        let place = Place::of(ask.beside, &planning)?;
-        let record = match Record::read(&place)? {
-            Some(record) => {
-                progress.note(&format!("bones: {}, made of this planning CT before", place.labels.display()));
-                record
-            }
-            None => make(&planning, &place, ask.quiet, progress)?,
-        };
-        Ok(Self { warnings: record.warnings(&place), file: Some(place.labels) })
-    }
-}
 
 /// A folder that this process holds, and that is gone when the work is done, or has failed.
 struct Work {
@@ -99,9 +38,9 @@ impl Work {
     ///
     /// # Errors
     /// [`Error::Write`] when another process works there, or the folder cannot be written to.
-    fn open(folder: PathBuf) -> Result<Self> {
+    fn open(folder: PathBuf, command: &str) -> Result<Self> {
         let planned = Planned { reports: Vec::new(), names: Vec::new() };
-        let held = RunFolder::open(&folder, &planned, &[], &command_line())?;
+        let held = RunFolder::open(&folder, &planned, &[], command)?;
         let refuse = |e: std::io::Error| Error::write(&folder, e.to_string(), "remove it by hand");
         for entry in std::fs::read_dir(&folder).map_err(refuse)? {
             let path = entry.map_err(refuse)?.path();
@@ -122,16 +61,19 @@ impl Drop for Work {
 }
 
 /// Has the labels made, joins them and keeps them with their record.
-fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) -> Result<Record> {
-    let program = Segmentator::find(quiet)?;
+///
+/// # Errors
+/// As [`AutoBones::of`](super::AutoBones::of).
+pub(super) fn make(ask: Ask<'_>, place: &Place, progress: &dyn Progress) -> Result<Record> {
+    let program = Segmentator::find(ask.quiet)?;
     let folder = if place.folder.as_os_str().is_empty() { Path::new(".") } else { &place.folder };
     open_folder(folder)?;
     check_place(&place.labels)?;
     let name = place.labels.file_name().unwrap_or_default().to_string_lossy().replace(".nii.gz", "");
-    let work = Work::open(folder.join(format!("{name}_work")))?;
+    let work = Work::open(folder.join(format!("{name}_work")), ask.command)?;
     progress.note(&program.told());
-    let image = read_image(planning)?;
-    let ct = ct_file(planning, &image, &work.folder)?;
+    let image = read_image(ask.planning)?;
+    let ct = ct_file(ask.planning, &image, &work.folder)?;
     let mut tasks = Tasks { program: &program, ct: &ct, work: &work.folder, place, progress, commands: Vec::new() };
     let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
     let whole = tasks.run(WHOLE, &names, image.value.grid())?;
@@ -154,7 +96,7 @@ fn make(planning: &Path, place: &Place, quiet: bool, progress: &dyn Progress) ->
             Ok(None) => {}
             Err(error) => {
                 progress.note(&format!("task {task} failed; {bone} has no label"));
-                failed.push(record::Failed { task: task.into(), bone: bone.into(), problem: error.to_string() });
+                failed.push(Failed { task: task.into(), bone: bone.into(), problem: error.to_string() });
             }
         }
     }
@@ -202,11 +144,11 @@ impl Tasks<'_> {
     /// Runs a task, for these classes alone where some are named; `None` when it labels nothing.
     fn run(&mut self, task: &str, classes: &[String], grid: &Grid) -> Result<Option<LabelMap>> {
         let out = self.work.join(format!("{task}.nii.gz"));
-        let arguments = segmentator::arguments(self.ct, &out, task, classes);
+        let arguments = arguments(self.ct, &out, task, classes);
         let command = self.program.command_line(&arguments);
         self.progress.note(&format!("runs {command}"));
         let failed = |problem: &str| self.place.failed(&format!("`{command}` {problem}"));
-        self.program.run(&arguments).map_err(|problem| failed(&problem))?;
+        self.program.run(&arguments, self.progress).map_err(|problem| failed(&problem))?;
         if !out.is_file() {
             return Err(failed("ended well and wrote no label map"));
         }

@@ -1,4 +1,4 @@
-//! Where labels that `--bones auto` made are kept.
+//! Where labels that `auto` made are kept.
 
 use super::segmentator::BY_HAND;
 use crate::error::{Error, Result};

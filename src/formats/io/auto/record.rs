@@ -1,4 +1,4 @@
-//! What lies beside labels that `--bones auto` made: of which planning CT, by which commands.
+//! What lies beside labels that `auto` made: of which planning CT, by which commands.
 
 use super::place::Place;
 use super::segmentator::{LICENCE, Segmentator};
@@ -68,7 +68,7 @@ impl Record {
         }
         let refuse = |problem: String| {
             let remedy = format!(
-                "give it with --bones {} if it is right, corrected by hand for example; else remove it and {}, and it is made anew",
+                "give {} as the file of bones if it is right, corrected by hand for example; else remove it and {}, and it is made anew",
                 place.labels.display(),
                 place.record.display()
             );

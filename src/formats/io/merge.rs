@@ -17,7 +17,7 @@ const OTHERS: u16 = 101;
 const MOST: usize = 10;
 
 /// A label map that grows: the structure that comes first keeps a voxel.
-pub(in super::super) struct Merging {
+pub struct Merging {
     only_bones: bool,
     names: BoneNames,
     /// The grid, and the file that it is of.
@@ -41,7 +41,7 @@ struct Part {
 
 /// A structure of the result.
 #[derive(Debug, Clone, Serialize)]
-pub(in super::super) struct Structure {
+pub struct Structure {
     /// Its number.
     pub label: u16,
     /// Its name.
@@ -56,7 +56,7 @@ pub(in super::super) struct Structure {
 
 /// A bone in another spelling.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(in super::super) struct Renamed {
+pub struct Renamed {
     /// As the file names it.
     pub from: String,
     /// As the skeleton does.
@@ -65,7 +65,7 @@ pub(in super::super) struct Renamed {
 
 /// Two structures with voxels in common.
 #[derive(Debug, Clone, Serialize)]
-pub(in super::super) struct Overlap {
+pub struct Overlap {
     /// The one that keeps them.
     pub kept_by: String,
     /// The one that loses them.
@@ -80,7 +80,7 @@ pub(in super::super) struct Overlap {
 
 /// What became of the structures.
 #[derive(Debug, Clone, Serialize)]
-pub(in super::super) struct Merged {
+pub struct Merged {
     /// By number.
     pub structures: Vec<Structure>,
     /// By the names of those that keep, then those that lose.
@@ -93,7 +93,7 @@ pub(in super::super) struct Merged {
 
 impl Merging {
     /// Nothing yet; with `only_bones` structures that are no bone of the skeleton stay out.
-    pub(in super::super) fn new(only_bones: bool) -> Self {
+    pub fn new(only_bones: bool) -> Self {
         Self {
             only_bones,
             names: BoneNames::default(),
@@ -107,7 +107,7 @@ impl Merging {
     }
 
     /// Says the grid that all must have, and the file that it is of.
-    pub(in super::super) fn on(&mut self, file: &Path, grid: Grid) {
+    pub fn on(&mut self, file: &Path, grid: Grid) {
         self.labels = vec![0; grid.len()];
         self.grid = Some((grid, file.to_owned()));
     }
@@ -116,7 +116,7 @@ impl Merging {
     ///
     /// # Errors
     /// [`Error::Input`] when its grid is another, or a name is there already.
-    pub(in super::super) fn add(&mut self, file: &Path, map: LabelMap, spelt: bool) -> Result<()> {
+    pub fn add(&mut self, file: &Path, map: LabelMap, spelt: bool) -> Result<()> {
         match &self.grid {
             Some((grid, first)) => same_grid((grid, first), (map.volume.grid(), file))?,
             None => self.on(file, map.volume.grid().clone()),
@@ -159,7 +159,7 @@ impl Merging {
     ///
     /// # Errors
     /// [`Error::Input`] when it has no structure.
-    pub(in super::super) fn finish(self) -> Result<(LabelMap, Merged)> {
+    pub fn finish(self) -> Result<(LabelMap, Merged)> {
         let Some((grid, first)) = self.grid.filter(|_| self.parts.iter().any(|p| p.kept > 0)) else {
             let problem = match self.left_out.as_slice() {
                 [] => "all masks are empty".to_owned(),
@@ -199,7 +199,7 @@ impl Merging {
 
 impl Merged {
     /// What is to be known of overlaps, the largest first.
-    pub(in super::super) fn warnings(&self) -> Vec<Warning> {
+    pub fn warnings(&self) -> Vec<Warning> {
         let told = |o: &&Overlap| {
             let left = if o.nothing_left { "; nothing of it is left" } else { "" };
             let message = format!(

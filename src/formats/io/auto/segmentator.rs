@@ -1,10 +1,13 @@
 //! TotalSegmentator as a program on the path: found, asked its version, run, its progress shown.
 
 use crate::error::{Error, Result};
+use crate::progress::Progress;
 use std::ffi::OsString;
-use std::io::{Read, Write};
+use std::io::{PipeReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
 
 /// The program's name.
 const NAME: &str = "TotalSegmentator";
@@ -19,6 +22,8 @@ pub(super) const BY_HAND: &str = "bones come in one of three ways: \
     (3) give any label map of this CT whose labels have names of bones";
 /// Bytes of the program's output that an error can tell of.
 const KEPT: usize = 4000;
+/// How often a run is asked whether it goes on while the program is silent.
+const POLL: Duration = Duration::from_millis(100);
 /// Its last lines that an error tells.
 const LINES: usize = 6;
 
@@ -40,7 +45,7 @@ impl Segmentator {
         let name = format!("{NAME}{}", std::env::consts::EXE_SUFFIX);
         let mut places = std::env::split_paths(&paths).filter(|f| !f.as_os_str().is_empty()).map(|f| f.join(&name));
         let Some(path) = places.find(|p| is_program(p)) else {
-            let problem = "--bones auto needs the program TotalSegmentator, and it is not on the PATH";
+            let problem = "bones by `auto` need the program TotalSegmentator, and it is not on the PATH";
             return Err(Error::usage(problem, format!("{BY_HAND}; aventail itself installs and fetches nothing")));
         };
         let version = version(&path);
@@ -71,12 +76,13 @@ impl Segmentator {
             .join(" ")
     }
 
-    /// Runs it to its end; its output goes to standard error as it comes, unless the run is quiet.
+    /// Runs it to its end, or to that of this run: `progress` may unwind while it waits. Its output goes to standard error as it comes, unless the run is quiet.
     ///
     /// # Errors
     /// What to say behind the command line when it could not be started or failed.
-    pub(super) fn run(&self, arguments: &[OsString]) -> Result<(), String> {
-        let (status, last) = watched(&self.path, arguments, self.quiet).map_err(|e| format!("cannot be run: {e}"))?;
+    pub(super) fn run(&self, arguments: &[OsString], progress: &dyn Progress) -> Result<(), String> {
+        let ran = watched(&self.path, arguments, self.quiet, progress);
+        let (status, last) = ran.map_err(|e| format!("cannot be run: {e}"))?;
         if status.success() {
             return Ok(());
         }
@@ -114,31 +120,70 @@ fn version(path: &Path) -> String {
     text.split_whitespace().last().map_or_else(|| "unknown".to_owned(), |v| v.chars().take(30).collect())
 }
 
+/// A program at work, which ends when nobody waits for it any longer.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended already, but where a run was given up.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Runs a program, shows what it says, and keeps its last lines.
-fn watched(path: &Path, arguments: &[OsString], quiet: bool) -> std::io::Result<(ExitStatus, String)> {
-    let (mut reader, writer) = std::io::pipe()?;
+fn watched(
+    path: &Path,
+    arguments: &[OsString],
+    quiet: bool,
+    progress: &dyn Progress,
+) -> std::io::Result<(ExitStatus, String)> {
+    let (reader, writer) = std::io::pipe()?;
     let mut command = Command::new(path);
     command.args(arguments).stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
-    let mut child = command.spawn()?;
+    let mut running = Running(command.spawn()?);
     // With our own ends of the pipe open it would never end.
     drop(command);
+    let said = chunks(reader);
     let mut last = Vec::new();
-    let mut buffer = [0; 4096];
     loop {
-        let n = match reader.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(n) => n,
-            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
-            Err(e) => return Err(e),
-        };
-        if !quiet {
-            // A closed terminal is no reason to stop.
-            let _ = std::io::stderr().write_all(&buffer[..n]);
+        match said.recv_timeout(POLL) {
+            Ok(chunk) => {
+                let chunk = chunk?;
+                if !quiet {
+                    // A closed terminal is no reason to stop.
+                    let _ = std::io::stderr().write_all(&chunk);
+                }
+                last.extend_from_slice(&chunk);
+                last.drain(..last.len().saturating_sub(KEPT));
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
         }
-        last.extend_from_slice(&buffer[..n]);
-        last.drain(..last.len().saturating_sub(KEPT));
+        progress.waiting();
     }
-    Ok((child.wait()?, last_lines(&last)))
+    Ok((running.0.wait()?, last_lines(&last)))
+}
+
+/// What comes out of a pipe, read on a thread of its own so that whoever waits for it can give up.
+fn chunks(mut reader: PipeReader) -> Receiver<std::io::Result<Vec<u8>>> {
+    let (to, said) = channel();
+    std::thread::spawn(move || {
+        let mut buffer = [0; 4096];
+        loop {
+            let chunk = match reader.read(&mut buffer) {
+                Ok(0) => break,
+                Ok(n) => Ok(buffer[..n].to_vec()),
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
+                Err(e) => Err(e),
+            };
+            let failed = chunk.is_err();
+            if to.send(chunk).is_err() || failed {
+                break;
+            }
+        }
+    });
+    said
 }
 
 /// The last lines of a text that say something, behind each other.
