@@ -22,8 +22,11 @@ fn image(size: [usize; 3], value: impl Fn([f64; 3]) -> f64 + Sync) -> Volume<f32
 /// Value and, where it has one, slope at an index; `None` outside.
 type Interpolated = Option<(f64, Option<Vector3<f64>>)>;
 
-/// Every interpolation of single places, with its name, of an image; those of fields take it for each component.
-fn all(image: &Volume<f32>) -> Vec<(&'static str, Box<dyn Fn(&Vector3<f64>) -> Interpolated + '_>)> {
+/// An interpolation of an image, with its name.
+type Named<'a> = (&'static str, Box<dyn Fn(&Vector3<f64>) -> Interpolated + 'a>);
+
+/// Every interpolation of single places of an image; those of fields take it for each component.
+fn all(image: &Volume<f32>) -> Vec<Named<'_>> {
     let grid = image.grid();
     let field = Volume::new(grid.clone(), image.data().iter().map(|v| [*v, 2.0 * v, -v]).collect()).unwrap();
     let same = field.clone();
