@@ -128,6 +128,7 @@ class _JacobianReport(TypedDict):
     soft_tissue: JacobianStats
     contact: JacobianStats
     interface: JacobianStats
+    folded_outside: int
     bones: list[list[Any]]
     digital_folded: int
     jumps_above_10: int

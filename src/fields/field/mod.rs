@@ -20,8 +20,8 @@ pub use consistency::{ConsistencyOptions, ConsistencyReport, agree, beside_conta
 pub use format::FieldFormat;
 pub use inverse::{Inverse, InverseReport, InvertOptions, MovedBones, Solved, invert};
 pub use mesh::{
-    FOLDED, Resampling, RowOfCells, ScatterReport, digital_folds, folded_cells, jacobian, jacobian_by_rows,
-    multiple_preimages, overlaps, scatter_image,
+    FOLDED, Resampling, RowOfCells, ScatterReport, digital_folds, folded_anywhere, folded_cells, jacobian,
+    jacobian_by_rows, multiple_preimages, overlaps, scatter_image,
 };
 pub use outside::{Outside, WORTH, WORTH_OF_IMAGE, WORTH_OF_LABELS, covers, outside_field};
 pub use warp::{

@@ -3,7 +3,7 @@
 use super::cell::{Cell, CellKinds};
 use super::characteristics::Tally;
 pub use super::characteristics::{JacobianStats, stats};
-use crate::field::{FOLDED, PushField, RowOfCells, jacobian_by_rows};
+use crate::field::{FOLDED, PushField, RowOfCells, folded_anywhere, jacobian_by_rows};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -26,6 +26,10 @@ pub struct JacobianReport {
     /// lack them.
     #[serde(default)]
     pub interface: JacobianStats,
+    /// Folded cells of the written field that are none of the above: outside the patient, or with a corner below -500 HU that
+    /// takes no part. Earlier reports lack them.
+    #[serde(default)]
+    pub folded_outside: usize,
     /// Cells wholly inside one bone, by bone name.
     pub bones: Vec<(String, JacobianStats)>,
     /// Soft-tissue cells that fail the stricter digital criterion (any of 10 finite-difference determinants <= 0).
@@ -100,12 +104,19 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, Ja
         soft_tissue,
         contact: stats(&contact),
         interface: stats(&interface),
+        folded_outside: outside(&push.displacement, cells),
         bones: cells.names.iter().cloned().zip(of_bones).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: folds.soft,
         jumps_above_10: jumps(&map, cells, found.iter().flat_map(|f| &f.high).copied()),
         folded_at: place_of(&map, cells, body.folded),
     };
     (map, report, folds)
+}
+
+/// Folded cells of a field that lie outside of all that counts.
+fn outside(displacement: &Volume<[f32; 3]>, cells: &CellKinds) -> usize {
+    let grid = displacement.grid();
+    folded_anywhere(displacement).into_iter().filter(|&n| cells.at(grid.voxel(n)) == Cell::Outside).count()
 }
 
 /// Folded cells that lie in one cube of this edge are one place, mm.
@@ -284,6 +295,28 @@ mod tests {
         let joined = evaluate(&push, &one).1;
         assert_eq!((joined.contact.cells, joined.bones[0].1.cells), (0, 4));
     }
+
+    #[test]
+    fn folds_outside_tissue_are_counted_by_themselves() {
+        // A line of voxels, 3 thick; tissue up to x = 5. Beyond, where nothing was computed, one voxel passes the next.
+        let grid = Grid::axis_aligned([12, 3, 3], [1.0; 3], [0.0; 3]).unwrap();
+        let tissue = Volume::from_fn(grid.clone(), |l| l % 12 <= 5);
+        let bones = LabelMap { volume: Volume::filled(grid.clone(), 0), names: BTreeMap::new() };
+        let displacement = Volume::from_fn(grid.clone(), |l| if l % 12 == 8 { [1.5, 0.0, 0.0] } else { [0.0; 3] });
+        let push = PushField { displacement, computed: tissue.clone() };
+        let kinds = CellKinds::new(&tissue, &bones, &[], &[]);
+        let (_, r) = evaluate(&push, &kinds);
+        // The four cells of 8 to 9, whose corners pass each other; those before it are stretched.
+        assert_eq!((r.folded_outside, r.all.folded), (4, 0));
+        // Where it moves as one nothing folds; the same fold in tissue is no fold outside.
+        let still = PushField { displacement: Volume::filled(grid.clone(), [3.0, 1.0, 0.0]), computed: tissue };
+        assert_eq!(evaluate(&still, &kinds).1.folded_outside, 0);
+        let all = Volume::filled(grid, true);
+        let within = PushField { computed: all.clone(), ..push };
+        let r = evaluate(&within, &CellKinds::new(&all, &bones, &[], &[])).1;
+        assert_eq!((r.folded_outside, r.all.folded), (0, 4));
+    }
+
     #[test]
     fn folds_between_sliding_bones_are_counted_apart() {
         // Two plates at x = 0..6 and x = 30..36; the second slides along y by 40 mm, the tissue in the middle takes the jump.

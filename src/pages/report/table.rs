@@ -35,12 +35,13 @@ pub fn terminal_table(report: &Report) -> String {
             j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
         ),
     ));
-    if j.contact.cells + j.interface.cells > 0 {
+    if j.contact.cells + j.interface.cells + j.folded_outside > 0 {
         rows.push((
             "",
             format!(
-                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide",
-                j.all.folded, j.all.cells, j.contact.folded, j.interface.folded
+                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide; {} more \
+                 outside tissue",
+                j.all.folded, j.all.cells, j.contact.folded, j.interface.folded, j.folded_outside
             ),
         ));
     }

@@ -7,7 +7,7 @@ use super::super::PushField;
 use super::super::extent::{extent, union};
 use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{LANES, Wide, vectorised};
-use crate::volume::{Mask, Spans};
+use crate::volume::{Mask, Spans, Volume};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -21,7 +21,7 @@ pub(in crate::field) fn each_cell<A: Value>(
     value: impl Fn(f32, f32, f32) -> A + Sync,
 ) -> Spans<A> {
     each_row(
-        push,
+        (&push.displacement, &push.computed),
         |_| 0..0,
         (beyond, ()),
         #[inline(always)]
@@ -43,18 +43,18 @@ pub struct RowOfCells<'a, A, B> {
     pub other: &'a [B],
 }
 
-/// Two values of each cell as [`each_cell`] gives one, in a span of each row that holds `at_least` the cells given for it. The first
-/// are kept; `then` takes each row while it is at hand, into one result for each plane.
+/// Two values of each cell with a corner that counts, as [`each_cell`] gives one, in a span of each row that holds `at_least` the
+/// cells given for it. The first are kept; `then` takes each row while it is at hand, into one result for each plane.
 pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
-    push: &PushField,
+    (displacement, counts): (&Volume<[f32; 3]>, &Mask),
     at_least: impl Fn(usize) -> Range<usize>,
     beyond: (A, B),
     value: impl Fn(f32, f32, f32) -> (A, B) + Sync,
     then: impl Fn(&mut R, RowOfCells<'_, A, B>) + Sync,
 ) -> (Spans<A>, Vec<R>) {
-    let grid = push.displacement.grid();
+    let grid = displacement.grid();
     let [ni, nj, nk] = grid.size();
-    let spans = spans(&push.computed, at_least);
+    let spans = spans(counts, at_least);
     let room = || (Rows::new(ni, grid.step()), vec![beyond.1; ni]);
     Spans::by_planes(grid.clone(), beyond.0, &spans, room, |(rows, other), k, kept| {
         let mut found = R::default();
@@ -73,7 +73,7 @@ pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
             vectorised(
                 #[inline(always)]
                 || {
-                    rows.advance(push, of_plane, j, k);
+                    rows.advance((displacement, counts), of_plane, j, k);
                     rows.cut(j + k);
                     rows.each((kept, other), beyond, &value);
                 },
@@ -129,7 +129,7 @@ type Line = [Vec<f32>; 3];
 struct Rows {
     /// The voxels that are corners of the cells looked at.
     span: Range<usize>,
-    /// Whether any of the four voxels at each place of the span was computed.
+    /// Whether any of the four voxels at each place of the span counts.
     computed: Vec<bool>,
     /// Displacements, mm.
     u: [Line; 4],
@@ -173,7 +173,13 @@ impl Rows {
     /// Takes up the corners and edges of the row of cells (j, k); `cells` are the spans of the plane's rows, of which this one's is not
     /// empty.
     #[inline(always)]
-    fn advance(&mut self, push: &PushField, cells: &[Range<usize>], j: usize, k: usize) {
+    fn advance(
+        &mut self,
+        (displacement, counts): (&Volume<[f32; 3]>, &Mask),
+        cells: &[Range<usize>],
+        j: usize,
+        k: usize,
+    ) {
         let span = corners(&cells[j]);
         // Voxels of a row are needed for the cells on either side of it.
         let needed = [j.checked_sub(1).map_or(0..0, |before| corners(&cells[before])), corners(&cells[j + 1])];
@@ -188,10 +194,10 @@ impl Rows {
             ez.swap(0, 1);
         }
         let new = usize::from(known);
-        let starts: [usize; 4] = std::array::from_fn(|m| push.computed.grid().linear([0, j + (m & 1), k + (m >> 1)]));
+        let starts: [usize; 4] = std::array::from_fn(|m| counts.grid().linear([0, j + (m & 1), k + (m >> 1)]));
         for m in (0..4).filter(|m| m & 1 >= new) {
             let Range { start, end } = needed[m & 1];
-            take_apart(&push.displacement.data()[starts[m]..][start..end], u[m].each_mut().map(|u| &mut u[start..end]));
+            take_apart(&displacement.data()[starts[m]..][start..end], u[m].each_mut().map(|u| &mut u[start..end]));
             for c in 0..3 {
                 edges(&mut ex[m][c][start..end], step[0][c], &u[m][c][start..], &u[m][c][start + 1..]);
             }
@@ -210,7 +216,7 @@ impl Rows {
                 edges(&mut ez[m][c][start..end], step[2][c], &u[m][c][start..], &u[m + 2][c][start..]);
             }
         }
-        let [a, b, c, d] = starts.map(|s| &push.computed.data()[s..][span.clone()]);
+        let [a, b, c, d] = starts.map(|s| &counts.data()[s..][span.clone()]);
         for ((((any, a), b), c), d) in self.computed.iter_mut().zip(a).zip(b).zip(c).zip(d) {
             *any = a | b | c | d;
         }

@@ -10,7 +10,8 @@
 use super::super::PushField;
 pub use super::cells::RowOfCells;
 use super::cells::{each_cell, each_row};
-use crate::volume::{Mask, Spans};
+use crate::volume::{Mask, Spans, Volume};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
@@ -52,11 +53,33 @@ pub fn digital_folds(push: &PushField) -> Mask {
 pub fn folded_cells(push: &PushField) -> Vec<usize> {
     let ni = push.displacement.grid().size()[0];
     let (_, found) = each_row(
-        push,
+        (&push.displacement, &push.computed),
         |_| 0..0,
         ((), false),
         #[inline(always)]
         |_, _, least_of_ten| ((), fails(least_of_ten)),
+        |found: &mut Vec<usize>, row| {
+            let folded = row.cells.zip(row.other).filter(|(_, folds)| **folds);
+            found.extend(folded.map(|(i, _)| row.row * ni + i));
+        },
+    );
+    found.concat()
+}
+
+/// The cells in which a tetrahedron is turned inside out, wherever the field says anything, by their first voxel in storage,
+/// ascending: also where it only goes on outside tissue, which [`jacobian`] leaves out. Where all corners move alike nothing folds.
+pub fn folded_anywhere(displacement: &Volume<[f32; 3]>) -> Vec<usize> {
+    let [ni, nj, _] = displacement.grid().size();
+    let still = displacement.data()[0];
+    let mut moves = Volume::filled(displacement.grid().clone(), false);
+    let planes = moves.data_mut().par_chunks_mut(ni * nj).zip(displacement.data().par_chunks(ni * nj));
+    planes.for_each(|(moves, u)| moves.iter_mut().zip(u).for_each(|(moves, u)| *moves = *u != still));
+    let (_, found) = each_row(
+        (displacement, &moves),
+        |_| 0..0,
+        ((), false),
+        #[inline(always)]
+        |_, least, _| ((), fails(least)),
         |found: &mut Vec<usize>, row| {
             let folded = row.cells.zip(row.other).filter(|(_, folds)| **folds);
             found.extend(folded.map(|(i, _)| row.row * ni + i));
@@ -74,7 +97,7 @@ pub fn jacobian_by_rows<R: Default + Send>(
 ) -> (Spans<f32>, Vec<R>) {
     let relative = relative_volume(push);
     each_row(
-        push,
+        (&push.displacement, &push.computed),
         at_least,
         (1.0, false),
         #[inline(always)]
@@ -91,8 +114,8 @@ fn relative_volume(push: &PushField) -> impl Fn(f32, f32) -> f32 + Sync + use<> 
 }
 
 #[inline(always)]
-fn fails(least_of_ten: f32) -> bool {
-    least_of_ten <= 0.0 || least_of_ten.is_nan()
+fn fails(least: f32) -> bool {
+    least <= 0.0 || least.is_nan()
 }
 
 #[cfg(test)]
@@ -100,7 +123,6 @@ fn fails(least_of_ten: f32) -> bool {
 mod tests {
     use super::*;
     use crate::geometry::Grid;
-    use crate::volume::Volume;
     use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
     use proptest::prelude::*;
 

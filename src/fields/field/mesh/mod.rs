@@ -12,7 +12,7 @@ mod overlap;
 mod scatter;
 pub(super) mod tetrahedra;
 
-pub use jacobian::{FOLDED, RowOfCells, digital_folds, folded_cells, jacobian, jacobian_by_rows};
+pub use jacobian::{FOLDED, RowOfCells, digital_folds, folded_anywhere, folded_cells, jacobian, jacobian_by_rows};
 pub use multiple::multiple_preimages;
 pub use overlap::overlaps;
 pub use scatter::{Resampling, ScatterReport, scatter_image};

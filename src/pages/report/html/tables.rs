@@ -260,6 +260,9 @@ pub(super) fn jacobian(report: &Report) -> Markup {
         (more(shown.len(), CELLS_ON_PAPER, "bones", "report.json"))
         p {
             @if !rigid.is_empty() { "Inside " (rigid.len()) " bones every Jacobian is 1 within 0.001. " }
+            @if j.folded_outside > 0 {
+                (count(j.folded_outside)) " more cells of the written field fold outside tissue, in air and beyond the patient. "
+            }
             (count(j.digital_folded)) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
             (count(j.jumps_above_10)) " pairs of neighbouring cells differ by more than 10."
         }
