@@ -70,10 +70,10 @@ pub fn folded_cells(push: &PushField) -> Vec<usize> {
 /// ascending: also where it only goes on outside tissue, which [`jacobian`] leaves out. Where all corners move alike nothing folds.
 pub fn folded_anywhere(displacement: &Volume<[f32; 3]>) -> Vec<usize> {
     let [ni, nj, _] = displacement.grid().size();
-    let still = displacement.data()[0];
+    let still = displacement.data()[0].map(f32::to_bits);
     let mut moves = Volume::filled(displacement.grid().clone(), false);
     let planes = moves.data_mut().par_chunks_mut(ni * nj).zip(displacement.data().par_chunks(ni * nj));
-    planes.for_each(|(moves, u)| moves.iter_mut().zip(u).for_each(|(moves, u)| *moves = *u != still));
+    planes.for_each(|(moves, u)| moves.iter_mut().zip(u).for_each(|(moves, u)| *moves = u.map(f32::to_bits) != still));
     let (_, found) = each_row(
         (displacement, &moves),
         |_| 0..0,
