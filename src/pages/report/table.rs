@@ -39,8 +39,7 @@ pub fn terminal_table(report: &Report) -> String {
         rows.push((
             "",
             format!(
-                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide; {} more \
-                 outside tissue",
+                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide; outside it {}",
                 j.all.folded, j.all.cells, j.contact.folded, j.interface.folded, j.folded_outside
             ),
         ));
