@@ -11,7 +11,6 @@ use super::super::PushField;
 pub use super::cells::RowOfCells;
 use super::cells::{each_cell, each_row};
 use crate::volume::{Mask, Spans, Volume};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Jacobian of a cell in which a tetrahedron is turned inside out.
@@ -51,35 +50,37 @@ pub fn digital_folds(push: &PushField) -> Mask {
 
 /// The cells that [`digital_folds`] sets, by their first voxel in storage, ascending.
 pub fn folded_cells(push: &PushField) -> Vec<usize> {
-    let ni = push.displacement.grid().size()[0];
-    let (_, found) = each_row(
+    positions(
         (&push.displacement, &push.computed),
-        |_| 0..0,
-        ((), false),
         #[inline(always)]
-        |_, _, least_of_ten| ((), fails(least_of_ten)),
-        |found: &mut Vec<usize>, row| {
-            let folded = row.cells.zip(row.other).filter(|(_, folds)| **folds);
-            found.extend(folded.map(|(i, _)| row.row * ni + i));
-        },
-    );
-    found.concat()
+        |_, least_of_ten| fails(least_of_ten),
+    )
 }
 
 /// The cells in which a tetrahedron is turned inside out, wherever the field says anything, by their first voxel in storage,
 /// ascending: also where it only goes on outside tissue, which [`jacobian`] leaves out. Where all corners move alike nothing folds.
 pub fn folded_anywhere(displacement: &Volume<[f32; 3]>) -> Vec<usize> {
-    let [ni, nj, _] = displacement.grid().size();
     let still = displacement.data()[0].map(f32::to_bits);
-    let mut moves = Volume::filled(displacement.grid().clone(), false);
-    let planes = moves.data_mut().par_chunks_mut(ni * nj).zip(displacement.data().par_chunks(ni * nj));
-    planes.for_each(|(moves, u)| moves.iter_mut().zip(u).for_each(|(moves, u)| *moves = u.map(f32::to_bits) != still));
-    let (_, found) = each_row(
+    let moves = displacement.map(|u| u.map(f32::to_bits) != still);
+    positions(
         (displacement, &moves),
+        #[inline(always)]
+        |least, _| fails(least),
+    )
+}
+
+/// The cells with a corner that counts for which `which(least, least of ten)` holds, by their first voxel in storage, ascending.
+fn positions(
+    (displacement, counts): (&Volume<[f32; 3]>, &Mask),
+    which: impl Fn(f32, f32) -> bool + Sync,
+) -> Vec<usize> {
+    let ni = displacement.grid().size()[0];
+    let (_, found) = each_row(
+        (displacement, counts),
         |_| 0..0,
         ((), false),
         #[inline(always)]
-        |_, least, _| ((), fails(least)),
+        |_, least, least_of_ten| ((), which(least, least_of_ten)),
         |found: &mut Vec<usize>, row| {
             let folded = row.cells.zip(row.other).filter(|(_, folds)| **folds);
             found.extend(folded.map(|(i, _)| row.row * ni + i));
