@@ -1,7 +1,7 @@
 //! Hot paths of a registration on the phantom, each over a range of sizes: `cargo bench`.
 
 use aventail::chainmail::{
-    ChainmailOptions, Combination, Initiators, Lattice, Material, Organs, Tissue, propagate, spread,
+    ChainmailOptions, Combination, Initiators, Lattice, Material, Organs, Tissue, Variant, propagate, spread,
 };
 use aventail::field::{
     Chain, FieldFormat, Interpolation, InvertOptions, Link, Motion, PushField, invert, jacobian, resample, warp_image,
@@ -93,9 +93,9 @@ fn waves(c: &mut Criterion) {
         for (name, combination) in
             [("from all bones", Combination::Prioritisation), ("of each bone", Combination::Superposition)]
         {
-            let options = ChainmailOptions { combination, prune_ratio: 0.0, ..ChainmailOptions::default() };
-            group.bench_with_input(BenchmarkId::new(name, bones), &options, |b, o| {
-                b.iter(|| spread(&lattice, &moved, o));
+            let variant = Variant { combination, prune_ratio: 0.0, ..Variant::default() };
+            group.bench_with_input(BenchmarkId::new(name, bones), &variant, |b, v| {
+                b.iter(|| spread(&lattice, &moved, v));
             });
         }
     }
@@ -148,7 +148,8 @@ fn propagation(c: &mut Criterion) {
     {
         for spacing_mm in [6.0, 4.0, 3.0] {
             let relaxation = if relaxed { vec![(12.0, 40), (spacing_mm, 20)] } else { Vec::new() };
-            let options = ChainmailOptions { prune_ratio, spacing_mm, relaxation, ..ChainmailOptions::default() };
+            let variant = Variant { prune_ratio, ..Variant::default() };
+            let options = ChainmailOptions { spacing_mm, relaxation, variant, ..ChainmailOptions::default() };
             group.bench_with_input(BenchmarkId::new(name, spacing_mm), &options, |b, o| {
                 b.iter(|| propagate(&tissue, &bones, o, None, &Silent));
             });

@@ -5,7 +5,7 @@
 
 use crate::support::score::{Score, TruthPoint, name, score};
 use crate::support::shared::fine_registered;
-use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, propagate};
+use aventail::chainmail::{ChainmailOptions, Initiators, Tissue, Variant, propagate};
 use aventail::fit::DeterminedBy;
 use aventail::phantom::Phantom;
 use aventail::progress::Silent;
@@ -144,7 +144,8 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
     let of =
         |options: &ChainmailOptions| propagate(&tissue, &bones, options, None, &Silent).expect("no organs are named");
     let default = of(&options);
-    let exact = of(&ChainmailOptions { waves_mm: 0.0, prune_ratio: 0.0, ..options });
+    let variant = Variant { waves_mm: 0.0, prune_ratio: 0.0, ..Variant::default() };
+    let exact = of(&ChainmailOptions { variant, ..options });
     let apart: Vec<f64> = (0..phantom.planning.grid().len())
         .filter(|&l| default.push.computed.data()[l] && phantom.bones.volume.data()[l] == 0)
         .map(|l| {

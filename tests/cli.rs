@@ -180,17 +180,18 @@ fn wrong_command_lines_exit_with_2() {
 fn illegal_settings_are_refused_by_name() {
     let settings = [
         ("[chainmail]\nexponant = 2.0", "exponant"),
-        ("[chainmail]\nexponent = -1.0", "exponent"),
-        ("[chainmail]\nexponent = \"four\"", "four"),
-        ("[chainmail]\ncarry = \"magic\"", "magic"),
-        ("[chainmail]\norder = \"first-moved\"\nstructures = \"second-criterion\"", "structures"),
+        ("[chainmail.variant]\nexponent = -1.0", "exponent"),
+        ("[chainmail.variant]\nexponent = \"four\"", "four"),
+        ("[chainmail.variant]\ncarry = \"magic\"", "magic"),
+        ("[chainmail.variant]\norder = \"first-moved\"\nstructures = \"second-criterion\"", "structures"),
         ("[chainmail.organs]\nliver = { min = 0.5, max = 1.5, shear = 0.5 }", "liver"),
         ("[chainmail.organs]\nskull = { min = 0.5, max = 1.5, shear = 0.5 }", "rigid"),
         ("[fit]\nmeasure = \"beauty\"", "beauty"),
         ("[fit]\nlevels = []", "levels"),
         ("[fit]\nlevels = [[-1.0, 4000]]", "levels"),
         ("[fit]\noutward = [[2.0, 0]]", "outward"),
-        ("[fit]\nstart_blur_mm = nan", "start_blur_mm"),
+        ("[chainmail]\npoisson = nan", "poisson"),
+        ("[refine]\nunseen_mm = 40.0", "refine.unseen_mm"),
         ("[body]\nseparation_mm = -8.0", "separation_mm"),
         ("[body]\nclosing_mm = inf", "closing_mm"),
         ("[invert]\ntolerance_mm = 0.0", "tolerance_mm"),
@@ -464,13 +465,13 @@ fn every_stage_of_the_thesis_runs_and_regions_are_written() {
     for (n, stage) in [
         "order = \"first-moved\"\ncarry = \"translation\"\ncombination = \"prioritisation\"",
         "order = \"constraint-violation\"\ncarry = \"constraint-based\"\ncombination = \"prioritisation\"",
-        "structures = \"third-criterion\"\nelasticity = \"gibson\"\nrelaxation = [[0, 5]]",
+        "structures = \"third-criterion\"\nelasticity = \"gibson\"\n[chainmail]\nrelaxation = [[0, 5]]",
     ]
     .iter()
     .enumerate()
     {
         let text = format!(
-            "preset = \"thesis\"\n[fit]\nlevels = [[2.0, 500]]\n[consistency]\nrounds = 0\n[chainmail]\n{stage}\n[output]\nregions = true\n"
+            "preset = \"thesis\"\n[fit]\nlevels = [[2.0, 500]]\n[consistency]\nrounds = 0\n[chainmail.variant]\n{stage}\n[output]\nregions = true\n"
         );
         let file = files::bytes(&at(&format!("stage{n}.toml")), text.as_bytes());
         let out = at(&format!("stage{n}"));

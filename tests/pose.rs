@@ -209,7 +209,7 @@ title = "Two ways to carry"
 source = "a test"
 stage = [
     { id = "nearest", name = "rigid", settings = { preset = "thesis", soft_tissue = "nearest-bone" } },
-    { id = "first", name = "chain mail", settings = { preset = "thesis", chainmail = { combination = "prioritisation" } }, published = [
+    { id = "first", name = "chain mail", settings = { preset = "thesis", chainmail = { variant.combination = "prioritisation" } }, published = [
         { patient = "patient 2", folded = 7.8, residual_mean = 0.81, time = "0:34" },
     ] },
 ]

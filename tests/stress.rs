@@ -1,7 +1,7 @@
 //! Scenes that no patient shows: whatever the bones, their motion and the grid, the propagation and what follows from it
 //! end, in finite numbers, and do what can be said of any scene.
 
-use aventail::chainmail::{ChainmailOptions, Combination, Initiators, Tissue, propagate};
+use aventail::chainmail::{ChainmailOptions, Combination, Initiators, Tissue, Variant, propagate};
 use aventail::evaluate::{CellKinds, jacobian as characteristics};
 use aventail::field::{FOLDED, InvertOptions, PushField, digital_folds, invert, warp_image};
 use aventail::geometry::{Grid, Rigid, about};
@@ -209,9 +209,9 @@ fn moving_by(
 /// The default, and every voxel an element with one wave of all bones.
 fn options() -> [ChainmailOptions; 2] {
     let voxelwise = ChainmailOptions {
-        combination: Combination::Prioritisation,
         spacing_mm: 0.0,
         relaxation: Vec::new(),
+        variant: Variant { combination: Combination::Prioritisation, ..Variant::default() },
         ..ChainmailOptions::default()
     };
     [ChainmailOptions::default(), voxelwise]

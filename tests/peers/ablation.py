@@ -30,7 +30,7 @@ INGREDIENTS = [
     ("without images", "[refine]\nweight = 0"),
     ("without grey values, the skin instead", "[refine]\nweight = 0\nskin.weight = 1"),
     ("without relaxation and images", "[refine]\nweight = 0\n[chainmail]\nrelaxation = []"),
-    ("links that do not turn (heterogeneous), no images", '[refine]\nweight = 0\n[chainmail]\nelasticity = "heterogeneous"'),
+    ("links that do not turn (heterogeneous), no images", '[refine]\nweight = 0\n[chainmail.variant]\nelasticity = "heterogeneous"'),
     ("images not held to the links", "[refine]\ndeparture = 1000"),
     ("differences not robust", "[refine]\nrobust = 1000"),
     ("compressible tissue", "[chainmail]\npoisson = 0"),

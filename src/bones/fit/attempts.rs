@@ -33,7 +33,7 @@ pub fn fit_pose(
 ) -> Result<FitResult> {
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
-    let level = Level::new(samples, fraction, BoneSamples::start(options), options)?;
+    let level = Level::new(samples, fraction, BoneSamples::START, options)?;
     let fitter = Fitter::new(skeleton, options, &level);
     let common = |found: Starts| -> Vec<Start> {
         let of = |(common, share)| Start { common, share, transforms: vec![common; skeleton.bones.len()] };

@@ -9,6 +9,8 @@ use crate::error::{Error, Result};
 use crate::geometry::Rigid;
 use crate::volume::Volume;
 
+/// An optimisation of the last pass stops when no parameter moves by this much, mm: 0.02 gives the same in the same time.
+const TOLERANCE_MM: f64 = 1e-3;
 /// Coarser passes stop when nothing moves by this share of their blur: a finer one follows.
 const PASSING: f64 = 0.01;
 
@@ -35,7 +37,7 @@ impl<'a> Level<'a> {
         let dropped = vec![false; drawn.bones.len()];
         let last = options.levels.last() == Some(&resolution);
         let passing = if last { 0.0 } else { PASSING * resolution.0 };
-        let tolerance_mm = options.tolerance_mm.max(passing);
+        let tolerance_mm = TOLERANCE_MM.max(passing);
         Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), tolerance_mm, dropped })
     }
 }

@@ -98,17 +98,12 @@ mod tissue;
 pub struct FitOptions {
     /// How planning and fraction HU are compared.
     pub measure: Measure,
-    /// Blur (sigma, mm) of both images for the search of the couch shift.
-    pub start_blur_mm: f64,
     /// What landmarks on bones do, when there are any.
     pub bone_landmarks: LandmarkUse,
     /// Bone by bone: blur (sigma, mm) and samples per bone of each pass.
     pub outward: Vec<(f64, usize)>,
     /// All bones together: blur (sigma, mm) and samples per bone of each pass.
     pub levels: Vec<(f64, usize)>,
-    /// An optimisation of the last pass stops when no parameter moves by this much, mm; coarser passes stop at a hundredth of
-    /// their blur.
-    pub tolerance_mm: f64,
     /// Iteration limit of each optimisation.
     pub max_iterations: u64,
 }
@@ -117,11 +112,9 @@ impl Default for FitOptions {
     fn default() -> Self {
         Self {
             measure: Measure::Correlation,
-            start_blur_mm: 6.0,
             bone_landmarks: LandmarkUse::Start,
             outward: vec![(4.0, 3000), (2.0, 4000)],
             levels: vec![(2.0, 4000), (0.8, 12000)],
-            tolerance_mm: 1e-3,
             max_iterations: 50,
         }
     }

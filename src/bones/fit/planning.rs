@@ -34,9 +34,7 @@ impl BoneSamples {
         let mut all: Vec<u32> = lists.iter().flatten().copied().collect();
         all.sort_unstable();
         let mut levels: Vec<Drawn> = Vec::new();
-        for resolution in
-            std::iter::once(Self::start(options)).chain(options.outward.iter().chain(&options.levels).copied())
-        {
+        for resolution in std::iter::once(Self::START).chain(options.outward.iter().chain(&options.levels).copied()) {
             if levels.iter().any(|l| l.resolution == resolution) {
                 continue;
             }
@@ -49,10 +47,8 @@ impl BoneSamples {
         Self { levels }
     }
 
-    /// Resolution of the search for the couch shift.
-    pub(super) fn start(options: &FitOptions) -> (f64, usize) {
-        (options.start_blur_mm, START_SAMPLES)
-    }
+    /// Resolution of the search for the couch shift: blur (sigma, mm; other ones were never measured), and samples.
+    pub(super) const START: (f64, usize) = (6.0, START_SAMPLES);
 
     /// The samples at a resolution; `None` for one that the options did not name.
     pub(super) fn at(&self, resolution: (f64, usize)) -> Option<&Drawn> {

@@ -1,7 +1,7 @@
 //! What the default propagation's shortcuts cost in accuracy: coarse elements for waves, and waves that are pruned.
 
 use super::Scene;
-use crate::chainmail::{ChainmailOptions, Pruning, propagate};
+use crate::chainmail::{ChainmailOptions, Pruning, Variant, propagate};
 use crate::error::Result;
 use crate::field::PushField;
 use crate::progress::Silent;
@@ -36,7 +36,8 @@ pub struct Distances {
 /// Only for internal inconsistency of grids.
 pub(super) fn against_exact(scene: &Scene) -> Result<AgainstExact> {
     let options = ChainmailOptions::default();
-    let waves = ChainmailOptions { waves_mm: 0.0, prune_ratio: 0.0, ..options.clone() };
+    let variant = Variant { waves_mm: 0.0, prune_ratio: 0.0, ..Variant::default() };
+    let waves = ChainmailOptions { variant, ..options.clone() };
     let plain = |options| ChainmailOptions { relaxation: Vec::new(), mend: 0, ..options };
     let (tissue, bones) = scene.chainmail(&options);
     let of = |options: &ChainmailOptions| propagate(&tissue, &bones, options, None, &Silent);

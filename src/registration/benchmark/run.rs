@@ -1,7 +1,7 @@
 //! Each task as it is run, and the bytes that it must move at least.
 
 use super::{Scene, Task};
-use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs, propagate, spread};
+use crate::chainmail::{ChainmailOptions, Combination, ImagePull, Lattice, Organs, Variant, propagate, spread};
 use crate::error::{Error, Result};
 use crate::evaluate::jacobian as characteristics;
 use crate::field::{FieldFormat, InvertOptions, invert, jacobian, warp_image, warp_labels};
@@ -47,8 +47,8 @@ impl Task {
         let (tissue, bones) = scene.chainmail(&options);
         let voxelwise = |combination| {
             let lattice = scene.lattice.as_ref().ok_or_else(|| Error::Internal("no elements at every voxel".into()))?;
-            let options = ChainmailOptions { combination, prune_ratio: 0.0, ..ChainmailOptions::default() };
-            black_box(spread(lattice, &bones, &options));
+            let variant = Variant { combination, prune_ratio: 0.0, ..Variant::default() };
+            black_box(spread(lattice, &bones, &variant));
             Ok::<_, Error>(())
         };
         let fraction = scene.phantom.fraction.grid();
@@ -60,7 +60,7 @@ impl Task {
             Self::Superposition => voxelwise(Combination::Superposition)?,
             Self::Waves => {
                 let lattice = Lattice::new(&tissue, &options.material, &Organs::default(), options.spacing_of_waves());
-                black_box(spread(&lattice, &bones, &options));
+                black_box(spread(&lattice, &bones, &options.variant));
             }
             Self::Propagation => {
                 black_box(propagate(&tissue, &bones, &options, None, &Silent)?);

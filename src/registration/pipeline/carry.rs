@@ -9,7 +9,8 @@ use super::planning::Resting;
 use super::{FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, VolumeChange, check_links,
+    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, Variant, VolumeChange,
+    check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
@@ -100,8 +101,8 @@ fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32;
     let spacing = alone_mm(options);
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
-        waves_mm: options.spacing_of_waves(),
         relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
+        variant: Variant { waves_mm: options.spacing_of_waves(), ..options.variant.clone() },
         ..options.clone()
     };
     let bone_of_label = bone_of_label(moved.skeleton);
@@ -123,7 +124,7 @@ pub(super) fn carry_out(
     runtime: &Runtime,
 ) -> Result<Carried> {
     // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
-    let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.carry);
+    let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.variant.carry);
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
     let moved = Moved { scan, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
     let Propagated { propagation, regions, alone, kind } =
@@ -281,7 +282,7 @@ fn regions_of(
     skeleton: &Skeleton,
     config: &Config,
 ) -> Result<LabelMap> {
-    let owner = chainmail::regions(tissue, &propagation.lattice, bones, &config.chainmail)?;
+    let owner = chainmail::regions(tissue, &propagation.lattice, bones, &config.chainmail.variant)?;
     let label = |o: &u16| usize::from(*o).checked_sub(1).map_or(0, |b| skeleton.bones[b].label);
     let names = skeleton.labels_and_names().into_iter().collect();
     Ok(LabelMap { volume: owner.map(label), names })

@@ -25,7 +25,7 @@ pub fn memory_estimate(planning: &Grid, fraction: &Grid, config: &Config) -> u64
     let r = &config.refine;
     let pulling = [r.weight, r.skin.weight].into_iter().filter(|w| *w > 0.0).count();
     let images = if config.soft_tissue == SoftTissue::ChainMail { 4.0 * pulling as f64 } else { 0.0 };
-    let variant = if config.chainmail.carry == Carry::Rigid { 0.0 } else { 60.0 };
+    let variant = if config.chainmail.variant.carry == Carry::Rigid { 0.0 } else { 60.0 };
     let kept = planning.len() as f64 * (PLANNING + images) + fraction.len() as f64 * (FRACTION + images);
     let resting = if config.chainmail.relaxation.is_empty() { 0.0 } else { elements * RESTING };
     let passing = planning.len() as f64 * PASSING;
@@ -48,7 +48,7 @@ mod tests {
         fine.chainmail.spacing_mm = 0.0;
         assert!(memory_estimate(&grid(200), &grid(200), &fine) > large);
         let mut waves = Config::default();
-        waves.chainmail.waves_mm = 0.0;
+        waves.chainmail.variant.waves_mm = 0.0;
         assert!(memory_estimate(&grid(200), &grid(200), &waves) > large);
     }
 }

@@ -1,8 +1,8 @@
 //! Thesis Fig. 19 and 20: several initiators.
 
-use super::sheet::{Sheet, bone, options, soft};
+use super::sheet::{Sheet, bone, soft, variant};
 use super::{Content, Curves, Figure, Panel, Series};
-use crate::chainmail::{Carry, ChainmailOptions, Combination};
+use crate::chainmail::{Carry, Combination, Variant};
 
 /// Weight of the left of two bones at the ends of a chain, by the share of the way to the right one.
 fn weight(exponent: f64) -> Vec<[f64; 2]> {
@@ -14,7 +14,7 @@ fn weight(exponent: f64) -> Vec<[f64; 2]> {
     })
     .moved([1.0, 0.0])
     .moved([0.0, 0.0]);
-    let o = ChainmailOptions { carry: Carry::Rigid, combination: Combination::Superposition, exponent, ..options() };
+    let o = Variant { carry: Carry::Rigid, combination: Combination::Superposition, exponent, ..variant() };
     let time = chain.wave(&o).time;
     // Both halves are reached at the same pace: time from the left is the whole less that from the right.
     let middle = 2.0 * time[chain.node(LENGTH / 2, 0)];
@@ -51,7 +51,7 @@ pub(super) fn grids() -> Figure {
         .moved([apart, 0.0])
     };
     let panel = |title, apart: f64, combination| {
-        let o = ChainmailOptions { combination, exponent: 1.0, ..options() };
+        let o = Variant { combination, exponent: 1.0, ..variant() };
         Panel::new(title, Content::Mesh(sheet(apart).mesh(&o)))
     };
     Figure {

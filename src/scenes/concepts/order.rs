@@ -1,8 +1,8 @@
 //! Thesis Fig. 14 and 15: processing order in tissue with a rigid inclusion.
 
-use super::sheet::{RIGID, Sheet, bone, options, soft};
+use super::sheet::{RIGID, Sheet, bone, soft, variant};
 use super::{Content, Figure, Mesh, Panel};
-use crate::chainmail::{ChainmailOptions, Front, Node, Order};
+use crate::chainmail::{Front, Node, Order, Variant};
 
 const SIZE: [usize; 2] = [71, 71];
 
@@ -16,8 +16,8 @@ fn sheet() -> Sheet {
     .moved([0.0, 14.0])
 }
 
-fn by(order: Order) -> ChainmailOptions {
-    ChainmailOptions { order, ..options() }
+fn by(order: Order) -> Variant {
+    Variant { order, ..variant() }
 }
 
 /// Fig. 14, with the round fronts that we prefer beside it.
@@ -31,7 +31,7 @@ pub(super) fn heat_maps() -> Figure {
         panels: vec![
             panel("(a) constraint violation", by(Order::ConstraintViolation)),
             panel("(b) timestamps", by(Order::Timestamps)),
-            panel("(c) timestamps, round fronts", ChainmailOptions { front: Front::Round, ..by(Order::Timestamps) }),
+            panel("(c) timestamps, round fronts", Variant { front: Front::Round, ..by(Order::Timestamps) }),
         ],
     }
 }
@@ -69,7 +69,7 @@ mod tests {
         // Left of the initiator tissue is even, and its own links take half the time: 10 mm away along the axis 9.5 soft
         // links; on the diagonal 20 links less a half, or 10 longer ones less a half.
         let late = |front, i: usize, j: usize| {
-            let o = ChainmailOptions { front, ..by(Order::Timestamps) };
+            let o = Variant { front, ..by(Order::Timestamps) };
             sheet.wave(&o).time[sheet.node(i, j)]
         };
         let ratio = |front| late(front, 16, 25) / late(front, 16, 35);

@@ -1,8 +1,8 @@
 //! Thesis Fig. 17 and 18: how a rotation decays.
 
-use super::sheet::{Sheet, bone, options, soft};
+use super::sheet::{Sheet, bone, soft, variant};
 use super::{Content, Curves, Figure, Panel, Series};
-use crate::chainmail::{Carry, ChainmailOptions};
+use crate::chainmail::{Carry, Variant};
 
 const KINDS: [(&str, Carry); 2] =
     [("(a) constraint-based", Carry::ConstraintBased), ("(b) linear decay", Carry::LinearDecay)];
@@ -11,7 +11,7 @@ const KINDS: [(&str, Carry); 2] =
 fn decay_curve(initiator: usize, degrees: f64, carry: Carry) -> Vec<[f64; 2]> {
     const LENGTH: usize = 81;
     let chain = Sheet::new([LENGTH, 1], |i, _| if i == initiator { bone(0) } else { soft() }).turned(degrees, [0.0; 2]);
-    let wave = chain.wave(&ChainmailOptions { carry, ..options() });
+    let wave = chain.wave(&Variant { carry, ..variant() });
     (1..LENGTH).map(|i| [i as f64, f64::from(wave.angle[chain.node(i, 0)]).to_degrees()]).collect()
 }
 
@@ -44,9 +44,8 @@ pub(super) fn decay() -> Figure {
 pub(super) fn grids() -> Figure {
     let sheet =
         Sheet::new([57, 57], |i, j| if (i, j) == (32, 25) { bone(0) } else { soft() }).turned(20.0, [10.0, 25.0]);
-    let panel = |(title, carry): (&str, Carry)| {
-        Panel::new(title, Content::Mesh(sheet.mesh(&ChainmailOptions { carry, ..options() })))
-    };
+    let panel =
+        |(title, carry): (&str, Carry)| Panel::new(title, Content::Mesh(sheet.mesh(&Variant { carry, ..variant() })));
     Figure {
         name: "fig18_rotation_grids",
         title: "Deformed grids of a rotation by 20 degrees (thesis Fig. 18)",

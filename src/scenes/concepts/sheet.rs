@@ -2,8 +2,8 @@
 
 use super::{Heat, Mesh};
 use crate::chainmail::{
-    Carry, ChainmailOptions, Combination, Constraint, FirstWave, Front, Initiators, Lattice, LinkTime, Material,
-    MaterialName, Node, first_wave, spread,
+    Carry, Combination, Constraint, FirstWave, Front, Initiators, Lattice, LinkTime, Material, MaterialName, Node,
+    Variant, first_wave, spread,
 };
 use crate::geometry::{Grid, Rigid};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -29,14 +29,14 @@ pub(super) fn bone(b: u16) -> (Node, Constraint) {
 
 /// The thesis's links; every figure changes what it is about. A link of 1 mm takes the time of its stiffness, so that
 /// stiff tissue is fast, as Fig. 14 shows it.
-pub(super) fn options() -> ChainmailOptions {
-    ChainmailOptions {
+pub(super) fn variant() -> Variant {
+    Variant {
         front: Front::Rhombus,
         link_time: LinkTime::FastInStiff,
         carry: Carry::Translation,
         combination: Combination::Prioritisation,
         prune_ratio: 0.0,
-        ..ChainmailOptions::thesis()
+        ..Variant::thesis()
     }
 }
 
@@ -95,20 +95,20 @@ impl Sheet {
     }
 
     /// The wave from all bones in detail.
-    pub(super) fn wave(&self, options: &ChainmailOptions) -> FirstWave {
-        first_wave(&self.lattice, &self.bones(), options)
+    pub(super) fn wave(&self, variant: &Variant) -> FirstWave {
+        first_wave(&self.lattice, &self.bones(), variant)
     }
 
     /// Displacement of each element, mm; zero where no wave comes. x fastest.
-    pub(super) fn displacement(&self, options: &ChainmailOptions) -> Vec<[f64; 2]> {
-        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), options), None);
+    pub(super) fn displacement(&self, variant: &Variant) -> Vec<[f64; 2]> {
+        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), variant), None);
         let of = |[i, j]: [usize; 2]| u[self.node(i, j)].map_or([0.0; 2], |u| [f64::from(u[0]), f64::from(u[1])]);
         self.elements().map(of).collect()
     }
 
     /// The deformed elements.
-    pub(super) fn mesh(&self, options: &ChainmailOptions) -> Mesh {
-        let u = self.displacement(options);
+    pub(super) fn mesh(&self, variant: &Variant) -> Mesh {
+        let u = self.displacement(variant);
         let place: Vec<[f64; 2]> =
             self.elements().zip(&u).map(|([i, j], u)| [i as f64 + u[0], j as f64 + u[1]]).collect();
         let rigid = |n: usize| self.lattice.node[n] != Node::Outside && self.lattice.constraint[n] == RIGID;
@@ -132,14 +132,14 @@ impl Sheet {
     }
 
     /// The deformed elements inside a window: lower left and upper right corner.
-    pub(super) fn close_up(&self, options: &ChainmailOptions, window: [[f64; 2]; 2]) -> Mesh {
-        Mesh { window, ..self.mesh(options) }
+    pub(super) fn close_up(&self, variant: &Variant, window: [[f64; 2]; 2]) -> Mesh {
+        Mesh { window, ..self.mesh(variant) }
     }
 
     /// Processing index of each element that moves, from 0 (first) to 1 (last).
-    pub(super) fn heat(&self, options: &ChainmailOptions) -> Heat {
-        let wave = self.wave(options);
-        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), options), None);
+    pub(super) fn heat(&self, variant: &Variant) -> Heat {
+        let wave = self.wave(variant);
+        let u = self.lattice.on_all_nodes(spread(&self.lattice, &self.bones(), variant), None);
         let moves = |n: &&u32| u[**n as usize].is_some_and(|u| u[0].hypot(u[1]) > 1e-6);
         let order: Vec<u32> = wave.order.iter().filter(moves).copied().collect();
         let mut index = vec![None; self.lattice.node.len()];

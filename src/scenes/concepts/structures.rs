@@ -1,14 +1,14 @@
 //! Thesis Fig. 23 to 25: initiating structures and the sorting criteria that cure their artefacts.
 
-use super::sheet::{Sheet, bone, options, stiff};
+use super::sheet::{Sheet, bone, stiff, variant};
 use super::{Content, Figure, Panel};
-use crate::chainmail::{ChainmailOptions, Constraint, Node, Structures};
+use crate::chainmail::{Constraint, Node, Structures, Variant};
 use crate::error::{Error, Result};
 use crate::phantom::Anatomy;
 use nalgebra::{Point3, Vector3};
 
 fn panel(title: &str, sheet: &Sheet, structures: Structures, window: [[f64; 2]; 2]) -> Panel {
-    Panel::new(title, Content::Mesh(sheet.close_up(&ChainmailOptions { structures, ..options() }, window)))
+    Panel::new(title, Content::Mesh(sheet.close_up(&Variant { structures, ..variant() }, window)))
 }
 
 fn structure(size: [usize; 2], shift: f64, inside: impl Fn(usize, usize) -> bool) -> Sheet {
@@ -105,7 +105,7 @@ mod tests {
     /// Mean second difference of the displacement across the diagonal inside the L: how sharp the border is.
     fn border(structures: Structures) -> f64 {
         let sheet = structure([65, 61], 5.0, l);
-        let d = sheet.displacement(&ChainmailOptions { structures, ..options() });
+        let d = sheet.displacement(&Variant { structures, ..variant() });
         let at = |i: usize, j: usize| d[i + 65 * j][0];
         let bend = |i: usize, j: usize| (at(i - 1, j + 1) - 2.0 * at(i, j) + at(i + 1, j - 1)).abs();
         (24..34).map(|i| bend(i, i - 2)).sum::<f64>() / 10.0
@@ -121,7 +121,7 @@ mod tests {
     /// Mean second difference along the bars of the displacement inside the U, mm: what differs from wave front to
     /// wave front.
     fn raggedness(structures: Structures) -> f64 {
-        let d = u_sheet().displacement(&ChainmailOptions { structures, ..options() });
+        let d = u_sheet().displacement(&Variant { structures, ..variant() });
         let at = |i: usize, j: usize| d[i + 65 * j][0];
         let inside: Vec<_> = (21..44).flat_map(|j| (18..46).map(move |i| (i, j))).collect();
         let bend = |&(i, j): &(usize, usize)| (at(i, j - 1) - 2.0 * at(i, j) + at(i, j + 1)).abs();

@@ -4,8 +4,9 @@
 use super::lattice::islands::islands;
 use super::lattice::material::Organs;
 use super::lattice::{Lattice, Tissue};
-use super::options::{ChainmailOptions, Combination};
+use super::options::ChainmailOptions;
 use super::relaxation::rest::RestingLinks;
+use super::variants::{Combination, Variant};
 use super::waves::blend::{only_times, spread};
 use super::waves::carry::Initiators;
 use super::waves::prolongation::Prolongation;
@@ -50,13 +51,13 @@ impl ChainMail {
         let bones = tissue.bone_of_label.iter().flatten().max().map_or(0, |b| b + 1);
         let level = |spacing| {
             let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
-            let kept = usual(options) && (spacing - waves).abs() < f64::EPSILON;
+            let kept = usual(&options.variant) && (spacing - waves).abs() < f64::EPSILON;
             Level {
                 spacing,
-                waves: if kept { Waves::new(&lattice, bones, options) } else { None },
+                waves: if kept { Waves::new(&lattice, bones, &options.variant) } else { None },
                 resting: options
                     .relaxes(spacing)
-                    .then(|| (RestingLinks::new(&lattice, options.elasticity), islands(&lattice))),
+                    .then(|| (RestingLinks::new(&lattice, options.variant.elasticity), islands(&lattice))),
                 lattice: Arc::new(lattice),
             }
         };
@@ -80,14 +81,15 @@ impl ChainMail {
     pub(super) fn brought(&self, bones: &Initiators<'_>, options: &ChainmailOptions) -> Result<Prolongation> {
         let level = self.at(options.spacing_of_waves())?;
         let lattice = level.lattice.clone();
-        if !usual(options) {
-            return Ok(Prolongation { displacement: spread(&lattice, bones, options), lattice, pruning: None });
+        let variant = &options.variant;
+        if !usual(variant) {
+            return Ok(Prolongation { displacement: spread(&lattice, bones, variant), lattice, pruning: None });
         }
         let (displacement, pruned) = match &level.waves {
-            Some(waves) => waves.blend(&lattice, bones, options),
-            None => superpose::spread(&lattice, bones, options),
+            Some(waves) => waves.blend(&lattice, bones, variant),
+            None => superpose::spread(&lattice, bones, variant),
         };
-        let pruning = Some(Pruning::new(pruned, &lattice, bones.transforms, options));
+        let pruning = Some(Pruning::new(pruned, &lattice, bones.transforms, variant));
         Ok(Prolongation { lattice, displacement, pruning })
     }
 }
@@ -104,8 +106,8 @@ impl Level {
 }
 
 /// Whether bones are superposed by nothing but the times of their waves.
-fn usual(options: &ChainmailOptions) -> bool {
-    only_times(options) && options.combination == Combination::Superposition
+fn usual(variant: &Variant) -> bool {
+    only_times(variant) && variant.combination == Combination::Superposition
 }
 
 /// Finds the organs that have constraints of their own.

@@ -105,7 +105,7 @@ fn settle(
         })
         .collect();
     let near = around(lattice, &local, reach);
-    let rest = RestingLinks::new(lattice, options.elasticity);
+    let rest = RestingLinks::new(lattice, options.variant.elasticity);
     let mut relaxation = Relaxation::new((lattice, &rest), &u, turns, options.poisson);
     let region = relaxation.among(&near);
     relaxation.run(ROUNDS, &region, None);

@@ -7,8 +7,8 @@
 //! 2. `relaxation`: where links and images pull.
 //! 3. `waves`: what bones bring to tissue before it relaxes, and where `relaxation` begins.
 //!
-//! [`ChainMail`] is all that does not depend on the motions, for many fractions of a patient; [`ChainmailOptions`] chooses the
-//! variant, and nothing else does. At the end the field is continued beyond the elements, folds of the full grid settle anew
+//! [`ChainMail`] is all that does not depend on the motions, for many fractions of a patient; [`Variant`] chooses
+//! which of the thesis's chain mails it is, and nothing else does. At the end the field is continued beyond the elements, folds of the full grid settle anew
 //! and each link is checked. Decisions: docs/decisions/chain-mail.md and thesis.md.
 
 mod chain_mail;
@@ -31,8 +31,8 @@ pub use lattice::{
     organ_label,
 };
 pub use links::{LinkReport, check_links};
-pub use options::{ChainmailOptions, Combination};
+pub use options::ChainmailOptions;
 pub use propagate::{Elements, Propagation, propagate, regions};
 pub use relaxation::{Comparison, ImagePull, Passes, Pull, VolumeChange};
-pub use variants::{Carry, Elasticity, Front, LinkTime, Order, Structures};
+pub use variants::{Carry, Combination, Elasticity, Front, LinkTime, Order, Structures, Variant};
 pub use waves::{FirstWave, Initiators, Pruning, first_wave, spread};

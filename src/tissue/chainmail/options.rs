@@ -1,23 +1,11 @@
-//! Settings of the chain mail: the one place where a variant is chosen.
+//! Settings of the chain mail: what a case may ask for, and the [`Variant`].
 
 use super::lattice::material::{Constraint, Material};
 use super::lattice::slip::SlipOptions;
 use super::relaxation::growth::VolumeChange;
-use super::variants::{Carry, Elasticity, Front, LinkTime, Order, Structures};
+use super::variants::{Elasticity, Variant, within};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// How the waves of several bones become one displacement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Combination {
-    /// Every bone's wave runs through all tissue; displacements are averaged with weights t^-n (thesis 5.4.2, eq. 5.7).
-    #[default]
-    Superposition,
-    /// One wave from all bones: each element follows the bone that reaches it first (thesis 5.4.1).
-    #[serde(alias = "prioritization")]
-    Prioritisation,
-}
 
 /// How bone motion is carried to soft tissue.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,32 +17,8 @@ pub struct ChainmailOptions {
     pub organs: BTreeMap<String, Constraint>,
     /// Organs whose volume in the fraction is known to differ; they start deformation as bones do.
     pub volume_change: Vec<VolumeChange>,
-    /// Which element is processed next.
-    pub order: Order,
-    /// Time along a link.
-    pub link_time: LinkTime,
-    /// Links that a front runs along.
-    pub front: Front,
-    /// Averaging along wave fronts around initiating structures.
-    pub structures: Structures,
-    /// What a bone hands to the tissue around it.
-    pub carry: Carry,
-    /// How several bones act together.
-    pub combination: Combination,
-    /// Exponent n of the superposition's weights t^-n.
-    pub exponent: f64,
-    /// Times beyond this have no influence, mm of link at relative shear 1 (thesis 5.4.2: 800 links of 0.98 mm).
-    pub cutoff: f64,
-    /// A bone's wave is pruned where it comes this many times later than the first one, there and wherever it would go
-    /// from there: it weighs less than this ratio to the power -n of the first. 0 for none (exact).
-    pub prune_ratio: f64,
-    /// Waves run through elements of this spacing, mm, or through those of `spacing_mm` where they are finer; elements
-    /// of other spacings take what waves bring there. 0 for the planning grid itself.
-    pub waves_mm: f64,
     /// Spacing of the elements, mm; 0 for the planning grid itself.
     pub spacing_mm: f64,
-    /// What pulls the elements in the relaxation.
-    pub elasticity: Elasticity,
     /// Poisson's ratio of tissue under the corotated relaxation, 0 to 0.49: links alone have 0; more makes them give way to
     /// changes of shape and not of volume.
     pub poisson: f64,
@@ -68,6 +32,8 @@ pub struct ChainmailOptions {
     pub lung: bool,
     /// What slides along the wall of chest and belly; only links of the corotated kind do.
     pub slip: SlipOptions,
+    /// Which of the thesis's chain mails it is: nothing that a case asks for.
+    pub variant: Variant,
 }
 
 impl Default for ChainmailOptions {
@@ -76,43 +42,28 @@ impl Default for ChainmailOptions {
             material: Material::default(),
             organs: BTreeMap::new(),
             volume_change: Vec::new(),
-            order: Order::Timestamps,
-            link_time: LinkTime::SlowInStiff,
-            front: Front::Round,
-            structures: Structures::None,
-            carry: Carry::Rigid,
-            combination: Combination::Superposition,
-            exponent: 4.0,
-            cutoff: 800.0 * 0.98,
-            prune_ratio: 16.0,
-            waves_mm: 5.0,
             spacing_mm: 4.5,
-            elasticity: Elasticity::Corotated,
             poisson: 0.38,
             relaxation: vec![(18.0, 40), (9.0, 30), (4.5, 10)],
             mend: 3,
             least_hu: -500.0,
             lung: true,
             slip: SlipOptions::default(),
+            variant: Variant::default(),
         }
     }
 }
 
 impl ChainmailOptions {
-    /// The thesis's final model (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel an element.
-    /// Stiff tissue is fast, as the thesis's text and Fig. 14 have it (docs/decisions/thesis.md).
+    /// The thesis's final model (6.1.7): [`Variant::thesis`], stiff tissue, every voxel an element, nothing beyond it.
     pub fn thesis() -> Self {
         Self {
-            link_time: LinkTime::FastInStiff,
-            front: Front::Rhombus,
-            carry: Carry::LinearDecay,
-            cutoff: 800.0,
-            prune_ratio: 0.0,
             spacing_mm: 0.0,
             relaxation: Vec::new(),
             mend: 0,
             lung: false,
             slip: SlipOptions::none(),
+            variant: Variant::thesis(),
             ..Self::default()
         }
     }
@@ -125,7 +76,7 @@ impl ChainmailOptions {
 
     /// Spacing of the elements that waves run through, mm.
     pub fn spacing_of_waves(&self) -> f64 {
-        self.waves_mm.min(self.spacing_mm)
+        self.variant.waves_mm.min(self.spacing_mm)
     }
 
     /// Whether these settings say something about an organ.
@@ -145,32 +96,20 @@ impl ChainmailOptions {
 
     /// The first impossible choice in these settings, if any, with its key.
     pub fn problem(&self) -> Option<String> {
-        let within = |name: &str, value: f64, low: f64, high: f64| {
-            let bad = !(low..=high).contains(&value);
-            bad.then(|| format!("chainmail.{name} is {value}: it must lie in [{low}, {high}]"))
-        };
-        let averaging = self.structures != Structures::None;
         let checks = [
-            within("exponent", self.exponent, 0.1, 64.0),
-            within("cutoff", self.cutoff, 1e-3, 1e6),
-            within("prune_ratio", self.prune_ratio, 0.0, 1e6),
-            within("waves_mm", self.waves_mm, 0.0, 50.0),
+            self.variant.problem(),
             within("poisson", self.poisson, 0.0, 0.49),
             within("slip.along", self.slip.along, 1e-3, 1.0),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),
-            (averaging && self.order != Order::Timestamps).then(|| {
-                "chainmail.structures averages along wave fronts, which needs chainmail.order = \"timestamps\""
-                    .to_owned()
-            }),
             self.material.problem(),
             self.volume_change.iter().find_map(VolumeChange::problem),
             (!self.volume_change.is_empty()
-                && (self.relaxation.is_empty() || self.elasticity != Elasticity::Corotated))
+                && (self.relaxation.is_empty() || self.variant.elasticity != Elasticity::Corotated))
                 .then(|| {
                     "chainmail.volume_change works through the corotated relaxation: chainmail.relaxation must not be empty \
-                     and chainmail.elasticity must be \"corotated\""
+                     and chainmail.variant.elasticity must be \"corotated\""
                         .to_owned()
                 }),
             self.organs.iter().find_map(|(name, c)| Some(format!("chainmail.organs.{name}: {}", c.problem()?))),

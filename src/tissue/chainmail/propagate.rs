@@ -10,6 +10,7 @@ use super::relaxation::growth::Growth;
 use super::relaxation::pull::ImagePull;
 use super::relaxation::relax::Relaxation;
 use super::relaxation::settle::settle;
+use super::variants::Variant;
 use super::waves::blend::first_wave;
 use super::waves::carry::Initiators;
 use super::waves::pruning::Pruning;
@@ -147,9 +148,9 @@ pub fn regions(
     tissue: &Tissue<'_>,
     lattice: &Lattice,
     bones: &Initiators<'_>,
-    options: &ChainmailOptions,
+    variant: &Variant,
 ) -> Result<Volume<u16>> {
-    let owner = first_wave(lattice, bones, options).owner;
+    let owner = first_wave(lattice, bones, variant).owner;
     let grid = tissue.ct.grid().clone();
     let size = lattice.grid.size();
     let base = lattice.grid.index(&grid.origin());

@@ -43,19 +43,19 @@ fn at(lattice: &Lattice, i: usize, j: usize) -> usize {
 
 /// The thesis's links at every order and carry.
 /// Times by the formula of thesis 5.2.2: at a spacing of 1 mm the inverse of the shear.
-fn options() -> ChainmailOptions {
-    ChainmailOptions {
+fn variant() -> Variant {
+    Variant {
         link_time: LinkTime::Literal,
         combination: Combination::Prioritisation,
         carry: Carry::Translation,
-        ..ChainmailOptions::thesis()
+        ..Variant::thesis()
     }
 }
 
-fn spread_of(lattice: &Lattice, moves: &[[f64; 3]], options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+fn spread_of(lattice: &Lattice, moves: &[[f64; 3]], variant: &Variant) -> Vec<Option<[f32; 3]>> {
     let transforms: Vec<Rigid> = moves.iter().map(|&t| Rigid::translation(t[0], t[1], t[2])).collect();
     let centroids = vec![Point3::origin(); transforms.len()];
-    let u = spread(lattice, &Initiators { transforms: &transforms, centroids: &centroids }, options);
+    let u = spread(lattice, &Initiators { transforms: &transforms, centroids: &centroids }, variant);
     lattice.on_all_nodes(u, None)
 }
 
@@ -71,14 +71,14 @@ fn along_a_chain_every_link_takes_its_play() {
     let lattice = scene(&[&["Assssss"]]);
     for order in ORDERS {
         for (push, first, each) in [(1.0, 0.1, 0.2), (-1.0, 0.25, 0.5)] {
-            let u = spread_of(&lattice, &[[push, 0.0, 0.0]], &ChainmailOptions { order, ..options() });
+            let u = spread_of(&lattice, &[[push, 0.0, 0.0]], &Variant { order, ..variant() });
             for i in 0..7 {
                 let left = if i == 0 { 1.0 } else { (1.0 - first - each * (i as f64 - 1.0)).max(0.0) };
                 assert!(near(u[at(&lattice, i, 0)].unwrap()[0], push * left), "{order:?} {push} {i}");
             }
         }
         // Sideways: shear 0.125, then 0.25.
-        let u = spread_of(&lattice, &[[0.0, 1.0, 0.0]], &ChainmailOptions { order, ..options() });
+        let u = spread_of(&lattice, &[[0.0, 1.0, 0.0]], &Variant { order, ..variant() });
         assert!(near(u[at(&lattice, 1, 0)].unwrap()[1], 0.875) && near(u[at(&lattice, 2, 0)].unwrap()[1], 0.625));
     }
 }
@@ -88,7 +88,7 @@ fn violation_takes_the_stiff_detour_that_is_slow_in_time() {
     // The element right of the bone's corner is reached through soft tissue below or rigid tissue above.
     let lattice = scene(&[&["Asss", "rrrr"]]);
     let u = |order| {
-        let u = spread_of(&lattice, &[[1.0, 0.0, 0.0]], &ChainmailOptions { order, ..options() });
+        let u = spread_of(&lattice, &[[1.0, 0.0, 0.0]], &Variant { order, ..variant() });
         u[at(&lattice, 3, 0)].unwrap()[0]
     };
     // In time (literal: rigid is slow) straight along the soft chain: 1 - 0.1 - 0.2 - 0.2.
@@ -100,7 +100,7 @@ fn violation_takes_the_stiff_detour_that_is_slow_in_time() {
 #[test]
 fn first_moved_is_first_processed_and_elements_at_rest_stay() {
     let lattice = scene(&[&["sssssss", "sssssss", "sssAsss", "sssssss", "sssssss"]]);
-    let o = ChainmailOptions { order: Order::FirstMoved, ..options() };
+    let o = Variant { order: Order::FirstMoved, ..variant() };
     let (t, c) = ([Rigid::translation(0.5, 0.0, 0.0)], [Point3::origin()]);
     let wave = first_wave(&lattice, &Initiators { transforms: &t, centroids: &c }, &o);
     let u = spread_of(&lattice, &[[0.5, 0.0, 0.0]], &o);
@@ -119,7 +119,7 @@ fn first_moved_is_first_processed_and_elements_at_rest_stay() {
 fn prioritisation_gives_each_bone_its_region_and_superposition_its_weight() {
     let lattice = scene(&[&["AssssssB"]]);
     let moves = [[0.0; 3], [0.9, 0.0, 0.0]];
-    let o = ChainmailOptions { carry: Carry::Rigid, ..options() };
+    let o = Variant { carry: Carry::Rigid, ..variant() };
     let u = spread_of(&lattice, &moves, &o);
     for i in 0..8 {
         assert!(near(u[at(&lattice, i, 0)].unwrap()[0], if i < 4 { 0.0 } else { 0.9 }), "{i}");
@@ -131,7 +131,7 @@ fn prioritisation_gives_each_bone_its_region_and_superposition_its_weight() {
     assert_eq!(owners, [[Some(0); 4], [Some(1); 4]].concat());
     // Literal times: bone-soft 1 / 0.125 = 8, soft-soft 4. Element i lies at 8 + 4 (i - 1) from A, mirrored from B.
     for exponent in [1.0, 2.0, 4.0, 2.5] {
-        let o = ChainmailOptions { combination: Combination::Superposition, exponent, ..o.clone() };
+        let o = Variant { combination: Combination::Superposition, exponent, ..o.clone() };
         let u = spread_of(&lattice, &moves, &o);
         for i in 1..7 {
             let (a, b) = (4.0 * (f64::from(i) + 1.0), 4.0 * (8.0 - f64::from(i)));
@@ -144,11 +144,11 @@ fn prioritisation_gives_each_bone_its_region_and_superposition_its_weight() {
 #[test]
 fn waves_do_not_enter_other_bones_nor_go_beyond_the_cutoff() {
     let lattice = scene(&[&["ABsssss"]]);
-    let o = ChainmailOptions { combination: Combination::Superposition, carry: Carry::Rigid, ..options() };
+    let o = Variant { combination: Combination::Superposition, carry: Carry::Rigid, ..variant() };
     let u = spread_of(&lattice, &[[5.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &o);
     // A's wave would have to pass B: all tissue follows B, and B keeps its own motion.
     assert!((1..7).all(|i| u[at(&lattice, i, 0)] == Some([0.0, 1.0, 0.0])));
-    let u = spread_of(&lattice, &[[0.0; 3], [0.0, 1.0, 0.0]], &ChainmailOptions { cutoff: 17.0, ..o });
+    let u = spread_of(&lattice, &[[0.0; 3], [0.0, 1.0, 0.0]], &Variant { cutoff: 17.0, ..o });
     // Times 8, 12, 16, 20: the third soft element is the last.
     assert_eq!(u[at(&lattice, 4, 0)], Some([0.0, 1.0, 0.0]));
     assert_eq!(u[at(&lattice, 5, 0)], None);
@@ -163,7 +163,7 @@ fn turned_chain(angle: f64, centre: f64, carry: Carry) -> (Lattice, FirstWave, V
         UnitQuaternion::from_scaled_axis(Vector3::z() * angle),
     )];
     let bones = Initiators { transforms: &t, centroids: &[c] };
-    let o = ChainmailOptions { carry, ..options() };
+    let o = Variant { carry, ..variant() };
     let (wave, u) = (first_wave(&lattice, &bones, &o), lattice.on_all_nodes(spread(&lattice, &bones, &o), None));
     (lattice, wave, u)
 }
@@ -191,7 +191,7 @@ fn links_along_the_axis_lose_the_angle_of_the_exception() {
     let lattice = scene(&[&["A"], &["s"], &["s"]]);
     let t = [Rigid::rotation(Vector3::z() * 0.8)];
     let c = [Point3::new(3.0, 0.0, 0.0)];
-    let o = ChainmailOptions { carry: Carry::ConstraintBased, ..options() };
+    let o = Variant { carry: Carry::ConstraintBased, ..variant() };
     let wave = first_wave(&lattice, &Initiators { transforms: &t, centroids: &c }, &o);
     let angle = |k: usize| wave.angle[lattice.grid.linear([1, 1, k + 1])];
     assert!(near(angle(0), 0.8) && near(angle(1), 0.8 - f64::atan2(0.125, 0.9)));
@@ -219,7 +219,7 @@ fn rigid_tissue_turns_as_a_whole() {
     let bones = Initiators { transforms: &t, centroids: &c };
     for carry in [Carry::ConstraintBased, Carry::LinearDecay, Carry::Rigid] {
         for order in [Order::Timestamps, Order::ConstraintViolation] {
-            let u = spread(&lattice, &bones, &ChainmailOptions { carry, order, ..options() });
+            let u = spread(&lattice, &bones, &Variant { carry, order, ..variant() });
             let u = lattice.on_all_nodes(u, None);
             for (i, j) in [(1, 0), (2, 0), (0, 1), (2, 1)] {
                 let n = at(&lattice, i, j);
@@ -242,8 +242,8 @@ fn l_shape() -> Lattice {
 fn the_corner_of_an_l_averages_both_bars() {
     let lattice = l_shape();
     let push = [[1.0, 0.0, 0.0]];
-    let plain = spread_of(&lattice, &push, &options());
-    let second = spread_of(&lattice, &push, &ChainmailOptions { structures: Structures::SecondCriterion, ..options() });
+    let plain = spread_of(&lattice, &push, &variant());
+    let second = spread_of(&lattice, &push, &Variant { structures: Structures::SecondCriterion, ..variant() });
     let ux = |u: &[Option<[f32; 3]>], i, j| u[at(&lattice, i, j)].unwrap()[0];
     // First link from the upright bar: pushed 0.1; from the floor: sheared 0.125.
     let corner = 1.0 - (0.1 + 0.125) / 2.0;
@@ -262,7 +262,7 @@ fn the_corner_of_an_l_averages_both_bars() {
 fn flat_faces_need_no_averaging() {
     let lattice = scene(&[&["ssssssss", "sssAAsss", "sssAAsss", "sssAAsss", "ssssssss"]]);
     let push = [[1.0, 0.0, 0.0]];
-    let of = |structures| spread_of(&lattice, &push, &ChainmailOptions { structures, ..options() });
+    let of = |structures| spread_of(&lattice, &push, &Variant { structures, ..variant() });
     let (plain, third) = (of(Structures::None), of(Structures::ThirdCriterion));
     // Beside the faces each element is told by the face alone; off the corners both informants agree but for play.
     for (i, j) in [(0, 2), (1, 1), (2, 3), (5, 2), (7, 3), (3, 0), (4, 4)] {
@@ -281,7 +281,7 @@ fn the_third_criterion_keeps_a_u_symmetric() {
     let lattice = u_shape();
     let (lift, mirror) = ([[0.0, 1.0, 0.0]], |i: usize| 12 - i);
     let asymmetry = |structures| {
-        let u = spread_of(&lattice, &lift, &ChainmailOptions { structures, ..options() });
+        let u = spread_of(&lattice, &lift, &Variant { structures, ..variant() });
         let uy = |i, j| u[at(&lattice, i, j)].unwrap()[1];
         (1..7)
             .flat_map(|j| (1..12).map(move |i| (i, j)))
@@ -297,7 +297,7 @@ fn corners_of_a_box_average_three_faces() {
     let floor: &[&str] = &["AAAA", "AAAA", "AAAA", "AAAA"];
     let wall: &[&str] = &["AAAA", "Asss", "Asss", "Asss"];
     let lattice = scene(&[floor, wall, wall, wall]);
-    let o = ChainmailOptions { structures: Structures::SecondCriterion, ..options() };
+    let o = Variant { structures: Structures::SecondCriterion, ..variant() };
     let u = spread_of(&lattice, &[[1.0, 0.0, 0.0]], &o);
     let corner = u[lattice.grid.linear([2, 2, 2])].unwrap()[0];
     assert!(near(corner, 1.0 - (0.1 + 0.125 + 0.125) / 3.0), "{corner}");
@@ -339,14 +339,15 @@ fn regions_and_organs_on_a_ct() {
     let own = Constraint { min: 0.5, max: 1.5, shear: 0.5 };
     let region = |o: &ChainmailOptions| {
         let p = propagate(&tissue, &bones, o, None, &crate::progress::Silent).unwrap();
-        let r = regions(&tissue, &p.lattice, &bones, o).unwrap();
+        let r = regions(&tissue, &p.lattice, &bones, &o.variant).unwrap();
         let row: Vec<u16> = (0..12).map(|i| *r.at([i, 2, 2])).collect();
         let moved: Vec<bool> = (0..12).map(|i| p.push.displacement.at([i, 2, 2])[0] > 0.5).collect();
         // With prioritisation the regions are what moves.
         assert_eq!(row.iter().map(|&b| b == 2).collect::<Vec<_>>(), moved);
         row.iter().filter(|&&b| b == 1).count()
     };
-    let o = ChainmailOptions { carry: Carry::Rigid, link_time: LinkTime::SlowInStiff, ..options() };
+    let variant = Variant { carry: Carry::Rigid, link_time: LinkTime::SlowInStiff, ..variant() };
+    let o = ChainmailOptions { variant, ..ChainmailOptions::thesis() };
     let with_organ = ChainmailOptions { organs: [("tongue".to_owned(), own)].into(), ..o.clone() };
     assert_eq!((region(&o), region(&with_organ)), (6, 7));
     let wrong = ChainmailOptions { organs: [("liver".to_owned(), own)].into(), ..o };
@@ -379,7 +380,8 @@ fn cavities_move_along_and_the_field_fades_outside() {
     };
     let t = [Rigid::translation(4.0, 0.0, 0.0)];
     let bones = Initiators { transforms: &t, centroids: &[Point3::origin()] };
-    let o = ChainmailOptions { spacing_mm: 4.0, carry: Carry::Rigid, ..options() };
+    let variant = Variant { carry: Carry::Rigid, ..variant() };
+    let o = ChainmailOptions { spacing_mm: 4.0, variant, ..ChainmailOptions::thesis() };
     let push = propagate(&tissue, &bones, &o, None, &crate::progress::Silent).unwrap().push;
     let moves = |i: usize, k: usize| push.displacement.at([i, 20, k])[0];
     assert!(!push.computed.at([20, 20, 25]) && (moves(20, 25) - moves(11, 25)).abs() < 0.3, "{}", moves(20, 25));
@@ -394,7 +396,7 @@ fn cavities_move_along_and_the_field_fades_outside() {
 fn relaxation_finds_the_chain_between_two_bones() {
     let lattice = scene(&[&["AsssB"]]);
     let moved: Vec<[f32; 3]> =
-        spread_of(&lattice, &[[0.0; 3], [1.0, 0.0, 0.0]], &options()).iter().map(|u| u.unwrap_or_default()).collect();
+        spread_of(&lattice, &[[0.0; 3], [1.0, 0.0, 0.0]], &variant()).iter().map(|u| u.unwrap_or_default()).collect();
     let turns = [Matrix3::identity(); 2];
     let relaxed = |elasticity| {
         let rest = RestingLinks::new(&lattice, elasticity);

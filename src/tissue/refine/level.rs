@@ -45,7 +45,10 @@ pub(super) struct Level<'a> {
     hold: f32,
 }
 
-/// Stiffness of soft tissue's links together along an axis, against which [`RefineOptions::unseen_mm`] is a length.
+/// Elements of which the fraction shows nothing go back, over this distance from what it shows, to where the bones alone would
+/// carry them, mm; 20 to 150 were tried.
+const UNSEEN_MM: f64 = 80.0;
+/// Stiffness of soft tissue's links together along an axis, against which [`UNSEEN_MM`] is a length.
 const HOLD: f64 = 17.0;
 
 impl<'a> Level<'a> {
@@ -61,7 +64,7 @@ impl<'a> Level<'a> {
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let soft: Vec<u32> = lattice.soft().collect();
         let (planning, fraction) = rayon::join(|| planning.shown(lattice, &soft, sigma), || blurred(fraction, sigma));
-        let alone = alone.filter(|_| options.unseen_mm > 0.0).map_or_else(Vec::new, |alone| {
+        let alone = alone.map_or_else(Vec::new, |alone| {
             let at = |&n: &u32| {
                 let u = trilinear_vector(alone, &alone.grid().index(&lattice.rest(n as usize)));
                 u.map_or([0.0; 3], |u| u.map(|c| c as f32).into())
@@ -79,7 +82,7 @@ impl<'a> Level<'a> {
             reach: REACH * sigma,
             neighbourhood_mm,
             alone,
-            hold: (HOLD * (mean / options.unseen_mm).powi(2)) as f32,
+            hold: (HOLD * (mean / UNSEEN_MM).powi(2)) as f32,
         }
     }
 

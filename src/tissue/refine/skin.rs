@@ -14,19 +14,26 @@ use rayon::prelude::*;
 const KNOWN_MM: f64 = 20.0;
 /// Differences beyond this count less (Huber), mm.
 const ROBUST_MM: f64 = 3.0;
+/// How well an outline tells where the skin is, one standard deviation, mm.
+const SD_MM: f64 = 0.5;
+/// The skin is not believed within half of this distance from the edge of either scan, and fully from one and a half on, mm.
+const EDGE_MM: f64 = 6.0;
 
 /// The skins of both scans.
 pub(super) struct Skin {
     planning: Volume<f32>,
     fraction: Volume<f32>,
-    options: SkinOptions,
+    weight: f64,
+    /// [`EDGE_MM`]
+    edge_mm: f64,
 }
 
 impl Skin {
     /// From the patient in each scan; `None` where the settings give the skin no weight.
     pub(super) fn new(planning: &Mask, fraction: &Mask, options: &SkinOptions) -> Option<Self> {
-        let wanted = options.weight > 0.0;
-        wanted.then(|| Self { planning: depth(planning), fraction: depth(fraction), options: options.clone() })
+        let weight = options.weight;
+        let wanted = weight > 0.0;
+        wanted.then(|| Self { planning: depth(planning), fraction: depth(fraction), weight, edge_mm: EDGE_MM })
     }
 
     /// Prepares for a lattice.
@@ -41,7 +48,7 @@ impl Skin {
         };
         let soft: Vec<u32> = lattice.soft().collect();
         let elements = soft.par_iter().map(beside).collect();
-        Outline { skin: self, soft, elements, weight: self.options.weight * edge * edge / self.options.sd_mm.powi(2) }
+        Outline { skin: self, soft, elements, weight: self.weight * edge * edge / SD_MM.powi(2) }
     }
 
     /// How far the skin is believed at a point of a scan: not at all at the edge of its field of view, where the patient is
@@ -49,7 +56,7 @@ impl Skin {
     fn confidence(&self, grid: &Grid, point: &Point3<f64>) -> f64 {
         let (at, size, spacing) = (grid.index(point), grid.size(), grid.spacing());
         let inside = (0..3).map(|a| at[a].min(size[a] as f64 - 1.0 - at[a]) * spacing[a]).fold(f64::MAX, f64::min);
-        (inside / self.options.edge_mm - 0.5).clamp(0.0, 1.0)
+        (inside / self.edge_mm - 0.5).clamp(0.0, 1.0)
     }
 }
 
@@ -134,11 +141,15 @@ mod tests {
         Lattice::from_nodes(grid, node, constraint)
     }
 
+    /// With another distance from the edge of the scan: these scenes are small.
+    fn believed_from(edge_mm: f64, skin: Option<Skin>) -> Skin {
+        Skin { edge_mm, ..skin.unwrap() }
+    }
+
     #[test]
     fn elements_at_the_skin_ask_for_the_way_along_its_normal() {
         let lattice = elements();
-        let options = SkinOptions { weight: 1.0, edge_mm: 1.0, ..SkinOptions::default() };
-        let skin = Skin::new(&ball(12.0), &ball(14.0), &options).unwrap();
+        let skin = believed_from(1.0, Skin::new(&ball(12.0), &ball(14.0), &SkinOptions { weight: 1.0 }));
         let outline = skin.at(&lattice);
         let at_rest = vec![[0f32; 3]; lattice.node.len()];
         let mut pull = Pull::none(lattice.soft().count(), 100.0);
@@ -166,8 +177,7 @@ mod tests {
         let lattice = elements();
         let at_rest = vec![[0f32; 3]; lattice.node.len()];
         for (fraction, edge_mm) in [(14.0, 40.0), (0.0, 1.0), (90.0, 1.0)] {
-            let options = SkinOptions { weight: 1.0, edge_mm, ..SkinOptions::default() };
-            let skin = Skin::new(&ball(12.0), &ball(fraction), &options).unwrap();
+            let skin = believed_from(edge_mm, Skin::new(&ball(12.0), &ball(fraction), &SkinOptions { weight: 1.0 }));
             let mut pull = Pull::none(lattice.soft().count(), 100.0);
             let which: Vec<u32> = (0..pull.towards.len() as u32).collect();
             skin.at(&lattice).add(&at_rest, &which, &mut pull);

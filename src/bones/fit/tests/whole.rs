@@ -191,7 +191,7 @@ fn images_of_something_else_are_refused() {
     let options = FitOptions::default();
     let all = [&options.outward[..], &options.levels].concat();
     assert!(all.iter().all(|level| scene.samples.at(*level).is_some()));
-    assert!(scene.samples.at((options.start_blur_mm, 1500)).is_some_and(|drawn| drawn.all.points.len() > 1000));
+    assert!(scene.samples.at(BoneSamples::START).is_some_and(|drawn| drawn.all.points.len() > 1000));
     let soft = scene.planning.map(|v| if *v > 200.0 { 35.0 } else { *v });
     let refused = scene.fit(&soft, FitStart::Search).unwrap_err();
     assert!(matches!(refused, crate::error::Error::Registration { .. }), "{refused:?}");

@@ -70,7 +70,7 @@ proptest! {
         let c = [Point3::new(1.0, 2.0, 1.0), Point3::origin()];
         let bones = Initiators { transforms: &t, centroids: &c };
         for link_time in [LinkTime::Literal, LinkTime::FastInStiff] {
-            let wave = first_wave(&lattice, &bones, &ChainmailOptions { link_time, ..options() });
+            let wave = first_wave(&lattice, &bones, &Variant { link_time, ..variant() });
             let time = |a: usize, b: usize| {
                 let shear = f64::from(lattice.link(a, b).shear.max(0.02));
                 let ticks = if link_time == LinkTime::Literal { 32.0 / shear } else { 32.0 * shear };
@@ -91,7 +91,7 @@ proptest! {
         for carry in [Carry::Rigid, Carry::Translation, Carry::ConstraintBased, Carry::LinearDecay] {
             for combination in [Combination::Superposition, Combination::Prioritisation] {
                 for (order, structures) in [(Order::Timestamps, Structures::None), (Order::Timestamps, Structures::ThirdCriterion), (Order::ConstraintViolation, Structures::None), (Order::FirstMoved, Structures::None)] {
-                    let o = ChainmailOptions { carry, combination, order, structures, ..options() };
+                    let o = Variant { carry, combination, order, structures, ..variant() };
                     let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| spread(&lattice, &bones, &o));
                     let (one, two) = (on(1), on(2));
                     prop_assert!(one == two);
@@ -112,7 +112,7 @@ proptest! {
             for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff, LinkTime::Literal] {
                 for cutoff in [800.0, 9.0] {
                     let of = |lattice: &Lattice, carry| {
-                        first_wave(lattice, &bones, &ChainmailOptions { front, link_time, cutoff, carry, ..options() })
+                        first_wave(lattice, &bones, &Variant { front, link_time, cutoff, carry, ..variant() })
                     };
                     let (packed, general) = (of(&lattice, Carry::Rigid), of(&lattice, Carry::Translation));
                     prop_assert_eq!(&packed.time, &general.time);
@@ -163,8 +163,8 @@ proptest! {
         let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::from(turn)), Rigid::translation(0.0, -1.0, 0.5)];
         let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
         for front in [Front::Round, Front::Rhombus] {
-            let exact = ChainmailOptions { front, combination: Combination::Superposition, carry: Carry::Rigid, ..options() };
-            let early = ChainmailOptions { prune_ratio: ratio, ..exact.clone() };
+            let exact = Variant { front, combination: Combination::Superposition, carry: Carry::Rigid, ..variant() };
+            let early = Variant { prune_ratio: ratio, ..exact.clone() };
             let medium = Medium::new(&lattice, FrontRules::of(&exact));
             let first = medium.times(Source::AnyBone, None);
             let latest = medium.latest(&first, ratio);

@@ -13,7 +13,7 @@ fn waves_of_a_long_body_stay_near_their_bones() {
     let row: Vec<u8> = (b'A'..=b'Z').flat_map(|bone| [vec![bone], vec![b's'; 9]].concat()).collect();
     let (bones, soft) = (String::from_utf8_lossy(&row).into_owned(), "s".repeat(row.len()));
     let lattice = scene(&[&[&soft, &bones, &soft]]);
-    let rules = front::FrontRules::of(&ChainmailOptions { cutoff: 1e5, ..options() });
+    let rules = front::FrontRules::of(&Variant { cutoff: 1e5, ..variant() });
     let medium = arrival::Medium::new(&lattice, rules);
     let latest = medium.latest(&medium.times(engine::Source::AnyBone, None), 4.0);
     let reached = |bone: u8, latest| {
@@ -46,7 +46,7 @@ fn coarser_elements_take_what_waves_bring_to_finer_ones() {
     let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
     let lattice = |spacing| Lattice::new(&tissue, &Material::default(), &Organs::default(), spacing);
     let fine = Arc::new(lattice(0.0));
-    let displacement = spread(&fine, &bones, &ChainmailOptions { spacing_mm: 0.0, ..ChainmailOptions::default() });
+    let displacement = spread(&fine, &bones, &Variant::default());
     let brought = prolongation::Prolongation { lattice: fine.clone(), displacement, pruning: None };
     assert_eq!(&*brought.on(&fine, &bones), &brought.displacement);
     // Bones that move alike move everything alike.

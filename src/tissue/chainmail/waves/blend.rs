@@ -2,8 +2,7 @@
 
 use super::super::lattice::Lattice;
 use super::super::lattice::Node;
-use super::super::options::{ChainmailOptions, Combination};
-use super::super::variants::{Carry, Order, Structures};
+use super::super::variants::{Carry, Combination, Order, Structures, Variant};
 use super::average::{FirstWave, each_active, weight, weighted_mean};
 use super::carry::{Carrier, Initiators};
 use super::front::{FrontRules, NEVER, TICKS};
@@ -12,14 +11,14 @@ use super::superpose;
 use rayon::prelude::*;
 
 impl<'a> Scene<'a> {
-    /// The scene that the options describe.
-    pub fn new(lattice: &'a Lattice, bones: &Initiators<'a>, options: &ChainmailOptions) -> Self {
+    /// The scene that the variant describes.
+    pub fn new(lattice: &'a Lattice, bones: &Initiators<'a>, variant: &Variant) -> Self {
         Self {
             lattice,
-            rules: FrontRules::of(options),
-            order: options.order,
-            structures: options.structures,
-            carrier: Carrier::new(lattice, bones, options.carry),
+            rules: FrontRules::of(variant),
+            order: variant.order,
+            structures: variant.structures,
+            carrier: Carrier::new(lattice, bones, variant.carry),
         }
     }
 
@@ -31,11 +30,11 @@ impl<'a> Scene<'a> {
 }
 
 /// Runs the wave from all bones at once.
-pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> FirstWave {
-    if only_times(options) {
-        return superpose::first_wave(lattice, options);
+pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, variant: &Variant) -> FirstWave {
+    if only_times(variant) {
+        return superpose::first_wave(lattice, variant);
     }
-    let wave = run(&Scene::new(lattice, bones, options), Source::AnyBone, None);
+    let wave = run(&Scene::new(lattice, bones, variant), Source::AnyBone, None);
     let trace = wave.trace;
     let reached = |n: usize| wave.time[n] != NEVER;
     let mm = |n: usize| if reached(n) { f64::from(wave.time[n]) / TICKS } else { f64::INFINITY };
@@ -51,13 +50,13 @@ pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, options: &Chainmail
 /// their transform.
 ///
 /// Bones are added in their order whatever the number of threads, so the sums are the same bits.
-pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
-    if only_times(options) {
-        return superpose::spread(lattice, bones, options).0;
+pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, variant: &Variant) -> Vec<Option<[f32; 3]>> {
+    if only_times(variant) {
+        return superpose::spread(lattice, bones, variant).0;
     }
-    let scene = Scene::new(lattice, bones, options);
-    match options.combination {
-        Combination::Superposition => weigh(&scene, bones, options),
+    let scene = Scene::new(lattice, bones, variant);
+    match variant.combination {
+        Combination::Superposition => weigh(&scene, bones, variant),
         Combination::Prioritisation => {
             let wave = run(&scene, Source::AnyBone, None);
             let owner = &wave.trace.owner;
@@ -70,15 +69,15 @@ pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, options: &ChainmailOpti
 }
 
 /// Whether nothing but the least time along paths decides: the variant that [`superpose`] serves.
-pub(in crate::chainmail) fn only_times(options: &ChainmailOptions) -> bool {
-    options.order == Order::Timestamps && options.structures == Structures::None && options.carry == Carry::Rigid
+pub(in crate::chainmail) fn only_times(variant: &Variant) -> bool {
+    variant.order == Order::Timestamps && variant.structures == Structures::None && variant.carry == Carry::Rigid
 }
 
 /// Eq. 5.7: as many waves at a time as there are threads, added plane by plane.
-fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) -> Vec<Option<[f32; 3]>> {
+fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, variant: &Variant) -> Vec<Option<[f32; 3]>> {
     let lattice = scene.lattice;
     let [nx, ny, _] = lattice.grid.size();
-    let latest = superpose::latest_at_nodes(lattice, options);
+    let latest = superpose::latest_at_nodes(lattice, variant);
     let mut sums = vec![[0f64; 4]; lattice.node.len()];
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     for group in present.chunks(rayon::current_num_threads().max(1)) {
@@ -92,7 +91,7 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, options: &ChainmailOptions) 
                 }
                 for (b, wave) in waves.iter().filter(|(_, wave)| wave.time[node] != NEVER) {
                     let u = scene.brought(wave, *b, node, [at % nx, at / nx, k]);
-                    let w = weight(f64::from(wave.time[node].max(1)), options.exponent);
+                    let w = weight(f64::from(wave.time[node].max(1)), variant.exponent);
                     s[0] += w;
                     (0..3).for_each(|a| s[1 + a] += w * u[a]);
                 }

@@ -1,8 +1,7 @@
 //! The rules of a front: which links it runs along, how long it takes, and which element is processed next.
 
 use super::super::lattice::Lattice;
-use super::super::options::ChainmailOptions;
-use super::super::variants::{Front, LinkTime};
+use super::super::variants::{Front, LinkTime, Variant};
 use crate::geometry::stencil::{NEIGHBOURS_6, NEIGHBOURS_26};
 use nalgebra::Vector3;
 
@@ -42,9 +41,9 @@ pub struct FrontRules {
 }
 
 impl FrontRules {
-    /// The rules that the options describe.
-    pub fn of(options: &ChainmailOptions) -> Self {
-        Self { time: options.link_time, front: options.front, cutoff: options.cutoff }
+    /// The rules that the variant describes.
+    pub fn of(variant: &Variant) -> Self {
+        Self { time: variant.link_time, front: variant.front, cutoff: variant.cutoff }
     }
 
     /// What the time along a link of `length` mm has from its length, so that [`FrontRules::ticks`] is one operation.

@@ -1,7 +1,7 @@
 //! What waves that were pruned could have changed: the bound that a run prints.
 
 use super::super::lattice::Lattice;
-use super::super::options::ChainmailOptions;
+use super::super::variants::Variant;
 use super::shortest::arrival::active_box;
 use crate::geometry::Rigid;
 use serde::{Deserialize, Serialize};
@@ -24,14 +24,9 @@ pub struct Pruning {
 }
 
 impl Pruning {
-    /// Of so many waves of these bones, of which each is pruned as the options say.
-    pub(in crate::chainmail) fn new(
-        waves: usize,
-        lattice: &Lattice,
-        bones: &[Rigid],
-        options: &ChainmailOptions,
-    ) -> Self {
-        let each = if waves > 0 { options.prune_ratio.powf(-options.exponent) } else { 0.0 };
+    /// Of so many waves of these bones, of which each is pruned as the variant say.
+    pub(in crate::chainmail) fn new(waves: usize, lattice: &Lattice, bones: &[Rigid], variant: &Variant) -> Self {
+        let each = if waves > 0 { variant.prune_ratio.powf(-variant.exponent) } else { 0.0 };
         let together = waves as f64 * each;
         let apart = if waves > 0 { apart(lattice, bones) } else { 0.0 };
         Self {

@@ -3,7 +3,7 @@
 
 use super::super::lattice::Lattice;
 use super::super::lattice::Node;
-use super::super::options::{ChainmailOptions, Combination};
+use super::super::variants::{Combination, Variant};
 use super::average::{FirstWave, each_active, is_usual, usual_weight, weight, weighted_mean};
 use super::carry::Initiators;
 use super::front::{FrontRules, TICKS};
@@ -18,11 +18,11 @@ use rayon::prelude::*;
 pub(in crate::chainmail) fn spread(
     lattice: &Lattice,
     bones: &Initiators<'_>,
-    options: &ChainmailOptions,
+    variant: &Variant,
 ) -> (Vec<Option<[f32; 3]>>, usize) {
-    let medium = Medium::new(lattice, FrontRules::of(options));
-    match options.combination {
-        Combination::Superposition => superpose(&medium, lattice, bones, options),
+    let medium = Medium::new(lattice, FrontRules::of(variant));
+    match variant.combination {
+        Combination::Superposition => superpose(&medium, lattice, bones, variant),
         Combination::Prioritisation => {
             let wave = medium.first_arrivals();
             let first = each_active(lattice, bones, |_, voxel| {
@@ -37,8 +37,8 @@ pub(in crate::chainmail) fn spread(
 }
 
 /// As [`super::super::first_wave`].
-pub(in crate::chainmail) fn first_wave(lattice: &Lattice, options: &ChainmailOptions) -> FirstWave {
-    let medium = Medium::new(lattice, FrontRules::of(options));
+pub(in crate::chainmail) fn first_wave(lattice: &Lattice, variant: &Variant) -> FirstWave {
+    let medium = Medium::new(lattice, FrontRules::of(variant));
     let wave = medium.first_arrivals();
     let (mut time, mut owner) = (vec![f64::INFINITY; lattice.node.len()], vec![None; lattice.node.len()]);
     for &n in &lattice.active {
@@ -107,13 +107,13 @@ impl Times for Arrival {
 
 impl Waves {
     /// Runs the waves of so many bones; `None` where they would take too much room.
-    pub(in crate::chainmail) fn new(lattice: &Lattice, bones: u16, options: &ChainmailOptions) -> Option<Self> {
-        let medium = Medium::new(lattice, FrontRules::of(options));
+    pub(in crate::chainmail) fn new(lattice: &Lattice, bones: u16, variant: &Variant) -> Option<Self> {
+        let medium = Medium::new(lattice, FrontRules::of(variant));
         let bricks = medium.soft_bricks();
         if bricks.len() * usize::from(bones) * size_of::<Brick<i32>>() > MOST_KEPT {
             return None;
         }
-        let latest = latest(&medium, options);
+        let latest = latest(&medium, variant);
         let keep = |wave: &mut Arrival, bone| {
             medium.times_into(wave, Source::Bone(bone), latest.as_deref());
             let times = bricks.iter().map(|&brick| wave.times[brick]).collect();
@@ -128,23 +128,23 @@ impl Waves {
         &self,
         lattice: &Lattice,
         bones: &Initiators<'_>,
-        options: &ChainmailOptions,
+        variant: &Variant,
     ) -> (Vec<Option<[f32; 3]>>, usize) {
-        let mut sums = Sums::new(&self.medium, lattice, options.exponent);
+        let mut sums = Sums::new(&self.medium, lattice, variant.exponent);
         sums.add(&bones.transforms.iter().zip(&self.each).collect::<Vec<_>>());
         (sums.blended(bones), self.each.iter().filter(|wave| wave.pruned).count())
     }
 }
 
 /// The latest time at each cell, where waves are pruned.
-fn latest(medium: &Medium, options: &ChainmailOptions) -> Option<Vec<Brick<i32>>> {
-    (options.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), options.prune_ratio))
+fn latest(medium: &Medium, variant: &Variant) -> Option<Vec<Brick<i32>>> {
+    (variant.prune_ratio > 1.0).then(|| medium.latest(&medium.times(Source::AnyBone, None), variant.prune_ratio))
 }
 
 /// The latest time at each node, where waves are pruned.
-pub(in crate::chainmail) fn latest_at_nodes(lattice: &Lattice, options: &ChainmailOptions) -> Option<Vec<u32>> {
-    let medium = Medium::new(lattice, FrontRules::of(options));
-    let latest = latest(&medium, options)?;
+pub(in crate::chainmail) fn latest_at_nodes(lattice: &Lattice, variant: &Variant) -> Option<Vec<u32>> {
+    let medium = Medium::new(lattice, FrontRules::of(variant));
+    let latest = latest(&medium, variant)?;
     let of = |&n: &u32| value(&latest, medium.cell(lattice.grid.voxel(n as usize))) as u32;
     Some(lattice.on_all_nodes(lattice.active.iter().map(of), 0))
 }
@@ -154,11 +154,11 @@ fn superpose(
     medium: &Medium,
     lattice: &Lattice,
     bones: &Initiators<'_>,
-    options: &ChainmailOptions,
+    variant: &Variant,
 ) -> (Vec<Option<[f32; 3]>>, usize) {
-    let latest = latest(medium, options);
+    let latest = latest(medium, variant);
     let mut pruned = 0;
-    let mut sums = Sums::new(medium, lattice, options.exponent);
+    let mut sums = Sums::new(medium, lattice, variant.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     let mut waves: Vec<Arrival> = Vec::new();
     for group in present.chunks(ABREAST * rayon::current_num_threads()) {

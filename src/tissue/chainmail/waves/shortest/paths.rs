@@ -46,7 +46,7 @@ impl Medium {
         FirstArrivals::of(self, rayon::current_num_threads().min(self.bricks.planes() / LEAST_PLANES))
     }
 
-    /// The latest time at each cell by [`super::super::super::ChainmailOptions::prune_ratio`]: the greatest, over all cells that a wave could
+    /// The latest time at each cell by [`super::super::super::Variant::prune_ratio`]: the greatest, over all cells that a wave could
     /// go on to, of `ratio` times the first arrival there less the time to go there. What a wave brings within `ratio` times
     /// the first arrival it brings as if it were never pruned.
     ///

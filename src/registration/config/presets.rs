@@ -1,0 +1,39 @@
+//! What the presets stand for.
+
+use super::settings::{Config, OutputOptions, Preset};
+use crate::chainmail::ChainmailOptions;
+use crate::field::ConsistencyOptions;
+use crate::fit::FitOptions;
+use crate::refine::RefineOptions;
+
+impl Preset {
+    /// The settings that the preset stands for.
+    pub fn config(self) -> Config {
+        let base = Config { preset: self, ..Config::default() };
+        match self {
+            Self::Default => base,
+            Self::Fast => Config {
+                chainmail: ChainmailOptions {
+                    spacing_mm: 5.0,
+                    relaxation: vec![(20.0, 30), (10.0, 20), (5.0, 8)],
+                    ..ChainmailOptions::default()
+                },
+                fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
+                refine: RefineOptions { passes: 4, rounds: 2, ..RefineOptions::default() },
+                consistency: ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() },
+                output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
+                ..base
+            },
+            Self::Accurate => Config {
+                refine: RefineOptions { passes: 16, settled: 0.005, rounds: 5, ..RefineOptions::default() },
+                ..base
+            },
+            Self::Thesis => Config {
+                chainmail: ChainmailOptions::thesis(),
+                refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },
+                consistency: ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() },
+                ..base
+            },
+        }
+    }
+}
