@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Regular grid in the LPS world frame, millimetres.
 ///
@@ -229,11 +230,34 @@ impl Grid {
         let size = std::array::from_fn(|a| {
             ((self.size[a] - 1) as f64 * self.spacing[a] / coarse[a] - 1e-9).ceil() as usize + 1
         });
-        let beyond = |a: usize| 0.5 * ((size[a] - 1) as f64 * coarse[a] / self.spacing[a] - (self.size[a] - 1) as f64);
-        let origin = self.world(&-Vector3::from([0, 1, 2].map(beyond)));
+        let origin = self.world(&-Vector3::from([0, 1, 2].map(|a| self.overhang(size[a], coarse[a], a))));
         let to_world = self.direction * Matrix3::from_diagonal(&Vector3::from(coarse));
         let to_index = Matrix3::from_diagonal(&Vector3::from(coarse.map(f64::recip))) * self.direction.transpose();
         Self { size, spacing: coarse, origin, to_world, to_index, ..self.clone() }
+    }
+
+    /// The voxels that belong to each index of `coarse`, which [`Grid::coarsened`] made, along one axis: those that lie nearest.
+    ///
+    /// A voxel half-way between two belongs to the outer one, so that storing the image backwards changes nothing (but for a
+    /// voxel in the very middle).
+    pub fn voxels_by_nearest(&self, coarse: &Self, axis: usize) -> Vec<Range<usize>> {
+        let (size, count) = (self.size[axis], coarse.size[axis]);
+        let ratio = coarse.spacing[axis] / self.spacing[axis];
+        let overhang = self.overhang(count, coarse.spacing[axis], axis);
+        let first = |c: usize| {
+            let border = (c as f64 - 0.5) * ratio - overhang;
+            let whole = border.round();
+            let border = if (border - whole).abs() < 1e-6 { whole } else { border };
+            let first = if 2 * c < count { border.floor() + 1.0 } else { border.ceil() };
+            (first.max(0.0) as usize).min(size)
+        };
+        (0..count).map(|c| first(c)..first(c + 1)).collect()
+    }
+
+    /// How many of its voxels lie between the first one of a grid with the same middle, `size` voxels of `spacing` mm, and the
+    /// first of its own.
+    fn overhang(&self, size: usize, spacing: f64, axis: usize) -> f64 {
+        0.5 * ((size - 1) as f64 * spacing / self.spacing[axis] - (self.size[axis] - 1) as f64)
     }
 }
 
@@ -260,6 +284,25 @@ mod tests {
         let middle = |g: &Grid| nalgebra::center(&g.corners()[0], &g.corners()[7]);
         assert!((middle(&c) - middle(&g)).norm() < 1e-9);
         assert_eq!(g.coarsened(1.0).size()[0], 469);
+    }
+
+    #[test]
+    fn voxels_belong_to_one_coarse_voxel_each_and_backwards_to_its_mirror_image() {
+        for size in 1..120 {
+            for ratio in [1.0, 4.0 / 3.0, 2.0, 2.5, 4.0, 4.0 / 0.98, 8.0] {
+                let fine = Grid::axis_aligned([size, 1, 1], [1.0; 3], [0.0; 3]).unwrap();
+                let grid = fine.coarsened(ratio);
+                let (coarse, ranges) = (grid.size()[0], fine.voxels_by_nearest(&grid, 0));
+                let owner = |voxel: usize| ranges.iter().position(|r| r.contains(&voxel)).unwrap();
+                assert_eq!(ranges.iter().map(|r| r.len()).sum::<usize>(), size, "{size} {ratio}");
+                for voxel in (0..size).filter(|v| 2 * v + 1 != size) {
+                    assert_eq!(owner(size - 1 - voxel), coarse - 1 - owner(voxel), "{size} {ratio} {voxel}");
+                    // Nearest in the world, where the coarse voxels lie.
+                    let apart = fine.centre([voxel, 0, 0]).x - grid.centre([owner(voxel), 0, 0]).x;
+                    assert!(apart.abs() <= 0.5 * ratio + 1e-6, "{size} {ratio} {voxel}: {apart}");
+                }
+            }
+        }
     }
 
     proptest! {

@@ -7,7 +7,7 @@ use crate::chainmail::{
 };
 use crate::error::Result;
 use crate::field::Resampling;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 fn resolve(toml: &str) -> Result<Config> {
     let value: Value = toml::from_str(toml).unwrap();

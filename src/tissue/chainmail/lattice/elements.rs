@@ -29,22 +29,6 @@ pub struct Lattice {
 /// Share of a node's voxels that must carry a bone label for the node to be bone.
 const BONE_SHARE: f64 = 1.0 / 3.0;
 
-/// The fine voxels that belong to each coarse index along one axis: those that lie nearest, the middles being the same.
-///
-/// A voxel half-way between two belongs to the outer one, so that storing the image backwards changes nothing (but for a
-/// voxel in the very middle).
-fn ranges(fine: usize, coarse: usize, ratio: f64) -> Vec<Range<usize>> {
-    let beyond = 0.5 * ((coarse - 1) as f64 * ratio - (fine - 1) as f64);
-    let first = |c: usize| {
-        let border = (c as f64 - 0.5) * ratio - beyond;
-        let whole = border.round();
-        let border = if (border - whole).abs() < 1e-6 { whole } else { border };
-        let first = if 2 * c < coarse { border.floor() + 1.0 } else { border.ceil() };
-        (first.max(0.0) as usize).min(fine)
-    };
-    (0..coarse).map(|c| first(c)..first(c + 1)).collect()
-}
-
 /// What the chain mail is built from, all on the planning grid.
 pub struct Tissue<'a> {
     /// Planning CT, HU.
@@ -96,8 +80,7 @@ impl Lattice {
         let origin: Point3<f64> = inner.world(&Vector3::new(-1.0, -1.0, -1.0));
         let grid = Grid::new(size, inner.spacing(), origin, *inner.direction())
             .expect("a padded grid of a legal grid is legal");
-        let axis = |a: usize| ranges(fine.size()[a], inner.size()[a], inner.spacing()[a] / fine.spacing()[a]);
-        let (xs, ys, zs) = (axis(0), axis(1), axis(2));
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| fine.voxels_by_nearest(&inner, axis));
         // Voxels of a node along one axis; none on the border.
         let inner = |ranges: &'_ [Range<usize>], n: usize| n.checked_sub(1).and_then(|n| ranges.get(n).cloned());
         let of_node = |n: usize| {
@@ -242,27 +225,5 @@ fn classify(
             (Node::Soft, organ().unwrap_or_else(|| material.at((hu / active as f64) as f32)))
         }
         _ => (Node::Outside, RIGID),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn voxels_belong_to_one_element_each_and_backwards_to_its_mirror_image() {
-        for fine in 1..120 {
-            for ratio in [1.0, 4.0 / 3.0, 2.0, 2.5, 4.0, 4.0 / 0.98, 8.0] {
-                let coarse = ((fine - 1) as f64 / ratio - 1e-9).ceil() as usize + 1;
-                let ranges = ranges(fine, coarse, ratio);
-                let owner = |voxel: usize| ranges.iter().position(|r| r.contains(&voxel)).unwrap();
-                assert_eq!(ranges.iter().map(|r| r.len()).sum::<usize>(), fine, "{fine} {ratio}");
-                for voxel in (0..fine).filter(|v| 2 * v + 1 != fine) {
-                    assert_eq!(owner(fine - 1 - voxel), coarse - 1 - owner(voxel), "{fine} {ratio} {voxel}");
-                    let from = (owner(voxel) as f64 - 0.5 * (coarse - 1) as f64) * ratio;
-                    assert!((voxel as f64 - 0.5 * (fine - 1) as f64 - from).abs() <= 0.5 * ratio + 1e-6);
-                }
-            }
-        }
     }
 }

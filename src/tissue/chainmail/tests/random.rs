@@ -1,7 +1,7 @@
 //! Waves over scenes drawn at random: least times, packed cells, threads.
 
-use super::super::waves::front::FrontRules;
-use super::super::waves::ordered::engine::Source;
+use super::super::waves::blend::{first_in_order, in_order};
+use super::super::waves::front::{FrontRules, Source};
 use super::super::waves::shortest::arrival::{Medium, came};
 use super::super::waves::shortest::brick::value;
 use super::super::waves::shortest::slabs::FirstArrivals;
@@ -101,27 +101,25 @@ proptest! {
         }
     }
 
-    /// Packed waves find the times of the general engine, bit by bit, whatever the links and their law; the owner is the
-    /// first of the bones that come first.
+    /// The one contract of both ways to find a wave: with the same settings packed cells have the times of one element at a
+    /// time, bit by bit, whatever the links and their law; the owner is the first of the bones that come first.
     #[test]
-    fn packed_waves_are_the_engines(lattice in random_scene()) {
+    fn both_ways_find_the_same_times(lattice in random_scene()) {
         let t = [Rigid::translation(1.0, 0.0, 0.0), Rigid::translation(0.0, -1.0, 0.5)];
         let c = [Point3::origin(); 2];
         let bones = Initiators { transforms: &t, centroids: &c };
         for front in [Front::Round, Front::Rhombus] {
             for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff, LinkTime::Literal] {
                 for cutoff in [800.0, 9.0] {
-                    let of = |lattice: &Lattice, carry| {
-                        first_wave(lattice, &bones, &Variant { front, link_time, cutoff, carry, ..variant() })
-                    };
-                    let (packed, general) = (of(&lattice, Carry::Rigid), of(&lattice, Carry::Translation));
+                    let rigid = Variant { front, link_time, cutoff, carry: Carry::Rigid, ..variant() };
+                    let (packed, general) = (superpose::first_wave(&lattice, &rigid), first_in_order(&lattice, &bones, &rigid));
                     prop_assert_eq!(&packed.time, &general.time);
                     prop_assert_eq!(packed.order.len(), general.order.len());
                     // Each bone alone: the other one is as impassable as air.
                     let alone = [0u16, 1].map(|b| {
                         let apart = |n: &Node| if *n == Node::Bone(1 - b) { Node::Outside } else { *n };
                         let node = lattice.node.iter().map(apart).collect();
-                        of(&Lattice::from_nodes(lattice.grid.clone(), node, lattice.constraint.clone()), Carry::Rigid).time
+                        superpose::first_wave(&Lattice::from_nodes(lattice.grid.clone(), node, lattice.constraint.clone()), &rigid).time
                     });
                     for &n in &lattice.active {
                         let n = n as usize;
@@ -131,6 +129,34 @@ proptest! {
                             (_, false) => None,
                         };
                         prop_assert_eq!(packed.owner[n], first);
+                        // Of bones that come at the same time the general way takes either.
+                        prop_assert!(general.owner[n] == first || alone[0][n] == alone[1][n]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// And the same displacements, but for the rounding of motions that one takes row by row, also where waves are pruned.
+    #[test]
+    fn both_ways_find_the_same_displacements(lattice in random_scene(), turn in prop::array::uniform3(-2.0f64..2.0)) {
+        let t = [Rigid::new(Vector3::new(1.0, 0.3, -0.4), Vector3::from(turn)), Rigid::translation(0.0, -1.0, 0.5)];
+        let bones = Initiators { transforms: &t, centroids: &[Point3::origin(); 2] };
+        for front in [Front::Round, Front::Rhombus] {
+            for link_time in [LinkTime::SlowInStiff, LinkTime::FastInStiff, LinkTime::Literal] {
+                for (combination, exponent, prune_ratio) in [
+                    (Combination::Superposition, 4.0, 0.0),
+                    (Combination::Superposition, 2.5, 3.0),
+                    (Combination::Prioritisation, 4.0, 0.0),
+                ] {
+                    let rigid = Variant { front, link_time, combination, exponent, prune_ratio, carry: Carry::Rigid, ..variant() };
+                    let (packed, general) = (superpose::spread(&lattice, &bones, &rigid).0, in_order(&lattice, &bones, &rigid));
+                    let (first, second) = (superpose::first_wave(&lattice, &rigid), first_in_order(&lattice, &bones, &rigid));
+                    for (&n, (u, v)) in lattice.active.iter().zip(packed.iter().zip(&general)) {
+                        let (Some(u), Some(v)) = (u, v) else { prop_assert!(u == v); continue };
+                        let tied = first.owner[n as usize] != second.owner[n as usize];
+                        let apart = (0..3).map(|a| (u[a] - v[a]).abs()).fold(0.0, f32::max);
+                        prop_assert!(apart < 1e-5 || tied && combination == Combination::Prioritisation, "{} at {}", apart, n);
                     }
                 }
             }

@@ -1,6 +1,5 @@
 //! How far waves go, and who takes what they bring.
 
-use super::super::waves::ordered::engine;
 use super::super::waves::shortest::arrival;
 use super::super::waves::{front, prolongation};
 use super::*;
@@ -15,9 +14,9 @@ fn waves_of_a_long_body_stay_near_their_bones() {
     let lattice = scene(&[&[&soft, &bones, &soft]]);
     let rules = front::FrontRules::of(&Variant { cutoff: 1e5, ..variant() });
     let medium = arrival::Medium::new(&lattice, rules);
-    let latest = medium.latest(&medium.times(engine::Source::AnyBone, None), 4.0);
+    let latest = medium.latest(&medium.times(front::Source::AnyBone, None), 4.0);
     let reached = |bone: u8, latest| {
-        let wave = medium.times(engine::Source::Bone(u16::from(bone - b'A')), latest);
+        let wave = medium.times(front::Source::Bone(u16::from(bone - b'A')), latest);
         wave.times.iter().flat_map(|t| t.0).filter(|&t| arrival::came(t, wave.limit)).count()
     };
     let all = lattice.soft().count();

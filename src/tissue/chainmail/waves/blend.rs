@@ -5,8 +5,8 @@ use super::super::lattice::Node;
 use super::super::variants::{Carry, Combination, Order, Structures, Variant};
 use super::average::{FirstWave, each_active, weight, weighted_mean};
 use super::carry::{Carrier, Initiators};
-use super::front::{FrontRules, NEVER, TICKS};
-use super::ordered::engine::{Scene, Source, Wave, run};
+use super::front::{FrontRules, NEVER, Source, TICKS};
+use super::ordered::engine::{Scene, Wave, run};
 use super::superpose;
 use rayon::prelude::*;
 
@@ -34,6 +34,11 @@ pub fn first_wave(lattice: &Lattice, bones: &Initiators<'_>, variant: &Variant) 
     if only_times(variant) {
         return superpose::first_wave(lattice, variant);
     }
+    first_in_order(lattice, bones, variant)
+}
+
+/// As [`first_wave`], one element at a time.
+pub(in crate::chainmail) fn first_in_order(lattice: &Lattice, bones: &Initiators<'_>, variant: &Variant) -> FirstWave {
     let wave = run(&Scene::new(lattice, bones, variant), Source::AnyBone, None);
     let trace = wave.trace;
     let reached = |n: usize| wave.time[n] != NEVER;
@@ -54,6 +59,15 @@ pub fn spread(lattice: &Lattice, bones: &Initiators<'_>, variant: &Variant) -> V
     if only_times(variant) {
         return superpose::spread(lattice, bones, variant).0;
     }
+    in_order(lattice, bones, variant)
+}
+
+/// As [`spread`], one element at a time.
+pub(in crate::chainmail) fn in_order(
+    lattice: &Lattice,
+    bones: &Initiators<'_>,
+    variant: &Variant,
+) -> Vec<Option<[f32; 3]>> {
     let scene = Scene::new(lattice, bones, variant);
     match variant.combination {
         Combination::Superposition => weigh(&scene, bones, variant),

@@ -1,6 +1,6 @@
 //! The rules of a front: which links it runs along, how long it takes, and which element is processed next.
 
-use super::super::lattice::Lattice;
+use super::super::lattice::{Lattice, Node};
 use super::super::variants::{Front, LinkTime, Variant};
 use crate::geometry::stencil::{NEIGHBOURS_6, NEIGHBOURS_26};
 use nalgebra::Vector3;
@@ -17,6 +17,29 @@ const TWO_POW_23: f32 = 8_388_608.0;
 pub(in crate::chainmail) const TICKS_ZERO: i32 = TWO_POW_23.to_bits() as i32;
 /// No link takes longer, ticks: reached at spacings beyond a metre.
 pub(in crate::chainmail) const MOST_TICKS: f32 = 8e6;
+
+/// Times beyond this do not count, whatever the cut-off: sums stay far from overflow.
+const MOST: f64 = (1 << 30) as f64;
+
+/// Where a wave starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// One bone of the skeleton.
+    Bone(u16),
+    /// All bones at once: each element follows the one that reaches it first.
+    AnyBone,
+}
+
+impl Source {
+    /// The bone of a node from which the wave starts; `None` in others.
+    pub fn holds(self, node: Node) -> Option<u16> {
+        match (self, node) {
+            (Self::Bone(b), Node::Bone(n)) if b == n => Some(b),
+            (Self::AnyBone, Node::Bone(n)) => Some(n),
+            _ => None,
+        }
+    }
+}
 
 /// One of the links of every element.
 #[derive(Debug, Clone, Copy)]
@@ -95,10 +118,16 @@ impl FrontRules {
             .collect()
     }
 
-    /// The most ticks that a link of this length can take.
-    pub fn longest(&self, length: f64) -> u32 {
-        let factor = self.factor(length);
-        self.ticks(factor, 0.0).max(self.ticks(factor, 20.0))
+    /// The least and the most ticks that links can take between nodes of relative shear up to this.
+    pub fn ticks_of(&self, hops: &[Hop], greatest_shear: f32) -> [u32; 2] {
+        let ends = |hop: &Hop| [0.0, 2.0 * greatest_shear].map(|shears| self.ticks(self.factor(hop.mm), shears));
+        let ticks = || hops.iter().flat_map(ends);
+        [ticks().min(), ticks().max()].map(|t| t.unwrap_or(1))
+    }
+
+    /// The latest time that counts, ticks.
+    pub fn limit(&self) -> u32 {
+        (self.cutoff * TICKS).min(MOST) as u32
     }
 
     /// Ticks from one node to a neighbour.

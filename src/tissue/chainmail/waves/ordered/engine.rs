@@ -1,31 +1,12 @@
-//! The propagation: one loop for every variant of which more than first arrivals is asked (those alone are `arrival`'s). A queue says which element is processed next, a carrier what its links
-//! hand on, the source which bones send out the wave.
+//! The propagation: one loop for every variant of which more than first arrivals is asked (those alone are `shortest`'s). A queue
+//! says which element is processed next, a carrier what its links hand on, the source which bones send out the wave.
 
 use super::super::super::lattice::Lattice;
 use super::super::super::lattice::Node;
 use super::super::super::variants::{Order, Structures};
 use super::super::carry::{Carrier, Parcel};
-use super::super::front::{FrontRules, Hop, NEVER, TICKS};
+use super::super::front::{FrontRules, Hop, NEVER, Source};
 use super::queue::{BucketQueue, HeapQueue, Queue};
-
-/// Where a wave starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// One bone of the skeleton.
-    Bone(u16),
-    /// All bones at once: each element follows the one that reaches it first.
-    AnyBone,
-}
-
-impl Source {
-    fn holds(self, node: Node) -> Option<u16> {
-        match (self, node) {
-            (Self::Bone(b), Node::Bone(n)) if b == n => Some(b),
-            (Self::AnyBone, Node::Bone(n)) => Some(n),
-            _ => None,
-        }
-    }
-}
 
 /// Everything that the waves of one propagation share.
 pub struct Scene<'a> {
@@ -91,7 +72,8 @@ impl Info {
 pub fn run(scene: &Scene<'_>, source: Source, latest: Option<&[u32]>) -> Wave {
     let links = scene.rules.links(scene.lattice);
     if scene.order == Order::Timestamps && scene.structures == Structures::None {
-        let queue = BucketQueue::new(&scene.rules, links.iter().map(|h| h.mm));
+        let shear = scene.lattice.constraint.iter().fold(0f32, |most, c| most.max(c.shear));
+        let queue = BucketQueue::new(scene.rules.ticks_of(&links, shear)[1]);
         return Engine::new(scene, links, queue, latest).run(source);
     }
     Engine::new(scene, links, HeapQueue::new(scene.order, scene.structures), latest).run(source)
@@ -118,8 +100,16 @@ impl<'a, Q: Queue> Engine<'a, Q> {
             parent: vec![u32::MAX; n],
             info: vec![Info::default(); if queue.averages() { n } else { 0 }],
         };
-        let limit = (scene.rules.cutoff * TICKS).min(f64::from(u32::MAX / 2)) as u32;
-        Self { scene, links, limit, latest, queue, rank: vec![Q::NEVER; n], done: vec![false; n], trace }
+        Self {
+            scene,
+            links,
+            limit: scene.rules.limit(),
+            latest,
+            queue,
+            rank: vec![Q::NEVER; n],
+            done: vec![false; n],
+            trace,
+        }
     }
 
     fn run(mut self, source: Source) -> Wave {

@@ -1,7 +1,6 @@
 //! Which element is processed next: the queues behind the propagation.
 
 use super::super::super::variants::{Order, Structures};
-use super::super::front::FrontRules;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -42,9 +41,8 @@ pub struct BucketQueue {
 }
 
 impl BucketQueue {
-    /// A queue for links of these lengths, mm.
-    pub fn new(rules: &FrontRules, lengths: impl Iterator<Item = f64>) -> Self {
-        let slowest = lengths.map(|l| rules.longest(l)).max().unwrap_or(1);
+    /// A queue for links that take so many ticks at most.
+    pub fn new(slowest: u32) -> Self {
         Self { buckets: vec![Vec::new(); slowest as usize + 1], now: 0, slot: 0, waiting: 0 }
     }
 }

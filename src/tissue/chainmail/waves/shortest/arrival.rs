@@ -6,14 +6,12 @@
 
 use super::super::super::lattice::Lattice;
 use super::super::super::lattice::Node;
-use super::super::front::{FrontRules, Hop, TICKS};
+use super::super::front::{FrontRules, Hop};
 use super::brick::{Brick, Bricks, CELLS, TILE, in_tile};
 use rayon::prelude::*;
 
-/// Time that no wave has come, in cells; all others are below [`MOST`].
+/// Time that no wave has come, in cells; all others are at most [`FrontRules::limit`].
 pub(in crate::chainmail) const LATE: i32 = i32::MAX;
-/// Times beyond this do not count, whatever the cut-off: sums stay far from overflow.
-const MOST: f64 = (1 << 30) as f64;
 
 /// Links of a cell to the cells of one brick.
 #[derive(Debug, Clone, Copy)]
@@ -88,14 +86,12 @@ impl Medium {
         });
         let hops = rules.links(lattice);
         let greatest = shear.iter().flat_map(|b| b.0).fold(0f32, f32::max);
-        let ticks =
-            || hops.iter().flat_map(|h| [0.0, 2.0 * greatest].map(|shears| rules.ticks(rules.factor(h.mm), shears)));
         let mut medium = Self {
             low,
             bricks,
             links: std::array::from_fn(|at| links_of(at, &hops, &rules, bricks)),
-            limit: (rules.cutoff * TICKS).min(MOST) as i32,
-            ticks: [ticks().min(), ticks().max()].map(|t| t.unwrap_or(1) as i32),
+            limit: rules.limit() as i32,
+            ticks: rules.ticks_of(&hops, greatest).map(|t| t as i32),
             rules,
             shear,
             rest,

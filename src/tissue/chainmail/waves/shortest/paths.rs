@@ -1,6 +1,6 @@
 //! Waves as shortest paths through a medium: from one bone, from all at once, and the latest times that still count.
 
-use super::super::ordered::engine::Source;
+use super::super::front::Source;
 use super::arrival::{Arrival, LATE, Medium, came};
 use super::brick::{Brick, CELLS, value};
 use super::dial::Search;
