@@ -139,7 +139,7 @@ impl Registration {
             let more = write.as_ref().map(|write| write as &report::More<'_>);
             let contours = clinic.as_ref().and_then(|(clinic, _)| clinic.contours());
             let saving = Saving { command: COMMAND, view, contours, more };
-            report::save(case, outcome, config, runtime, (held, out), saving).map(drop)
+            report::save(case, outcome, config, runtime, held, out, saving).map(drop)
         })
     }
 

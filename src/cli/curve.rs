@@ -95,7 +95,7 @@ pub fn run(args: &CurveArgs) -> Result<String> {
         }
     }
     if let Some((stage, config)) = stages.iter().find(|(stage, _)| stage.settings.is_empty()) {
-        entries.extend(by_threads(args, &case, (config, &points[stage.id.as_str()]), &runtime)?);
+        entries.extend(by_threads(args, &case, config, &points[stage.id.as_str()], &runtime)?);
     }
     folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
@@ -113,7 +113,8 @@ pub fn run(args: &CurveArgs) -> Result<String> {
 fn by_threads(
     args: &CurveArgs,
     case: &Case,
-    (config, all): (&Config, &CurvePoint),
+    config: &Config,
+    all: &CurvePoint,
     runtime: &Runtime,
 ) -> Result<Vec<CurveEntry>> {
     let most = runtime.threads();
@@ -143,7 +144,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
     let flags = Flags { planning: &args.planning, bones: &args.bones, labels: &args.labels, ..Flags::default() };
     let inputs = Inputs::new(&flags, &[])?;
     let planning = inputs.load(&[], &Config::default(), runtime)?;
-    let read = || inputs.fraction((fraction, args.landmarks.as_deref()), &[]);
+    let read = || inputs.fraction(fraction, args.landmarks.as_deref(), &[]);
     let fraction_scan = runtime.stage("read the fraction", read)?;
     Ok((fraction.display().to_string(), Case { planning, fraction: fraction_scan }))
 }

@@ -57,7 +57,7 @@ pub fn run(args: &DemoArgs) -> Result<String> {
         let all = FILES.iter().map(|(name, what)| OutputFile::written(&args.out, &format!("{FOLDER}/{name}"), what));
         Ok((all.collect::<Result<_>>()?, Vec::new()))
     };
-    write_run(&case, outcome, &config, &runtime, (folder, &args.out, Some(&listed)), Told::of(&args.run))
+    write_run(&case, outcome, &config, &runtime, folder, &args.out, Told::of(&args.run).with(&listed))
 }
 
 /// Writes what is registered, side by side.
@@ -87,6 +87,6 @@ fn read([planning, bones, fraction, landmarks]: [PathBuf; 4], config: &Config, r
     let flags = Flags { planning: &Some(planning), bones: &Some(bones), ..Flags::default() };
     let inputs = Inputs::new(&flags, &[])?;
     let planning = inputs.load(&[], config, runtime)?;
-    let fraction = runtime.stage("read the fraction", || inputs.fraction((&fraction, Some(&landmarks)), &[]))?;
+    let fraction = runtime.stage("read the fraction", || inputs.fraction(&fraction, Some(&landmarks), &[]))?;
     Ok(Case { planning, fraction })
 }

@@ -103,7 +103,7 @@ pub(super) fn take(
         }
         Some(_) if !onward => {}
         _ if sure => {}
-        _ => ledger.warnings.extend(doubt(&file, (from, to), field.value.grid(), known)),
+        _ => ledger.warnings.extend(doubt(&file, from, to, field.value.grid(), known)),
     }
     Ok(ledger.take(option.trim_start_matches("--"), field))
 }
@@ -151,7 +151,7 @@ fn fit(field: &Grid, image: &Grid) -> Fit {
 }
 
 /// A word about a field without a direction that lies on the grid of another frame than the one that it should start from.
-pub(super) fn doubt(file: &str, (from, to): (&str, &str), field: &Grid, known: &[Known<'_>]) -> Option<Warning> {
+pub(super) fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Known<'_>]) -> Option<Warning> {
     let best = |own: bool| {
         let all = known.iter().filter(|k| (k.frame == from) == own);
         all.map(|k| (fit(field, k.grid), k)).min_by_key(|(fit, _)| *fit)
@@ -169,7 +169,8 @@ pub(super) fn doubt(file: &str, (from, to): (&str, &str), field: &Grid, known: &
 
 /// Reads the given direction or directions of a case's field and makes the missing one on the grid of its frame.
 pub(super) fn pair(
-    (push, pull): (Option<&Path>, Option<&Path>),
+    push: Option<&Path>,
+    pull: Option<&Path>,
     option: Option<&'static str>,
     [planning, fraction]: [Option<&Grid>; 2],
     known: &[Known<'_>],
@@ -219,13 +220,13 @@ mod tests {
         let grid = |n: usize, spacing: f64, x: f64| Grid::axis_aligned([n; 3], [spacing; 3], [x, 0.0, 0.0]).unwrap();
         let (planning, fraction, near) = (grid(40, 2.0, 0.0), grid(40, 2.0, 30.0), grid(40, 2.0, 1.0));
         let asked = |field: &Grid, planning: &Grid, fraction: &Grid| {
-            doubt("f.mha", ("planning", "fraction"), field, &known(planning, fraction)).is_some()
+            doubt("f.mha", "planning", "fraction", field, &known(planning, fraction)).is_some()
         };
         assert!(asked(&fraction, &planning, &fraction) && !asked(&planning, &planning, &fraction));
         // A coarser field over the fraction; one image grid for both; a grid next to it; a field on neither.
         assert!(asked(&grid(20, 4.0, 31.0), &planning, &fraction) && !asked(&grid(20, 4.0, 1.0), &planning, &fraction));
         assert!(!asked(&planning, &planning, &planning) && asked(&near, &planning, &near));
         assert!(!asked(&grid(7, 5.0, 9.0), &planning, &fraction));
-        assert!(doubt("f.mha", ("planning", "fraction"), &fraction, &known(&planning, &fraction)[1..]).is_none());
+        assert!(doubt("f.mha", "planning", "fraction", &fraction, &known(&planning, &fraction)[1..]).is_none());
     }
 }

@@ -69,7 +69,7 @@ impl Finished {
             return Ok(None);
         };
         let landmarks = file.inputs.iter().find(|i| i.role == "landmarks").map(|i| i.path.as_path());
-        let read = || inputs.fraction((&fraction.path, landmarks), &file.inputs);
+        let read = || inputs.fraction(&fraction.path, landmarks, &file.inputs);
         let scan = runtime.stage("read the fraction", read)?;
         unchanged(&scan.inputs, file)?;
         Ok(Some(scan))

@@ -188,7 +188,8 @@ impl Inputs {
     /// When a file cannot be read or used.
     pub(super) fn fraction(
         &self,
-        (file, landmarks): (&Path, Option<&Path>),
+        file: &Path,
+        landmarks: Option<&Path>,
         recorded: &[RecordedInput],
     ) -> Result<FractionScan> {
         let image = io::read_image(file)?;

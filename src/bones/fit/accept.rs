@@ -1,6 +1,6 @@
 //! Whether a fit is one: enough of the bones found, not mirrored, not stretched; and the likely cause where it is none.
 
-use super::mirror::{as_they_are, likely_way, twins};
+use super::mirror::{Seen, as_they_are, likely_way, twins};
 use super::planning::BoneSamples;
 use super::samples::Samples;
 use super::scale::Scale;
@@ -33,17 +33,19 @@ pub(super) fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
 
 /// Judges a fit that has found a share of the bones of at least [`LEAST_FOUND`].
 ///
-/// `samples`: all bones at the start's resolution, as in planning and as the fit has posed them; `fraction` likewise.
+/// `seen`: all bones and the fraction at the start's resolution; `posed`: the bones as the fit has posed them.
 ///
 /// # Errors
 /// [`Error::Registration`] where the fraction is mirrored or stretched.
 pub(super) fn accept(
     fit: &mut FitResult,
-    (scale, found): (&Scale, f64),
-    (samples, fraction): ((&Samples, &Samples), &Tissue),
+    scale: &Scale,
+    found: f64,
+    seen: Seen<'_>,
+    posed: &Samples,
     measure: Measure,
 ) -> Result<()> {
-    let twins = twins(samples, fraction, &fit.common, measure)?;
+    let twins = twins(seen, posed, &fit.common, measure)?;
     fit.warnings.extend(twins.judge()?);
     fit.warnings.extend(scale.judge()?);
     if found < MOST_FOUND {
@@ -65,9 +67,12 @@ pub(super) fn accept(
 /// # Errors
 /// [`Error::Internal`] when a resolution has no samples.
 pub(super) fn not_found(
-    (fit, found): (&FitResult, f64),
-    coarse: (&Samples, &Tissue),
-    (samples, fraction, skeleton): (&BoneSamples, &Volume<f32>, &Skeleton),
+    fit: &FitResult,
+    found: f64,
+    coarse: Seen<'_>,
+    samples: &BoneSamples,
+    fraction: &Volume<f32>,
+    skeleton: &Skeleton,
     options: &FitOptions,
 ) -> Result<Error> {
     let finer = options.levels.first().and_then(|&l| Some((samples.at(l)?, Tissue::blurred(fraction, l.0))));
@@ -79,7 +84,8 @@ pub(super) fn not_found(
         fit.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).count(),
         fit.bones.len()
     );
-    Ok(match likely_way(coarse, (&drawn.all, &fine), own, options.measure) {
+    let finer = Seen { samples: &drawn.all, fraction: &fine };
+    Ok(match likely_way(coarse, finer, own, options.measure) {
         Some((way, share)) => Error::failed(
             "fraction-turned",
             format!(

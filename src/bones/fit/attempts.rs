@@ -3,7 +3,7 @@
 use super::accept::{LEAST_FOUND, accept, not_found};
 use super::given::given;
 use super::level::Level;
-use super::mirror::posed;
+use super::mirror::{Seen, posed};
 use super::planning::BoneSamples;
 use super::rivals::best_level;
 use super::schedule::{Fitter, Start, Tried};
@@ -40,6 +40,7 @@ pub fn fit_pose(
         found.into_iter().map(of).collect()
     };
     let (all, image) = (&level.drawn.all, &level.fraction);
+    let seen = Seen { samples: all, fraction: image };
     let fresh = !matches!(start, FitStart::Placed(_));
     let mut doubt = None;
     let starts = match &start {
@@ -56,12 +57,12 @@ pub fn fit_pose(
     };
     let mut refused = None;
     for begin in starts {
-        let mut tried = fitter.from(begin, (samples, fraction), fresh, progress)?;
+        let mut tried = fitter.from(begin, samples, fraction, fresh, progress)?;
         if fresh && tried.found >= LEAST_FOUND {
             let again = |common| {
                 let share = level.explained(&common, options.measure);
                 let begin = Start { common, share, transforms: vec![common; skeleton.bones.len()] };
-                fitter.from(begin, (samples, fraction), true, progress)
+                fitter.from(begin, samples, fraction, true, progress)
             };
             let explained = |common: &Rigid| level.explained(common, options.measure);
             tried = best_level(&fitter, tried, fraction.grid(), again, explained)?;
@@ -69,7 +70,7 @@ pub fn fit_pose(
         if tried.found >= LEAST_FOUND {
             let Tried { mut fit, found, scale, .. } = tried;
             let posed = posed(&level.drawn.bones, &fit.transforms);
-            accept(&mut fit, (&scale, found), ((all, &posed), image), options.measure)?;
+            accept(&mut fit, &scale, found, seen, &posed, options.measure)?;
             if let FitStart::Near(known) = &start {
                 fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
             }
@@ -80,5 +81,5 @@ pub fn fit_pose(
     }
     let Tried { fit, found, scale, .. } = refused.ok_or_else(|| Error::Internal("a fit without a start".into()))?;
     scale.judge()?;
-    Err(not_found((&fit, found), (all, image), (samples, fraction, skeleton), options)?)
+    Err(not_found(&fit, found, seen, samples, fraction, skeleton, options)?)
 }

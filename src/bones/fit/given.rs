@@ -5,6 +5,7 @@ use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::Measure;
 use super::solver::solve;
+use super::stop::Stop;
 use super::{BoneFit, DeterminedBy, FitResult};
 use crate::error::{Error, Result};
 use crate::evaluate::rigidity::best_rigid;
@@ -187,7 +188,7 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
             visible: 0.0,
             similarity_before: None,
             similarity_after: None,
-            stop: known[b].as_ref().map_or_else(|| "follows its joint".into(), |k| k.source.clone()),
+            stop: known[b].as_ref().map_or(Stop::FollowsJoint, |k| Stop::Other(k.source.clone())),
             position_sd_mm: sd,
             rotation_sd_deg: if sd < f64::MAX { (sd / radius(bone)).to_degrees() } else { f64::MAX },
             unsettled_mm: 0.0,

@@ -75,13 +75,22 @@ pub(super) fn posed(bones: &[Samples], transforms: &[Rigid]) -> Samples {
     all
 }
 
+/// What is compared at one resolution.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<'a> {
+    /// All bones as planning shows them.
+    pub(super) samples: &'a Samples,
+    /// The fraction.
+    pub(super) fraction: &'a Tissue,
+}
+
 /// Refines the bones and their mirror image from `start` (planning to fraction, LPS mm). `posed` are the bones in the fraction.
 ///
 /// # Errors
 /// As the solver.
 pub(super) fn twins(
-    (samples, posed): (&Samples, &Samples),
-    fraction: &Tissue,
+    Seen { samples, fraction }: Seen<'_>,
+    posed: &Samples,
     start: &Rigid,
     measure: Measure,
 ) -> Result<Twins> {
@@ -156,17 +165,17 @@ const LIKELY: f64 = 0.15;
 /// The likely reason why no bone is found: the way in which the bones explain the fraction best. `coarse` and `fine` are the
 /// bones and the fraction at the start's resolution and at a finer one; `explained` is what the bones explain there as they are.
 pub(super) fn likely_way(
-    (samples, coarse): (&Samples, &Tissue),
-    (fine_samples, fine): (&Samples, &Tissue),
+    coarse: Seen<'_>,
+    fine: Seen<'_>,
     explained: f64,
     measure: Measure,
 ) -> Option<(&'static str, f64)> {
-    let centre = Bones::new(samples).centre;
+    let centre = Bones::new(coarse.samples).centre;
     let of_way = |(name, map): (&'static str, Matrix3<f64>)| {
-        let starts = upright_motions(&under(samples, &centre, &map), coarse, measure).ok()?;
-        let placed = under(fine_samples, &centre, &map);
+        let starts = upright_motions(&under(coarse.samples, &centre, &map), coarse.fraction, measure).ok()?;
+        let placed = under(fine.samples, &centre, &map);
         let bones = Bones::new(&placed);
-        let shares = starts.iter().filter_map(|(t, _)| bones.explained(fine, t, measure).ok());
+        let shares = starts.iter().filter_map(|(t, _)| bones.explained(fine.fraction, t, measure).ok());
         let best = shares.map(|(share, visible)| share * visible).fold(0.0, f64::max);
         Some((name, best))
     };

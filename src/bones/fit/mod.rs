@@ -6,6 +6,7 @@ pub use planning::BoneSamples;
 pub use prior::BeyondRange;
 pub use similarity::Measure;
 pub use start::FitStart;
+pub use stop::Stop;
 
 use crate::geometry::Rigid;
 use crate::skeleton::Pose;
@@ -26,7 +27,7 @@ pub struct BoneFit {
     /// Similarity after the fit.
     pub similarity_after: Option<f64>,
     /// Why the last optimisation that moved this bone stopped.
-    pub stop: String,
+    pub stop: Stop,
     /// How far the optimisation's next step would have moved the bone, mm: next to nothing where it has settled.
     #[serde(default)]
     pub unsettled_mm: f64,
@@ -46,7 +47,7 @@ pub struct BoneFit {
 impl BoneFit {
     /// Whether the last optimisation that moved this bone used up its iterations.
     pub fn hit_limit(&self) -> bool {
-        self.stop.starts_with(solver::ITERATION_LIMIT)
+        matches!(self.stop, Stop::IterationLimit(_))
     }
 }
 
@@ -88,6 +89,7 @@ mod schedule;
 mod similarity;
 mod solver;
 mod start;
+mod stop;
 #[cfg(test)]
 mod tests;
 mod tissue;

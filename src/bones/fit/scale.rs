@@ -66,7 +66,8 @@ struct Placed {
 pub(super) fn scale(
     bones: &[Samples],
     transforms: &[Rigid],
-    (determined, apart): (&[bool], [Option<f64>; 3]),
+    determined: &[bool],
+    apart: [Option<f64>; 3],
     fraction: &Tissue,
     measure: Measure,
 ) -> Scale {

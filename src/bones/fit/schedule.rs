@@ -10,6 +10,7 @@ use super::scale::{Scale, distances, joined, scale};
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
+use super::stop::Stop;
 use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::geometry::{Rigid, about};
@@ -98,13 +99,14 @@ impl<'a> Fitter<'a> {
     pub(super) fn from(
         &self,
         Start { common, share, mut transforms }: Start,
-        (samples, fraction): (&'a BoneSamples, &Volume<f32>),
+        samples: &'a BoneSamples,
+        fraction: &Volume<f32>,
         fresh: bool,
         progress: &dyn Progress,
     ) -> Result<Tried> {
         let (skeleton, options) = (self.skeleton, self.options);
         let steps = 1 + options.outward.len() + options.levels.len();
-        let mut stops = vec![String::from("follows its joint"); skeleton.bones.len()];
+        let mut stops = vec![Stop::FollowsJoint; skeleton.bones.len()];
         let mut level: Option<Level<'_>> = None;
         for (n, &resolution) in options.outward.iter().enumerate() {
             progress.step(1 + n, steps, "bone by bone");
@@ -138,7 +140,7 @@ impl<'a> Fitter<'a> {
         let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == DeterminedBy::Image).collect();
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
         let drawn = &level.drawn.bones;
-        let scale = scale(drawn, &transforms, (&determined, apart), &level.fraction, options.measure);
+        let scale = scale(drawn, &transforms, &determined, apart, &level.fraction, options.measure);
         let warnings = weak_start(share).into_iter().collect();
         let pose = skeleton.pose_of(&transforms);
         let fit = FitResult { pose, transforms, bones, common, common_share: share, warnings };
@@ -161,7 +163,7 @@ impl<'a> Fitter<'a> {
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
     ///
     /// `fresh`: nothing is placed yet, bones take over their neighbour's motion; else each starts where it is.
-    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [String], fresh: bool) -> Result<()> {
+    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [Stop], fresh: bool) -> Result<()> {
         let n = transforms.len();
         let now = self.evaluate(level, transforms);
         let weight = |b: usize, e: &Evaluation| level.drawn.bones[b].volume_mm3 * e.visible * e.explained.max(0.0);
@@ -227,7 +229,7 @@ impl<'a> Fitter<'a> {
         start: Rigid,
         links: impl Fn() -> Vec<Link<'b>>,
         search: bool,
-    ) -> Result<Option<(Rigid, String)>> {
+    ) -> Result<Option<(Rigid, Stop)>> {
         let problem = |base| PoseProblem {
             bodies: vec![self.body(level, bone, base)],
             links: links(),
@@ -310,7 +312,7 @@ impl<'a> Fitter<'a> {
     fn describe(
         &self,
         transforms: &[Rigid],
-        stops: &[String],
+        stops: &[Stop],
         before: &[Evaluation],
         after: &[Evaluation],
         dropped: &[bool],

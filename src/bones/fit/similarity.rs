@@ -203,11 +203,11 @@ pub fn evaluate(
     let mut s = Sums::zero();
     parts.iter().for_each(|p| s.add(p));
     let independent = samples.volume_mm3 / CORRELATION_VOLUME_MM3;
-    finish(&s, total, independent, n, (measure, held))
+    finish(&s, total, independent, n, measure, held)
 }
 
 /// Turns the sums into cost, gradient and curvature.
-fn finish(s: &Sums, total: f64, independent: f64, n: usize, (measure, held): (Measure, Option<Held>)) -> Evaluation {
+fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure, held: Option<Held>) -> Evaluation {
     let variance = s.ff - s.f * s.f / s.w.max(1e-9);
     let covariance = s.fa - s.f * s.a / s.w.max(1e-9);
     let fitted = measure == Measure::Correlation && s.w > 1.0 && variance > 1e-6 * s.ff;
@@ -259,14 +259,12 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, (measure, held): (Me
 mod tests {
     use super::*;
 
-    const FREE: (Measure, Option<Held>) = (Measure::Correlation, None);
-
     #[test]
     fn a_perfect_match_leaves_the_least_share() {
         // Four samples of which 2.5 are in view, planning 2 f + 5 everywhere: gain and offset explain it all.
         let [w, f, ff] = [2.5, 40.0, 900.0];
         let (a, fa, aa) = (2.0 * f + 5.0 * w, 2.0 * ff + 5.0 * f, 4.0 * ff + 20.0 * f + 25.0 * w);
-        let found = finish(&Sums { w, f, a, ff, fa, aa, ..Sums::zero() }, 640.0, 12.0, 4, FREE);
+        let found = finish(&Sums { w, f, a, ff, fa, aa, ..Sums::zero() }, 640.0, 12.0, 4, Measure::Correlation, None);
         let (count, weight) = (4.0, 12.0 / 4.0);
         assert!((found.explained - (1.0 - LEAST_SHARE)).abs() < 1e-10, "{}", found.explained);
         let cost = 0.5 * weight * w * LEAST_SHARE.ln();
@@ -280,7 +278,7 @@ mod tests {
     fn an_image_without_contrast_has_no_gain() {
         // Values of 100 with a variance that is rounding: planning's contrast stays unexplained.
         let sums = Sums { w: 2.0, f: 200.0, a: 6.0, ff: 2e4 + 1e-3, fa: 600.0 + 1e-2, aa: 20.0, ..Sums::zero() };
-        let found = finish(&sums, 2.0, 1.0, 2, FREE);
+        let found = finish(&sums, 2.0, 1.0, 2, Measure::Correlation, None);
         assert!(found.explained.abs() < 1e-5, "{}", found.explained);
         assert!(found.curvature.amax() < 1e-12);
     }

@@ -4,6 +4,7 @@
 //! subproblems; docs/decisions/fit.md has the comparison.
 
 use super::problem::PoseProblem;
+use super::stop::Stop;
 use crate::error::{Error, Result};
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use nalgebra::{DMatrix, DVector};
@@ -97,13 +98,10 @@ pub struct Solution {
     /// Curvature there.
     pub curvature: DMatrix<f64>,
     /// Why it stopped.
-    pub stop: String,
+    pub stop: Stop,
     /// The step that it would have taken next.
     pub next: DVector<f64>,
 }
-
-/// How the reason begins that a solution gives where it used up its iterations.
-pub(super) const ITERATION_LIMIT: &str = "iteration limit";
 
 /// Minimises a pose problem from its base transforms; stops when a step moves nothing by `tolerance` mm.
 ///
@@ -127,12 +125,10 @@ pub fn solve(problem: PoseProblem<'_>, tolerance: f64, max_iterations: u64) -> R
         cost: state.cost,
         curvature: state.hessian.clone().ok_or_else(missing)?,
         stop: match state.get_termination_status() {
-            TerminationStatus::Terminated(TerminationReason::SolverConverged) => "converged".into(),
-            TerminationStatus::Terminated(TerminationReason::MaxItersReached) => {
-                format!("{ITERATION_LIMIT} {max_iterations}")
-            }
-            TerminationStatus::Terminated(other) => other.text().into(),
-            TerminationStatus::NotTerminated => "not terminated".into(),
+            TerminationStatus::Terminated(TerminationReason::SolverConverged) => Stop::Converged,
+            TerminationStatus::Terminated(TerminationReason::MaxItersReached) => Stop::IterationLimit(max_iterations),
+            TerminationStatus::Terminated(other) => Stop::Other(other.text().into()),
+            TerminationStatus::NotTerminated => Stop::Other("not terminated".into()),
         },
     })
 }

@@ -5,6 +5,7 @@ use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::similarity::{Held, Measure};
 use super::solver::solve;
+use super::stop::Stop;
 use super::tissue::Tissue;
 use crate::geometry::{Grid, Rigid, about};
 use crate::skeleton::{Joint, JointPose};
@@ -141,15 +142,10 @@ fn a_known_motion_is_recovered_under_gain_and_offset() {
     let solution = solve(problem(), 1e-4, 100).unwrap();
     let found = problem().transforms(&solution.x)[0];
     let worst = samples.points.iter().map(|p| (found * p - truth * p).norm()).fold(0.0, f64::max);
-    assert_eq!(solution.stop, "converged");
+    assert_eq!(solution.stop, Stop::Converged);
     assert!(solution.next.amax() < 1e-4);
     let early = solve(problem(), 1e-4, 1).unwrap();
-    assert!(
-        early.stop.starts_with("iteration limit") && early.next.amax() > 0.01,
-        "{} {}",
-        early.stop,
-        early.next.amax()
-    );
+    assert!(early.stop == Stop::IterationLimit(1) && early.next.amax() > 0.01, "{} {}", early.stop, early.next.amax());
     assert!(worst < 0.05, "worst point is off by {worst} mm");
     // Without free gain and offset the same image pulls it elsewhere.
     let squared = || PoseProblem { measure: Measure::SquaredDifference, ..problem() };

@@ -30,11 +30,7 @@ pub(super) struct Scenery {
 
 impl Scenery {
     /// Reads what the page needs; `grid` is the image whose grid the result has. Nothing where no page is wanted.
-    pub(super) fn read(
-        args: &PageArgs,
-        (path, grid): (&Path, Volume<f32>),
-        ledger: &mut Ledger,
-    ) -> Result<Option<Self>> {
+    pub(super) fn read(args: &PageArgs, path: &Path, grid: Volume<f32>, ledger: &mut Ledger) -> Result<Option<Self>> {
         if args.no_page {
             return Ok(None);
         }
@@ -49,7 +45,7 @@ impl Scenery {
     }
 
     /// Histograms and figures of a dose; nothing without structures.
-    fn histograms(&self, (name, dose): (&str, &Volume<f32>), page: &mut Content) -> Result<()> {
+    fn histograms(&self, name: &str, dose: &Volume<f32>, page: &mut Content) -> Result<()> {
         let Some(structures) = &self.structures else { return Ok(()) };
         let counted = structures.histograms(dose, &[], BIN);
         page.warnings.extend(doubts(&counted));
@@ -94,7 +90,9 @@ impl Part {
 pub(super) fn map(
     scenery: &Scenery,
     frame: &str,
-    (name, dose, ct): (&Path, &Volume<f32>, Option<&Volume<f32>>),
+    name: &Path,
+    dose: &Volume<f32>,
+    ct: Option<&Volume<f32>>,
     mapped: &Volume<f32>,
     report: &DoseReport,
 ) -> Result<Content> {
@@ -109,7 +107,7 @@ pub(super) fn map(
         tables: vec![steep_table(mapped, &steep, std::slice::from_ref(report))],
         warnings: Vec::new(),
     };
-    scenery.histograms((&format!("{} on {frame}", stem(name)), mapped), &mut page)?;
+    scenery.histograms(&format!("{} on {frame}", stem(name)), mapped, &mut page)?;
     Ok(page)
 }
 
@@ -149,7 +147,7 @@ pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], report
         tables: vec![shares, steep_table(total, &steep, reports)],
         warnings: Vec::new(),
     };
-    scenery.histograms(("sum", total), &mut page)?;
+    scenery.histograms("sum", total, &mut page)?;
     Ok(page)
 }
 

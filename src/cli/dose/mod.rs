@@ -77,25 +77,35 @@ fn map(args: &MapArgs) -> Result<String> {
         let grid = ledger.take("grid", io::read_image(&args.grid)?);
         let to = grid.grid().clone();
         let ct = args.ct.as_ref().map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
-        let scenery = Scenery::read(&args.page, (&args.grid, grid), &mut ledger)?;
+        let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
         Ok::<_, Error>((dose, to, ct, scenery))
     })?;
     let direction = match args.to {
         Frame::Fraction => Direction::PlanningToFraction,
         Frame::Planning => Direction::FractionToPlanning,
     };
-    let fields = (args.planning_to_fraction.as_deref(), args.fraction_to_planning.as_deref());
-    let names = [&args.dose, args.dicom_like.as_ref().unwrap_or(&args.grid)];
-    let (mapped, report) =
-        carry((&dose, &to, names), fields, None, direction, &method, ct.as_ref(), &mut ledger, &runtime)?;
-    let fields: Vec<&Path> = [fields.0, fields.1].into_iter().flatten().collect();
+    let one = Mapping {
+        dose: &dose,
+        dose_file: &args.dose,
+        to: &to,
+        to_file: args.dicom_like.as_ref().unwrap_or(&args.grid),
+        push: args.planning_to_fraction.as_deref(),
+        pull: args.fraction_to_planning.as_deref(),
+        option: None,
+        direction,
+        method: &method,
+        ct: ct.as_ref(),
+    };
+    let (mapped, report) = one.carry(&mut ledger, &runtime)?;
+    let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
     let draw = |scenery: &Scenery| {
         let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
-        carried::map(scenery, frame, (&args.dose, &dose, ct.as_ref()), &mapped, &report)
+        carried::map(scenery, frame, &args.dose, &dose, ct.as_ref(), &mapped, &report)
     };
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let made = Made { files, fields, settings: format!("{:?} {:?}", args.to, args.how) };
-    finish(&back, &mapped, vec![1.0], vec![report], (ledger, page), (&[&args.dose], &made))
+    let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose] };
+    finish(&back, carried, ledger, page, &made)
 }
 
 fn sum(args: &AccumulateArgs) -> Result<String> {
@@ -122,7 +132,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut ledger = Ledger::default();
     let grid = ledger.take("grid", io::read_image(&args.grid)?);
     let to = grid.grid().clone();
-    let scenery = Scenery::read(&args.page, (&args.grid, grid), &mut ledger)?;
+    let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
     let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
@@ -133,15 +143,23 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         }
         let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
         let field = Some(args.fields[k].as_path());
-        let fields = match args.direction {
+        let (push, pull) = match args.direction {
             DirectionName::PlanningToFraction => (field, None),
             DirectionName::FractionToPlanning => (None, field),
         };
-        let back = Direction::FractionToPlanning;
-        let option = Some("--fields");
-        let names = [path, args.dicom_like.as_ref().unwrap_or(&args.grid)];
-        let (mapped, report) =
-            carry((&dose, &to, names), fields, option, back, &method, ct.as_ref(), &mut ledger, &runtime)?;
+        let one = Mapping {
+            dose: &dose,
+            dose_file: path,
+            to: &to,
+            to_file: args.dicom_like.as_ref().unwrap_or(&args.grid),
+            push,
+            pull,
+            option: Some("--fields"),
+            direction: Direction::FractionToPlanning,
+            method: &method,
+            ct: ct.as_ref(),
+        };
+        let (mapped, report) = one.carry(&mut ledger, &runtime)?;
         total = Some(match &total {
             None => accumulate(&[(weights[k], &mapped)])?,
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
@@ -157,53 +175,71 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
     let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
-    finish(&out, &total, weights, reports, (ledger, page), (&doses, &made))
+    let carried = Carried { dose: &total, weights, parts: reports, sources: &doses };
+    finish(&out, carried, ledger, page, &made)
 }
 
-/// Reads the field and carries one dose.
-#[expect(clippy::too_many_arguments, reason = "the inputs of one mapping, used by map and accumulate alike")]
-fn carry(
-    (dose, to, [dose_name, to_name]): (&Volume<f32>, &Grid, [&PathBuf; 2]),
-    files: (Option<&Path>, Option<&Path>),
+/// One dose and how it is to be carried.
+struct Mapping<'a> {
+    dose: &'a Volume<f32>,
+    dose_file: &'a Path,
+    /// The grid of the result, and the image that has it.
+    to: &'a Grid,
+    to_file: &'a Path,
+    /// The field, of which one direction is enough, and the option that names it where that is not the direction's own.
+    push: Option<&'a Path>,
+    pull: Option<&'a Path>,
     option: Option<&'static str>,
     direction: Direction,
-    method: &DoseMethod,
-    ct: Option<&Volume<f32>>,
-    ledger: &mut Ledger,
-    runtime: &Runtime,
-) -> Result<(Volume<f32>, DoseReport)> {
-    // The missing direction is made where it is needed: on the target's grid, or on the dose's own for energy and mass.
-    let frames = match direction {
-        Direction::PlanningToFraction => ["planning", "fraction"],
-        Direction::FractionToPlanning => ["fraction", "planning"],
-    };
-    let known = |frame, path, role, grid| Known {
-        frame,
-        name: Path::display(path).to_string(),
-        place: Some((path, role)),
-        grid,
-    };
-    let mut all = vec![
-        known(frames[0], dose_name.as_path(), Role::Dose, dose.grid()),
-        known(frames[1], to_name.as_path(), Role::Image, to),
-    ];
-    all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
-    let grids = match direction {
-        Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
-        Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
-    };
-    let pair = runtime.stage("read and invert the field", || fields::pair(files, option, grids, &all, ledger))?;
-    runtime.stage("map dose", || map_dose(dose, &pair, direction, to, method, ct))
+    method: &'a DoseMethod,
+    /// The CT that the dose was computed on.
+    ct: Option<&'a Volume<f32>>,
+}
+
+impl Mapping<'_> {
+    /// Reads the field and carries the dose.
+    fn carry(&self, ledger: &mut Ledger, runtime: &Runtime) -> Result<(Volume<f32>, DoseReport)> {
+        let &Self { dose, dose_file, to, to_file, direction, ct, .. } = self;
+        // The missing direction is made where it is needed: on the target's grid, or on the dose's own for energy and mass.
+        let frames = match direction {
+            Direction::PlanningToFraction => ["planning", "fraction"],
+            Direction::FractionToPlanning => ["fraction", "planning"],
+        };
+        let known = |frame, path, role, grid| Known {
+            frame,
+            name: Path::display(path).to_string(),
+            place: Some((path, role)),
+            grid,
+        };
+        let mut all =
+            vec![known(frames[0], dose_file, Role::Dose, dose.grid()), known(frames[1], to_file, Role::Image, to)];
+        all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
+        let grids = match direction {
+            Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
+            Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
+        };
+        let read = || fields::pair(self.push, self.pull, self.option, grids, &all, ledger);
+        let pair = runtime.stage("read and invert the field", read)?;
+        runtime.stage("map dose", || map_dose(dose, &pair, direction, to, self.method, ct))
+    }
+}
+
+/// A dose that was carried, alone or as the sum of several.
+struct Carried<'a> {
+    dose: &'a Volume<f32>,
+    weights: Vec<f64>,
+    parts: Vec<DoseReport>,
+    /// The files of the doses.
+    sources: &'a [&'a Path],
 }
 
 /// Writes a dose and what is to be said about it.
 fn finish(
     back: &GiveBack<'_>,
-    dose: &Volume<f32>,
-    weights: Vec<f64>,
-    parts: Vec<DoseReport>,
-    (mut ledger, page): (Ledger, Option<Content>),
-    (sources, made): (&[&Path], &Made<'_>),
+    Carried { dose, weights, parts, sources }: Carried<'_>,
+    mut ledger: Ledger,
+    page: Option<Content>,
+    made: &Made<'_>,
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
     ledger.warnings.extend(judge_result(&out.display().to_string(), dose)?);
@@ -220,7 +256,7 @@ fn finish(
         written.push(page_beside(out));
         let own = parts.iter().flat_map(|part| &part.warnings).cloned();
         let warnings: Vec<Warning> = ledger.warnings.iter().cloned().chain(own).chain(page.warnings).collect();
-        pages::write(&page_beside(out), &page.title, &ledger, (&warnings, page.pictures, page.tables))?;
+        pages::write(&page_beside(out), &page.title, &ledger, &warnings, page.pictures, page.tables)?;
     }
     let command = command_line();
     let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);

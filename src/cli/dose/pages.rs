@@ -59,7 +59,7 @@ pub(super) fn write_compare(folder: &Path, found: &Found<'_>, ledger: &Ledger) -
         rows: vec![vec!["mean magnitude".into(), text(in_steep), text(elsewhere)]],
     };
     let path = folder.join("compare.html");
-    write(&path, "dose minus reference", ledger, (&ledger.warnings, pictures, vec![table, by_gradient]))
+    write(&path, "dose minus reference", ledger, &ledger.warnings, pictures, vec![table, by_gradient])
 }
 
 /// Mean magnitude of the difference where the reference counts and `which` holds, Gy.
@@ -75,7 +75,7 @@ pub(super) fn write_dvh(folder: &Path, doses: &[DoseDvh], picture: DosePicture, 
     let names: Vec<&str> = doses.iter().map(|d| d.name.as_str()).collect();
     let title = format!("dose-volume histogram: {}", names.join(", "));
     let warnings: Vec<Warning> = doses.iter().flat_map(|d| d.warnings.clone()).collect();
-    write(&folder.join("dvh.html"), &title, ledger, (&warnings, vec![picture], dvh_tables(doses)))
+    write(&folder.join("dvh.html"), &title, ledger, &warnings, vec![picture], dvh_tables(doses))
 }
 
 /// Writes a page.
@@ -83,7 +83,9 @@ pub(super) fn write(
     path: &Path,
     title: &str,
     ledger: &Ledger,
-    (warnings, pictures, tables): (&[Warning], Vec<DosePicture>, Vec<DoseTable>),
+    warnings: &[Warning],
+    pictures: Vec<DosePicture>,
+    tables: Vec<DoseTable>,
 ) -> Result<()> {
     let (inputs, command) = (ledger.seen_from(parent(path)), command_line());
     DosePage { title: title.into(), command, inputs: &inputs, warnings, pictures, tables }.write(path)

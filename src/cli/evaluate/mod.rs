@@ -68,7 +68,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
         let before = ledger.warnings.len();
-        let (mut own, drawn) = one(n, file, option, (&inputs, &limits), &mut ledger, &runtime)?;
+        let (mut own, drawn) = one(n, file, option, &inputs, &limits, &mut ledger, &runtime)?;
         own.field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
         pictures.extend(drawn);
         let Some(first) = &first else {
@@ -245,12 +245,13 @@ fn one(
     which: usize,
     (name, push, pull): &FieldFiles,
     option: Option<&'static str>,
-    (inputs, limits): (&Inputs, &Limits),
+    inputs: &Inputs,
+    limits: &Limits,
     ledger: &mut Ledger,
     runtime: &Runtime,
 ) -> Result<(Compared, Vec<EvaluationPicture>)> {
     let pair = runtime
-        .stage(&format!("read {name}"), || read_pair((push.as_deref(), pull.as_deref()), option, inputs, ledger))?;
+        .stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), option, inputs, ledger))?;
     for direction in &pair.given {
         let grid = match direction {
             Direction::PlanningToFraction => pair.push.displacement.grid(),
@@ -283,7 +284,8 @@ fn one(
 
 /// Reads the given direction or directions of a field and makes the missing one.
 fn read_pair(
-    files: (Option<&Path>, Option<&Path>),
+    push: Option<&Path>,
+    pull: Option<&Path>,
     option: Option<&'static str>,
     inputs: &Inputs,
     ledger: &mut Ledger,
@@ -293,5 +295,5 @@ fn read_pair(
     let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
     let fraction = inputs.fraction.as_ref().map(Volume::grid);
     let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
-    fields::pair(files, option, [planning, fraction], &inputs.known(), ledger)
+    fields::pair(push, pull, option, [planning, fraction], &inputs.known(), ledger)
 }

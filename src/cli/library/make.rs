@@ -133,7 +133,7 @@ impl Maker<'_> {
         if !record.plausible && self.rejects(wanted) {
             return Ok((record, false));
         }
-        self.write(&outcome, wanted, n, (&mut record, gallery), start)?;
+        self.write(&outcome, wanted, n, &mut record, gallery, start)?;
         Ok((record, true))
     }
 
@@ -146,12 +146,13 @@ impl Maker<'_> {
         outcome: &Outcome,
         wanted: &Wanted,
         n: usize,
-        (record, gallery): (&mut PostureRecord, &mut Gallery),
+        record: &mut PostureRecord,
+        gallery: &mut Gallery,
         start: Instant,
     ) -> Result<()> {
         let written = Written::of(outcome, self.degrade, self.seed(n))?;
         let (files, drawn) = self.runtime.beside(
-            || written.write(self.args, self.config, (&wanted.pose, self.carried), record),
+            || written.write(self.args, self.config, &wanted.pose, self.carried, record),
             || gallery.add(&record.name, &written.ct, &written.labels),
         );
         drawn?;

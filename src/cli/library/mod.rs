@@ -65,7 +65,10 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         draws: 0,
     };
     let body = maker.patient()?;
-    let mut gallery = Gallery::new((&posing.planning().ct, &posing.planning().bones), &body, posing.skeleton(), total);
+    let mut gallery = {
+        let planning = posing.planning();
+        Gallery::new(&planning.ct, &planning.bones, &body, posing.skeleton(), total)
+    };
     let mut records = Vec::new();
     for (n, name) in names.iter().enumerate() {
         let made = maker.posture(n, name, &mut gallery);
@@ -95,13 +98,14 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
     };
     let head = ["The plan of a library of postures, in full.".to_owned()];
     write_postures(args.out.join(PLAN), posing.skeleton(), &plan, &head)?;
-    finish(args, (folder, &posing), &records, &gallery, about)
+    finish(args, folder, &posing, &records, &gallery, about)
 }
 
 /// Writes page and manifest; returns the table (or JSON) for the terminal.
 fn finish(
     args: &LibraryArgs,
-    (folder, posing): (RunFolder, &Posing),
+    folder: RunFolder,
+    posing: &Posing,
     records: &[PostureRecord],
     gallery: &Gallery,
     about: About,

@@ -65,7 +65,8 @@ impl<'a> Written<'a> {
         &self,
         args: &LibraryArgs,
         config: &Config,
-        (pose, carried): (&Pose, &Carried),
+        pose: &Pose,
+        carried: &Carried,
         record: &PostureRecord,
     ) -> Result<Found> {
         let (out, name) = (&args.out, &record.name);

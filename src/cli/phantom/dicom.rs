@@ -126,10 +126,12 @@ pub(super) fn write_planning(image: &Volume<f32>, plan: Option<&Plan>, out: &Pat
 /// # Errors
 /// [`Error::Write`] when a file cannot be written.
 pub(super) fn write_fraction(
-    (name, day): (&str, u32),
+    name: &str,
+    day: u32,
     image: &Volume<f32>,
     planning: &Series,
-    (truth, bone): (&PushField, Option<(&str, &Rigid)>),
+    truth: &PushField,
+    bone: Option<(&str, &Rigid)>,
     out: &Path,
 ) -> Result<()> {
     let day = format!("202601{:02}", 1 + day);

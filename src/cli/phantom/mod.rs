@@ -151,7 +151,7 @@ fn chest(
         let truth = write_chest(&chest, &fraction, &args.out)?;
         if args.dicom {
             let planning = dicom::write_planning(&chest.planning, None, &args.out)?;
-            dicom::write_fraction(("fraction", 1), &fraction.image, &planning, (&truth, None), &args.out)?;
+            dicom::write_fraction("fraction", 1, &fraction.image, &planning, &truth, None, &args.out)?;
         }
         Ok::<_, Error>(())
     })?;
@@ -171,7 +171,7 @@ fn patient(
     folder.begin()?;
     let series = runtime.stage("write", || {
         let series = write_planning(&phantom, args, &args.out)?;
-        write_fraction(&phantom, &fraction, ("fraction", 1, series.as_ref()), &args.out, &args.out)?;
+        write_fraction(&phantom, &fraction, "fraction", 1, series.as_ref(), &args.out, &args.out)?;
         Ok::<_, Error>(series)
     })?;
     if args.pose.is_none() {
@@ -181,8 +181,8 @@ fn patient(
             .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
         let made = runtime.stage("make the second fraction", || Phantom::new(&second))?;
         let fraction = seen(&made.fraction, cbct, second.seed)?;
-        let own = ("fraction_2", 2, series.as_ref());
-        runtime.stage("write", || write_fraction(&made, &fraction, own, &second_folder, &args.out))?;
+        let write = || write_fraction(&made, &fraction, "fraction_2", 2, series.as_ref(), &second_folder, &args.out);
+        runtime.stage("write", write)?;
     }
     Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
 }
@@ -315,7 +315,9 @@ fn write_planning(phantom: &Phantom, args: &PhantomArgs, out: &Path) -> Result<O
 fn write_fraction(
     phantom: &Phantom,
     fraction: &Seen<'_>,
-    (name, number, planning): (&str, u32, Option<&Series>),
+    name: &str,
+    number: u32,
+    planning: Option<&Series>,
     out: &Path,
     whole: &Path,
 ) -> Result<()> {
@@ -325,7 +327,7 @@ fn write_fraction(
     write_truth(&truth, transforms(), &phantom.landmarks, out)?;
     let Some(planning) = planning else { return Ok(()) };
     let bone = transforms().find(|(name, _)| *name == "skull");
-    dicom::write_fraction((name, number), &fraction.image, planning, (&truth, bone), whole)
+    dicom::write_fraction(name, number, &fraction.image, planning, &truth, bone, whole)
 }
 
 /// Writes the breathing chest.

@@ -65,7 +65,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let (mut index, folders) = hold(args, &config, &inputs, &fractions)?;
     let mut folders = folders.into_iter();
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
-    enough(args, (&inputs, &scans), &config, &runtime)?;
+    enough(args, &inputs, &scans, &config, &runtime)?;
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
@@ -77,7 +77,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
     args.clinic.name_patient(&mut scan.inputs);
     let read = |one: &Fraction| {
-        let read = inputs.fraction((&one.file, one.landmarks.as_deref()), &file.inputs)?;
+        let read = inputs.fraction(&one.file, one.landmarks.as_deref(), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
         args.clinic.name_patient(&mut fraction.inputs);
         Ok(fraction)
@@ -103,14 +103,15 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let out = folder_of(args, &fractions, one);
         index.iter_mut().filter(|_| n == 0).try_for_each(Index::begin)?;
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
-        let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), ..Told::of(&args.run) };
         // The next one is read meanwhile: disks and networks take their time.
         let text;
         let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, outcome, &config, &out));
         let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
+        let contours = clinic.as_ref().and_then(Clinic::contours);
+        let told = Told { contours, more, ..Told::of(&args.run) };
         (text, ahead) = runtime.beside(
-            || write_run(&case, outcome, &config, &runtime, (folder, &out, more), told),
+            || write_run(&case, outcome, &config, &runtime, folder, &out, told),
             || fractions.get(n + 1).map(&read),
         );
         texts.push(text?);
@@ -121,7 +122,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
 }
 
 /// Judges the files by their headers, and whether the memory that they will need may be had.
-fn enough(args: &RegisterArgs, (inputs, scans): (&Inputs, &[&Path]), config: &Config, runtime: &Runtime) -> Result<()> {
+fn enough(args: &RegisterArgs, inputs: &Inputs, scans: &[&Path], config: &Config, runtime: &Runtime) -> Result<()> {
     let expected = judge(inputs.planning(), inputs.bones(), scans, config)?;
     runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
     within_memory(expected, args.max_memory)
@@ -280,12 +281,19 @@ pub(super) struct Told<'a> {
     view: bool,
     /// Structures of the planning CT, for the page.
     contours: Option<&'a Contours>,
+    /// Files beyond fields, images and report.
+    more: Option<&'a More<'a>>,
 }
 
-impl Told<'_> {
-    /// As the arguments say, without structures.
+impl<'a> Told<'a> {
+    /// As the arguments say, without structures and more files.
     pub(super) fn of(args: &RunArgs) -> Self {
-        Self { json: args.told.json, view: !args.no_view, contours: None }
+        Self { json: args.told.json, view: !args.no_view, contours: None, more: None }
+    }
+
+    /// With more files.
+    pub(super) fn with(self, more: &'a More<'a>) -> Self {
+        Self { more: Some(more), ..self }
     }
 }
 
@@ -295,11 +303,12 @@ pub(super) fn write_run(
     mut outcome: Outcome,
     config: &Config,
     runtime: &Runtime,
-    (folder, out, more): (RunFolder, &Path, Option<&More<'_>>),
-    Told { json, view, contours }: Told<'_>,
+    folder: RunFolder,
+    out: &Path,
+    Told { json, view, contours, more }: Told<'_>,
 ) -> Result<String> {
     let saving = Saving { command: &command_line(), view, contours, more };
-    let report = report::save(case, &mut outcome, config, runtime, (folder, out), saving)?;
+    let report = report::save(case, &mut outcome, config, runtime, folder, out, saving)?;
     if json {
         return report.json();
     }

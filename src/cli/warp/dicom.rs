@@ -75,12 +75,7 @@ pub(super) fn ends(args: &WarpArgs) -> Result<Option<[Like; 2]>> {
 }
 
 /// Writes a field as a Deformable Spatial Registration.
-pub(super) fn write_field(
-    args: &WarpArgs,
-    (from, to): (&Like, &Like),
-    field: &Volume<[f32; 3]>,
-    out: &Path,
-) -> Result<()> {
+pub(super) fn write_field(args: &WarpArgs, from: &Like, to: &Like, field: &Volume<[f32; 3]>, out: &Path) -> Result<()> {
     from.field(out, field, to, &made(args, &paths(args)))
 }
 
@@ -129,7 +124,8 @@ pub(super) fn write_volume(
     args: &WarpArgs,
     like: &Like,
     warped: &Volume<f32>,
-    (input, out): (&Path, &Path),
+    input: &Path,
+    out: &Path,
     report: &mut Report,
 ) -> Result<()> {
     let paths = paths(args);

@@ -72,11 +72,11 @@ pub fn run(args: &WarpArgs) -> Result<String> {
                 runtime.stage("map the points", || map_points(args, &chain, input, out, &mut report))?;
             } else if is_json(input) || is_structure_set(input) {
                 let (forward, back) = (chain(&args.from, &args.to)?, chain(&args.to, &args.from)?);
-                runtime.stage("map the contours", || map_contours(args, (&forward, &back), input, out, &mut report))?;
+                runtime.stage("map the contours", || map_contours(args, &forward, &back, input, out, &mut report))?;
             } else {
                 let back = chain(&args.to, &args.from)?;
                 let unsure = links.iter().zip(silent).filter(|(_, silent)| *silent).map(|(link, _)| link).collect();
-                map_volume(args, &back, unsure, (input, out), &runtime, &mut report)?;
+                map_volume(args, &back, unsure, input, out, &runtime, &mut report)?;
             }
         }
         _ => {
@@ -160,7 +160,7 @@ fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut Report) -
     };
     let (field, mapped) = chain.displacement_on(&grid)?;
     if let Some([from, to]) = &ends {
-        dicom::write_field(args, (from, to), &field, out)?;
+        dicom::write_field(args, from, to, &field, out)?;
     } else {
         let format = args.dvf_format.map_or_else(|| FieldFormat::of(out), |name| Ok(name.into()))?;
         let description = io::direction(&args.from, &args.to, format);
@@ -224,7 +224,8 @@ fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, repo
 /// Contours, on the slices of the new frame.
 fn map_contours(
     args: &WarpArgs,
-    (forward, back): (&Chain<'_>, &Chain<'_>),
+    forward: &Chain<'_>,
+    back: &Chain<'_>,
     input: &Path,
     out: &Path,
     report: &mut Report,
@@ -277,7 +278,8 @@ fn map_volume(
     args: &WarpArgs,
     back: &Chain<'_>,
     unsure: Vec<&Link>,
-    (input, out): (&Path, &Path),
+    input: &Path,
+    out: &Path,
     runtime: &Runtime,
     report: &mut Report,
 ) -> Result<()> {
@@ -306,7 +308,7 @@ fn map_volume(
         report.notes.extend(label_notes(&labels.value, &warped));
         report.kind = "labels";
         let weight = |l: usize| f64::from(u8::from(warped.volume.data()[l] > 0));
-        report.missed("the labels' volume", WORTH_OF_LABELS, (back, &mapped, &grid), weight);
+        report.missed("the labels' volume", WORTH_OF_LABELS, back, &mapped, &grid, weight);
         runtime.stage("write", || io::write_labels(out, &warped, &options))?;
         mapped
     } else {
@@ -321,21 +323,21 @@ fn map_volume(
         report.doubt(args, &unsure, image.value.grid(), &grid);
         let (warped, mapped) = runtime.stage("resample", || {
             let (v, mapped) = back.displacement_on(&grid)?;
-            Ok::<_, Error>((scalar(args, &v, (&image.value, greatest), report)?, mapped))
+            Ok::<_, Error>((scalar(args, &v, &image.value, greatest, report)?, mapped))
         })?;
         if kind == VolumeKind::Dose {
-            report.missed("the dose", WORTH, (back, &mapped, &grid), |l| f64::from(warped.data()[l]));
+            report.missed("the dose", WORTH, back, &mapped, &grid, |l| f64::from(warped.data()[l]));
         } else {
             // Air around the patient is no loss: what differs from it counts.
             let air = args.outside.unwrap_or(-1000.0);
             let weight = |l: usize| f64::from((warped.data()[l] - air).abs());
-            report.missed("the image (by contrast to air)", WORTH_OF_IMAGE, (back, &mapped, &grid), weight);
+            report.missed("the image (by contrast to air)", WORTH_OF_IMAGE, back, &mapped, &grid, weight);
         }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
         let stored = if whole { Stored::Int16 } else { Stored::Float32 };
         runtime.stage("write", || match &like {
-            Some(like) => dicom::write_volume(args, like, &warped, (input, out), report),
+            Some(like) => dicom::write_volume(args, like, &warped, input, out, report),
             None => io::write_image(out, &warped, stored, &options),
         })?;
         mapped
@@ -369,7 +371,8 @@ fn refuse_for_kind(args: &WarpArgs, kind: VolumeKind) -> Result<()> {
 fn scalar(
     args: &WarpArgs,
     v: &Volume<[f32; 3]>,
-    (image, greatest_dose): (&Volume<f32>, Option<f32>),
+    image: &Volume<f32>,
+    greatest_dose: Option<f32>,
     report: &mut Report,
 ) -> Result<Volume<f32>> {
     let interpolation = match args.interpolation {

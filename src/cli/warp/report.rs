@@ -36,8 +36,7 @@ impl Report {
         let known = [known(args.from.as_str(), input_path, input), known(args.to.as_str(), path, target)];
         for link in unsure {
             if let Motion::Field(field) = &link.motion {
-                let frames = (link.from.as_str(), link.to.as_str());
-                self.warnings.extend(fields::doubt(&link.name, frames, field.grid(), &known));
+                self.warnings.extend(fields::doubt(&link.name, &link.from, &link.to, field.grid(), &known));
             }
         }
     }
@@ -47,7 +46,9 @@ impl Report {
         &mut self,
         what: &str,
         worth: f64,
-        (chain, mapped, grid): (&Chain<'_>, &ChainReport, &Grid),
+        chain: &Chain<'_>,
+        mapped: &ChainReport,
+        grid: &Grid,
         weight: impl Fn(usize) -> f64 + Sync,
     ) {
         if mapped.outside > 0 {

@@ -131,7 +131,7 @@ impl Merging {
                 continue;
             }
             if let Some(other) = self.parts.iter().find(|p| p.name == name) {
-                return Err(doubled(file, (own, &name), &other.file));
+                return Err(doubled(file, own, &name, &other.file));
             }
             if name != *own {
                 self.renamed.push(Renamed { from: own.clone(), to: name.clone() });
@@ -251,7 +251,7 @@ fn same_grid(first: (&Grid, &Path), own: (&Grid, &Path)) -> Result<()> {
 }
 
 /// That a name is there already.
-fn doubled(file: &Path, (own, name): (&str, &str), other: &Path) -> Error {
+fn doubled(file: &Path, own: &str, name: &str, other: &Path) -> Error {
     let own = if own == name { own.to_owned() } else { format!("{own}, which is {name},") };
     let problem = format!("{own} is also a structure of {}", other.display());
     let remedy = format!(

@@ -5,7 +5,7 @@ use crate::chainmail::{LinkReport, Pruning};
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
-use crate::fit::{BoneFit, DeterminedBy};
+use crate::fit::{BoneFit, DeterminedBy, Stop};
 use crate::geometry::{Grid, Rigid, about};
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
 use crate::runtime::StageTime;
@@ -223,7 +223,7 @@ fn fits(offset: Vector3<f64>) -> Vec<BoneFit> {
             visible,
             similarity_before: Some(0.41),
             similarity_after: Some(0.93),
-            stop: "cost changes by less than 1e-6".into(),
+            stop: Stop::Converged,
             position_sd_mm: 0.08,
             unsettled_mm: 0.0002,
             rotation_sd_deg: 0.11,

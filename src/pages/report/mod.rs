@@ -67,7 +67,8 @@ pub fn write(
     case: &Case,
     outcome: &Outcome,
     run: &Run,
-    (mut pictures, view): (Vec<Picture>, Option<View>),
+    mut pictures: Vec<Picture>,
+    view: Option<View>,
 ) -> Result<Report> {
     let pictures_folder = folder.join("report");
     std::fs::create_dir_all(&pictures_folder)

@@ -38,7 +38,8 @@ pub fn save(
     outcome: &mut Outcome,
     config: &Config,
     runtime: &Runtime,
-    (mut folder, out): (RunFolder, &Path),
+    mut folder: RunFolder,
+    out: &Path,
     saving: Saving<'_>,
 ) -> Result<Report> {
     folder.begin()?;
@@ -74,6 +75,6 @@ fn fill(
     let limits = config.verdict.clone();
     let run = Run { command: command.to_owned(), settings, threads: runtime.threads(), outputs, limits };
     outcome.stages = runtime.times();
-    let pictures = (pictures?, view?);
-    runtime.stage("report", || write(out, case, outcome, &run, pictures))
+    let (pictures, view) = (pictures?, view?);
+    runtime.stage("report", || write(out, case, outcome, &run, pictures, view))
 }

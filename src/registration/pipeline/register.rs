@@ -169,17 +169,18 @@ fn unsettled(bones: &[BoneFit]) -> Option<Warning> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::Stop;
     use crate::geometry::Rigid;
 
     #[test]
     fn only_bones_that_still_moved_are_named() {
-        let bone = |name: &str, stop: &str, unsettled_mm: f64| BoneFit {
+        let bone = |name: &str, stop: Stop, unsettled_mm: f64| BoneFit {
             name: name.into(),
             transform: Rigid::identity(),
             visible: 1.0,
             similarity_before: None,
             similarity_after: None,
-            stop: stop.into(),
+            stop,
             unsettled_mm,
             position_sd_mm: 0.1,
             rotation_sd_deg: 0.1,
@@ -187,9 +188,10 @@ mod tests {
             motion_mm: 0.0,
             determined_by: DeterminedBy::Image,
         };
-        let limit = "iteration limit 50";
-        assert_eq!(unsettled(&[bone("skull", limit, 0.01), bone("hyoid", "converged", 2.0)]), None);
-        let word = unsettled(&[bone("skull", limit, 0.01), bone("hyoid", limit, 0.3), bone("mandible", limit, 1.26)]);
+        let limit = || Stop::IterationLimit(50);
+        assert_eq!(unsettled(&[bone("skull", limit(), 0.01), bone("hyoid", Stop::Converged, 2.0)]), None);
+        let word =
+            unsettled(&[bone("skull", limit(), 0.01), bone("hyoid", limit(), 0.3), bone("mandible", limit(), 1.26)]);
         let word = word.unwrap();
         assert!(
             word.code == "fit-iterations" && word.message.contains("mandible by 1.3 mm, hyoid by 0.3 mm"),

@@ -44,7 +44,7 @@ pub(super) fn mend(
         for cells in blocks.values() {
             let [low, high] = bounds(cells.iter().map(|&c| grid.voxel(c)), grid.size());
             let lattice = Lattice::patch(tissue, &options.material, organs, low, high);
-            settle(&lattice, low, cells, turns, (options, REACH * (attempt + 1)), push);
+            settle(&lattice, low, cells, turns, options, REACH * (attempt + 1), push);
         }
     }
 }
@@ -84,7 +84,8 @@ fn settle(
     low: [usize; 3],
     cells: &[usize],
     turns: &[Matrix3<f64>],
-    (options, reach): (&ChainmailOptions, usize),
+    options: &ChainmailOptions,
+    reach: usize,
     push: &mut PushField,
 ) {
     let grid = push.displacement.grid().clone();
@@ -106,7 +107,7 @@ fn settle(
         .collect();
     let near = around(lattice, &local, reach);
     let rest = RestingLinks::new(lattice, options.variant.elasticity);
-    let mut relaxation = Relaxation::new((lattice, &rest), &u, turns, options.poisson);
+    let mut relaxation = Relaxation::new(lattice, &rest, &u, turns, options.poisson);
     let region = relaxation.among(&near);
     relaxation.run(ROUNDS, &region, None);
     let settled = relaxation.displacements();

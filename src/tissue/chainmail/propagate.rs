@@ -76,7 +76,7 @@ impl ChainMail {
             self.elements(tissue, bones, options, image, progress)?;
         let steps = options.relaxation.len() + 2;
         progress.step(steps - 1, steps, "all voxels");
-        let mut push = to_voxels((tissue, &self.computed), bones.transforms, &coarse)?;
+        let mut push = to_voxels(tissue, &self.computed, bones.transforms, &coarse)?;
         mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
         Ok(Propagation { push, lattice, displacement: coarse.into_data(), pruning })
     }
@@ -99,8 +99,8 @@ impl ChainMail {
             let lattice = &*level.lattice;
             growth.enter(lattice, tissue);
             let (rest, loose) = level.resting()?;
-            let relaxation = Relaxation::new((lattice, rest), from, &turns, options.poisson);
-            Ok::<_, Error>(settle(relaxation, (lattice, loose), rounds, &mut growth, image))
+            let relaxation = Relaxation::new(lattice, rest, from, &turns, options.poisson);
+            Ok::<_, Error>(settle(relaxation, lattice, loose, rounds, &mut growth, image))
         };
         let steps = options.relaxation.len() + 2;
         progress.step(0, steps, "propagate");
@@ -213,7 +213,8 @@ fn reached_or_filled(lattice: &Lattice, reached: &[Option<[f32; 3]>]) -> Vec<[f3
 ///
 /// Trilinear: between rows of elements first, so that a voxel costs one step along its row.
 fn to_voxels(
-    (tissue, computed): (&Tissue<'_>, &Mask),
+    tissue: &Tissue<'_>,
+    computed: &Mask,
     transforms: &[Rigid],
     coarse: &Volume<[f32; 3]>,
 ) -> Result<PushField> {

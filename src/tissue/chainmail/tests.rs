@@ -400,7 +400,7 @@ fn relaxation_finds_the_chain_between_two_bones() {
     let turns = [Matrix3::identity(); 2];
     let relaxed = |elasticity| {
         let rest = RestingLinks::new(&lattice, elasticity);
-        let mut r = Relaxation::new((&lattice, &rest), &moved, &turns, 0.0);
+        let mut r = Relaxation::new(&lattice, &rest, &moved, &turns, 0.0);
         r.run(400, &r.everywhere(), None);
         let u = r.displacements();
         [1, 2, 3].map(|i| u[at(&lattice, i, 0)][0])
@@ -423,7 +423,7 @@ fn a_stretched_bar_thins_by_poissons_ratio() {
         let u: Vec<[f32; 3]> =
             (0..lattice.node.len()).map(|n| [0.02 * lattice.grid.voxel(n)[0] as f32, 0.0, 0.0]).collect();
         let rest = RestingLinks::new(&lattice, Elasticity::Corotated);
-        let mut r = Relaxation::new((&lattice, &rest), &u, &turns, poisson);
+        let mut r = Relaxation::new(&lattice, &rest, &u, &turns, poisson);
         r.run(3000, &r.everywhere(), None);
         let u = r.displacements();
         let slope = |d: usize, a: usize| (u[middle + d][a] - u[middle - d][a]) / 2.0;

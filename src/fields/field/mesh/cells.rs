@@ -21,7 +21,8 @@ pub(in crate::field) fn each_cell<A: Value>(
     value: impl Fn(f32, f32, f32) -> A + Sync,
 ) -> Spans<A> {
     each_row(
-        (&push.displacement, &push.computed),
+        &push.displacement,
+        &push.computed,
         |_| 0..0,
         (beyond, ()),
         #[inline(always)]
@@ -46,7 +47,8 @@ pub struct RowOfCells<'a, A, B> {
 /// Two values of each cell with a corner that counts, as [`each_cell`] gives one, in a span of each row that holds `at_least` the
 /// cells given for it. The first are kept; `then` takes each row while it is at hand, into one result for each plane.
 pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
-    (displacement, counts): (&Volume<[f32; 3]>, &Mask),
+    displacement: &Volume<[f32; 3]>,
+    counts: &Mask,
     at_least: impl Fn(usize) -> Range<usize>,
     beyond: (A, B),
     value: impl Fn(f32, f32, f32) -> (A, B) + Sync,
@@ -73,7 +75,7 @@ pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
             vectorised(
                 #[inline(always)]
                 || {
-                    rows.advance((displacement, counts), of_plane, j, k);
+                    rows.advance(displacement, counts, of_plane, j, k);
                     rows.cut(j + k);
                     rows.each((kept, other), beyond, &value);
                 },
@@ -173,13 +175,7 @@ impl Rows {
     /// Takes up the corners and edges of the row of cells (j, k); `cells` are the spans of the plane's rows, of which this one's is not
     /// empty.
     #[inline(always)]
-    fn advance(
-        &mut self,
-        (displacement, counts): (&Volume<[f32; 3]>, &Mask),
-        cells: &[Range<usize>],
-        j: usize,
-        k: usize,
-    ) {
+    fn advance(&mut self, displacement: &Volume<[f32; 3]>, counts: &Mask, cells: &[Range<usize>], j: usize, k: usize) {
         let span = corners(&cells[j]);
         // Voxels of a row are needed for the cells on either side of it.
         let needed = [j.checked_sub(1).map_or(0..0, |before| corners(&cells[before])), corners(&cells[j + 1])];

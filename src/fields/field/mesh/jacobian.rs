@@ -51,7 +51,8 @@ pub fn digital_folds(push: &PushField) -> Mask {
 /// The cells that [`digital_folds`] sets, by their first voxel in storage, ascending.
 pub fn folded_cells(push: &PushField) -> Vec<usize> {
     positions(
-        (&push.displacement, &push.computed),
+        &push.displacement,
+        &push.computed,
         #[inline(always)]
         |_, least_of_ten| fails(least_of_ten),
     )
@@ -63,20 +64,19 @@ pub fn folded_anywhere(displacement: &Volume<[f32; 3]>) -> Vec<usize> {
     let still = displacement.data()[0].map(f32::to_bits);
     let moves = displacement.map(|u| u.map(f32::to_bits) != still);
     positions(
-        (displacement, &moves),
+        displacement,
+        &moves,
         #[inline(always)]
         |least, _| fails(least),
     )
 }
 
 /// The cells with a corner that counts for which `which(least, least of ten)` holds, by their first voxel in storage, ascending.
-fn positions(
-    (displacement, counts): (&Volume<[f32; 3]>, &Mask),
-    which: impl Fn(f32, f32) -> bool + Sync,
-) -> Vec<usize> {
+fn positions(displacement: &Volume<[f32; 3]>, counts: &Mask, which: impl Fn(f32, f32) -> bool + Sync) -> Vec<usize> {
     let ni = displacement.grid().size()[0];
     let (_, found) = each_row(
-        (displacement, counts),
+        displacement,
+        counts,
         |_| 0..0,
         ((), false),
         #[inline(always)]
@@ -98,7 +98,8 @@ pub fn jacobian_by_rows<R: Default + Send>(
 ) -> (Spans<f32>, Vec<R>) {
     let relative = relative_volume(push);
     each_row(
-        (&push.displacement, &push.computed),
+        &push.displacement,
+        &push.computed,
         at_least,
         (1.0, false),
         #[inline(always)]

@@ -107,7 +107,7 @@ pub(super) fn make(ask: Ask<'_>, place: &Place, progress: &dyn Progress) -> Resu
     let description = "bones by TotalSegmentator".into();
     write_labels(&place.labels, &map, &WriteOptions { description, ..WriteOptions::default() })?;
     let bones = merged.structures.into_iter().map(|s| s.name).collect();
-    let record = Record::new(place, &program, (commands, bones, failed))?;
+    let record = Record::new(place, &program, commands, bones, failed)?;
     write_json(&place.record, &record)?;
     progress.note(&format!("bones: {}", place.labels.display()));
     Ok(record)

@@ -44,7 +44,9 @@ impl Record {
     pub(super) fn new(
         place: &Place,
         program: &Segmentator,
-        (commands, bones, failed): (Vec<String>, Vec<String>, Vec<Failed>),
+        commands: Vec<String>,
+        bones: Vec<String>,
+        failed: Vec<Failed>,
     ) -> Result<Self> {
         Ok(Self {
             planning_sha256: place.planning_sha256.clone(),

@@ -207,7 +207,7 @@ fn drawn(all: &Contours, named: BTreeMap<String, Vec<&Structure>>, grid: &Grid) 
     let mut names = BTreeMap::new();
     for (label, (name, structures)) in (1u16..).zip(named) {
         for structure in structures {
-            draw(all, structure, grid, label, (&mut labels, &mut deepest));
+            draw(all, structure, grid, label, &mut labels, &mut deepest);
         }
         names.insert(label, name);
     }
@@ -250,7 +250,7 @@ pub fn organs_from_structures(set: &StructureSet, grid: &Grid, wanted: &[String]
 }
 
 /// Gives the voxels in a structure its label, where none lies deeper in another.
-fn draw(all: &Contours, structure: &Structure, grid: &Grid, label: u16, (labels, deepest): (&mut [u16], &mut [f32])) {
+fn draw(all: &Contours, structure: &Structure, grid: &Grid, label: u16, labels: &mut [u16], deepest: &mut [f32]) {
     let spacing = all.spacing_of(structure, grid.spacing()[2]);
     let solid = all.solid(structure, spacing);
     let Some([i, j, k]) = around(all, structure, grid, spacing) else { return };

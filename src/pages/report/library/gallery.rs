@@ -59,7 +59,7 @@ fn outline(canvas: &mut Canvas, plane: &Plane, labels: &[u16], colour: Rgb, opac
 impl Gallery {
     /// Begins with the patient in planning: the sagittal plane through the spine and the coronal one through the vertebrae;
     /// `total` postures are to come.
-    pub fn new((ct, map): (&Volume<f32>, &LabelMap), body: &Mask, skeleton: &Skeleton, total: usize) -> Self {
+    pub fn new(ct: &Volume<f32>, map: &LabelMap, body: &Mask, skeleton: &Skeleton, total: usize) -> Self {
         let mut bones = vec![false; usize::from(u16::MAX) + 1];
         skeleton.bones.iter().for_each(|b| bones[usize::from(b.label)] = true);
         let grid = ct.grid();
@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn a_library_of_one_still_posture_spreads_nowhere() {
         let (case, outcome, _) = example::small();
-        let mut gallery = Gallery::new((&case.planning.ct, &case.planning.bones), &outcome.body, &outcome.skeleton, 2);
+        let mut gallery = Gallery::new(&case.planning.ct, &case.planning.bones, &outcome.body, &outcome.skeleton, 2);
         gallery.add("posture_001", &case.planning.ct, &case.planning.bones).unwrap();
         let view = &gallery.views[0];
         assert!(view.plane.kind == Kind::Sagittal && view.planning.iter().any(|l| *l > 0));

@@ -36,12 +36,12 @@ pub(super) fn draw(records: &[PostureRecord]) -> Canvas {
     let mut canvas = Canvas::new(COLUMNS * PANEL[0], rows * PANEL[1], [255; 3]);
     for (n, (bone, values)) in motions.iter().enumerate() {
         let corner = [n % COLUMNS * PANEL[0], n / COLUMNS * PANEL[1]].map(|v| v as f64);
-        panel(&mut canvas, corner, bone, (values, most));
+        panel(&mut canvas, corner, bone, values, most);
     }
     canvas
 }
 
-fn panel(canvas: &mut Canvas, [x, y]: [f64; 2], bone: &str, (values, most): (&[f64], f64)) {
+fn panel(canvas: &mut Canvas, [x, y]: [f64; 2], bone: &str, values: &[f64], most: f64) {
     let pen = |colour, align, size| Pen { size, colour, halo: None, align };
     let (left, right, top, bottom) = (x + 12.0, x + PANEL[0] as f64 - 16.0, y + 34.0, y + PANEL[1] as f64 - 26.0);
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;

@@ -123,7 +123,7 @@ mod tests {
         let rest = RestingLinks::new(&lattice, Elasticity::Corotated);
         let start = |n: &Node| if *n == Node::Bone(1) { by } else { [0.0; 3] };
         let start: Vec<[f32; 3]> = lattice.node.iter().map(start).collect();
-        let mut relaxation = Relaxation::new((&lattice, &rest), &start, &[Matrix3::identity(); 2], 0.0);
+        let mut relaxation = Relaxation::new(&lattice, &rest, &start, &[Matrix3::identity(); 2], 0.0);
         let everywhere = relaxation.everywhere();
         relaxation.run(150, &everywhere, None);
         let u = relaxation.displacements();

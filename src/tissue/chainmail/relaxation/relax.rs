@@ -68,7 +68,8 @@ impl<'a> Relaxation<'a> {
     /// bulk modulus 2/3 G. Links that give way to the share s of a change of shape have the shear modulus (1 - s) G and the
     /// same bulk modulus, hence s = 3 nu / (1 + nu).
     pub fn new(
-        (lattice, rest): (&Lattice, &'a RestingLinks),
+        lattice: &Lattice,
+        rest: &'a RestingLinks,
         u: &[[f32; 3]],
         turns: &[Matrix3<f64>],
         poisson: f64,

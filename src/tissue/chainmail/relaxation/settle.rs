@@ -18,7 +18,8 @@ const AROUND: usize = 5;
 /// Relaxes by mechanics alone (several times where organs change their volume, until they do), then by the images.
 pub fn settle(
     mut relaxation: Relaxation<'_>,
-    (lattice, loose): (&Lattice, &Mask),
+    lattice: &Lattice,
+    loose: &Mask,
     rounds: usize,
     growth: &mut Growth,
     image: Option<&dyn ImagePull>,
@@ -30,18 +31,14 @@ pub fn settle(
         growth.adapt(lattice, || relaxation.displacements());
     }
     match image {
-        Some(image) => compared(relaxation, (lattice, loose), image),
+        Some(image) => compared(relaxation, lattice, loose, image),
         None => relaxation.displacements(),
     }
 }
 
 /// Relaxes with the images' pull, which lets go where cells would tangle and has no hold on what is `loose`. After each
 /// comparison only what has not settled goes on, and what lies beside it.
-fn compared(
-    mut relaxation: Relaxation<'_>,
-    (lattice, loose): (&Lattice, &Mask),
-    image: &dyn ImagePull,
-) -> Vec<[f32; 3]> {
+fn compared(mut relaxation: Relaxation<'_>, lattice: &Lattice, loose: &Mask, image: &dyn ImagePull) -> Vec<[f32; 3]> {
     let passes = image.passes(lattice);
     let renew = image.at(lattice);
     let mut released = loose.data().to_vec();
@@ -159,8 +156,8 @@ mod tests {
         let loose = Mask::filled(lattice.grid.clone(), false);
         let settled = |always| {
             let corner = Corner { always, asked: Mutex::default() };
-            let relaxation = Relaxation::new((&lattice, &rest), &still, &[nalgebra::Matrix3::identity()], 0.3);
-            let u = compared(relaxation, (&lattice, &loose), &corner);
+            let relaxation = Relaxation::new(&lattice, &rest, &still, &[nalgebra::Matrix3::identity()], 0.3);
+            let u = compared(relaxation, &lattice, &loose, &corner);
             (u, corner.asked.into_inner().unwrap())
         };
         let (all, asked) = settled(true);
