@@ -1,3 +1,4 @@
+//! What a file of settings may say, and what is made of it.
 #![expect(clippy::float_cmp, reason = "values that are exact by construction")]
 
 use super::*;
