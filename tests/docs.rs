@@ -110,6 +110,32 @@ fn prose_is_in_lines_that_a_person_reads() {
     assert!(long.is_empty(), "{} lines are longer than {WIDEST} characters:\n{}", long.len(), long.join("\n"));
 }
 
+#[test]
+fn the_ten_tasks_name_files_and_things_that_are_there() {
+    let text = fs::read_to_string(root().join("CONTRIBUTING.md")).unwrap();
+    let section = text.split("## Ten tasks").nth(1).unwrap().split("\n## ").next().unwrap();
+    let rows: Vec<&str> = section.lines().filter(|l| l.starts_with("| ") && l.contains('`')).collect();
+    assert_eq!(rows.len(), 10);
+    for row in rows {
+        // What stands in backquotes behind the task.
+        let answer = row.trim_matches('|').split_once(" | ").unwrap().1;
+        let quoted: Vec<&str> = answer.split('`').skip(1).step_by(2).filter(|q| !q.contains("VERB")).collect();
+        let (paths, names): (Vec<&str>, Vec<&str>) = quoted.into_iter().partition(|q| q.contains('/'));
+        let missing: Vec<&&str> = paths.iter().filter(|p| !root().join(p).exists()).collect();
+        assert!(!paths.is_empty() && missing.is_empty(), "{missing:?} of: {row}");
+        let sources: Vec<String> = paths.iter().filter_map(|p| fs::read_to_string(root().join(p)).ok()).collect();
+        for name in names {
+            let known = name.split("::").all(|part| sources.iter().any(|s| words(s).contains(part)));
+            assert!(known, "{name} is in no file of: {row}");
+        }
+    }
+}
+
+/// The words of a source file.
+fn words(source: &str) -> BTreeSet<&str> {
+    source.split(|c: char| !c.is_alphanumeric() && c != '_').collect()
+}
+
 /// Settings by their keys, each with its value: tables of tables are told by their keys, lists are values.
 fn leaves(prefix: &str, value: &serde_json::Value, found: &mut BTreeMap<String, serde_json::Value>) {
     match value.as_object() {
