@@ -78,7 +78,7 @@ impl ChainMail {
     ///
     /// # Errors
     /// As [`ChainMail::at`].
-    pub(super) fn brought(&self, bones: &Initiators<'_>, options: &ChainmailOptions) -> Result<Prolongation> {
+    pub(super) fn run_waves(&self, bones: &Initiators<'_>, options: &ChainmailOptions) -> Result<Prolongation> {
         let level = self.at(options.spacing_of_waves())?;
         let lattice = level.lattice.clone();
         let variant = &options.variant;

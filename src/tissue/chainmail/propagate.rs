@@ -60,10 +60,10 @@ pub fn propagate(
 }
 
 impl ChainMail {
-    /// As [`propagate`], with the mail of this very tissue and these options.
+    /// As [`propagate`], with the chain mail of this very tissue and these options.
     ///
     /// # Errors
-    /// [`crate::error::Error::Internal`] when the mail was made for other options.
+    /// [`crate::error::Error::Internal`] when the chain mail was made for other options.
     pub fn propagate(
         &self,
         tissue: &Tissue<'_>,
@@ -104,14 +104,14 @@ impl ChainMail {
         };
         let steps = options.relaxation.len() + 2;
         progress.step(0, steps, "propagate");
-        let brought = self.brought(bones, options)?;
+        let waves = self.run_waves(bones, options)?;
         // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
         let mut change: Option<Volume<[f32; 3]>> = None;
         for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
             progress.step(n + 1, steps, &format!("relax at {spacing} mm"));
             let level = self.at(spacing)?;
             let lattice = &level.lattice;
-            let start = start(lattice, &brought.on(lattice, bones), change.as_ref());
+            let start = start(lattice, &waves.on(lattice, bones), change.as_ref());
             let relaxed = relaxed(level, &start.0, rounds)?;
             let difference: Vec<Option<[f32; 3]>> = (0..relaxed.len())
                 .map(|n| {
@@ -125,7 +125,7 @@ impl ChainMail {
         }
         let level = self.at(options.spacing_mm)?;
         let lattice = &level.lattice;
-        let (mut displacement, _) = start(lattice, &brought.on(lattice, bones), change.as_ref());
+        let (mut displacement, _) = start(lattice, &waves.on(lattice, bones), change.as_ref());
         if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
             progress.step(steps - 2, steps, &format!("relax at {} mm", options.spacing_mm));
             displacement = relaxed(level, &displacement, rounds)?;
@@ -134,7 +134,7 @@ impl ChainMail {
             (0..displacement.len()).map(|n| (lattice.node[n] != Node::Outside).then(|| displacement[n])).collect();
         displacement = extend(lattice, &known, |node| tissue.holds(&lattice.rest(node)));
         let displacement = Volume::new(lattice.grid.clone(), displacement)?;
-        Ok(Elements { lattice: lattice.clone(), displacement, pruning: brought.pruning })
+        Ok(Elements { lattice: lattice.clone(), displacement, pruning: waves.pruning })
     }
 }
 
@@ -176,10 +176,10 @@ pub fn regions(
 /// What the waves bring plus the coarser correction on the whole lattice, and the former alone.
 fn start(
     lattice: &Lattice,
-    brought: &[Option<[f32; 3]>],
+    by_waves: &[Option<[f32; 3]>],
     change: Option<&Volume<[f32; 3]>>,
 ) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let plain = reached_or_filled(lattice, brought);
+    let plain = reached_or_filled(lattice, by_waves);
     let mut corrected = plain.clone();
     if let Some(change) = change {
         let plane = lattice.grid.size()[0] * lattice.grid.size()[1];

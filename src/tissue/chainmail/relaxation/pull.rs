@@ -28,7 +28,7 @@ impl Pull {
         self.towards[s] = towards;
     }
 
-    /// Lets go of the nodes that are set.
+    /// Takes the pull from the nodes that are set.
     pub(in crate::chainmail) fn release(&mut self, lattice: &Lattice, nodes: &[bool]) {
         for (s, n) in lattice.soft().enumerate() {
             if nodes[n as usize] {

@@ -36,7 +36,7 @@ pub fn settle(
     }
 }
 
-/// Relaxes with the images' pull, which lets go where cells would tangle and has no hold on what is `loose`. After each
+/// Relaxes with the images' pull, which is taken from where cells would tangle, and has none on what is `loose`. After each
 /// comparison only what has not settled goes on, and what lies beside it.
 fn compared(mut relaxation: Relaxation<'_>, lattice: &Lattice, loose: &Mask, image: &dyn ImagePull) -> Vec<[f32; 3]> {
     let passes = image.passes(lattice);

@@ -46,12 +46,12 @@ fn coarser_elements_take_what_waves_bring_to_finer_ones() {
     let lattice = |spacing| Lattice::new(&tissue, &Material::default(), &Organs::default(), spacing);
     let fine = Arc::new(lattice(0.0));
     let displacement = spread(&fine, &bones, &Variant::default());
-    let brought = prolongation::Prolongation { lattice: fine.clone(), displacement, pruning: None };
-    assert_eq!(&*brought.on(&fine, &bones), &brought.displacement);
+    let waves = prolongation::Prolongation { lattice: fine.clone(), displacement, pruning: None };
+    assert_eq!(&*waves.on(&fine, &bones), &waves.displacement);
     // Bones that move alike move everything alike.
     let coarse = lattice(1.5);
     let mut inside = 0;
-    for (&n, u) in coarse.active.iter().zip(&*brought.on(&coarse, &bones)) {
+    for (&n, u) in coarse.active.iter().zip(&*waves.on(&coarse, &bones)) {
         let at = coarse.rest(n as usize);
         let whole = fine.grid.index(&at);
         let around = (0..8usize).map(|c| [0, 1, 2].map(|a| (whole[a].floor() as usize) + (c >> a & 1)));

@@ -23,7 +23,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Displacement that a wave brings to a node it has reached, mm.
-    fn brought(&self, wave: &Wave, owner: u16, node: usize, voxel: [usize; 3]) -> nalgebra::Vector3<f64> {
+    fn displacement(&self, wave: &Wave, owner: u16, node: usize, voxel: [usize; 3]) -> nalgebra::Vector3<f64> {
         let parcel = wave.trace.parcel.get(node).copied().unwrap_or_default();
         self.carrier.displacement(&parcel, owner, &self.lattice.grid.centre(voxel))
     }
@@ -75,7 +75,7 @@ pub(in crate::chainmail) fn in_order(
             let wave = run(&scene, Source::AnyBone, None);
             let owner = &wave.trace.owner;
             each_active(lattice, bones, |node, voxel| {
-                let u = (wave.time[node] != NEVER).then(|| scene.brought(&wave, owner[node], node, voxel))?;
+                let u = (wave.time[node] != NEVER).then(|| scene.displacement(&wave, owner[node], node, voxel))?;
                 Some([u.x as f32, u.y as f32, u.z as f32])
             })
         }
@@ -104,7 +104,7 @@ fn weigh(scene: &Scene<'_>, bones: &Initiators<'_>, variant: &Variant) -> Vec<Op
                     continue;
                 }
                 for (b, wave) in waves.iter().filter(|(_, wave)| wave.time[node] != NEVER) {
-                    let u = scene.brought(wave, *b, node, [at % nx, at / nx, k]);
+                    let u = scene.displacement(wave, *b, node, [at % nx, at / nx, k]);
                     let w = weight(f64::from(wave.time[node].max(1)), variant.exponent);
                     s[0] += w;
                     (0..3).for_each(|a| s[1 + a] += w * u[a]);
