@@ -106,7 +106,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         }
         let label = format!("[{}/{}] {}", n + 1, stages.len(), stage.name);
         let runtime = Runtime::new(args.work.threads, Box::new(Labelled { inner: progress(args.shown.quiet), label }))?;
-        let record = run_stage(&moved, config, &args.out, &stage.id, (settings, key), &runtime)?;
+        let record = run_stage(&moved, config, &args.out, &stage.id, settings, key, &runtime)?;
         records.insert(stage.id.clone(), record);
         // After every stage, so that a study that is stopped has its tables so far.
         write_study(&args.out, &moved.title, &plan, &records)?;
@@ -124,7 +124,8 @@ fn run_stage(
     config: &Config,
     out: &Path,
     id: &str,
-    (settings, key): (serde_json::Value, String),
+    settings: serde_json::Value,
+    key: String,
     runtime: &Runtime,
 ) -> Result<StageRecord> {
     let outcome = carry_again(&moved.case, &moved.fit, config, runtime)?;

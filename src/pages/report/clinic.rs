@@ -87,7 +87,7 @@ impl Clinic {
         let (own, _) = series(planning)?;
         let fractions = fractions.iter().map(|path| {
             let found = series(path)?;
-            same_patient((planning, &own), (path, &found.0))?;
+            same_patient(planning, &own, path, &found.0)?;
             Ok(found)
         });
         let fractions = fractions.collect::<Result<_>>()?;
@@ -184,7 +184,7 @@ fn series(path: &Path) -> Result<(Series, Grid)> {
 }
 
 /// Refuses a fraction of another patient.
-fn same_patient((planning, own): (&Path, &Series), (path, fraction): (&Path, &Series)) -> Result<()> {
+fn same_patient(planning: &Path, own: &Series, path: &Path, fraction: &Series) -> Result<()> {
     let [a, b] = [&own.patient.id, &fraction.patient.id];
     if a == b {
         return Ok(());

@@ -36,7 +36,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
     let s = &drawable.subject;
     let name = &field.name;
     if let (Some(planning), Some(fraction)) = (s.planning, s.fraction) {
-        all.extend(fusions((which, field), (planning, fraction), &s.pair.pull.displacement)?);
+        all.extend(fusions(which, field, (planning, fraction), &s.pair.pull.displacement)?);
     }
     if let Some(planning) = s.planning {
         let canvas = jacobians(planning, &drawable.maps);
@@ -119,7 +119,8 @@ pub(super) fn middle_planes(ct: &Volume<f32>) -> [Plane; 3] {
 
 /// Before (of the first field, for all have the same), one shift alone, and after.
 fn fusions(
-    (which, field): (usize, &Assessed),
+    which: usize,
+    field: &Assessed,
     scans: (&Volume<f32>, &Volume<f32>),
     pull: &Volume<[f32; 3]>,
 ) -> Result<Vec<EvaluationPicture>> {
