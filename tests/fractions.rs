@@ -44,7 +44,7 @@ fn fractions_share_planning_and_give_the_bits_of_single_runs() {
     assert_ne!(first, fs::read(shared.join("planning_to_fraction.nii.gz")).unwrap());
     // What depends on planning alone was done once.
     let (one, two) = (stages(&both.out.join("1")), stages(&shared));
-    for stage in ["build skeleton", "find the patient", "link elements"] {
+    for stage in ["build skeleton, find the patient", "link elements"] {
         assert!(one.iter().any(|s| s == stage) && two.iter().all(|s| s != stage), "{stage}: {one:?} {two:?}");
     }
     assert!(two.iter().any(|s| s == "fit skeleton"), "{two:?}");

@@ -231,7 +231,7 @@ def test_ctrl_c_ends_a_run_and_the_next_one_works() -> None:
     watcher.start()
 
     def tell(stage: str, share: float | None) -> None:
-        if stage == "find the patient":
+        if stage == "build skeleton, find the patient":
             begun.set()
 
     with pytest.raises(KeyboardInterrupt):

@@ -5,6 +5,7 @@ use crate::geometry::Grid;
 use crate::volume::components::{Components, Connectivity};
 use crate::volume::{LabelMap, Volume};
 use nalgebra::{Matrix4, Point3, Vector3, Vector4};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// A bone as the label map shows it. World positions, LPS mm.
@@ -92,14 +93,15 @@ const NEIGHBOURHOOD: f64 = 25.0;
 pub(super) fn contact(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<Contact> {
     let thin = |p: &[Point3<f64>]| p.iter().step_by(p.len() / 500 + 1).copied().collect::<Vec<_>>();
     let coarse_b = thin(b);
-    let start = thin(a).into_iter().min_by(|p, q| distance(p, &coarse_b).total_cmp(&distance(q, &coarse_b)))?;
+    let far: Vec<(f64, Point3<f64>)> = thin(a).into_par_iter().map(|p| (distance(&p, &coarse_b), p)).collect();
+    let (_, start) = far.into_iter().min_by(|p, q| p.0.total_cmp(&q.0))?;
     let at_b = nearest(&start, b)?;
     let at_a = nearest(&at_b, a)?;
     let near = |p: &[Point3<f64>], at: &Point3<f64>| {
         p.iter().filter(|q| (*q - at).norm() <= NEIGHBOURHOOD).copied().collect::<Vec<_>>()
     };
     let (a, b) = (near(a, &at_a), near(b, &at_b));
-    let pairs: Vec<_> = a.iter().filter_map(|p| nearest(p, &b).map(|q| (*p, q, (q - p).norm()))).collect();
+    let pairs: Vec<_> = a.par_iter().filter_map(|p| nearest(p, &b).map(|q| (*p, q, (q - p).norm()))).collect();
     let gap = pairs.iter().map(|p| p.2).min_by(f64::total_cmp)?;
     let (own, other): (Vec<_>, Vec<_>) = pairs.iter().filter(|p| p.2 <= gap + FACING).map(|p| (p.0, p.1)).unzip();
     Some(Contact { own: mean(&own), other: mean(&other), gap })

@@ -72,19 +72,20 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
-    let mut scan = inputs.load(&recorded, &config, &runtime)?;
-    scan.warnings.extend(bones.warnings);
-    scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
-    args.clinic.name_patient(&mut scan.inputs);
     let read = |one: &Fraction| {
         let read = inputs.fraction(&one.file, one.landmarks.as_deref(), &file.inputs)?;
         let mut fraction = FractionScan { start: begin, ..read };
         args.clinic.name_patient(&mut fraction.inputs);
         Ok(fraction)
     };
+    let load = || inputs.load(&recorded, &config, &runtime);
+    let (loaded, mut ahead) = runtime.beside(load, || fractions.first().map(&read));
+    let mut scan = loaded?;
+    scan.warnings.extend(bones.warnings);
+    scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
+    args.clinic.name_patient(&mut scan.inputs);
     let mut planning = None;
     let mut texts = Vec::new();
-    let mut ahead = None;
     for (n, one) in fractions.iter().enumerate() {
         if planning.is_some() {
             runtime.restart();

@@ -6,10 +6,12 @@
 use super::held::{Held, spare_runs};
 use super::identity::is_still;
 use crate::error::{Error, Result};
+use std::cell::Cell;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Tells apart temporary files of one process.
 static SERIAL: AtomicU64 = AtomicU64::new(0);
@@ -50,11 +52,46 @@ pub fn write_file(path: impl AsRef<Path>, fill: impl FnOnce(&mut dyn Write) -> i
     let mut out = BufWriter::with_capacity(1 << 16, &partial.file);
     fill(&mut out).and_then(|()| out.flush()).map_err(failed)?;
     drop(out);
-    partial.file.sync_data().map_err(failed)?;
+    synced(&partial.file).map_err(failed)?;
     Held::note(path)?;
     std::fs::rename(&partial.path, path).map_err(failed)?;
     partial.kept = true;
     Ok(())
+}
+
+/// How long a thread without work sleeps before it asks again whether the disk is done.
+const NAP: Duration = Duration::from_micros(200);
+
+/// Files that a thread of a pool waits for at most while it works on: what it does meanwhile lies on its stack.
+const MOST_WAITED: usize = 4;
+
+thread_local! {
+    /// Files that this thread waits for.
+    static WAITED: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Waits until the bytes are on the disk; a thread of a pool works on meanwhile.
+fn synced(file: &File) -> io::Result<()> {
+    let waited = WAITED.get();
+    if rayon::current_thread_index().is_none() || waited == MOST_WAITED {
+        return file.sync_data();
+    }
+    WAITED.set(waited + 1);
+    let done = work_until_synced(file);
+    WAITED.set(waited);
+    done
+}
+
+fn work_until_synced(file: &File) -> io::Result<()> {
+    std::thread::scope(|scope| {
+        let disk = scope.spawn(|| file.sync_data());
+        while !disk.is_finished() {
+            if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                std::thread::sleep(NAP);
+            }
+        }
+        disk.join().unwrap_or_else(|_| Err(io::Error::other("the thread that waited for the disk has ended")))
+    })
 }
 
 /// Makes the folder where it is missing, proves that it can be written to, and clears what killed processes have left.
@@ -158,6 +195,7 @@ fn refusal(path: &Path, error: &io::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rayon::prelude::*;
 
     fn listing(folder: &Path) -> Vec<String> {
         let mut names: Vec<_> =
@@ -181,6 +219,21 @@ mod tests {
         write_file(&path, |out| out.write_all(b"newer")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"newer");
         assert_eq!(listing(dir.path()), ["case.01.nii"]);
+    }
+
+    #[test]
+    fn one_thread_writes_many_files_while_it_waits_for_the_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let deepest = std::sync::atomic::AtomicUsize::new(0);
+        let write = |n: usize| {
+            deepest.fetch_max(WAITED.get(), Ordering::Relaxed);
+            write_file(dir.path().join(n.to_string()), |out| out.write_all(n.to_string().as_bytes()))
+        };
+        pool.install(|| (0..60).into_par_iter().with_max_len(1).try_for_each(write)).unwrap();
+        let same = |n: usize| std::fs::read_to_string(dir.path().join(n.to_string())).unwrap() == n.to_string();
+        assert!((0..60).all(same) && listing(dir.path()).len() == 60);
+        assert!(deepest.into_inner() <= MOST_WAITED);
     }
 
     #[test]

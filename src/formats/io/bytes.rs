@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read as _};
+use std::io::{self, BufReader, ErrorKind, Read as _};
 use std::path::Path;
 
 /// Bytes that are read before a file's length is judged; every header ends within them.
@@ -14,10 +14,14 @@ const SLACK: u64 = 1 << 26;
 /// Longest text or mesh.
 const MOST_TEXT: u64 = 1 << 31;
 
+/// Bytes that are read at once where a file is streamed: in the processor's cache, and few calls.
+const PIECE: usize = 1 << 18;
+
 /// SHA-256 of one file's bytes, which are streamed.
 pub(super) fn sha256_of(path: &Path) -> Result<String> {
     let mut hash = Sha256::new();
-    io::copy(&mut open(path)?, &mut hash).map_err(|e| unreadable(path, &e))?;
+    let mut bytes = BufReader::with_capacity(PIECE, open(path)?);
+    io::copy(&mut bytes, &mut hash).map_err(|e| unreadable(path, &e))?;
     Ok(hex(&hash.finalize()))
 }
 

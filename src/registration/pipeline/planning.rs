@@ -46,16 +46,21 @@ impl Patient {
         work: impl FnOnce(&Skeleton) -> T + Send,
     ) -> Result<(Self, T)> {
         check_labels(planning)?;
-        let (skeleton, mut warnings) = runtime.stage("build skeleton", || skeleton_of(planning, config))?;
-        warnings.extend(runtime.stage("check inputs", || check_planning(planning, &skeleton, config))?);
-        // Wrong names are found before the long work begins.
-        let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
-        Organs::new(&config.chainmail.organs, &planning.bones, is_bone)?;
-        for change in &config.chainmail.volume_change {
-            organ_label("chainmail.volume_change", &change.organ, &planning.bones, is_bone)?;
-        }
+        let bones = || -> Result<_> {
+            let (skeleton, mut warnings) = skeleton_of(planning, config)?;
+            warnings.extend(check_planning(planning, &skeleton, config)?);
+            let is_bone = |l: u16| skeleton.bones.iter().any(|b| b.label == l);
+            Organs::new(&config.chainmail.organs, &planning.bones, is_bone)?;
+            for change in &config.chainmail.volume_change {
+                organ_label("chainmail.volume_change", &change.organ, &planning.bones, is_bone)?;
+            }
+            let made = work(&skeleton);
+            Ok((skeleton, warnings, made))
+        };
         let find = || body::find(&planning.ct, Some(&planning.bones), &config.body);
-        let (body, made) = runtime.stage("find the patient", || rayon::join(find, || work(&skeleton)));
+        // What is wrong with the inputs is told first.
+        let (bones, body) = runtime.stage("build skeleton, find the patient", || rayon::join(bones, find));
+        let (skeleton, warnings, made) = bones?;
         Ok((Self { skeleton, body: body?, warnings }, made))
     }
 }

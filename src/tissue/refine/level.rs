@@ -7,7 +7,7 @@
 
 use super::RefineOptions;
 use super::local;
-use super::planning::{Planning, Shown, blurred, sample};
+use super::planning::{Planning, Shown, Windowed, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
@@ -54,7 +54,7 @@ const HOLD: f64 = 17.0;
 impl<'a> Level<'a> {
     pub(super) fn new(
         planning: &Planning<'_>,
-        fraction: &Volume<f32>,
+        fraction: &Windowed,
         lattice: &'a Lattice,
         (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
         alone: Option<&Volume<[f32; 3]>>,
@@ -63,7 +63,7 @@ impl<'a> Level<'a> {
         let voxel = planning.ct.grid().mean_edge().max(fraction.grid().mean_edge());
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
         let soft: Vec<u32> = lattice.soft().collect();
-        let (planning, fraction) = rayon::join(|| planning.shown(lattice, &soft, sigma), || blurred(fraction, sigma));
+        let (planning, fraction) = rayon::join(|| planning.shown(lattice, &soft, sigma), || fraction.blurred(sigma));
         let alone = alone.map_or_else(Vec::new, |alone| {
             let at = |&n: &u32| {
                 let u = trilinear_vector(alone, &alone.grid().index(&lattice.rest(n as usize)));

@@ -15,7 +15,7 @@ pub use shading::{GreyValues, Shading};
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};
 use level::Level;
-use planning::{Planning, windowed};
+use planning::{Planning, Windowed};
 use skin::Skin;
 
 /// Gain and offset of a corrected fraction are found anew over neighbourhoods of this width (sigma), mm, or of an element where
@@ -27,7 +27,7 @@ pub struct Images<'a> {
     planning: Planning<'a>,
     /// The fraction CT inside the patient; outside and beyond the window the window's edges, and no number where nothing was
     /// measured. `None` where grey values do not pull.
-    fraction: Option<Volume<f32>>,
+    fraction: Option<Windowed>,
     skin: Option<Skin>,
     options: RefineOptions,
     neighbourhood_mm: Option<f64>,
@@ -72,7 +72,7 @@ impl<'a> Images<'a> {
         let pulls = options.weight > 0.0;
         Self {
             planning: Planning::new(planning.ct, planning.body, window, kept),
-            fraction: pulls.then(|| windowed(fraction.ct, fraction.body, window)),
+            fraction: pulls.then(|| Windowed::new(fraction.ct, fraction.body, window)),
             skin: Skin::new(planning.body, fraction.body, &options.skin),
             options,
             neighbourhood_mm,

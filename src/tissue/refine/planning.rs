@@ -1,6 +1,7 @@
 //! What the elements' points show in the planning CT. All fractions share it.
 
 use crate::chainmail::Lattice;
+use crate::geometry::Grid;
 use crate::volume::{Mask, Volume, Window, cubic, gaussian, gaussian_ratio};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -25,25 +26,39 @@ pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vect
     Some((value, image.grid().inverse_step().transpose() * slope))
 }
 
-/// A CT in the window inside the patient; outside the window's lower edge. What is no number stays none.
-pub(super) fn windowed(ct: &Volume<f32>, body: &Mask, window: Window) -> Volume<f32> {
-    let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
-    let data = ct.data().par_iter().zip(body.data()).map(at).collect();
-    Volume::new(ct.grid().clone(), data).expect("one value per voxel")
+/// A CT in the window inside the patient; outside the window's lower edge.
+pub(super) struct Windowed {
+    image: Volume<f32>,
+    /// Whether it has values that are no number.
+    holes: bool,
 }
 
 /// Least share of a blur that must be known.
 const LEAST_KNOWN: f32 = 0.7;
 
-/// An image blurred by `sigma` mm over its known values; no number where too few of them are near.
-pub(super) fn blurred(image: &Volume<f32>, sigma: f64) -> Volume<f32> {
-    if !image.data().par_iter().any(|v| v.is_nan()) {
-        return gaussian(image, sigma);
+impl Windowed {
+    /// What is no number stays none.
+    pub(super) fn new(ct: &Volume<f32>, body: &Mask, window: Window) -> Self {
+        let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
+        let data: Vec<f32> = ct.data().par_iter().zip(body.data()).map(at).collect();
+        let holes = data.par_iter().any(|v| v.is_nan());
+        Self { image: Volume::new(ct.grid().clone(), data).expect("one value per voxel"), holes }
     }
-    let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
-    let value = |v: f32| if v.is_nan() { 0.0 } else { v };
-    let mean = |sum: f32, share: f32| if share > LEAST_KNOWN { sum / share } else { f32::NAN };
-    gaussian_ratio((image, value), (image, known), sigma, mean)
+
+    pub(super) fn grid(&self) -> &Grid {
+        self.image.grid()
+    }
+
+    /// Blurred by `sigma` mm over its known values; no number where too few of them are near.
+    pub(super) fn blurred(&self, sigma: f64) -> Volume<f32> {
+        if !self.holes {
+            return gaussian(&self.image, sigma);
+        }
+        let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
+        let value = |v: f32| if v.is_nan() { 0.0 } else { v };
+        let mean = |sum: f32, share: f32| if share > LEAST_KNOWN { sum / share } else { f32::NAN };
+        gaussian_ratio((&self.image, value), (&self.image, known), sigma, mean)
+    }
 }
 
 /// The planning CT of a registration.
@@ -52,7 +67,7 @@ pub(super) struct Planning<'a> {
     body: &'a Mask,
     window: Window,
     /// Windowed, once it is needed.
-    windowed: OnceLock<Volume<f32>>,
+    windowed: OnceLock<Windowed>,
     kept: Option<&'a PlanningSamples>,
 }
 
@@ -70,8 +85,8 @@ impl<'a> Planning<'a> {
         if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(|(k, _)| *k == key).cloned()) {
             return found;
         }
-        let windowed = self.windowed.get_or_init(|| windowed(self.ct, self.body, self.window));
-        let blurred = blurred(windowed, sigma);
+        let windowed = self.windowed.get_or_init(|| Windowed::new(self.ct, self.body, self.window));
+        let blurred = windowed.blurred(sigma);
         let offsets = lattice.grid.eighths();
         let points = soft.par_iter().flat_map_iter(|&n| {
             let rest = lattice.rest(n as usize);

@@ -102,6 +102,10 @@ struct Plane {
     values: Vec<f32>,
     /// Soft tissue where no image speaks.
     silent: usize,
+    /// Soft tissue with more than 2 mm.
+    above: usize,
+    /// Soft tissue of which nothing is known.
+    unknown: usize,
 }
 
 /// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient nothing is known.
@@ -141,6 +145,8 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
                 if e.tissue.data()[first + i] {
                     plane.values.push(*value);
                     plane.silent += usize::from(!heard[nearest(axes[0][i])]);
+                    plane.above += usize::from(*value > 2.0);
+                    plane.unknown += usize::from(*value < 0.0);
                 }
             }
         }
@@ -152,12 +158,11 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
 fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {
     let parts: Vec<&'a [f32]> = planes.iter().map(|p| p.values.as_slice()).collect();
     let soft: usize = parts.iter().map(|p| p.len()).sum();
-    let count = |which: fn(f32) -> bool| parts.iter().flat_map(|p| p.iter()).filter(|v| which(**v)).count();
-    let (above, unknown) = (count(|v| v > 2.0), count(|v| v < 0.0));
+    let sum = |which: fn(&Plane) -> usize| planes.iter().map(which).sum::<usize>();
+    let (silent, above, unknown) = (sum(|p| p.silent), sum(|p| p.above), sum(|p| p.unknown));
     // Runs of what is known, where they lie.
     let known = |part: &&'a [f32]| part.split(|v| *v < 0.0).filter(|run| !run.is_empty());
     let known: Vec<&[f32]> = parts.iter().flat_map(known).collect();
-    let silent: usize = planes.iter().map(|p| p.silent).sum();
     UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
         unknown_percent: 100.0 * unknown as f64 / soft.max(1) as f64,

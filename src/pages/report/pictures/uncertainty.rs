@@ -9,6 +9,7 @@ use super::{Plate, Scene};
 use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// Air and everything outside the patient.
 const BACKDROP: Rgb = [198, 203, 210];
@@ -23,7 +24,7 @@ const ENOUGH: usize = 200_000;
 
 /// Upper end of a scale for the map, mm, which few values exceed, and the greatest value.
 pub(in crate::report) fn scale(map: &Volume<f32>) -> [f64; 2] {
-    let greatest = map.data().iter().copied().fold(0.0f32, f32::max);
+    let greatest = map.data().par_iter().copied().reduce(|| 0.0, f32::max);
     let every = map.data().len().div_ceil(ENOUGH);
     let mut known: Vec<f64> =
         map.data().iter().step_by(every).filter(|mm| **mm >= 0.0).map(|mm| f64::from(*mm)).collect();
