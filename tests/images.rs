@@ -97,3 +97,26 @@ fn a_cone_beam_ct_helps_inside_its_circle_and_does_no_harm_outside() {
     let kind = pulled.kind.as_ref().expect("images took part");
     assert!(kind.to_string().contains("circle"), "{kind}");
 }
+
+#[test]
+fn where_images_mislead_bones_alone_carry_and_it_is_told() {
+    let phantom = fine();
+    let truth = phantom.truth().unwrap();
+    // A cone-beam CT that is taken for a CT: its shading draws tissue.
+    let options = CbctOptions { circle_radius_mm: 400.0, ..CbctOptions::default() };
+    let fraction = degrade(&phantom.fraction, &options, 7).unwrap();
+    let case = Case::new(phantom.planning.clone(), phantom.bones.clone(), fraction);
+    let mut config = Config::default();
+    (config.refine.shading.least_hu, config.refine.shading.least_gain) = (1000.0, 10.0);
+    let pulled = outcome(&case, &config);
+    config.refine.weight = 0.0;
+    let alone = outcome(&case, &config);
+    let soft =
+        |n: usize| phantom.body.data()[n] && phantom.bones.volume.data()[n] == 0 && phantom.planning.data()[n] > -200.0;
+    let [a, b] = [&pulled, &alone].map(|o| error(&o.push, &truth, soft));
+    let misled = pulled.kind.as_ref().and_then(|k| k.misled);
+    println!("misled {misled:?}: {a:.2?} mm, bones alone {b:.2?}");
+    assert!(a[0] <= 1.02 * b[0] && a[1] <= 1.02 * b[1], "{a:?} {b:?}");
+    let told = |o: &Outcome| o.warnings.iter().any(|w| w.code == "images-mislead");
+    assert!(misled.is_some() && told(&pulled) && !told(&alone));
+}

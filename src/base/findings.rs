@@ -252,6 +252,11 @@ const BETWEEN: &[Finding] = &[
         "Compare RescaleSlope and RescaleIntercept with the DICOM series.",
     ),
     warned(
+        "images-mislead",
+        "Images draw soft tissue and agree no better for it, as with streaks of metal, noise or another machine's grey values.",
+        "Bones alone carry that tissue; look at the fusion there, and at the map of uncertainty.",
+    ),
+    warned(
         "input-changed",
         "A file is not the one that the recorded run has read.",
         "Run it on the recorded file, or take the result as a new one.",

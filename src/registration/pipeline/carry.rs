@@ -4,6 +4,7 @@ use super::contact;
 use super::couch::{Couch, couch_shift};
 use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
+use super::kind::MisledTissue;
 use super::outcome::CARRYING;
 use super::planning::Resting;
 use super::{FractionKind, Outcome, PlanningScan, VolumeReached};
@@ -35,6 +36,8 @@ pub(super) struct Carried {
     pub(super) outcome: Outcome,
     /// Displacements that the bones alone would give, on coarse elements, mm; where images pulled.
     pub(super) alone: Option<Volume<[f32; 3]>>,
+    /// Where images misled and do not pull, on the elements' grid in planning.
+    pub(super) misled: Option<Mask>,
 }
 
 /// A patient whose bones have moved, in the frame that the couch has brought along.
@@ -68,6 +71,8 @@ struct Propagated {
     regions: Option<LabelMap>,
     /// As in [`Carried`].
     alone: Option<Volume<[f32; 3]>>,
+    /// As in [`Carried`].
+    misled: Option<Mask>,
     kind: Option<FractionKind>,
 }
 
@@ -76,7 +81,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let Moved { scan, body, resting, config, .. } = moved;
     let Some(fraction) = fraction else {
         let (propagation, regions) = soft_tissue(moved, None, runtime)?;
-        return Ok(Propagated { propagation, regions, alone: None, kind: None });
+        return Ok(Propagated { propagation, regions, alone: None, misled: None, kind: None });
     };
     let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
     let bone = bone_of_label(moved.skeleton);
@@ -89,10 +94,15 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
     let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
-    let (propagation, regions) = soft_tissue(moved, Some(&images), runtime)?;
+    let (mut propagation, mut regions) = soft_tissue(moved, Some(&images), runtime)?;
+    let misled = images.misled(&propagation.lattice, &propagation.displacement);
+    if let Some(misled) = &misled {
+        (propagation, regions) = soft_tissue(moved, Some(&images.without(&misled.at)), runtime)?;
+    }
     let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
-    let kind = FractionKind { view: fraction.view, grey, corrected };
-    Ok(Propagated { propagation, regions, alone, kind: Some(kind) })
+    let told = misled.as_ref().map(|m| MisledTissue { percent: m.percent, centre_mm: m.centre.into() });
+    let kind = FractionKind { view: fraction.view, grey, corrected, misled: told };
+    Ok(Propagated { propagation, regions, alone, misled: misled.map(|m| m.at), kind: Some(kind) })
 }
 
 /// What the bones alone would have made of soft tissue, coarsely.
@@ -127,7 +137,7 @@ pub(super) fn carry_out(
     let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.variant.carry);
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
     let moved = Moved { scan, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
-    let Propagated { propagation, regions, alone, kind } =
+    let Propagated { propagation, regions, alone, misled, kind } =
         runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
     let turns = rotation_matrices(&transforms);
     let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
@@ -202,7 +212,7 @@ pub(super) fn carry_out(
         stages: runtime.times(),
         part: None,
     };
-    Ok(Carried { outcome, alone })
+    Ok(Carried { outcome, alone, misled })
 }
 
 /// How well the fields have to agree: what the chain mail is compared with stays as it is.

@@ -18,6 +18,18 @@ pub struct FractionKind {
     pub grey: Option<GreyValues>,
     /// Whether images pulled with its grey values corrected.
     pub corrected: bool,
+    /// Soft tissue that its image misled: bones alone carry it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misled: Option<MisledTissue>,
+}
+
+/// Soft tissue that images drew without agreeing better for it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MisledTissue {
+    /// Share of soft tissue, percent.
+    pub percent: f64,
+    /// Its middle in planning, LPS mm.
+    pub centre_mm: [f64; 3],
 }
 
 impl fmt::Display for FractionKind {
@@ -51,6 +63,13 @@ impl FractionKind {
             );
             out.push(Warning::new("shaded-fraction", message));
         }
+        if let Some(MisledTissue { percent, centre_mm: [x, y, z] }) = self.misled {
+            let message = format!(
+                "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm, the images drew it and agreed no better for \
+                 it; bones alone carry it there. Streaks of metal, noise or grey values of another machine do that"
+            );
+            out.push(Warning::new("images-mislead", message));
+        }
         let unmeasured = 100.0 - self.view.measured_percent;
         if unmeasured > UNMEASURED_PERCENT {
             let message = format!(
@@ -74,15 +93,18 @@ mod tests {
         let circle = Circle { centre_mm: [0.0; 3], along: 2, radius_mm: 125.0, rim_mm: 0.0 };
         let view =
             ViewReport { circle: Some(circle), padding: Some(-1000.0), measured_percent: 40.0, ..Default::default() };
-        let kind = FractionKind { view, grey: Some(grey), corrected: true };
+        let kind = FractionKind { view, grey: Some(grey), corrected: true, misled: None };
         assert_eq!(kind.to_string(), "CBCT-like (slope 0.80, shading 118 HU, circle of 250 mm)");
         let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
         assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
         assert!((kind.on_plannings_scale(-100.0) + 105.0).abs() < 1e-4);
         let all = ViewReport { measured_percent: 100.0, ..Default::default() };
-        let ct = FractionKind { view: all, grey: None, corrected: false };
+        let ct = FractionKind { view: all, grey: None, corrected: false, misled: None };
         assert_eq!(ct.to_string(), "CT");
         assert!(ct.warnings().is_empty());
+        let misled = Some(MisledTissue { percent: 7.2, centre_mm: [1.0, -40.0, 120.0] });
+        let warnings = FractionKind { misled, ..ct.clone() }.warnings();
+        assert!(warnings[0].code == "images-mislead" && warnings[0].message.contains("(1, -40, 120)"), "{warnings:?}");
         assert!((ct.on_plannings_scale(-100.0) + 100.0).abs() < 1e-9);
     }
 }

@@ -27,7 +27,7 @@ pub use checks::{check_fraction, check_grids, check_size};
 pub use curve::{CurvePoint, measure, phantom_case};
 pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use judge::judge;
-pub use kind::FractionKind;
+pub use kind::{FractionKind, MisledTissue};
 pub use memory::memory_estimate;
 pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, is_placed, moves_most};
 pub use planning::Planning;

@@ -89,7 +89,7 @@ fn carried(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let Carried { mut outcome, alone } = carry_out(
+    let Carried { mut outcome, alone, misled } = carry_out(
         (&case.planning, &case.fraction.landmarks),
         case.fraction.ct.grid(),
         moved,
@@ -101,7 +101,8 @@ fn carried(
     if let Some(side) = &resting.side {
         let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
         let map = runtime.stage("uncertainty", || {
-            uncertainty::of(&case.planning, &outcome, (side, &resting.tissue), (seen, alone.as_ref()))
+            let images = uncertainty::Shown { fraction: seen, bones_alone: alone.as_ref(), misled: misled.as_ref() };
+            uncertainty::of(&case.planning, &outcome, (side, &resting.tissue), images)
         })?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();

@@ -22,24 +22,35 @@ pub(super) fn side(
     PlanningSide::new(&planning.ct, body, &planning.bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
 
-/// The map of a registration; `alone` is the field of the bones alone, where images pulled.
+/// What a fraction's image told of soft tissue.
+pub(super) struct Shown<'a> {
+    /// HU.
+    pub(super) fraction: &'a Volume<f32>,
+    /// The field of the bones alone, where images pulled.
+    pub(super) bones_alone: Option<&'a Volume<[f32; 3]>>,
+    /// Where they misled and did not, after all.
+    pub(super) misled: Option<&'a Mask>,
+}
+
+/// The map of a registration.
 pub(super) fn of(
     planning: &PlanningScan,
     outcome: &Outcome,
     (side, tissue): (&PlanningSide, &Mask),
-    (fraction, alone): (&Volume<f32>, Option<&Volume<[f32; 3]>>),
+    images: Shown<'_>,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
     let bone_mm = bone_mm(outcome);
     uncertainty::map(&Evidence {
         side,
-        fraction,
+        fraction: images.fraction,
         body: &outcome.body,
         tissue,
         bones: &planning.bones,
         bone_mm: &bone_mm,
         push: &outcome.push,
         doubt: doubt(outcome),
-        bones_alone: alone,
+        bones_alone: images.bones_alone,
+        misled: images.misled,
     })
 }
 

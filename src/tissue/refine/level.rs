@@ -11,7 +11,7 @@ use super::planning::{Planning, Shown, Windowed, sample};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
-use crate::volume::{Volume, trilinear_vector};
+use crate::volume::{Mask, Volume, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -30,6 +30,8 @@ pub(super) struct Level<'a> {
     fraction: Volume<f32>,
     /// Soft elements, ascending.
     soft: Vec<u32>,
+    /// Whether images mislead there; empty where they do nowhere.
+    misled: Vec<bool>,
     /// Points per element.
     offsets: [Vector3<f64>; 8],
     planning: Shown,
@@ -57,7 +59,7 @@ impl<'a> Level<'a> {
         fraction: &Windowed,
         lattice: &'a Lattice,
         (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
-        alone: Option<&Volume<[f32; 3]>>,
+        (alone, misled): (Option<&Volume<[f32; 3]>>, Option<&Mask>),
     ) -> Self {
         let mean = lattice.grid.mean_edge();
         let voxel = planning.ct.grid().mean_edge().max(fraction.grid().mean_edge());
@@ -71,10 +73,15 @@ impl<'a> Level<'a> {
             };
             soft.par_iter().map(at).collect()
         });
+        let misled = misled.map_or_else(Vec::new, |misled| {
+            let near = |n: &u32| misled.grid().voxel_at(&lattice.rest(*n as usize)).is_some_and(|v| *misled.at(v));
+            soft.par_iter().map(near).collect()
+        });
         Self {
             lattice,
             fraction,
             soft,
+            misled,
             offsets: lattice.grid.eighths(),
             planning,
             weight: options.weight * mean * mean,
@@ -86,6 +93,12 @@ impl<'a> Level<'a> {
         }
     }
 
+    /// Whether what images show of soft element `s` counts.
+    #[inline(always)]
+    fn counts(&self, s: usize) -> bool {
+        !self.misled.get(s).is_some_and(|misled| *misled)
+    }
+
     /// Renews the pull on the soft elements `which` at the elements' displacements `u`.
     pub(super) fn renew(&self, u: &[[f32; 3]], which: &[u32], pull: &mut Pull) {
         let m = self.offsets.len();
@@ -93,6 +106,9 @@ impl<'a> Level<'a> {
             .into_par_iter()
             .filter_map(|t| {
                 let point = t * THINNED;
+                if !self.counts(point / m) {
+                    return None;
+                }
                 let p = self.planning[point][0];
                 let f = sample(&self.fraction, &(self.place(point / m, u) + self.offsets[point % m]))?.0;
                 (!p.is_nan() && !f.is_nan()).then_some((f64::from(p), f))
@@ -101,6 +117,9 @@ impl<'a> Level<'a> {
         let grey = grey_values(&grey);
         let place = |s: usize, point: usize| self.place(s, u) + self.offsets[point];
         let pair = |s: usize, point: usize| {
+            if !self.counts(s) {
+                return None;
+            }
             let p = self.planning[s * m + point][0];
             let f = sample(&self.fraction, &place(s, point))?.0;
             (!p.is_nan() && !f.is_nan()).then_some((f64::from(p), f))
@@ -130,10 +149,10 @@ impl<'a> Level<'a> {
         let m = self.offsets.len();
         let limit = self.robust * noise;
         let scale = self.weight / (noise * noise) / m as f64;
-        let here = self.place(s, u);
+        let (here, counts) = (self.place(s, u), self.counts(s));
         let (mut a, mut b, mut seen) = ([0f64; 6], Vector3::zeros(), false);
         for (p, o) in self.planning[s * m..(s + 1) * m].iter().zip(&self.offsets) {
-            if p[0].is_nan() {
+            if p[0].is_nan() || !counts {
                 continue;
             }
             let Some((f, slope)) = sample(&self.fraction, &(here + o)) else { continue };

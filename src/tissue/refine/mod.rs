@@ -1,6 +1,7 @@
 //! Rank 5: soft tissue by image. The two CTs pull the chain mail's elements where they show contrast, their skins along
 //! the normal; its elasticity does the rest.
 
+mod evidence;
 mod level;
 mod local;
 mod options;
@@ -8,6 +9,7 @@ mod planning;
 mod shading;
 mod skin;
 
+pub use evidence::Misled;
 pub use options::{RefineOptions, ShadingOptions, SkinOptions};
 pub use planning::PlanningSamples;
 pub use shading::{GreyValues, Shading};
@@ -32,6 +34,8 @@ pub struct Images<'a> {
     options: RefineOptions,
     neighbourhood_mm: Option<f64>,
     alone: Option<&'a Volume<[f32; 3]>>,
+    /// Where grey values do not pull, since they mislead.
+    misled: Option<&'a Mask>,
 }
 
 /// A CT (HU; no number where nothing was measured) with the patient in it.
@@ -77,14 +81,22 @@ impl<'a> Images<'a> {
             options,
             neighbourhood_mm,
             alone,
+            misled: None,
         }
+    }
+
+    /// The same pull, but where images mislead ([`Images::misled`]): tissue there is as tissue that the fraction does not show.
+    #[must_use]
+    pub fn without(self, misled: &'a Mask) -> Self {
+        Self { misled: Some(misled), ..self }
     }
 }
 
 impl ImagePull for Images<'_> {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
         let of = |fraction| {
-            Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm), self.alone)
+            let bones = (self.alone, self.misled);
+            Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm), bones)
         };
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));

@@ -2,7 +2,7 @@
 
 use crate::chainmail::Lattice;
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume, Window, cubic, gaussian, gaussian_ratio};
+use crate::volume::{Mask, Volume, Window, cubic, gaussian, gaussian_ratio, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -49,6 +49,12 @@ impl Windowed {
         self.image.grid()
     }
 
+    /// HU at a world position, where it is known.
+    #[inline]
+    pub(super) fn at(&self, world: &Point3<f64>) -> Option<f64> {
+        trilinear(&self.image, &self.image.grid().index(world)).filter(|hu| !hu.is_nan())
+    }
+
     /// Blurred by `sigma` mm over its known values; no number where too few of them are near.
     pub(super) fn blurred(&self, sigma: f64) -> Volume<f32> {
         if !self.holes {
@@ -76,6 +82,11 @@ impl<'a> Planning<'a> {
         Self { ct, body, window, windowed: OnceLock::new(), kept }
     }
 
+    /// In the window.
+    pub(super) fn windowed(&self) -> &Windowed {
+        self.windowed.get_or_init(|| Windowed::new(self.ct, self.body, self.window))
+    }
+
     /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
     pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64) -> Shown {
         let [x, y, z] = lattice.grid.spacing();
@@ -85,8 +96,7 @@ impl<'a> Planning<'a> {
         if let Some((_, found)) = self.kept.and_then(|kept| list(kept).iter().find(|(k, _)| *k == key).cloned()) {
             return found;
         }
-        let windowed = self.windowed.get_or_init(|| Windowed::new(self.ct, self.body, self.window));
-        let blurred = windowed.blurred(sigma);
+        let blurred = self.windowed().blurred(sigma);
         let offsets = lattice.grid.eighths();
         let points = soft.par_iter().flat_map_iter(|&n| {
             let rest = lattice.rest(n as usize);

@@ -58,6 +58,8 @@ pub struct Evidence<'a> {
     pub doubt: f64,
     /// Displacements of the bones alone on any grid; `None` when images took no part in soft tissue.
     pub bones_alone: Option<&'a Volume<[f32; 3]>>,
+    /// Where images say nothing though they show something, on any grid: they misled there.
+    pub misled: Option<&'a Mask>,
 }
 
 /// What the map holds where nothing is known.
@@ -215,6 +217,7 @@ mod tests {
             push: &push,
             doubt: 1.0,
             bones_alone: images.then_some(&alone),
+            misled: None,
         };
         map(&e).unwrap()
     }
@@ -264,6 +267,7 @@ mod tests {
             push: &push,
             doubt: 1.0,
             bones_alone: None,
+            misled: None,
         };
         let (map, _) = map(&e).unwrap();
         let differ = |k: usize| (map.at([10, 10, k]) - map.at([10, 10, 37 - k])).abs();

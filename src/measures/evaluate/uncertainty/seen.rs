@@ -5,7 +5,7 @@ use super::side::AVERAGE_MM;
 use crate::error::Result;
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
-use crate::volume::{Volume, gaussian, trilinear, trilinear_vector};
+use crate::volume::{Mask, Volume, gaussian, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -45,10 +45,14 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
         let at = |v: &Volume<[f32; 3]>| trilinear_vector(v, &v.grid().index(&x)).unwrap_or_else(Vector3::zeros);
         (at(&e.push.displacement) - at(alone)).norm()
     };
+    let misled = |n: usize| {
+        let at = |m: &Mask| m.grid().voxel_at(&grid.centre(grid.voxel(n))).is_some_and(|v| *m.at(v));
+        e.misled.is_some_and(at)
+    };
     let mismatch = |n: usize| {
         let w = weight.data()[n];
         let slope = f64::from(e.side.slope.data()[n]).sqrt() + NOISE_GRADIENT;
-        (w > LEAST_SEEN).then(|| f64::from(difference.data()[n] / w).sqrt() / slope)
+        (w > LEAST_SEEN && !misled(n)).then(|| f64::from(difference.data()[n] / w).sqrt() / slope)
     };
     let mismatch: Vec<Option<f64>> = (0..grid.len()).into_par_iter().map(mismatch).collect();
     let scale = SCALE * unlike(e.side.soft.iter().filter_map(|(n, _)| mismatch[*n as usize]).collect());

@@ -6,7 +6,7 @@ use crate::warning::Warning;
 
 /// Warnings of these codes say that the result may be wrong somewhere, and ask for a look at it. The others tell of
 /// files, of what is judged by its figures, or of what is expected.
-const DOUBTS: [&str; 28] = [
+const DOUBTS: [&str; 29] = [
     "bone-not-explained",
     "bones-apart",
     "bones-auto",
@@ -17,6 +17,7 @@ const DOUBTS: [&str; 28] = [
     "fit-iterations",
     "fraction-scaled",
     "hu-doubtful",
+    "images-mislead",
     "input-changed",
     "joint-limit",
     "label-doubtful",

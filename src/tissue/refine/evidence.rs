@@ -1,0 +1,162 @@
+//! Where images mislead: they draw soft tissue away from where the bones alone would carry it, and agree no better for it.
+//!
+//! Place by place this tells nothing: where the local correlation of the images is worse than before, tissue still lies nearer to
+//! the truth than by bones alone as a rule, since what its neighbours were shown moves it. Over some centimetres it does: there
+//! the drawn tissue must gain more agreement than it loses, or what draws it is no anatomy (streaks of metal, noise, grey values
+//! of another machine). docs/decisions/images.md has the measurements.
+
+use super::Images;
+use super::planning::Windowed;
+use crate::chainmail::Lattice;
+use crate::volume::{Mask, Volume, gaussian, trilinear_vector};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Points of an element's eight that are compared: four that no two share an edge of.
+const POINTS: [usize; 4] = [0, 3, 5, 6];
+/// Width (sigma) of the neighbourhoods in which images are correlated, mm, or the elements' spacing where that is greater.
+const NEAR_MM: f64 = 4.5;
+/// Width (sigma) over which gains and losses are weighed against each other, mm.
+const WIDE_MM: f64 = 20.0;
+/// Grey values are counted in these, HU, so that single precision does.
+const UNIT_HU: f64 = 100.0;
+/// Contrast (standard deviation) below which a correlation means nothing, HU.
+const RIDGE_HU: f64 = 3.0;
+/// Least share of a neighbourhood that both scans must show.
+const LEAST_SEEN: f32 = 0.05;
+/// A correlation that changes by less has neither gained nor lost.
+const LEAST_CHANGE: f32 = 0.01;
+/// Tissue that is drawn farther than this counts as if it were this far, mm.
+const FARTHEST_MM: f32 = 2.0;
+/// The balance of gains and losses (1: all gain, -1: all lose) below which tissue counts as drawn without gain, and the share of
+/// all that tissue is drawn, percent, that must be so before images are doubted at all: at most 0.8 on all ordinary pairs that were
+/// measured, 12 and more where images misled.
+const WITHOUT_GAIN: f32 = 0.2;
+const DOUBTED_PERCENT: f64 = 4.0;
+/// Once they are doubted they must do better than this: ordinary pairs have 0.8 to 1 nearly everywhere.
+const CLEAR: f32 = 0.4;
+
+/// Where images mislead.
+#[derive(Debug, Clone)]
+pub struct Misled {
+    /// On the elements' grid.
+    pub at: Mask,
+    /// Share of the soft elements, percent.
+    pub percent: f64,
+    /// The middle of those elements, LPS mm, in planning.
+    pub centre: Point3<f64>,
+}
+
+/// What both scans show around an element: how many points, and the sums of grey values and their products (planning, fraction
+/// where tissue was drawn, fraction where the bones alone carry it).
+type Sums = [f32; 9];
+
+impl Images<'_> {
+    /// Where the images have drawn the elements of a lattice, at the displacements `u` (mm), without agreeing better than by bones
+    /// alone; `None` where that is hardly anywhere, and where grey values do not pull.
+    pub fn misled(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<Misled> {
+        let (fraction, alone) = (self.fraction.as_ref()?, self.alone?);
+        let soft: Vec<u32> = lattice.soft().collect();
+        let pairs = (self.planning.windowed(), fraction);
+        let seen: Vec<(f32, Sums)> =
+            soft.par_iter().map(|&n| compared(lattice, pairs, (u, alone), n as usize)).collect();
+        let spread = |sigma: f64, value: &(dyn Fn(usize) -> f32 + Sync)| {
+            let mut values = vec![0f32; lattice.node.len()];
+            soft.iter().enumerate().for_each(|(s, &n)| values[n as usize] = value(s));
+            gaussian(&Volume::new(lattice.grid.clone(), values).expect("one value per node"), sigma)
+        };
+        let near = NEAR_MM.max(lattice.grid.mean_edge());
+        let sums: Vec<Volume<f32>> = (0..9).into_par_iter().map(|q| spread(near, &|s| seen[s].1[q])).collect();
+        let votes: Vec<(f32, f32)> = soft
+            .par_iter()
+            .zip(&seen)
+            .map(|(&n, (drawn, _))| {
+                let around: Sums = std::array::from_fn(|q| sums[q].data()[n as usize]);
+                gain(&around).map_or((0.0, 0.0), |gain| (gain * drawn, *drawn))
+            })
+            .collect();
+        let (gained, drawn) = rayon::join(|| spread(WIDE_MM, &|s| votes[s].0), || spread(WIDE_MM, &|s| votes[s].1));
+        let below = |n: usize, least: f32| gained.data()[n] < least * drawn.data()[n];
+        let without = |least: f32| soft.iter().zip(&votes).filter(move |(n, _)| below(**n as usize, least));
+        let all: f64 = votes.iter().map(|v| f64::from(v.1)).sum();
+        let lost: f64 = without(WITHOUT_GAIN).map(|(_, v)| f64::from(v.1)).sum();
+        if 100.0 * lost <= DOUBTED_PERCENT * all {
+            return None;
+        }
+        let (mut count, mut sum) = (0, Vector3::zeros());
+        without(CLEAR).for_each(|(&n, _)| (count, sum) = (count + 1, sum + lattice.rest(n as usize).coords));
+        let at = Volume::from_fn(lattice.grid.clone(), |n| below(n, CLEAR));
+        let percent = 100.0 * f64::from(count) / soft.len().max(1) as f64;
+        Some(Misled { at, percent, centre: (sum / f64::from(count.max(1))).into() })
+    }
+}
+
+/// How far an element is drawn from where the bones alone carry it, mm, at most [`FARTHEST_MM`], and what both scans show in it.
+fn compared(
+    lattice: &Lattice,
+    (planning, fraction): (&Windowed, &Windowed),
+    (u, alone): (&[[f32; 3]], &Volume<[f32; 3]>),
+    n: usize,
+) -> (f32, Sums) {
+    let rest = lattice.rest(n);
+    let Some(by_bones) = trilinear_vector(alone, &alone.grid().index(&rest)) else { return (0.0, [0.0; 9]) };
+    let drawn = Vector3::from(u[n].map(f64::from));
+    let offsets = lattice.grid.eighths();
+    let mut sums = [0f64; 9];
+    for o in POINTS.map(|point| offsets[point]) {
+        let at = |image: &Windowed, place: Point3<f64>| image.at(&(place + o)).map(|hu| hu / UNIT_HU);
+        let shown = at(planning, rest).zip(at(fraction, rest + drawn)).zip(at(fraction, rest + by_bones));
+        let Some(((p, f), b)) = shown else { continue };
+        let more = [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b];
+        sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more / POINTS.len() as f64);
+    }
+    (((drawn - by_bones).norm() as f32).min(FARTHEST_MM), sums.map(|sum| sum as f32))
+}
+
+/// 1 where the correlation with planning gains by what tissue was drawn, -1 where it loses, 0 where it hardly changes; `None` where
+/// too little is seen.
+fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &Sums) -> Option<f32> {
+    if n < LEAST_SEEN {
+        return None;
+    }
+    let ridge = (RIDGE_HU / UNIT_HU).powi(2) as f32;
+    let spread = |sum: f32, squares: f32| (squares / n - (sum / n).powi(2)).max(0.0) + ridge;
+    let correlation = |sum: f32, squares: f32, products: f32| {
+        (products / n - p * sum / (n * n)) / (spread(p, pp) * spread(sum, squares)).sqrt()
+    };
+    let change = correlation(f, ff, pf) - correlation(b, bb, pb);
+    Some(if change.abs() > LEAST_CHANGE { change.signum() } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums over points of planning, fraction as drawn, fraction by bones alone, HU.
+    fn sums(points: &[[f64; 3]]) -> Sums {
+        let mut sums = [0f64; 9];
+        for [p, f, b] in points.iter().map(|values| values.map(|hu| hu / UNIT_HU)) {
+            let more = [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b];
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more / points.len() as f64);
+        }
+        sums.map(|sum| sum as f32)
+    }
+
+    #[test]
+    fn what_agrees_better_gains_whatever_its_scale() {
+        let planning = [40.0, -80.0, 60.0, -100.0, 20.0];
+        let like = |p: f64| 0.7 * p + 200.0;
+        let unlike = [10.0, -20.0, -90.0, 50.0, 0.0];
+        let points = |drawn: &dyn Fn(usize) -> f64, by_bones: &dyn Fn(usize) -> f64| {
+            sums(&std::array::from_fn::<_, 5, _>(|n| [planning[n], drawn(n), by_bones(n)]))
+        };
+        let (good, bad) = (|n: usize| like(planning[n]), |n: usize| unlike[n]);
+        assert_eq!(gain(&points(&good, &bad)), Some(1.0));
+        assert_eq!(gain(&points(&bad, &good)), Some(-1.0));
+        assert_eq!(gain(&points(&good, &good)), Some(0.0));
+        assert_eq!(gain(&[0.0; 9]), None);
+        // Where nothing has contrast nothing is gained.
+        let flat = sums(&[[30.0, 90.0, -50.0]; 5]);
+        assert_eq!(gain(&flat), Some(0.0));
+    }
+}
