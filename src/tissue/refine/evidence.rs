@@ -26,11 +26,15 @@ const RIDGE_HU: f64 = 3.0;
 const LEAST_SEEN: f32 = 0.05;
 /// A correlation that changes by less has neither gained nor lost.
 const LEAST_CHANGE: f32 = 0.01;
-/// Tissue that is drawn farther than this counts as if it were this far, mm.
+/// Tissue that is drawn by less does no harm, mm, ...
+const LEAST_MM: f32 = 0.3;
+/// ... and by more counts as if it were this much more.
 const FARTHEST_MM: f32 = 2.0;
+/// Tissue is taken to be drawn by at least this on the mean, mm: where images agree with the bones alone nothing is to be doubted.
+const LEAST_MEAN_MM: f64 = 0.1;
 /// The balance of gains and losses (1: all gain, -1: all lose) below which tissue counts as drawn without gain, and the share of
-/// all that tissue is drawn, percent, that must be so before images are doubted at all: at most 0.8 on all ordinary pairs that were
-/// measured, 12 and more where images misled.
+/// all that tissue is drawn, percent, that must be so before images are doubted at all: at most 0.9 on all ordinary pairs that were
+/// measured, 17 and more where images misled.
 const WITHOUT_GAIN: f32 = 0.2;
 const DOUBTED_PERCENT: f64 = 4.0;
 /// Once they are doubted they must do better than this: ordinary pairs have 0.8 to 1 nearly everywhere.
@@ -80,7 +84,7 @@ impl Images<'_> {
         let without = |least: f32| soft.iter().zip(&votes).filter(move |(n, _)| below(**n as usize, least));
         let all: f64 = votes.iter().map(|v| f64::from(v.1)).sum();
         let lost: f64 = without(WITHOUT_GAIN).map(|(_, v)| f64::from(v.1)).sum();
-        if 100.0 * lost <= DOUBTED_PERCENT * all {
+        if 100.0 * lost <= DOUBTED_PERCENT * all.max(LEAST_MEAN_MM * soft.len() as f64) {
             return None;
         }
         let (mut count, mut sum) = (0, Vector3::zeros());
@@ -91,7 +95,7 @@ impl Images<'_> {
     }
 }
 
-/// How far an element is drawn from where the bones alone carry it, mm, at most [`FARTHEST_MM`], and what both scans show in it.
+/// By how much an element is drawn from where the bones alone carry it, mm, beyond [`LEAST_MM`] and up to [`FARTHEST_MM`], and what both scans show in it.
 fn compared(
     lattice: &Lattice,
     (planning, fraction): (&Windowed, &Windowed),
@@ -110,7 +114,8 @@ fn compared(
         let more = [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b];
         sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more / POINTS.len() as f64);
     }
-    (((drawn - by_bones).norm() as f32).min(FARTHEST_MM), sums.map(|sum| sum as f32))
+    let far = (drawn - by_bones).norm() as f32 - LEAST_MM;
+    (far.clamp(0.0, FARTHEST_MM), sums.map(|sum| sum as f32))
 }
 
 /// 1 where the correlation with planning gains by what tissue was drawn, -1 where it loses, 0 where it hardly changes; `None` where
