@@ -5,9 +5,11 @@
 //! `docs/refusals.md` from it.
 
 mod dicom;
+mod dose;
 mod labels;
 
 use dicom::DICOM;
+use dose::DOSE;
 use labels::LABELS;
 
 /// How a finding is told.
@@ -47,12 +49,12 @@ const fn refused_or_warned(code: &'static str, reason: &'static str, remedy: &'s
 }
 
 /// All findings, by code.
-pub const FINDINGS: &[Finding] = &joined::<ALL>([BEFORE, DICOM, BETWEEN, LABELS, BEHIND]);
+pub const FINDINGS: &[Finding] = &joined::<ALL>([BEFORE, DICOM, DOSE, BETWEEN, LABELS, BEHIND]);
 
-const ALL: usize = BEFORE.len() + DICOM.len() + BETWEEN.len() + LABELS.len() + BEHIND.len();
+const ALL: usize = BEFORE.len() + DICOM.len() + DOSE.len() + BETWEEN.len() + LABELS.len() + BEHIND.len();
 
 /// The parts of the table as one.
-const fn joined<const N: usize>(parts: [&[Finding]; 5]) -> [Finding; N] {
+const fn joined<const N: usize>(parts: [&[Finding]; 6]) -> [Finding; N] {
     let mut all = [DICOM[0]; N];
     let (mut n, mut part) = (0, 0);
     while part < parts.len() {
@@ -156,44 +158,8 @@ const BEFORE: &[Finding] = &[
     ),
 ];
 
-/// Between those of DICOM and of labels.
+/// Between those of doses and of labels.
 const BETWEEN: &[Finding] = &[
-    warned(
-        "dose-kind",
-        "A dose is no physical dose, for example weighted by biological effect.",
-        "Do not sum it with physical doses.",
-    ),
-    warned(
-        "dose-negative",
-        "Voxels of a dose are below 0 by rounding; they count as 0 Gy.",
-        "None, if the count is plausible: values below 0 come of scaled integers and of resampling.",
-    ),
-    warned(
-        "dose-outside",
-        "One of two doses that are compared does not cover the other; what is missing is left out of the figures.",
-        "Compute both doses on grids that hold what is to be compared.",
-    ),
-    warned(
-        "dose-part",
-        "A dose is not that of a whole plan: of a beam, of a fraction, or a sum of beams.",
-        "Check that it is the dose that is meant.",
-    ),
-    refused(
-        "dose-planes",
-        "The planes of a DICOM dose are not evenly spaced, or are described in a way that is not legal.",
-        "Export the dose again on an even grid, in one file.",
-    ),
-    refused(
-        "dose-sum",
-        "Several doses are given that are not those of the beams of one plan on one grid.",
-        "Give the file of the one dose that is meant.",
-    ),
-    refused_or_warned(
-        "dose-units",
-        "A dose, or what was computed of it, is no dose in Gy: refused above 500 Gy and below 0, and where DICOM says so; questioned above what treatments give.",
-        "Give the dose in Gy: not cGy, no percent, no CT, no difference of doses; check --weights.",
-    ),
-    refused("doses-apart", "Two doses that are compared have no place in common.", "Give doses of one frame."),
     warned(
         "energy-outside",
         "More than 1 % of the dose's energy falls outside the target grid.",
