@@ -25,7 +25,7 @@ impl Preset {
                 ..base
             },
             Self::Accurate => Config {
-                refine: RefineOptions { passes: 16, settled: 0.005, rounds: 5, ..RefineOptions::default() },
+                refine: RefineOptions { settled: 0.005, rounds: 5, ..RefineOptions::default() },
                 ..base
             },
             Self::Thesis => Config {
