@@ -6,14 +6,13 @@
 //! of another machine). docs/decisions/images.md has the measurements.
 
 use super::Images;
+use super::local::POINTS;
 use super::planning::Windowed;
 use crate::chainmail::Lattice;
 use crate::volume::{Mask, Volume, gaussian, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// Points of an element's eight that are compared: four that no two share an edge of.
-const POINTS: [usize; 4] = [0, 3, 5, 6];
 /// Width (sigma) of the neighbourhoods in which images are correlated, mm, or the elements' spacing where that is greater.
 const NEAR_MM: f64 = 4.5;
 /// Width (sigma) over which gains and losses are weighed against each other, mm.
@@ -95,7 +94,8 @@ impl Images<'_> {
     }
 }
 
-/// By how much an element is drawn from where the bones alone carry it, mm, beyond [`LEAST_MM`] and up to [`FARTHEST_MM`], and what both scans show in it.
+/// By how much an element is drawn from where the bones alone carry it, mm, beyond [`LEAST_MM`] and up to [`FARTHEST_MM`], and what
+/// both scans show in it.
 fn compared(
     lattice: &Lattice,
     (planning, fraction): (&Windowed, &Windowed),

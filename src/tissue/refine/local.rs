@@ -8,7 +8,7 @@ use crate::volume::{Volume, gaussian};
 use rayon::prelude::*;
 
 /// Points of an element's eight that are compared: four that no two share an edge of.
-const POINTS: [usize; 4] = [0, 3, 5, 6];
+pub(super) const POINTS: [usize; 4] = [0, 3, 5, 6];
 /// Least share of a neighbourhood that both scans must show.
 const LEAST: f64 = 1e-4;
 /// A neighbourhood's gain departs from the common one by this factor at most.
