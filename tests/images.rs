@@ -4,7 +4,7 @@
 use crate::support::shared::fine;
 use aventail::config::Config;
 use aventail::field::PushField;
-use aventail::phantom::{Breathing, BreathingOptions, CbctOptions, degrade};
+use aventail::phantom::{Breathing, BreathingOptions, CbctOptions, Phantom, degrade};
 use aventail::pipeline::{Case, Outcome, register};
 use aventail::runtime::Runtime;
 use aventail::volume::{LabelMap, Mask, Volume};
@@ -70,6 +70,19 @@ fn what_breathes_slides_along_the_wall() {
     assert_eq!((slides.jacobian_report.body.folded, layer.folded), (0, 0));
 }
 
+/// Whether a voxel is soft tissue of the phantom.
+fn soft(phantom: &Phantom, n: usize) -> bool {
+    phantom.body.data()[n] && phantom.bones.volume.data()[n] == 0 && phantom.planning.data()[n] > -200.0
+}
+
+/// The phantom registered to a fraction, and the same by its bones alone.
+fn pulled_and_alone(phantom: &Phantom, fraction: Volume<f32>, mut config: Config) -> [Outcome; 2] {
+    let case = Case::new(phantom.planning.clone(), phantom.bones.clone(), fraction);
+    let pulled = outcome(&case, &config);
+    config.refine.weight = 0.0;
+    [pulled, outcome(&case, &config)]
+}
+
 #[test]
 fn a_cone_beam_ct_helps_inside_its_circle_and_does_no_harm_outside() {
     let phantom = fine();
@@ -77,19 +90,14 @@ fn a_cone_beam_ct_helps_inside_its_circle_and_does_no_harm_outside() {
     let options = CbctOptions { circle_radius_mm: 110.0, ..CbctOptions::default() };
     let fraction = degrade(&phantom.fraction, &options, 7).unwrap();
     let seen = options.measured(fraction.grid());
-    let case = Case::new(phantom.planning.clone(), phantom.bones.clone(), fraction);
-    let pulled = outcome(&case, &Config::default());
-    let mut config = Config::default();
-    config.refine.weight = 0.0;
-    let alone = outcome(&case, &config);
+    let [pulled, alone] = pulled_and_alone(phantom, fraction, Config::default());
     let grid = phantom.planning.grid();
     let inside = |n: usize| {
         let at = grid.centre(grid.voxel(n)) + Vector3::from(truth.displacement.data()[n]).cast::<f64>();
         seen.grid().voxel_at(&at).is_some_and(|at| *seen.at(at))
     };
-    let soft =
-        |n: usize| phantom.body.data()[n] && phantom.bones.volume.data()[n] == 0 && phantom.planning.data()[n] > -200.0;
-    let of = |outcome: &Outcome, within: bool| error(&outcome.push, &truth, |n| soft(n) && inside(n) == within);
+    let of =
+        |outcome: &Outcome, within: bool| error(&outcome.push, &truth, |n| soft(phantom, n) && inside(n) == within);
     let (a, b) = (of(&pulled, true), of(&alone, true));
     let (c, d) = (of(&pulled, false), of(&alone, false));
     println!("inside {a:.2?} mm, bones alone {b:.2?}; outside {c:.2?}, bones alone {d:.2?}");
@@ -105,15 +113,10 @@ fn where_images_mislead_bones_alone_carry_and_it_is_told() {
     // A cone-beam CT that is taken for a CT: its shading draws tissue.
     let options = CbctOptions { circle_radius_mm: 400.0, ..CbctOptions::default() };
     let fraction = degrade(&phantom.fraction, &options, 7).unwrap();
-    let case = Case::new(phantom.planning.clone(), phantom.bones.clone(), fraction);
     let mut config = Config::default();
     (config.refine.shading.least_hu, config.refine.shading.least_gain) = (1000.0, 10.0);
-    let pulled = outcome(&case, &config);
-    config.refine.weight = 0.0;
-    let alone = outcome(&case, &config);
-    let soft =
-        |n: usize| phantom.body.data()[n] && phantom.bones.volume.data()[n] == 0 && phantom.planning.data()[n] > -200.0;
-    let [a, b] = [&pulled, &alone].map(|o| error(&o.push, &truth, soft));
+    let [pulled, alone] = pulled_and_alone(phantom, fraction, config);
+    let [a, b] = [&pulled, &alone].map(|o| error(&o.push, &truth, |n| soft(phantom, n)));
     let misled = pulled.kind.as_ref().and_then(|k| k.misled);
     println!("misled {misled:?}: {a:.2?} mm, bones alone {b:.2?}");
     assert!(a[0] <= 1.02 * b[0] && a[1] <= 1.02 * b[1], "{a:?} {b:?}");

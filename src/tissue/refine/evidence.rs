@@ -6,10 +6,10 @@
 //! of another machine). docs/decisions/images.md has the measurements.
 
 use super::Images;
-use super::local::POINTS;
+use super::around::{POINTS, spread, summed};
 use super::planning::Windowed;
 use crate::chainmail::Lattice;
-use crate::volume::{Mask, Volume, gaussian, trilinear_vector};
+use crate::volume::{Mask, Volume, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -21,8 +21,8 @@ const WIDE_MM: f64 = 20.0;
 const UNIT_HU: f64 = 100.0;
 /// Contrast (standard deviation) below which a correlation means nothing, HU.
 const RIDGE_HU: f64 = 3.0;
-/// Least share of a neighbourhood that both scans must show.
-const LEAST_SEEN: f32 = 0.05;
+/// Points of an element that both scans must show on the mean of a neighbourhood.
+const LEAST_SEEN: f32 = 0.2;
 /// A correlation that changes by less has neither gained nor lost.
 const LEAST_CHANGE: f32 = 0.01;
 /// Tissue that is drawn by less does no harm, mm, ...
@@ -63,13 +63,9 @@ impl Images<'_> {
         let pairs = (self.planning.windowed(), fraction);
         let seen: Vec<(f32, Sums)> =
             soft.par_iter().map(|&n| compared(lattice, pairs, (u, alone), n as usize)).collect();
-        let spread = |sigma: f64, value: &(dyn Fn(usize) -> f32 + Sync)| {
-            let mut values = vec![0f32; lattice.node.len()];
-            soft.iter().enumerate().for_each(|(s, &n)| values[n as usize] = value(s));
-            gaussian(&Volume::new(lattice.grid.clone(), values).expect("one value per node"), sigma)
-        };
         let near = NEAR_MM.max(lattice.grid.mean_edge());
-        let sums: Vec<Volume<f32>> = (0..9).into_par_iter().map(|q| spread(near, &|s| seen[s].1[q])).collect();
+        let around = |q: usize| spread(lattice, &soft, near, |s| seen[s].1[q]);
+        let sums: Vec<Volume<f32>> = (0..9).into_par_iter().map(around).collect();
         let votes: Vec<(f32, f32)> = soft
             .par_iter()
             .zip(&seen)
@@ -78,7 +74,8 @@ impl Images<'_> {
                 gain(&around).map_or((0.0, 0.0), |gain| (gain * drawn, *drawn))
             })
             .collect();
-        let (gained, drawn) = rayon::join(|| spread(WIDE_MM, &|s| votes[s].0), || spread(WIDE_MM, &|s| votes[s].1));
+        let widely = |of: fn(&(f32, f32)) -> f32| spread(lattice, &soft, WIDE_MM, |s| of(&votes[s]));
+        let (gained, drawn) = rayon::join(|| widely(|v| v.0), || widely(|v| v.1));
         let below = |n: usize, least: f32| gained.data()[n] < least * drawn.data()[n];
         let without = |least: f32| soft.iter().zip(&votes).filter(move |(n, _)| below(**n as usize, least));
         let all: f64 = votes.iter().map(|v| f64::from(v.1)).sum();
@@ -106,16 +103,17 @@ fn compared(
     let Some(by_bones) = trilinear_vector(alone, &alone.grid().index(&rest)) else { return (0.0, [0.0; 9]) };
     let drawn = Vector3::from(u[n].map(f64::from));
     let offsets = lattice.grid.eighths();
-    let mut sums = [0f64; 9];
-    for o in POINTS.map(|point| offsets[point]) {
-        let at = |image: &Windowed, place: Point3<f64>| image.at(&(place + o)).map(|hu| hu / UNIT_HU);
-        let shown = at(planning, rest).zip(at(fraction, rest + drawn)).zip(at(fraction, rest + by_bones));
-        let Some(((p, f), b)) = shown else { continue };
-        let more = [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b];
-        sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more / POINTS.len() as f64);
-    }
+    let shown = |point: &usize| {
+        let at = |image: &Windowed, place: Point3<f64>| image.at(&(place + offsets[*point])).map(|hu| hu / UNIT_HU);
+        Some(products([at(planning, rest)?, at(fraction, rest + drawn)?, at(fraction, rest + by_bones)?]))
+    };
     let far = (drawn - by_bones).norm() as f32 - LEAST_MM;
-    (far.clamp(0.0, FARTHEST_MM), sums.map(|sum| sum as f32))
+    (far.clamp(0.0, FARTHEST_MM), summed(POINTS.iter().filter_map(shown)))
+}
+
+/// What a point adds to [`Sums`].
+fn products([p, f, b]: [f64; 3]) -> [f64; 9] {
+    [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b]
 }
 
 /// 1 where the correlation with planning gains by what tissue was drawn, -1 where it loses, 0 where it hardly changes; `None` where
@@ -139,12 +137,7 @@ mod tests {
 
     /// Sums over points of planning, fraction as drawn, fraction by bones alone, HU.
     fn sums(points: &[[f64; 3]]) -> Sums {
-        let mut sums = [0f64; 9];
-        for [p, f, b] in points.iter().map(|values| values.map(|hu| hu / UNIT_HU)) {
-            let more = [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b];
-            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more / points.len() as f64);
-        }
-        sums.map(|sum| sum as f32)
+        summed(points.iter().map(|hu| products(hu.map(|hu| hu / UNIT_HU))))
     }
 
     #[test]

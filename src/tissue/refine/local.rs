@@ -3,12 +3,11 @@
 //! With them the squared difference of two neighbourhoods is what their correlation leaves unexplained (the squared differences
 //! of Cachier et al. 2003 for local correlation), and stays a quadratic in an element's step.
 
+use super::around::{POINTS, spread, summed};
 use crate::chainmail::Lattice;
-use crate::volume::{Volume, gaussian};
+use crate::volume::Volume;
 use rayon::prelude::*;
 
-/// Points of an element's eight that are compared: four that no two share an edge of.
-pub(super) const POINTS: [usize; 4] = [0, 3, 5, 6];
 /// Least share of a neighbourhood that both scans must show.
 const LEAST: f64 = 1e-4;
 /// A neighbourhood's gain departs from the common one by this factor at most.
@@ -26,19 +25,11 @@ pub(super) fn grey_values(
     let sums: Vec<[f32; 5]> = (0..soft.len())
         .into_par_iter()
         .map(|s| {
-            let mut sums = [0f64; 5];
-            for (p, f) in POINTS.iter().filter_map(|point| pair(s, *point)) {
-                let more = [1.0, p, f, p * f, f * f];
-                sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
-            }
-            sums.map(|sum| sum as f32)
+            let shown = POINTS.iter().filter_map(|point| pair(s, *point));
+            summed(shown.map(|(p, f)| [1.0, p, f, p * f, f * f]))
         })
         .collect();
-    let around = |n: usize| {
-        let mut values = vec![0f32; lattice.node.len()];
-        soft.iter().zip(&sums).for_each(|(&node, sums)| values[node as usize] = sums[n]);
-        gaussian(&Volume::new(lattice.grid.clone(), values).expect("one value per node"), sigma)
-    };
+    let around = |q: usize| spread(lattice, soft, sigma, |s| sums[s][q]);
     let sums: Vec<Volume<f32>> = (0..5).into_par_iter().map(around).collect();
     // Where there is little contrast the common gain holds.
     let ridge = noise * noise;

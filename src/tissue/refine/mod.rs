@@ -1,6 +1,7 @@
 //! Rank 5: soft tissue by image. The two CTs pull the chain mail's elements where they show contrast, their skins along
 //! the normal; its elasticity does the rest.
 
+mod around;
 mod evidence;
 mod level;
 mod local;
