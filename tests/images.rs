@@ -120,6 +120,6 @@ fn where_images_mislead_bones_alone_carry_and_it_is_told() {
     let misled = pulled.kind.as_ref().and_then(|k| k.misled);
     println!("misled {misled:?}: {a:.2?} mm, bones alone {b:.2?}");
     assert!(a[0] <= 1.02 * b[0] && a[1] <= 1.02 * b[1], "{a:?} {b:?}");
-    let told = |o: &Outcome| o.warnings.iter().any(|w| w.code == "images-mislead");
+    let told = |o: &Outcome| o.warnings.iter().any(|w| w.is(aventail::findings::IMAGES_MISLEAD));
     assert!(misled.is_some() && told(&pulled) && !told(&alone));
 }

@@ -102,7 +102,7 @@ fn long(n: usize) -> String {
 
 /// More of everything than a run has.
 fn overfull(mut report: Report) -> Report {
-    let many = |n: usize| (0..n).map(|k| Warning::new(format!("kind-{}", k / 3), long(k)));
+    let many = |n: usize| (0..n).map(|k| Warning { code: format!("kind-{}", k / 3), message: long(k) });
     report.warnings = many(45).collect();
     let verdict = |n| Verdict {
         name: format!("{} {n}", "figure of a structure with a long name".repeat(2)),
@@ -198,7 +198,7 @@ fn an_evaluation_prints_on_four_pages_and_a_comparison_on_six() {
     let Some(papers) = on_paper("one", &out.join("evaluation.html")) else { return };
     assert!(papers.iter().all(|(_, pages)| (2..=4).contains(&pages.len())), "{papers:?}");
     // More structures and warnings than anyone has, in one field and in five.
-    report.warnings = (0..30).map(|n| Warning::new(format!("kind-{n}"), long(n))).collect();
+    report.warnings = (0..30).map(|n| Warning { code: format!("kind-{n}"), message: long(n) }).collect();
     let a = &mut report.fields[0].assessment;
     let one = a.contours[0].clone();
     a.contours =
@@ -240,7 +240,7 @@ fn a_page_of_dose_prints_on_four_pages() {
     };
     let report = Report::read(&done().out.join("report.json"), "").expect("a report");
     let inputs: Vec<_> = (0..30).map(|n| report.inputs[n % report.inputs.len()].clone()).collect();
-    let warnings: Vec<_> = (0..30).map(|n| Warning::new(format!("kind-{n}"), long(n))).collect();
+    let warnings: Vec<_> = (0..30).map(|n| Warning { code: format!("kind-{n}"), message: long(n) }).collect();
     for tables in [1, 9] {
         let picture = |n| DosePicture { title: format!("picture {n}"), caption: long(n), png: png(1080, 2400) };
         let file = folder().join(format!("dose_{tables}.html"));

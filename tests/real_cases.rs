@@ -144,7 +144,7 @@ fn cone_beam(planning: &Planning, folder: &Path, fraction: Volume<f32>) -> (Vec<
     let input = planning.case(fraction, Vec::new());
     let runtime = Runtime::silent().expect("threads start");
     let outcome = register(&input, &Config::default(), &runtime).expect("the case registers");
-    assert!(outcome.warnings.iter().any(|w| w.code == "shaded-fraction"), "{:?}", outcome.warnings);
+    assert!(outcome.warnings.iter().any(|w| w.is(aventail::findings::SHADED_FRACTION)), "{:?}", outcome.warnings);
     let (map, _) = outcome.uncertainty.as_ref().expect("it is made by default");
     let (mut inside, mut outside, mut uncovered) = (Vec::new(), Vec::new(), 0);
     for point in read_truth(&folder.join("truth_points.csv.gz")).iter().filter(|p| p.bone == 0) {

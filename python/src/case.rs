@@ -3,7 +3,7 @@
 use crate::arrays::{self, Given, Names};
 use crate::clinic::GiveBack;
 use aventail::chainmail::VolumeChange;
-use aventail::config::{ConfigFile, Preset};
+use aventail::config::{ConfigFile, InputRole, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::{Grid, Rigid};
@@ -28,20 +28,20 @@ pub(crate) struct Ledger {
 }
 
 impl Ledger {
-    fn take<T>(&mut self, role: &str, file: Loaded<T>) -> T {
+    fn take<T>(&mut self, role: InputRole, file: Loaded<T>) -> T {
         let about = About::of(&file.path);
         self.inputs.push(InputFile { about, ..InputFile::new(role, file.path, file.sha256) });
         self.warnings.extend(file.warnings);
         file.value
     }
 
-    fn named(&mut self, role: &str, path: &Path) -> Result<()> {
+    fn named(&mut self, role: InputRole, path: &Path) -> Result<()> {
         self.inputs.push(InputFile::read(role, path)?);
         Ok(())
     }
 
     /// An image's values.
-    pub(crate) fn image(&mut self, role: &str, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
+    pub(crate) fn image(&mut self, role: InputRole, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
         match given {
             Given::Path(path) => Ok(self.take(role, io::read_image(path)?)),
             Given::Value(volume) => Ok(volume),
@@ -56,7 +56,7 @@ impl Ledger {
         (planning, grid): (Option<&Path>, &Grid),
     ) -> Result<LabelMap> {
         if let Some(path) = names.as_ref().and_then(Given::path) {
-            self.named("labels", path)?;
+            self.named(InputRole::Labels, path)?;
         }
         match (given, names) {
             (Given::Path(path), names) if is_dicom_path(&path) => {
@@ -64,24 +64,25 @@ impl Ledger {
                     check_frames((&path, Role::Structures), (planning, Role::Image))?;
                 }
                 let file = names.as_ref().and_then(Given::path);
-                Ok(self.take("bones", io::read_bones(&path, file, grid)?))
+                Ok(self.take(InputRole::Bones, io::read_bones(&path, file, grid)?))
             }
             (Given::Path(path), Some(Given::Value(names))) => {
-                let volume = self.take("bones", io::read_label_map(&path, None)?).volume;
+                let volume = self.take(InputRole::Bones, io::read_label_map(&path, None)?).volume;
                 checked(&path.display().to_string(), volume, names)
             }
             (Given::Path(path), names) => {
                 let file = names.as_ref().and_then(Given::path);
-                Ok(self.take("bones", io::read_labels(&path, file)?))
+                Ok(self.take(InputRole::Bones, io::read_labels(&path, file)?))
             }
             (Given::Value(volume), names) => checked("bones", volume, table(names)?),
         }
     }
 
-    /// Structures, whose labels need names only where they have some.
+    /// Structures, whose labels need names only where they have some; `argument` is their name in Python.
     pub(crate) fn structures(
         &mut self,
-        role: &str,
+        role: InputRole,
+        argument: &str,
         given: Given<Volume<u16>>,
         names: Option<Given<Names>>,
     ) -> Result<LabelMap> {
@@ -93,7 +94,7 @@ impl Ledger {
             map.names = table(names)?;
         }
         map.one_number_a_name();
-        io::check_labels(role, &map)?;
+        io::check_labels(argument, &map)?;
         Ok(map)
     }
 }
@@ -214,18 +215,18 @@ impl Inputs {
     pub(crate) fn read(self, named: &[String]) -> Result<(PlanningScan, Marks)> {
         let mut ledger = Ledger::default();
         let planning_file = self.planning.path().map(Path::to_owned);
-        let ct = ledger.image("planning", self.planning)?;
+        let ct = ledger.image(InputRole::Planning, self.planning)?;
         let mut bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
         if let Some(path) = &self.organs {
             if let (true, Some(planning)) = (is_dicom_path(path), &planning_file) {
                 check_frames((path, Role::Structures), (planning, Role::Image))?;
             }
             ledger.warnings.extend(io::add_organs(&mut bones, path, named)?);
-            ledger.named("organs", path)?;
+            ledger.named(InputRole::Organs, path)?;
         }
         let skeleton = match &self.skeleton {
             Some(path) => {
-                ledger.named("skeleton", path)?;
+                ledger.named(InputRole::Skeleton, path)?;
                 Some(io::skeleton::load_override(path, skeleton::build(&bones)?.skeleton)?)
             }
             None => None,
@@ -255,8 +256,8 @@ impl Marks {
     ) -> Result<Self> {
         let mut ledger = Ledger::default();
         let files = [
-            ("landmarks", points.as_ref().and_then(Given::path)),
-            ("bone-landmarks", bone_points.as_ref().and_then(Given::path)),
+            (InputRole::Landmarks, points.as_ref().and_then(Given::path)),
+            (InputRole::BoneLandmarks, bone_points.as_ref().and_then(Given::path)),
         ];
         for (role, path) in files {
             path.map_or(Ok(()), |path| ledger.named(role, path))?;
@@ -272,7 +273,7 @@ impl Marks {
     /// A fraction with them.
     pub(crate) fn with(self, fraction: Given<Volume<f32>>) -> Result<FractionScan> {
         let mut ledger = Ledger::default();
-        let ct = ledger.image("fraction", fraction)?;
+        let ct = ledger.image(InputRole::Fraction, fraction)?;
         let Self { landmarks, bone_landmarks, start, inputs } = self;
         let inputs = [ledger.inputs, inputs].concat();
         Ok(FractionScan { ct, landmarks, bone_landmarks, start, warnings: ledger.warnings, inputs })

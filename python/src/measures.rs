@@ -5,8 +5,10 @@ use crate::case::{self, Ledger, Settings};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp::Target;
+use aventail::config::InputRole;
 use aventail::dose::{self, DensityTable, EnergyMassOptions};
 use aventail::evaluate::{Direction, FieldPair, Subject, assess};
+use aventail::findings;
 use aventail::geometry::Grid;
 use aventail::pipeline::{self, DoseMethod};
 use aventail::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
@@ -29,7 +31,12 @@ fn field(given: GivenField, from: &str, to: &str) -> Result<Volume<[f32; 3]>> {
     match own.filter(|(a, b)| a == to || b == from) {
         Some((a, b)) => {
             let problem = format!("its header says that it takes {a} points to {b}, not {from} to {to}");
-            Err(Error::refused("field-direction", path.display().to_string(), problem, "give it the other way round"))
+            Err(Error::refused(
+                findings::FIELD_DIRECTION,
+                path.display().to_string(),
+                problem,
+                "give it the other way round",
+            ))
         }
         None => Ok(file.value),
     }
@@ -83,14 +90,16 @@ pub(crate) fn evaluate(
     let landmarks = measured.landmarks.as_ref().map(case::points).transpose()?;
     Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
         let mut ledger = Ledger::default();
-        let planning = planning.map(|p| ledger.image("planning", p)).transpose()?;
-        let fraction = fraction.map(|p| ledger.image("fraction", p)).transpose()?;
-        let mask = mask.map(|p| ledger.image("mask", p)).transpose()?.map(|m| m.map(|v| *v != 0.0));
-        let bones = bones.map(|b| ledger.structures("bones", b, bone_names)).transpose()?;
+        let planning = planning.map(|p| ledger.image(InputRole::Planning, p)).transpose()?;
+        let fraction = fraction.map(|p| ledger.image(InputRole::Fraction, p)).transpose()?;
+        let mask = mask.map(|p| ledger.image(InputRole::Mask, p)).transpose()?.map(|m| m.map(|v| *v != 0.0));
+        let bones = bones.map(|b| ledger.structures(InputRole::Bones, "bones", b, bone_names)).transpose()?;
         let [own, other] = structures;
         let [own_names, other_names] = structure_names;
-        let own = own.map(|s| ledger.structures("structures", s, own_names)).transpose()?;
-        let other = other.map(|s| ledger.structures("structures_fraction", s, other_names)).transpose()?;
+        let own = own.map(|s| ledger.structures(InputRole::LabelsPlanning, "structures", s, own_names)).transpose()?;
+        let other = other
+            .map(|s| ledger.structures(InputRole::LabelsFraction, "structures_fraction", s, other_names))
+            .transpose()?;
         let labelled = |map: &Option<LabelMap>| map.as_ref().map(|m| m.volume.grid().clone());
         let grids = [
             planning.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&bones)).or_else(|| labelled(&own)),
@@ -165,7 +174,7 @@ pub(crate) fn map_dose<'py>(
     };
     let mapped = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
         let dose = gray("dose", given)?;
-        let ct = ct.map(|ct| Ledger::default().image("ct", ct)).transpose()?;
+        let ct = ct.map(|ct| Ledger::default().image(InputRole::Ct, ct)).transpose()?;
         let (own, there) = (Some(dose.grid()), target.as_ref());
         let grids = if to_fraction { [own, there] } else { [there, own] };
         let pair = runtime.stage("read and invert the field", || pair(push, pull, grids))?;
@@ -205,7 +214,12 @@ pub(crate) fn dvh(
         }
         let dose = gray("dose", given)?;
         let all = match labels {
-            Some(labels) => dose::dvh(&dose, &Ledger::default().structures("structures", labels, names)?, &at, bin),
+            Some(labels) => dose::dvh(
+                &dose,
+                &Ledger::default().structures(InputRole::Structures, "structures", labels, names)?,
+                &at,
+                bin,
+            ),
             None => {
                 let mut all = arrays::contours(contours, contour_file.as_deref())?;
                 all.tidy();

@@ -2,6 +2,7 @@
 //!
 //! Variants hold paths, names and texts only, never domain types, so that every room can raise them.
 
+use crate::findings::Finding;
 use std::path::{Path, PathBuf};
 
 /// Result with aventail's [`Error`].
@@ -30,10 +31,10 @@ pub enum Error {
         remedy: String,
     },
     /// The inputs were read but do not fit the task or each other.
-    #[error("{what}: {problem}{}\n  remedy: {remedy}", bracketed(code))]
+    #[error("{what}: {problem}{}\n  remedy: {remedy}", bracketed(*finding))]
     Input {
-        /// Its code in [`crate::findings::FINDINGS`]; empty for what has none.
-        code: &'static str,
+        /// What kind of finding it is, where it is one.
+        finding: Option<&'static Finding>,
         /// The file or thing at fault.
         what: String,
         /// What is wrong, with the value found.
@@ -52,10 +53,10 @@ pub enum Error {
         remedy: String,
     },
     /// The registration itself has no trustworthy answer, for example images without overlap.
-    #[error("registration failed: {problem}{}\n  remedy: {remedy}", bracketed(code))]
+    #[error("registration failed: {problem}{}\n  remedy: {remedy}", bracketed(*finding))]
     Registration {
-        /// Its code in [`crate::findings::FINDINGS`]; empty for what has none.
-        code: &'static str,
+        /// What kind of finding it is, where it is one.
+        finding: Option<&'static Finding>,
         /// What is wrong, with the value found.
         problem: String,
         /// What the user can do.
@@ -66,9 +67,9 @@ pub enum Error {
     Internal(String),
 }
 
-/// A code behind a message.
-fn bracketed(code: &str) -> String {
-    if code.is_empty() { String::new() } else { format!(" [{code}]") }
+/// A finding's code behind a message.
+fn bracketed(finding: Option<&Finding>) -> String {
+    finding.map_or_else(String::new, |f| format!(" [{}]", f.code))
 }
 
 impl Error {
@@ -82,16 +83,16 @@ impl Error {
     }
     /// [`Error::Input`] from texts.
     pub fn input(what: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::refused("", what, problem, remedy)
+        Self::Input { finding: None, what: what.into(), problem: problem.into(), remedy: remedy.into() }
     }
-    /// [`Error::Input`] with a code of [`crate::findings::FINDINGS`].
+    /// [`Error::Input`] of a finding, one of the constants of [`crate::findings`].
     pub fn refused(
-        code: &'static str,
+        finding: &'static Finding,
         what: impl Into<String>,
         problem: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self::Input { code, what: what.into(), problem: problem.into(), remedy: remedy.into() }
+        Self::Input { finding: Some(finding), what: what.into(), problem: problem.into(), remedy: remedy.into() }
     }
     /// [`Error::Write`] from a path and texts.
     pub fn write(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
@@ -99,18 +100,26 @@ impl Error {
     }
     /// [`Error::Registration`] from texts.
     pub fn registration(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::failed("", problem, remedy)
+        Self::Registration { finding: None, problem: problem.into(), remedy: remedy.into() }
     }
-    /// [`Error::Registration`] with a code of [`crate::findings::FINDINGS`].
-    pub fn failed(code: &'static str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::Registration { code, problem: problem.into(), remedy: remedy.into() }
+    /// [`Error::Registration`] of a finding, one of the constants of [`crate::findings`].
+    pub fn failed(finding: &'static Finding, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Registration { finding: Some(finding), problem: problem.into(), remedy: remedy.into() }
     }
-    /// The code of the finding, where it has one.
-    pub fn code(&self) -> &'static str {
+    /// The finding that this error tells of, where it is one.
+    pub fn finding(&self) -> Option<&'static Finding> {
         match self {
-            Self::Input { code, .. } | Self::Registration { code, .. } => code,
-            _ => "",
+            Self::Input { finding, .. } | Self::Registration { finding, .. } => *finding,
+            _ => None,
         }
+    }
+    /// Whether this error is of that finding.
+    pub fn is(&self, finding: &Finding) -> bool {
+        self.finding() == Some(finding)
+    }
+    /// The code of the finding for machines; empty where there is none.
+    pub fn code(&self) -> &'static str {
+        self.finding().map_or("", |f| f.code)
     }
 
     /// What is wrong, with the value found; without the file or thing at fault, which [`Error::what`] names.

@@ -1,19 +1,26 @@
 //! Warnings: legal but unusual findings that the user should know of, on screen and in the report.
 
+use crate::findings::Finding;
 use serde::{Deserialize, Serialize};
 
 /// One warning: a short stable code for machines, a message for people.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// Stable kebab-case name of the kind of warning, for example `bone-in-pieces`.
+    /// Stable kebab-case name of the kind of warning, for example `bone-in-pieces`; text, so that reports of other versions
+    /// can be read.
     pub code: String,
     /// What was found, with values, and what to do about it.
     pub message: String,
 }
 
 impl Warning {
-    /// A warning from its code, which is one of [`crate::findings::FINDINGS`], and message.
-    pub fn new(code: impl Into<String>, message: impl Into<String>) -> Self {
-        Self { code: code.into(), message: message.into() }
+    /// A warning of a finding, one of the constants of [`crate::findings`].
+    pub fn new(finding: &Finding, message: impl Into<String>) -> Self {
+        Self { code: finding.code.into(), message: message.into() }
+    }
+
+    /// Whether this warning is of that finding.
+    pub fn is(&self, finding: &Finding) -> bool {
+        self.code == finding.code
     }
 }

@@ -2,7 +2,7 @@
 
 use super::inputs::missing;
 use super::terminal::command_line;
-use crate::config::RecordedInput;
+use crate::config::{InputRole, RecordedInput};
 use crate::error::{Error, Result};
 use crate::io::auto::{AUTO, Ask as Made, AutoBones};
 use crate::progress::Progress;
@@ -39,13 +39,13 @@ impl Bones {
         if ask.bones != Some(Path::new(AUTO)) {
             return Ok(Self { file: ask.bones.map(Path::to_owned), warnings: Vec::new() });
         }
-        recorded.retain(|i| i.role != "bones" && i.role != "labels");
+        recorded.retain(|i| i.role != InputRole::Bones && i.role != InputRole::Labels);
         if let Some(names) = ask.labels {
             let problem =
                 format!("--bones auto and --labels {}: labels that are made have their names", names.display());
             return Err(Error::usage(problem, "leave --labels out, or name a label map with --bones"));
         }
-        let planning = ask.planning.ok_or_else(|| missing("planning"))?;
+        let planning = ask.planning.ok_or_else(|| missing(InputRole::Planning))?;
         let Ask { beside, quiet, .. } = ask;
         let made = Made { planning: &planning, needed: &ask.needed, beside, command: &command_line(), quiet };
         let AutoBones { file, warnings } = AutoBones::of(made, progress)?;

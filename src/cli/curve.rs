@@ -4,7 +4,7 @@ use super::args::{QuietArgs, ThreadArgs};
 use super::inputs::{Flags, Inputs};
 use super::terminal::progress;
 use super::{planned, record, run_folder};
-use crate::config::{Config, StudyPlan};
+use crate::config::{Config, InputRole, StudyPlan};
 use crate::error::{Error, Result};
 use crate::phantom::{Phantom, PhantomOptions};
 use crate::pipeline::{Case, CurvePoint, InputFile, measure, phantom_case};
@@ -100,7 +100,9 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
     let mut inputs: Vec<_> = case.inputs().cloned().collect();
-    for (role, path) in [("landmarks", &args.landmarks), ("plan", &args.plan), ("peers", &args.peers)] {
+    for (role, path) in
+        [(InputRole::Landmarks, &args.landmarks), (InputRole::Plan, &args.plan), (InputRole::Peers, &args.peers)]
+    {
         let known = inputs.iter().any(|i| i.role == role);
         inputs.extend(path.as_deref().filter(|_| !known).map(|p| InputFile::read(role, p)).transpose()?);
     }

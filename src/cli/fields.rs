@@ -6,9 +6,11 @@
 
 use super::frames::{FieldRole, Uids, confirmed, uid_of};
 use super::ledger::Ledger;
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::{self, FieldFile, dicom};
 use crate::volume::Volume;
@@ -23,13 +25,13 @@ const SAME_MM: f64 = 0.05;
 const SAME_BOX: f64 = 0.75;
 
 /// The role of a field of one case: by the option of its direction, or by another option and `--direction`.
-pub(super) fn role(direction: Direction, option: Option<&'static str>) -> FieldRole<'static> {
+pub(super) fn role(direction: Direction, option: Option<InputRole>) -> FieldRole<'static> {
     let (from, to, own, remedy) = match (direction, option) {
         (Direction::PlanningToFraction, None) => {
-            ("planning", "fraction", "--planning-to-fraction", "give it as --fraction-to-planning")
+            ("planning", "fraction", InputRole::PlanningToFraction, "give it as --fraction-to-planning")
         }
         (Direction::FractionToPlanning, None) => {
-            ("fraction", "planning", "--fraction-to-planning", "give it as --planning-to-fraction")
+            ("fraction", "planning", InputRole::FractionToPlanning, "give it as --planning-to-fraction")
         }
         (Direction::PlanningToFraction, Some(o)) => {
             ("planning", "fraction", o, "give --direction fraction-to-planning, or the field of the other direction")
@@ -38,7 +40,7 @@ pub(super) fn role(direction: Direction, option: Option<&'static str>) -> FieldR
             ("fraction", "planning", o, "give --direction planning-to-fraction, or the field of the other direction")
         }
     };
-    FieldRole { option: own, from, to, remedy }
+    FieldRole { given: own, from, to, remedy }
 }
 
 /// A grid that is known in a frame.
@@ -81,31 +83,31 @@ pub(super) fn take(
 ) -> Result<Volume<[f32; 3]>> {
     let (field, own, uids) = open(path)?;
     let file = path.display().to_string();
-    let FieldRole { option, from, to, .. } = role;
+    let FieldRole { given, from, to, .. } = role;
     let sure = match &uids {
         Some(uids) => confirmed(&file, uids, role, with_uids(known)?.into_iter())?,
         None => false,
     };
     // A field onward from the fraction comes of a run of its own, in which the fraction was one of the two images.
-    let onward = *option == "--then" && own.as_ref().is_some_and(|(a, b)| of_a_run(a) && of_a_run(b));
+    let onward = *given == InputRole::Then && own.as_ref().is_some_and(|(a, b)| of_a_run(a) && of_a_run(b));
     match &own {
         Some((own_from, own_to)) if !onward && contradicts((from, to), &(own_from.clone(), own_to.clone())) => {
             let problem = format!(
-                "its header says that it takes {own_from} points to {own_to}, but {option} takes {from} points to {to}"
+                "its header says that it takes {own_from} points to {own_to}, but --{given} takes {from} points to {to}"
             );
-            return Err(Error::refused("field-direction", file, problem, role.remedy));
+            return Err(Error::refused(findings::FIELD_DIRECTION, file, problem, role.remedy));
         }
         Some((own_from, own_to)) if !onward && own_from != from && own_to != to => {
             let message = format!(
                 "{file}: its header says that it takes {own_from} points to {own_to}; it is used as a field from {from} to {to}"
             );
-            ledger.warnings.push(Warning::new("field-direction", message));
+            ledger.warnings.push(Warning::new(findings::FIELD_DIRECTION, message));
         }
         Some(_) if !onward => {}
         _ if sure => {}
         _ => ledger.warnings.extend(doubt(&file, from, to, field.value.grid(), known)),
     }
-    Ok(ledger.take(option.trim_start_matches("--"), field))
+    Ok(ledger.take(*given, field))
 }
 
 /// Frame, name and frame of reference of what is DICOM.
@@ -163,7 +165,7 @@ pub(super) fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Kno
              {} ({}) and not on that of {} ({from}): check that it does not point the other way",
             image.name, image.frame, own_image.name
         );
-        Warning::new("field-direction", message)
+        Warning::new(findings::FIELD_DIRECTION, message)
     })
 }
 
@@ -171,7 +173,7 @@ pub(super) fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Kno
 pub(super) fn pair(
     push: Option<&Path>,
     pull: Option<&Path>,
-    option: Option<&'static str>,
+    option: Option<InputRole>,
     [planning, fraction]: [Option<&Grid>; 2],
     known: &[Known<'_>],
     ledger: &mut Ledger,

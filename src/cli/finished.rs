@@ -1,8 +1,9 @@
 //! A finished run as it was, out of its folder and its inputs.
 
 use super::inputs::{Flags, Inputs, config_file, other_than};
-use crate::config::{ConfigFile, RecordedInput};
+use crate::config::{ConfigFile, InputRole, RecordedInput};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::inspect::check_folder;
 use crate::pipeline::{Case, FractionScan, InputFile, Outcome, PlanningScan};
 use crate::report::{Report, cut_to, restore};
@@ -34,7 +35,7 @@ impl Finished {
         let path = folder.join("report.json");
         let report = Report::read(&path, REMEDY)?;
         let file = config_file(&path)?;
-        if file.inputs.iter().all(|input| input.role != "planning") {
+        if file.inputs.iter().all(|input| input.role != InputRole::Planning) {
             let problem = "its report names no file of a planning CT: it is of a phantom that was never a file";
             return Err(Error::read(
                 &path,
@@ -58,17 +59,17 @@ impl Finished {
             // A made posture has no fraction CT: its own artificial one takes that place.
             None => FractionScan::new(outcome.planning_on_fraction.clone()),
         };
-        let structures = file.inputs.into_iter().find(|input| input.role == "structures");
+        let structures = file.inputs.into_iter().find(|input| input.role == InputRole::Structures);
         Ok(Self { case: Case { planning, fraction }, outcome, structures })
     }
 
     /// The fraction of the run; a made posture has none.
     fn fraction(inputs: &Inputs, file: &ConfigFile, runtime: &Runtime) -> Result<Option<FractionScan>> {
-        let Some(fraction) = file.inputs.iter().find(|i| i.role == "fraction") else {
+        let Some(fraction) = file.inputs.iter().find(|i| i.role == InputRole::Fraction) else {
             unchanged(&inputs.marks()?.inputs, file)?;
             return Ok(None);
         };
-        let landmarks = file.inputs.iter().find(|i| i.role == "landmarks").map(|i| i.path.as_path());
+        let landmarks = file.inputs.iter().find(|i| i.role == InputRole::Landmarks).map(|i| i.path.as_path());
         let read = || inputs.fraction(&fraction.path, landmarks, &file.inputs);
         let scan = runtime.stage("read the fraction", read)?;
         unchanged(&scan.inputs, file)?;
@@ -102,7 +103,7 @@ fn unchanged(inputs: &[InputFile], file: &ConfigFile) -> Result<()> {
         Some((input, _)) => {
             let problem = format!("it is not the file that the run has read as its {} (by its checksum)", input.role);
             let remedy = "put the file back where it was, or register again";
-            Err(Error::refused("run-changed", input.path.display().to_string(), problem, remedy))
+            Err(Error::refused(findings::RUN_CHANGED, input.path.display().to_string(), problem, remedy))
         }
     }
 }

@@ -1,14 +1,16 @@
 //! Frames of reference of DICOM against the names that the command line has for frames: a registration between two frames of
 //! reference must not be used the other way round, nor on scans that it does not belong to.
 
+use crate::config::InputRole;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::dicom::{Role, frame_of};
 use std::path::{Path, PathBuf};
 
 /// What a field is given for.
 pub(super) struct FieldRole<'a> {
-    /// The option that names it.
-    pub option: &'a str,
+    /// The file; its option has the role's name.
+    pub given: InputRole,
     /// Frame whose points it takes.
     pub from: &'a str,
     /// Frame where they arrive.
@@ -51,11 +53,11 @@ pub(super) fn confirmed(
         }
         if uid == *a || uid == *b {
             let problem = format!(
-                "it takes points of the frame of reference {a} to {b}, but {} takes {} points to {}, and {what} ({frame}) lies in \
+                "it takes points of the frame of reference {a} to {b}, but --{} takes {} points to {}, and {what} ({frame}) lies in \
                  {uid}: it points the other way",
-                role.option, role.from, role.to
+                role.given, role.from, role.to
             );
-            return Err(Error::refused("field-direction", file, problem, role.remedy));
+            return Err(Error::refused(findings::FIELD_DIRECTION, file, problem, role.remedy));
         }
         return Err(strange(file, uids, &what, &frame, &uid));
     }
@@ -64,7 +66,7 @@ pub(super) fn confirmed(
 
 fn strange(file: &str, [a, b]: &Uids, what: &str, frame: &str, uid: &str) -> Error {
     let problem = format!("it joins the frames of reference {a} and {b}, but {what} ({frame}) lies in {uid}");
-    Error::refused("dicom-frame", file, problem, "give the registration that belongs to these scans")
+    Error::refused(findings::DICOM_FRAME, file, problem, "give the registration that belongs to these scans")
 }
 
 /// Names of frames of reference: what `--field FROM:TO=FILE`, `--from` and `--to` say of them.
@@ -88,7 +90,7 @@ impl Names {
                         "it lies in the frame of reference {uid}, but {before} in {had}, and both are said to lie in {name}"
                     );
                     let remedy = "give two things of one frame of reference, or map one to the other first";
-                    return Err(Error::refused("dicom-frame", what, problem, remedy));
+                    return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
                 }
                 known.push((uid, (*name).into(), what));
             }
@@ -124,7 +126,8 @@ impl Names {
             },
             (None, None, None) => return Ok(None),
         };
-        let role = FieldRole { option: "--field", from: &from, to: &to, remedy: "correct FROM:TO, or leave it out" };
+        let role =
+            FieldRole { given: InputRole::Field, from: &from, to: &to, remedy: "correct FROM:TO, or leave it out" };
         let known = self.known.iter().map(|(uid, name, what)| (name.clone(), what.clone(), uid.clone()));
         let sure = confirmed(file, uids, &role, known)?;
         // A frame of reference has one name.
@@ -166,7 +169,7 @@ mod tests {
     }
 
     fn judged(known: &[(&str, &str)]) -> Result<bool> {
-        let role = FieldRole { option: "--fields", from: "planning", to: "fraction", remedy: "turn it" };
+        let role = FieldRole { given: InputRole::Fields, from: "planning", to: "fraction", remedy: "turn it" };
         let known = known.iter().map(|(frame, uid)| ((*frame).into(), format!("the {frame}"), (*uid).into()));
         confirmed("r.dcm", &uids(), &role, known)
     }

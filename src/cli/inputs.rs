@@ -2,9 +2,10 @@
 
 use super::headers::judge_names;
 use super::{organs, start};
-use crate::config::{Config, ConfigFile, RecordedInput};
+use crate::config::{Config, ConfigFile, InputRole, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
+use crate::findings;
 use crate::fit::BoneLandmark;
 use crate::io::dicom::{About, Role, check_frames, is_dicom_path};
 use crate::io::{self, Loaded};
@@ -60,7 +61,7 @@ impl Default for Flags<'_> {
 }
 
 /// The flag's file, else the recorded one of the same role.
-pub(super) fn either(own: &Option<PathBuf>, role: &str, recorded: &[RecordedInput]) -> Option<PathBuf> {
+pub(super) fn either(own: &Option<PathBuf>, role: InputRole, recorded: &[RecordedInput]) -> Option<PathBuf> {
     own.clone().or_else(|| recorded.iter().find(|i| i.role == role).map(|i| i.path.clone()))
 }
 
@@ -76,17 +77,17 @@ pub(super) fn config_file(path: &Path) -> Result<ConfigFile> {
 
 impl Inputs {
     pub(super) fn new(flags: &Flags<'_>, recorded: &[RecordedInput]) -> Result<Self> {
-        let needed = |own: &Option<PathBuf>, role: &str| either(own, role, recorded).ok_or_else(|| missing(role));
-        let recorded_start = || recorded.iter().find(|i| i.role == "start").map(RecordedInput::given);
+        let needed = |own: &Option<PathBuf>, role: InputRole| either(own, role, recorded).ok_or_else(|| missing(role));
+        let recorded_start = || recorded.iter().find(|i| i.role == InputRole::Start).map(RecordedInput::given);
         let start = flags.start.clone().or_else(recorded_start);
         Ok(Self {
-            planning: needed(flags.planning, "planning")?,
-            bones: needed(flags.bones, "bones")?,
-            labels: either(flags.labels, "labels", recorded),
-            organs: either(flags.organs, "organs", recorded),
-            skeleton: either(flags.skeleton, "skeleton", recorded),
-            landmarks: either(flags.landmarks, "landmarks", recorded),
-            bone_landmarks: either(flags.bone_landmarks, "bone-landmarks", recorded),
+            planning: needed(flags.planning, InputRole::Planning)?,
+            bones: needed(flags.bones, InputRole::Bones)?,
+            labels: either(flags.labels, InputRole::Labels, recorded),
+            organs: either(flags.organs, InputRole::Organs, recorded),
+            skeleton: either(flags.skeleton, InputRole::Skeleton, recorded),
+            landmarks: either(flags.landmarks, InputRole::Landmarks, recorded),
+            bone_landmarks: either(flags.bone_landmarks, InputRole::BoneLandmarks, recorded),
             start_file: start.as_deref().map(|path| start::split(path).0),
             start,
         })
@@ -146,8 +147,12 @@ impl Inputs {
                 None => None,
             };
             let planning = io::read_image(&self.planning)?;
-            let mut inputs = vec![read("planning", &planning), read("bones", &bones)];
-            for (role, path) in [("labels", &self.labels), ("organs", &self.organs), ("skeleton", &self.skeleton)] {
+            let mut inputs = vec![read(InputRole::Planning, &planning), read(InputRole::Bones, &bones)];
+            for (role, path) in [
+                (InputRole::Labels, &self.labels),
+                (InputRole::Organs, &self.organs),
+                (InputRole::Skeleton, &self.skeleton),
+            ] {
                 inputs.extend(path.as_deref().map(|p| InputFile::read(role, p)).transpose()?);
             }
             let found = changed(&inputs, recorded);
@@ -167,12 +172,11 @@ impl Inputs {
     /// With the landmarks of one of several fractions.
     fn marks_of(&self, landmarks: Option<&Path>) -> Result<Marks> {
         let bones = self.bone_landmarks.as_deref();
-        let files = [("landmarks", landmarks), ("bone-landmarks", bones)];
+        let files = [(InputRole::Landmarks, landmarks), (InputRole::BoneLandmarks, bones)];
         let inputs = files.into_iter().filter_map(|(role, path)| Some(InputFile::read(role, path?)));
-        let start =
-            self.start.as_deref().map(start::split).map(|(file, entry)| {
-                Ok(InputFile { entry: entry.map(str::to_owned), ..InputFile::read("start", &file)? })
-            });
+        let start = self.start.as_deref().map(start::split).map(|(file, entry)| {
+            Ok(InputFile { entry: entry.map(str::to_owned), ..InputFile::read(InputRole::Start, &file)? })
+        });
         let inputs = inputs.chain(start);
         Ok(Marks {
             landmarks: landmarks.map(io::read_landmarks).transpose()?.unwrap_or_default(),
@@ -194,7 +198,7 @@ impl Inputs {
     ) -> Result<FractionScan> {
         let image = io::read_image(file)?;
         let Marks { landmarks, bone_landmarks, inputs } = self.marks_of(landmarks)?;
-        let inputs = [vec![read("fraction", &image)], inputs].concat();
+        let inputs = [vec![read(InputRole::Fraction, &image)], inputs].concat();
         let warnings = [image.warnings, changed(&inputs, recorded)].concat();
         Ok(FractionScan { ct: image.value, landmarks, bone_landmarks, start: None, warnings, inputs })
     }
@@ -209,11 +213,11 @@ pub(super) struct Marks {
 }
 
 /// That a file is missing which the task needs.
-pub(super) fn missing(role: &str) -> Error {
+pub(super) fn missing(role: InputRole) -> Error {
     Error::usage(format!("no {role} file is given"), format!("add --{role} FILE; a TOML of settings names no inputs"))
 }
 
-fn read<T>(role: &str, file: &Loaded<T>) -> InputFile {
+fn read<T>(role: InputRole, file: &Loaded<T>) -> InputFile {
     let about = About::of(&file.path);
     InputFile { about, ..InputFile::new(role, file.path.clone(), file.sha256.clone()) }
 }
@@ -231,7 +235,7 @@ pub(super) fn other_than<'a>(
 pub(super) fn changed(inputs: &[InputFile], recorded: &[RecordedInput]) -> Vec<Warning> {
     let warn = |(input, then): (&InputFile, &RecordedInput)| {
         Warning::new(
-            "input-changed",
+            findings::INPUT_CHANGED,
             format!(
                 "{} is not the file of the recorded run (SHA-256 {}..., then {}...)",
                 input.path.display(),

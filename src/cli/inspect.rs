@@ -3,6 +3,7 @@
 
 use super::args::JsonArgs;
 use crate::error::Result;
+use crate::findings;
 use crate::io::dicom::{Summary, is_structure_set, summary};
 use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, inspect};
 use clap::Args;
@@ -55,7 +56,7 @@ fn kind(path: &Path, anonymous: bool) -> Result<Kind> {
         return Ok(Kind::File);
     }
     match check_folder(path) {
-        Err(error) if error.code() == "no-run" => summary(path, anonymous).map(Kind::Dicom).map_err(|_| error),
+        Err(error) if error.is(findings::NO_RUN) => summary(path, anonymous).map(Kind::Dicom).map_err(|_| error),
         checked => checked.map(Kind::Run),
     }
 }

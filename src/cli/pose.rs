@@ -8,6 +8,7 @@ use super::organs::OrganArgs;
 use super::register::{Told, settings, write_run};
 use super::run_folder;
 use super::terminal::progress;
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::io;
 use crate::pipeline::{BoneMotion, InputFile, pose};
@@ -95,7 +96,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let ask = Ask {
         bones: args.side.bones.as_deref(),
         labels: args.side.labels.as_deref(),
-        planning: either(&args.side.planning, "planning", &recorded),
+        planning: either(&args.side.planning, InputRole::Planning, &recorded),
         needed: Vec::new(),
         beside: &args.out,
         quiet: args.run.shown.quiet,
@@ -112,8 +113,8 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         start: &None,
     };
     let inputs = Inputs::new(&flags, &recorded)?;
-    let by_hand = either(&args.motion.pose, "pose", &file.inputs);
-    let transforms = either(&args.motion.transforms, "transforms", &file.inputs);
+    let by_hand = either(&args.motion.pose, InputRole::Pose, &file.inputs);
+    let transforms = either(&args.motion.transforms, InputRole::Transforms, &file.inputs);
     if by_hand.is_none() && transforms.is_none() && !inputs.has_bone_landmarks() {
         return Err(no_motion());
     }
@@ -140,7 +141,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
         (None, None) => return Err(no_motion()),
     };
     let mut more = marks.inputs;
-    for (role, path) in [("pose", &by_hand), ("transforms", &transforms)] {
+    for (role, path) in [(InputRole::Pose, &by_hand), (InputRole::Transforms, &transforms)] {
         if let Some(path) = path {
             more.push(InputFile::read(role, path)?);
         }

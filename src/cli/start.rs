@@ -2,6 +2,7 @@
 
 use super::frames::{Uids, uid_of};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Rigid;
 use crate::io::dicom::Role;
 use crate::io::transform;
@@ -49,7 +50,7 @@ fn turned(file: &Path, [a, b]: &Uids, frames: &[Option<String>; 2]) -> Result<bo
         name(fraction)
     );
     let remedy = "give the registration that belongs to these scans";
-    Err(Error::refused("dicom-frame", file.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::DICOM_FRAME, file.display().to_string(), problem, remedy))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::organs;
 use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::concepts;
-use crate::config::{Config, RecordedInput, StudyPlan};
+use crate::config::{Config, InputRole, RecordedInput, StudyPlan};
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::geometry::Rigid;
@@ -112,8 +112,8 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         write_study(&args.out, &moved.title, &plan, &records)?;
     }
     let text = write_study(&args.out, &moved.title, &plan, &records)?;
-    let mut inputs = vec![InputFile::read("case", &case.join("report.json"))?];
-    inputs.extend(args.plan.as_deref().map(|plan| InputFile::read("plan", plan)).transpose()?);
+    let mut inputs = vec![InputFile::read(InputRole::Case, &case.join("report.json"))?];
+    inputs.extend(args.plan.as_deref().map(|plan| InputFile::read(InputRole::Plan, plan)).transpose()?);
     record::write_of(&own, &args.out, "study.json", inputs)?;
     folder.finish();
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
@@ -152,8 +152,8 @@ impl Moved {
         let recorded = config_file(&path)?;
         let settings = recorded.resolve(None)?;
         let inputs = recorded.inputs;
-        let file = |role: &str| inputs.iter().find(|i| i.role == role).map(|i| i.path.clone());
-        let needed = |role: &str| {
+        let file = |role: InputRole| inputs.iter().find(|i| i.role == role).map(|i| i.path.clone());
+        let needed = |role: InputRole| {
             file(role).ok_or_else(|| {
                 Error::input(
                     path.display().to_string(),
@@ -162,16 +162,16 @@ impl Moved {
                 )
             })
         };
-        let mut bones = io::read_labels(needed("bones")?, file("labels").as_deref())?.value;
-        if let Some(path) = file("organs") {
+        let mut bones = io::read_labels(needed(InputRole::Bones)?, file(InputRole::Labels).as_deref())?.value;
+        if let Some(path) = file(InputRole::Organs) {
             organs::add(&mut bones, &path, &settings)?;
         }
-        let skeleton = match file("skeleton") {
+        let skeleton = match file(InputRole::Skeleton) {
             Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones)?.skeleton)?),
             None => None,
         };
         // A made posture has no fraction CT: its own artificial one takes that place.
-        let fraction = file("fraction").unwrap_or_else(|| folder.join("planning_on_fraction.nii.gz"));
+        let fraction = file(InputRole::Fraction).unwrap_or_else(|| folder.join("planning_on_fraction.nii.gz"));
         let transforms: Vec<Rigid> = report.bones.iter().map(|b| b.transform).collect();
         let motion = serde_json::to_vec(&report.bones).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(Self {
@@ -180,10 +180,10 @@ impl Moved {
                 planning: PlanningScan {
                     skeleton,
                     inputs: report.inputs,
-                    ..PlanningScan::new(io::read_image(needed("planning")?)?.value, bones)
+                    ..PlanningScan::new(io::read_image(needed(InputRole::Planning)?)?.value, bones)
                 },
                 fraction: FractionScan {
-                    landmarks: file("landmarks").map(io::read_landmarks).transpose()?.unwrap_or_default(),
+                    landmarks: file(InputRole::Landmarks).map(io::read_landmarks).transpose()?.unwrap_or_default(),
                     ..FractionScan::new(io::read_image(fraction)?.value)
                 },
             },

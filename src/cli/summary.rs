@@ -3,7 +3,9 @@
 use super::args::JsonArgs;
 use super::terminal::command_line;
 use super::{planned, record, run_folder};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::{self, relative_to};
 use crate::pipeline::InputFile;
 use crate::report::{Cohort, Member, Report};
@@ -67,7 +69,7 @@ pub fn run(args: &SummaryArgs) -> Result<String> {
         found.search(path, 0)?;
         if found.reports.len() + found.unfinished.len() == before {
             return Err(Error::refused(
-                "no-run",
+                findings::NO_RUN,
                 path.display().to_string(),
                 format!("neither it nor a folder in it holds a {REPORT}: no run, or none that was finished"),
                 "give the --out folders of finished runs, or a folder that holds them",
@@ -86,7 +88,7 @@ pub fn run(args: &SummaryArgs) -> Result<String> {
     let cohort = Cohort::new(members, unfinished, command_line());
     folder.begin()?;
     cohort.write(&args.out)?;
-    let mut inputs = files.iter().map(|path| InputFile::read("report", path)).collect::<Result<Vec<_>>>()?;
+    let mut inputs = files.iter().map(|path| InputFile::read(InputRole::Report, path)).collect::<Result<Vec<_>>>()?;
     inputs.iter_mut().for_each(|input| input.path = relative_to(&args.out, &input.path));
     let outputs = record::outputs(&args.out, &folder.written())?;
     let written = Written { cohort: &cohort, inputs, outputs };

@@ -4,7 +4,7 @@ use super::args::QuietArgs;
 use super::contours;
 use super::finished::Finished;
 use super::terminal::progress;
-use crate::config::RecordedInput;
+use crate::config::{InputRole, RecordedInput};
 use crate::error::{Error, Result};
 use crate::io::checksum::sha256_file;
 use crate::pipeline::Case;
@@ -91,7 +91,7 @@ fn unchanged<'a>(set: &'a RecordedInput, runtime: &Runtime) -> Option<&'a Path> 
 
 /// Reads structures in the frame of the run's planning CT.
 fn structures(path: &Path, case: &Case, runtime: &Runtime) -> Result<Contours> {
-    let planning = case.inputs().find(|input| input.role == "planning").map(|input| input.path.as_path());
+    let planning = case.inputs().find(|input| input.role == InputRole::Planning).map(|input| input.path.as_path());
     let (contours, warnings) = contours::of_planning(path, planning)?;
     for warning in warnings {
         runtime.progress().note(&format!("warning ({}): {}", warning.code, warning.message));

@@ -2,7 +2,7 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
-use aventail_base::{error, geometry, stats, volume, warning};
+use aventail_base::{error, findings, geometry, stats, volume, warning};
 
 pub mod body;
 pub mod field;

@@ -2,7 +2,7 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
-use aventail_base::{error, geometry, progress, volume, warning};
+use aventail_base::{error, findings, geometry, progress, volume, warning};
 use aventail_bones::{fit, postures, skeleton};
 use aventail_fields::{field, view};
 use aventail_measures::{dose, evaluate};

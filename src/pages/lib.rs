@@ -2,6 +2,8 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
+#[cfg(test)]
+use aventail_base::findings;
 use aventail_base::{Error, error, geometry, runtime, stats, volume, warning};
 use aventail_bones::{fit, postures, skeleton};
 use aventail_fields::{field, view};

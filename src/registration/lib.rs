@@ -2,7 +2,7 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
-use aventail_base::{Error, error, geometry, progress, runtime, stats, volume, warning};
+use aventail_base::{Error, error, findings, geometry, progress, runtime, stats, volume, warning};
 use aventail_bones::{fit, plausibility, postures, skeleton};
 use aventail_fields::{body, field, view};
 use aventail_formats::io;

@@ -1,78 +1,80 @@
-//! Findings of DICOM objects.
+//! Findings on DICOM objects.
 
-use super::{Finding, refused, refused_or_warned, warned};
-
-/// Those whose code begins with `dicom-`, by code.
-pub(super) const DICOM: &[Finding] = &[
-    refused(
+findings! {
+    DICOM:
+    DICOM_COMPRESSION = refused(
         "dicom-compression",
         "Pixels of a DICOM object are compressed in a way that is not read.",
         "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
-    ),
-    refused_or_warned(
+    );
+    DICOM_DUPLICATES = refused_or_warned(
         "dicom-duplicates",
         "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
         "Export one phase or reconstruction as a series of its own.",
-    ),
-    refused_or_warned(
+    );
+    DICOM_FRAME = refused_or_warned(
         "dicom-frame",
         "Objects that are used together lie in different frames of reference; warned of where an object names none.",
         "Give objects of one frame of reference, or map one to the other first.",
-    ),
-    refused(
+    );
+    DICOM_GAP = refused(
         "dicom-gap",
         "A slice of a series is missing, or distances between slices vary.",
         "Export the whole series again; resample one that was scanned with varying distances.",
-    ),
-    refused(
+    );
+    DICOM_IMAGES_DIFFER = refused(
         "dicom-images-differ",
         "Images of a series differ in orientation, size, pixel spacing or unit.",
         "Move the images that are no slices of the volume elsewhere.",
-    ),
-    refused(
+    );
+    DICOM_INCOMPLETE = refused(
         "dicom-incomplete",
         "A DICOM object lacks what its geometry or values need, or contradicts itself.",
         "Export it again, or convert it with a tool that knows the vendor's files.",
-    ),
-    warned(
+    );
+    DICOM_LEFT_OUT = warned(
         "dicom-left-out",
         "Localizers, or objects that are no CT images, lie in a series and are left out.",
         "Nothing, where the count is as expected.",
-    ),
-    warned(
+    );
+    DICOM_LOSSY = warned(
         "dicom-lossy",
         "The images of a series were compressed with loss.",
         "Take the original images where they still exist.",
-    ),
-    refused(
+    );
+    DICOM_NO_CT = refused(
         "dicom-no-ct",
         "A CT series is asked for, and what is given is none: MR, PET, a structure set, a plan.",
         "Give the folder of a CT series.",
-    ),
-    refused("dicom-no-dose", "A dose is asked for, and what is given holds none.", "Give an RTDOSE file."),
-    warned(
+    );
+    DICOM_NO_DOSE = refused(
+        "dicom-no-dose",
+        "A dose is asked for, and what is given holds none.",
+        "Give an RTDOSE file.",
+    );
+    DICOM_NO_PLAN = warned(
         "dicom-no-plan",
         "A dose that is written as DICOM names no plan, because its source names none.",
         "Give the dose object that belongs to a plan, where the planning system refuses the result.",
-    ),
-    warned(
+    );
+    DICOM_PADDING = warned(
         "dicom-padding",
         "Voxels that were not measured had values that no CT has; they are air now.",
         "Nothing, where they lie outside the field of view.",
-    ),
-    refused(
+    );
+    DICOM_SEVERAL = refused(
         "dicom-several",
         "A folder holds several series, and it is not clear which is meant.",
         "Choose one: FOLDER#NUMBER or FOLDER#UID.",
-    ),
-    refused(
+    );
+    DICOM_TILT = refused(
         "dicom-tilt",
         "The slices of a series do not follow each other along their normal: gantry tilt.",
         "Resample the series to an upright grid first, for example with dcm2niix.",
-    ),
-    refused_or_warned(
+    );
+    DICOM_UNIT = refused_or_warned(
         "dicom-unit",
         "The values of a series are no HU by their Rescale Type, or of a unit that is not told.",
         "Give the series in HU of the same scan.",
-    ),
-];
+    );
+}

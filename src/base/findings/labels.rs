@@ -1,53 +1,105 @@
-//! Findings on labels.
+//! Findings on labels and structures.
 
-use super::{Finding, refused, warned};
-
-/// Those whose codes begin with `label`.
-pub(super) const LABELS: &[Finding] = &[
-    warned(
+findings! {
+    LABELS:
+    CONTOURS_CANCEL = warned(
+        "contours-cancel",
+        "Contours of a structure cancel each other on a plane: what is enclosed twice counts as outside.",
+        "Draw each part once; keep an inner contour only where it is a hole.",
+    );
+    CONTOURS_CROSS = warned(
+        "contours-cross",
+        "A contour crosses itself or another contour of its structure; what is enclosed twice counts as outside.",
+        "Look at the planes named; draw the parts apart or as one.",
+    );
+    CONTOURS_REPEATED = warned(
+        "contours-repeated",
+        "A contour of a structure is drawn twice on one plane; one of each is kept.",
+        "Export the structure again.",
+    );
+    LABEL_DOUBTFUL = doubted(
         "label-doubtful",
         "A bone's label hardly stands out from what is beside it, or holds air.",
         "Look at it in a viewer.",
-    ),
-    warned("label-on-wrong-side", "A few labels lie on the other side than their names say.", "Check these labels."),
-    refused(
+    );
+    LABEL_ON_WRONG_SIDE = doubted(
+        "label-on-wrong-side",
+        "A few labels lie on the other side than their names say.",
+        "Check these labels.",
+    );
+    LABELS_DOUBLED = refused(
         "labels-doubled",
         "One name is given to two structures that are to be one label map.",
         "Name one of them otherwise with NAME=FILE, take one structure of a label map with NAME=FILE, or leave one out.",
-    ),
-    refused(
+    );
+    LABELS_ELSEWHERE = refused(
         "labels-elsewhere",
         "Masks or label maps that are to be one lie on different grids.",
         "Resample them onto one grid with nearest-neighbour interpolation.",
-    ),
-    warned(
+    );
+    LABELS_IGNORED = warned(
         "labels-ignored",
         "Labels that are no bones of the skeleton were ignored.",
         "Rename them if they are bones.",
-    ),
-    warned(
+    );
+    LABELS_JOINED = warned(
         "labels-joined",
         "Several labels have one name; they are taken as one structure with the least of their numbers.",
         "Give each label its own name if they are different structures.",
-    ),
-    refused(
+    );
+    LABELS_MIRRORED = refused(
         "labels-mirrored",
         "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
         "Write labels and CT anew from the DICOM series, and check the side of a known structure.",
-    ),
-    refused(
+    );
+    LABELS_NAMELESS = refused(
         "labels-nameless",
         "A file is neither a mask of one structure nor a label map in which every label has a name.",
         "Give one mask per structure, or a label map with names in its header.",
-    ),
-    refused(
+    );
+    LABELS_OFF_BONE = refused(
         "labels-off-bone",
         "The bone labels do not lie on the bones of the planning CT.",
         "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
-    ),
-    warned(
+    );
+    LABELS_OVERLAP = warned(
         "labels-overlap",
         "Two structures that become one label map have voxels in common.",
         "The one named first keeps them; give the files in another order if the other should.",
-    ),
-];
+    );
+    STRUCTURE_EMPTY = warned(
+        "structure-empty",
+        "A structure of a dose-volume histogram has no volume.",
+        "Check its contours, or the number of its label.",
+    );
+    STRUCTURE_VOLUME = warned(
+        "structure-volume",
+        "The volume sampled for a dose-volume histogram is not that of the contours.",
+        "Contours far apart for their size leave the shape between them open: draw more planes.",
+    );
+    STRUCTURES_EMPTY = refused_or_warned(
+        "structures-empty",
+        "Structures of a structure set have no closed contour: refused where none has.",
+        "Nothing, where they are meant to be empty.",
+    );
+    STRUCTURES_LEFT_OUT = warned(
+        "structures-left-out",
+        "Points, open contours and contours of fewer than three points are left out.",
+        "Nothing, where they mark points; else draw them as closed contours.",
+    );
+    STRUCTURES_NAMES = warned(
+        "structures-names",
+        "A structure set uses a name twice; later structures have their number behind the name.",
+        "Rename one of them in the planning system.",
+    );
+    STRUCTURES_PLANES = refused(
+        "structures-planes",
+        "Contours of a structure set do not lie on parallel planes.",
+        "Leave out the structure, or draw it on the planes of the others.",
+    );
+    STRUCTURES_SEVERAL = refused(
+        "structures-several",
+        "A folder holds several structure sets, or none.",
+        "Give the file of the one that is meant.",
+    );
+}

@@ -8,6 +8,7 @@ use super::similarity::Measure;
 use super::tissue::Tissue;
 use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -57,7 +58,7 @@ pub(super) fn accept(
             100.0 * found,
             names.join(", ")
         );
-        fit.warnings.push(Warning::new("bones-lost", message));
+        fit.warnings.push(Warning::new(findings::BONES_LOST, message));
     }
     Ok(())
 }
@@ -87,7 +88,7 @@ pub(super) fn not_found(
     let finer = Seen { samples: &drawn.all, fraction: &fine };
     Ok(match likely_way(coarse, finer, own, options.measure) {
         Some((way, share)) => Error::failed(
-            "fraction-turned",
+            findings::FRACTION_TURNED,
             format!(
                 "{problem}; {way}, the planning CT's bones would explain {:.0} % of its contrast for {:.0} %",
                 100.0 * share,
@@ -99,7 +100,7 @@ pub(super) fn not_found(
         None => {
             let cause = hidden_by(fraction, bone_in_height(skeleton, &drawn.all, fraction));
             Error::failed(
-                "bones-not-found",
+                findings::BONES_NOT_FOUND,
                 cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
                 "check that both CTs show the same patient and a common body region, in HU, without metal or motion over \
                  the bones; landmarks on bones (--bone-landmarks) can place them",

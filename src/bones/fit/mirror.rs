@@ -12,6 +12,7 @@ use super::solver::solve;
 use super::start::upright_motions;
 use super::tissue::Tissue;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Rigid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -117,7 +118,7 @@ impl Twins {
         );
         if 1.0 - mirrored < SURE * (1.0 - own) {
             return Err(Error::failed(
-                "fraction-mirrored",
+                findings::FRACTION_MIRRORED,
                 format!("the fraction CT shows the mirror image of the planning CT: {both}"),
                 "one of the two headers has left and right exchanged: write the file anew from its DICOM series, or correct \
                  the sign of its x axis, after a look at the heart, the liver or a marked side",
@@ -127,7 +128,7 @@ impl Twins {
             let message = format!(
                 "{both}: they are too nearly symmetric to tell a mirrored scan; check left and right in the fusion images"
             );
-            Warning::new("side-unsure", message)
+            Warning::new(findings::SIDE_UNSURE, message)
         }))
     }
 }

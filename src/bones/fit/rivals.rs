@@ -5,6 +5,7 @@ use super::DeterminedBy;
 use super::accept::LEAST_FOUND;
 use super::schedule::{Fitter, Tried, weak_start};
 use crate::error::Result;
+use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -56,7 +57,7 @@ pub(super) fn best_level(
         // Where the bones are, not where the fit began.
         better.fit.common = fitter.best_shown(&better);
         better.fit.common_share = explained(&better.fit.common);
-        better.fit.warnings.retain(|w| w.code != "weak-start");
+        better.fit.warnings.retain(|w| !w.is(findings::WEAK_START));
         better.fit.warnings.extend(weak_start(better.fit.common_share));
         others.push(std::mem::replace(&mut best, better));
         height = fitter.height_shown(&best.fit.transforms, fraction);
@@ -84,7 +85,7 @@ impl Fitter<'_> {
             apart(rival),
             100.0 * rival.cost / best.cost
         );
-        Some(Warning::new("level-unsure", message))
+        Some(Warning::new(findings::LEVEL_UNSURE, message))
     }
 
     /// Motion of the bone that the fraction shows most of.

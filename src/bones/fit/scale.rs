@@ -8,6 +8,7 @@ use super::samples::Samples;
 use super::similarity::{Measure, evaluate};
 use super::tissue::Tissue;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Rigid;
 use crate::skeleton::{Bone, Skeleton};
 use crate::warning::Warning;
@@ -178,9 +179,9 @@ impl Scale {
         let remedy = "bones keep their size: compare voxel spacing and slice thickness of both files with their DICOM \
                       series, and correct the one that is wrong";
         if let Some(problem) = told(0, REFUSED) {
-            return Err(Error::failed("fraction-scaled", problem, remedy));
+            return Err(Error::failed(findings::FRACTION_SCALED, problem, remedy));
         }
-        Ok(told(1, DOUBTFUL).map(|problem| Warning::new("fraction-scaled", format!("{problem}; {remedy}"))))
+        Ok(told(1, DOUBTFUL).map(|problem| Warning::new(findings::FRACTION_SCALED, format!("{problem}; {remedy}"))))
     }
 }
 

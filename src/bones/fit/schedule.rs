@@ -13,6 +13,7 @@ use super::start::WEAK_START;
 use super::stop::Stop;
 use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::{Rigid, about};
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
@@ -69,7 +70,7 @@ pub(super) fn weak_start(share: f64) -> Option<Warning> {
     let problem = || {
         format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share)
     };
-    (share < WEAK_START).then(|| Warning::new("weak-start", problem()))
+    (share < WEAK_START).then(|| Warning::new(findings::WEAK_START, problem()))
 }
 
 /// Where a fit begins.

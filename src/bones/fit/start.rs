@@ -11,6 +11,7 @@ use super::similarity::Measure;
 use super::solver::solve;
 use super::tissue::Tissue;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::{Rigid, vectorised};
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -264,7 +265,7 @@ pub(super) fn near_motions(
                     bones.apart(known, &motion),
                     100.0 * share
                 );
-                doubt = Some(Warning::new("start-left", message));
+                doubt = Some(Warning::new(findings::START_LEFT, message));
             }
             starts.push((motion, share));
         }
@@ -288,7 +289,7 @@ pub(super) fn left(
             "the bones were found {away:.0} mm from the start that was given: it belongs to other images, points the other way, or \
              the bones were found at a wrong place; look at the fusion images"
         );
-        Warning::new("start-left", message)
+        Warning::new(findings::START_LEFT, message)
     })
 }
 

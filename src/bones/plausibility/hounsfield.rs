@@ -1,6 +1,7 @@
 //! Whether an image is a CT in HU: air and soft tissue lie where HU has them.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::Volume;
 use crate::warning::Warning;
 use rayon::prelude::*;
@@ -94,7 +95,7 @@ pub fn in_hounsfield(what: &str, image: &Volume<f32>) -> Result<Option<Warning>>
             histogram.highest,
             if low == 0.0 { "none".to_owned() } else { format!("{:.2} %", 100.0 * low) },
         );
-        return Err(Error::refused("not-in-hu", what, problem, remedy(&histogram, tissue)));
+        return Err(Error::refused(findings::NOT_IN_HU, what, problem, remedy(&histogram, tissue)));
     }
     let (air, share) = histogram.peak(LOWEST, -300.0);
     Ok((share > COMMON && air > AIR).then(|| {
@@ -103,7 +104,7 @@ pub fn in_hounsfield(what: &str, image: &Volume<f32>) -> Result<Option<Warning>>
              RescaleIntercept with the DICOM series",
             air / -1000.0
         );
-        Warning::new("hu-doubtful", message)
+        Warning::new(findings::HU_DOUBTFUL, message)
     }))
 }
 

@@ -4,6 +4,7 @@
 //! 490 HU and the least bone's 127; with labels 12 mm aside the middle one's was below 80, mirrored below 50.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -77,7 +78,7 @@ pub fn labels_on_bone(skeleton: &Skeleton, planning: &Volume<f32>, labels: &Labe
     let air = told.iter().map(|&b| contrasts[b].air * contrasts[b].voxels as f64).sum::<f64>() / voxels(&told).max(1.0);
     let place = better.map_or(String::new(), |place| format!("; {place} they would lie on bone"));
     Err(Error::refused(
-        "labels-off-bone",
+        findings::LABELS_OFF_BONE,
         "bone labels",
         format!(
             "they do not lie on the bones of the planning CT: {} of {} bones stand out by less than {LEAST_CONTRAST} HU from \
@@ -94,7 +95,7 @@ pub fn labels_on_bone(skeleton: &Skeleton, planning: &Volume<f32>, labels: &Labe
 fn one(name: &str, c: &Contrast) -> Warning {
     let beside = c.beside.map_or(String::new(), |b| format!(", {b:.0} HU beside it"));
     Warning::new(
-        "label-doubtful",
+        findings::LABEL_DOUBTFUL,
         format!(
             "{name}: its label may miss the bone: {:.0} HU under it{beside}, {:.0} % air; look at it in a viewer",
             c.inside,

@@ -6,6 +6,7 @@
 //! middle plane C1 had 0.3 of the bone that levels below have in front of the canal, C2 1.9.
 
 use super::sides::level;
+use crate::findings;
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use nalgebra::{Point3, Vector3};
@@ -262,7 +263,7 @@ pub fn levels_by_landmarks(labels: &LabelMap) -> Option<Warning> {
              sacrum (below L5)",
             told.join("; ")
         );
-        Warning::new("levels-shifted", message)
+        Warning::new(findings::LEVELS_SHIFTED, message)
     })
 }
 
@@ -302,7 +303,10 @@ mod tests {
     fn ribs_and_sacrum_tell_names_that_are_off_by_a_level() {
         assert_eq!(levels_by_landmarks(&trunk(0, true)), None);
         let word = levels_by_landmarks(&trunk(1, true)).unwrap();
-        assert!(word.message.contains("rib_left_12 meets vertebrae_L1") && word.code == "levels-shifted", "{word:?}");
+        assert!(
+            word.message.contains("rib_left_12 meets vertebrae_L1") && word.is(findings::LEVELS_SHIFTED),
+            "{word:?}"
+        );
         assert!(word.message.contains("vertebrae_L5 lies") && word.message.contains("above the sacrum"), "{word:?}");
         let word = levels_by_landmarks(&trunk(1, false)).unwrap();
         assert!(!word.message.contains("rib_left"), "{word:?}");

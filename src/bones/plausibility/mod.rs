@@ -38,9 +38,10 @@ impl CheckOptions {
     /// The judgement's own, where it may refuse.
     pub fn told(self, judged: Result<Vec<Warning>>) -> Result<Vec<Warning>> {
         match judged {
-            Err(error @ Error::Input { .. }) if !self.refuse && !error.code().is_empty() => {
-                Ok(vec![Warning::new(error.code(), error.to_string())])
-            }
+            Err(error @ Error::Input { .. }) if !self.refuse => match error.finding() {
+                Some(finding) => Ok(vec![Warning::new(finding, error.to_string())]),
+                None => Err(error),
+            },
             judged => judged,
         }
     }

@@ -2,6 +2,7 @@
 //! vertebrae in their order and without gaps.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -122,7 +123,7 @@ pub fn sides_and_levels(labels: &LabelMap) -> Result<Vec<Warning>> {
         let wrong: Vec<&str> = telling.iter().filter(|(_, mm)| *mm < 0.0).map(|(words, _)| words.as_str()).collect();
         if 2 * wrong.len() > telling.len() {
             return Err(Error::refused(
-                "labels-mirrored",
+                findings::LABELS_MIRRORED,
                 "bone labels",
                 format!(
                     "{axis} are exchanged, by {} of {} relations: {}",
@@ -136,7 +137,7 @@ pub fn sides_and_levels(labels: &LabelMap) -> Result<Vec<Warning>> {
         }
         if !wrong.is_empty() {
             let message = format!("{axis} are exchanged for {}: check these labels", wrong.join("; "));
-            warnings.push(Warning::new("label-on-wrong-side", message));
+            warnings.push(Warning::new(findings::LABEL_ON_WRONG_SIDE, message));
         }
     }
     warnings.extend(gaps(&centres));
@@ -168,7 +169,8 @@ fn gaps(centres: &Centres) -> Option<Warning> {
             .then(|| format!("{}: a level may be missing there, and names below it off by one", wide.join("; "))),
     ];
     let told: Vec<String> = all.into_iter().flatten().collect();
-    (!told.is_empty()).then(|| Warning::new("vertebra-missing", format!("{}; check the numbering", told.join("; "))))
+    (!told.is_empty())
+        .then(|| Warning::new(findings::VERTEBRA_MISSING, format!("{}; check the numbering", told.join("; "))))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use super::centres::Anatomy;
 use super::shape::{self, Shape};
 use super::{Bone, Joint, Skeleton, check, spine};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use nalgebra::Matrix3;
@@ -109,7 +110,7 @@ impl Tree {
                 let (next, parent) = nearest_pair(shapes, &waiting, &parents, &order);
                 let n = waiting[next];
                 warnings.push(Warning::new(
-                    "bone-without-parent",
+                    findings::BONE_WITHOUT_PARENT,
                     format!(
                         "{}: none of the bones that carry it is labelled; it hangs on the nearest bone, {}. Set \
                          bones.{}.parent in skeleton.toml to change that.",

@@ -2,6 +2,7 @@
 
 use super::anatomy::{Kind, SKULL, level_name};
 use super::shape::{Shape, pieces};
+use crate::findings;
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use nalgebra::{Point3, Vector3};
@@ -22,7 +23,7 @@ pub(super) fn warnings(labels: &LabelMap, shapes: &[Shape]) -> Vec<Warning> {
     out.extend(shapes.iter().filter(|s| s.voxels < FEW_VOXELS).map(|s| {
         let volume = s.voxels as f64 * voxel;
         Warning::new(
-            "small-bone",
+            findings::SMALL_BONE,
             format!(
                 "{} has only {} voxels ({volume:.0} mm^3): its pose will mostly follow its joint.",
                 s.name, s.voxels
@@ -47,7 +48,7 @@ fn in_pieces(labels: &LabelMap, shapes: &[Shape]) -> Vec<Warning> {
             worst.gap,
             s.label
         );
-        Some(Warning::new("bone-in-pieces", message))
+        Some(Warning::new(findings::BONE_IN_PIECES, message))
     };
     shapes.iter().filter_map(warn).collect()
 }
@@ -71,7 +72,7 @@ fn out_of_order(shapes: &[Shape]) -> Vec<Warning> {
         if (high - low).dot(&along) <= 0.0 {
             let name = |l: u8| if l == SKULL { "skull".to_owned() } else { level_name(l) };
             out.push(Warning::new(
-                "spine-order",
+                findings::SPINE_ORDER,
                 format!(
                     "{} lies below {} along the spine, against their numbers: check whether their labels are swapped.",
                     name(upper),

@@ -1,6 +1,7 @@
 //! Tests of building, checking and re-rooting skeletons on synthetic label maps.
 
 use super::*;
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Rotation3, Vector3};
@@ -128,7 +129,7 @@ fn swapped_vertebrae_and_bones_in_pieces_are_told() {
     labels.names.insert(2, "vertebrae_C5".into());
     labels.names.insert(3, "vertebrae_C6".into());
     let warnings = build(&labels).unwrap().warnings;
-    let orders: Vec<_> = warnings.iter().filter(|w| w.code == "spine-order").collect();
+    let orders: Vec<_> = warnings.iter().filter(|w| w.is(findings::SPINE_ORDER)).collect();
     assert_eq!(orders.len(), 1);
     assert!(orders[0].message.starts_with("C5 lies below C6"), "{}", orders[0].message);
 
@@ -243,7 +244,7 @@ fn missing_bones_are_bridged_and_there_is_always_one_tree() {
     assert_eq!((up["vertebrae_C2"].as_str(), up["skull"].as_str()), ("vertebrae_C4", "vertebrae_C2"));
     assert_eq!((up["hyoid"].as_str(), up["humerus_left"].as_str()), ("vertebrae_C4", "clavicula_left"));
     assert_eq!(up["clavicula_left"], "vertebrae_C4");
-    assert!(neck.warnings.iter().all(|w| w.code != "bone-without-parent"), "{:?}", neck.warnings);
+    assert!(neck.warnings.iter().all(|w| !w.is(findings::BONE_WITHOUT_PARENT)), "{:?}", neck.warnings);
     let skull = neck.skeleton.bones.iter().find(|b| b.name == "skull").unwrap();
     assert!((skull.joint.rotation_range_deg[2][1] - 45.0).abs() < 1e-9, "C0-C1 and C1-C2 add up");
 

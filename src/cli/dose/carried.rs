@@ -3,6 +3,7 @@
 use super::args::PageArgs;
 use super::structures::Structures;
 use super::{Ledger, pages::stem};
+use crate::config::InputRole;
 use crate::dose::{doubts, steep};
 use crate::error::Result;
 use crate::io;
@@ -35,7 +36,7 @@ impl Scenery {
             return Ok(None);
         }
         let ct = match &args.page_ct {
-            Some(path) => Some(ledger.take_scan("page-ct", io::read_image(path)?)),
+            Some(path) => Some(ledger.take_scan(InputRole::PageCt, io::read_image(path)?)),
             None => (grid.extremes()[0] < CT_HU).then_some(grid),
         };
         let near = [(path, Role::Image)];

@@ -16,12 +16,14 @@ use super::record::Output;
 use super::terminal::command_line;
 use super::terminal::progress;
 use super::{planned, record, run_folder};
+use crate::config::InputRole;
 use crate::dose::{
     DensityTable, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, judge,
     judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::Role;
 use crate::io::{self, Stored, WriteOptions, write_json};
@@ -74,9 +76,10 @@ fn map(args: &MapArgs) -> Result<String> {
     let mut ledger = Ledger::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
         let dose = read_dose(&mut ledger, &args.dose)?;
-        let grid = ledger.take("grid", io::read_image(&args.grid)?);
+        let grid = ledger.take(InputRole::Grid, io::read_image(&args.grid)?);
         let to = grid.grid().clone();
-        let ct = args.ct.as_ref().map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
+        let ct =
+            args.ct.as_ref().map(|p| Ok::<_, Error>(ledger.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
         let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
         Ok::<_, Error>((dose, to, ct, scenery))
     })?;
@@ -130,7 +133,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     check_out(&args.out, out.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut ledger = Ledger::default();
-    let grid = ledger.take("grid", io::read_image(&args.grid)?);
+    let grid = ledger.take(InputRole::Grid, io::read_image(&args.grid)?);
     let to = grid.grid().clone();
     let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
     let mut shares = Vec::new();
@@ -141,7 +144,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         if weights[k] >= 2.0 {
             ledger.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
         }
-        let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take("ct", io::read_image(p)?))).transpose()?;
+        let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
         let field = Some(args.fields[k].as_path());
         let (push, pull) = match args.direction {
             DirectionName::PlanningToFraction => (field, None),
@@ -154,7 +157,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             to_file: args.dicom_like.as_ref().unwrap_or(&args.grid),
             push,
             pull,
-            option: Some("--fields"),
+            option: Some(InputRole::Fields),
             direction: Direction::FractionToPlanning,
             method: &method,
             ct: ct.as_ref(),
@@ -189,7 +192,7 @@ struct Mapping<'a> {
     /// The field, of which one direction is enough, and the option that names it where that is not the direction's own.
     push: Option<&'a Path>,
     pull: Option<&'a Path>,
-    option: Option<&'static str>,
+    option: Option<InputRole>,
     direction: Direction,
     method: &'a DoseMethod,
     /// The CT that the dose was computed on.
@@ -322,7 +325,7 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
-    let mut dose = ledger.take("dose", io::read_dose(path)?);
+    let mut dose = ledger.take(InputRole::Dose, io::read_dose(path)?);
     ledger.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
     Ok(dose)
 }
@@ -365,7 +368,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let mut folder = run_folder(&args.out, &planned(&["compare.json"], &maps), &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
     let (dose, reference) = (read_dose(&mut ledger, &args.dose)?, read_dose(&mut ledger, &args.reference)?);
-    ledger.inputs.iter_mut().skip(1).for_each(|input| input.role = "reference".into());
+    ledger.inputs.iter_mut().skip(1).for_each(|input| input.role = InputRole::Reference);
     let cts = pages::read_cts(args, &mut ledger)?;
     let most = f64::from(reference.extremes()[1].max(0.0));
     let tolerance = args.tolerance.unwrap_or(0.03 * most);
@@ -423,7 +426,7 @@ fn not_covered(figures: &DoseDifference) -> Vec<Warning> {
                  figures{more}",
                 outside.volume_percent, outside.amount_percent
             );
-            all.push(Warning::new("dose-outside", message));
+            all.push(Warning::new(findings::DOSE_OUTSIDE, message));
         }
     }
     all

@@ -3,6 +3,7 @@
 use super::super::terminal::command_line;
 use super::out::parent;
 use super::{CompareArgs, DoseDifference, Ledger};
+use crate::config::InputRole;
 use crate::dose::steep;
 use crate::error::Result;
 use crate::io;
@@ -13,10 +14,10 @@ use std::path::{Path, PathBuf};
 
 /// The CTs of a comparison: the reference's and the dose's, where they are given.
 pub(super) fn read_cts(args: &CompareArgs, ledger: &mut Ledger) -> Result<[Option<Volume<f32>>; 2]> {
-    let mut read = |role: &str, path: &Option<PathBuf>| {
+    let mut read = |role: InputRole, path: &Option<PathBuf>| {
         path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
     };
-    Ok([read("ct", &args.ct)?, read("dose-ct", &args.dose_ct)?])
+    Ok([read(InputRole::Ct, &args.ct)?, read(InputRole::DoseCt, &args.dose_ct)?])
 }
 
 /// What a comparison has found.

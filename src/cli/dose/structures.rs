@@ -1,8 +1,10 @@
 //! The structures whose dose is counted.
 
 use super::super::ledger::Ledger;
+use crate::config::InputRole;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;
+use crate::findings;
 use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::{self, ContourFile};
 use crate::pipeline::InputFile;
@@ -25,7 +27,7 @@ impl Structures {
     pub(super) fn read(ledger: &mut Ledger, path: &Path, names: Option<&Path>, near: &[(&Path, Role)]) -> Result<Self> {
         let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
         if !json && !is_dicom_path(path) {
-            let map = Box::new(ledger.structures("structures", path, names)?);
+            let map = Box::new(ledger.structures(InputRole::Structures, path, names)?);
             if names.is_some() {
                 ledger.warnings.extend(missing(&map));
             }
@@ -33,7 +35,7 @@ impl Structures {
         }
         near.iter().try_for_each(|other| check_frames((path, Role::Structures), *other))?;
         let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(path)?;
-        ledger.inputs.push(InputFile::read("structures", &path)?);
+        ledger.inputs.push(InputFile::read(InputRole::Structures, &path)?);
         ledger.warnings.extend(warnings);
         ledger.warnings.extend(contours.tidy());
         Ok(Self::Contours(contours))
@@ -64,5 +66,5 @@ fn missing(map: &LabelMap) -> Option<Warning> {
     let shown = gone.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
     let more = gone.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
     (!gone.is_empty())
-        .then(|| Warning::new("structure-empty", format!("named, but no voxel has their label: {shown}{more}")))
+        .then(|| Warning::new(findings::STRUCTURE_EMPTY, format!("named, but no voxel has their label: {shown}{more}")))
 }

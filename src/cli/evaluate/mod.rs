@@ -13,11 +13,13 @@ use super::ledger::Ledger;
 use super::terminal::command_line;
 use super::terminal::progress;
 use super::{planned, run_folder};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::evaluate::verdict::Limits;
 use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::{Outside, WORTH, outside_field};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::{self, Planned, dicom};
 use crate::pipeline::InputFile;
@@ -62,7 +64,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let mut ledger = Ledger::default();
     let inputs = runtime.stage("read", || read(args, &mut ledger))?;
     let common = ledger.warnings.len();
-    let option = (!args.compare.is_empty()).then_some("--compare");
+    let option = (!args.compare.is_empty()).then_some(InputRole::Compare);
     let mut first: Option<Compared> = None;
     let mut others = Vec::new();
     let mut pictures = Vec::new();
@@ -147,12 +149,12 @@ fn name(path: &Path) -> String {
 
 /// Reads everything but the fields.
 fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
-    let mut image = |role: &str, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
+    let mut image = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
         path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
     };
-    let planning = image("planning", &args.planning)?;
-    let fraction = image("fraction", &args.fraction)?;
-    let mask = image("mask", &args.mask)?.map(|m| m.map(|v| *v != 0.0));
+    let planning = image(InputRole::Planning, &args.planning)?;
+    let fraction = image(InputRole::Fraction, &args.fraction)?;
+    let mask = image(InputRole::Mask, &args.mask)?.map(|m| m.map(|v| *v != 0.0));
     if let (Some(mask), Some(path)) = (&mask, &args.mask)
         && mask.count() == 0
     {
@@ -160,16 +162,16 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
         return Err(Error::input(path.display().to_string(), "no voxel of the mask is set", remedy));
     }
     let names = args.labels.as_deref();
-    let bones = args.bones.as_ref().map(|p| ledger.bones("bones", p, names)).transpose()?;
-    let mut labels = |role: &str, path: &Option<PathBuf>| -> Result<Option<LabelMap>> {
+    let bones = args.bones.as_ref().map(|p| ledger.bones(InputRole::Bones, p, names)).transpose()?;
+    let mut labels = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<LabelMap>> {
         path.as_ref().map(|p| ledger.structures(role, p, names)).transpose()
     };
-    let structures = labels("labels-planning", &args.labels_planning)?;
-    let structures_fraction = labels("labels-fraction", &args.labels_fraction)?;
+    let structures = labels(InputRole::LabelsPlanning, &args.labels_planning)?;
+    let structures_fraction = labels(InputRole::LabelsFraction, &args.labels_fraction)?;
     let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
     if let Some(path) = &args.landmarks {
         let sha256 = io::checksum::sha256_file(path)?;
-        ledger.inputs.push(InputFile::new("landmarks", path.clone(), sha256));
+        ledger.inputs.push(InputFile::new(InputRole::Landmarks, path.clone(), sha256));
     }
     let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
     let triangle = None;
@@ -179,8 +181,8 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
     if let (Some(then), Some(direct)) = (&args.then, &args.direct) {
         let remedy = "give the field of the other direction";
         let known = inputs.known();
-        let onward = FieldRole { option: "--then", from: "fraction", to: "third", remedy };
-        let straight = FieldRole { option: "--direct", from: "planning", to: "third", remedy };
+        let onward = FieldRole { given: InputRole::Then, from: "fraction", to: "third", remedy };
+        let straight = FieldRole { given: InputRole::Direct, from: "planning", to: "third", remedy };
         let triangle = [fields::take(then, &onward, &known, ledger)?, fields::take(direct, &straight, &known, ledger)?];
         inputs.triangle = Some(triangle);
     }
@@ -234,7 +236,7 @@ fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
         Ok(built) => built.skeleton.labels_and_names(),
         Err(_) => {
             let message = "no label of --bones has the name of a known bone: every label is taken as one rigid bone";
-            ledger.warnings.push(Warning::new("bones-by-label", message));
+            ledger.warnings.push(Warning::new(findings::BONES_BY_LABEL, message));
             bones.names.iter().map(|(label, name)| (*label, name.clone())).collect()
         }
     }
@@ -244,7 +246,7 @@ fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
 fn one(
     which: usize,
     (name, push, pull): &FieldFiles,
-    option: Option<&'static str>,
+    option: Option<InputRole>,
     inputs: &Inputs,
     limits: &Limits,
     ledger: &mut Ledger,
@@ -286,7 +288,7 @@ fn one(
 fn read_pair(
     push: Option<&Path>,
     pull: Option<&Path>,
-    option: Option<&'static str>,
+    option: Option<InputRole>,
     inputs: &Inputs,
     ledger: &mut Ledger,
 ) -> Result<FieldPair> {

@@ -1,6 +1,7 @@
 //! The files of `aventail labels merge`: masks, label maps, folders and structure sets.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::dicom::{Role, check_frames, is_dicom_path, is_structure_set};
 use crate::io::{read_bones, read_grid, read_label_map};
 use crate::volume::LabelMap;
@@ -129,8 +130,9 @@ impl Source {
         warnings.extend(loaded.warnings);
         let mut map = loaded.value;
         let labels: Vec<u16> = map.counts().into_keys().collect();
-        let refuse =
-            |problem: String, remedy: &str| Err(Error::refused("labels-nameless", what.clone(), problem, remedy));
+        let refuse = |problem: String, remedy: &str| {
+            Err(Error::refused(findings::LABELS_NAMELESS, what.clone(), problem, remedy))
+        };
         if map.names.is_empty() {
             return match labels.as_slice() {
                 [] => Ok(None),

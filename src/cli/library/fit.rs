@@ -3,7 +3,9 @@
 use super::super::terminal::command_line;
 use super::super::{planned, record, run_folder};
 use super::args::{LibraryArgs, MANIFEST, PLAN};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::postures::write_postures;
 use crate::io::{self, relative_to, write_json};
 use crate::pipeline::InputFile;
@@ -72,7 +74,7 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
         "The couch's shift is not the fractions': theirs holds differences of scanner origins.".into(),
     ];
     write_postures(args.out.join(PLAN), &skeleton, &plan(&skeleton, &found), &head)?;
-    let inputs = files.iter().map(|path| InputFile::read("fit", path));
+    let inputs = files.iter().map(|path| InputFile::read(InputRole::Fit, path));
     let inputs = inputs.map(|i| i.map(|i| InputFile { path: relative_to(&args.out, &i.path), ..i }));
     let share = |(mode, share): (&'_ Mode, &f64)| (mode.name.clone(), *share);
     let shares: Vec<(String, f64)> = found.modes.iter().zip(&found.explained).map(share).collect();
@@ -98,15 +100,17 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
 
 /// All runs are of one planning CT with one set of labels, and so of one skeleton.
 fn same_planning(files: &[PathBuf], reports: &[Report]) -> Result<()> {
-    let of = |report: &Report, role: &str| report.inputs.iter().find(|i| i.role == role).map(|i| i.sha256.clone());
+    let of = |report: &Report, role: InputRole| report.inputs.iter().find(|i| i.role == role).map(|i| i.sha256.clone());
     let bones = |report: &Report| report.bones.iter().map(|b| b.name.clone()).collect::<Vec<_>>();
     for (file, report) in files.iter().zip(reports).skip(1) {
-        let other = ["planning", "bones", "skeleton"].iter().find(|role| of(report, role) != of(&reports[0], role));
-        let other = other.copied().or_else(|| (bones(report) != bones(&reports[0])).then_some("bones"));
+        let other = [InputRole::Planning, InputRole::Bones, InputRole::Skeleton]
+            .into_iter()
+            .find(|&role| of(report, role) != of(&reports[0], role));
+        let other = other.or_else(|| (bones(report) != bones(&reports[0])).then_some(InputRole::Bones));
         if let Some(role) = other {
             let problem = format!("its {role} file is not that of {}", files[0].display());
             let remedy = "give runs of one planning CT with the same labels: modes are of one skeleton";
-            return Err(Error::refused("other-planning", file.display().to_string(), problem, remedy));
+            return Err(Error::refused(findings::OTHER_PLANNING, file.display().to_string(), problem, remedy));
         }
     }
     Ok(())
@@ -159,7 +163,7 @@ fn few(fractions: usize) -> Option<Warning> {
          does not vary in postures drawn from them",
         fractions - 1
     );
-    (fractions < FEW).then(|| Warning::new("few-fractions", message))
+    (fractions < FEW).then(|| Warning::new(findings::FEW_FRACTIONS, message))
 }
 
 /// Modes with what they explain and what they move most.

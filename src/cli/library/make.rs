@@ -7,6 +7,7 @@ use crate::body;
 use crate::chainmail::VolumeChange;
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::checksum::sha256;
 use crate::io::{read_image, read_labels};
 use crate::phantom::CbctOptions;
@@ -88,7 +89,7 @@ impl Maker<'_> {
         }
         let problem = format!("{TRIES} draws for {name} were implausible; the last: {}", why.join("; "));
         let remedy = "lower `scale` or the deviations of the plan, raise its [limits], or leave --reject out";
-        Err(Error::refused("postures-implausible", "the plan", problem, remedy))
+        Err(Error::refused(findings::POSTURES_IMPLAUSIBLE, "the plan", problem, remedy))
     }
 
     /// The next draw.

@@ -9,7 +9,7 @@ use super::super::register::settings;
 use super::super::terminal::progress;
 use super::args::{LibraryArgs, problem};
 use crate::chainmail::VolumeChange;
-use crate::config::{Config, RecordedInput};
+use crate::config::{Config, InputRole, RecordedInput};
 use crate::dose::judge as judge_dose;
 use crate::error::{Error, Result};
 use crate::io;
@@ -83,9 +83,12 @@ impl Sources {
             planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
         }
         let skeleton = planning.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
-        let own = |flag: &Option<PathBuf>, role: &str| either(flag, role, &file.inputs);
-        let (plan_file, structures, dose) =
-            (own(&args.plan, "plan"), own(&args.structures, "structures"), own(&args.dose, "dose"));
+        let own = |flag: &Option<PathBuf>, role: InputRole| either(flag, role, &file.inputs);
+        let (plan_file, structures, dose) = (
+            own(&args.plan, InputRole::Plan),
+            own(&args.structures, InputRole::Structures),
+            own(&args.dose, InputRole::Dose),
+        );
         let mut plan = match &plan_file {
             Some(path) => read_postures(path, skeleton)?,
             None => PosturePlan::usual(skeleton),
@@ -112,10 +115,10 @@ impl Sources {
         let mut all = planning.inputs.clone();
         let cbct = args.cbct.as_ref().and_then(Option::as_deref);
         let more = [
-            ("plan", plan_file.as_deref()),
-            ("structures", structures.as_deref()),
-            ("dose", dose.as_deref()),
-            ("cbct", cbct),
+            (InputRole::Plan, plan_file.as_deref()),
+            (InputRole::Structures, structures.as_deref()),
+            (InputRole::Dose, dose.as_deref()),
+            (InputRole::Cbct, cbct),
         ];
         for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
             let input = InputFile::read(role, path)?;
@@ -133,7 +136,8 @@ impl Sources {
     /// Everything but a posture's own motion that its files depend on, as a checksum.
     pub(super) fn key(&self, args: &LibraryArgs) -> Result<String> {
         // The plan counts by the motions that come of it.
-        let inputs: Vec<&str> = self.inputs.iter().filter(|i| i.role != "plan").map(|i| i.sha256.as_str()).collect();
+        let inputs: Vec<&str> =
+            self.inputs.iter().filter(|i| i.role != InputRole::Plan).map(|i| i.sha256.as_str()).collect();
         let all = serde_json::json!([
             env!("CARGO_PKG_VERSION"),
             without_volumes(&self.config).value()?,
@@ -159,7 +163,7 @@ fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>) -> Result<Bon
     let ask = Ask {
         bones: args.bones.as_deref(),
         labels: args.labels.as_deref(),
-        planning: either(&args.planning, "planning", recorded),
+        planning: either(&args.planning, InputRole::Planning, recorded),
         needed: [&args.plan, &args.structures, &args.dose].into_iter().flatten().map(PathBuf::as_path).collect(),
         beside: &args.out,
         quiet: args.run.shown.quiet,

@@ -4,6 +4,7 @@ mod dicom;
 
 use super::args::{QuietArgs, ThreadArgs};
 use super::{record, run_folder};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::field::{FieldFormat, PushField};
@@ -129,7 +130,7 @@ pub fn run(args: &PhantomArgs) -> Result<String> {
     } else {
         patient(args, options, cbct.as_ref(), &mut folder, &runtime)?
     };
-    let read = [("pose", args.pose.as_deref()), ("cbct", cbct_file)];
+    let read = [(InputRole::Pose, args.pose.as_deref()), (InputRole::Cbct, cbct_file)];
     let read = read.into_iter().filter_map(|(role, path)| Some(InputFile::read(role, path?)));
     record::write(&folder, &args.out, RECORD, read.collect::<Result<_>>()?)?;
     folder.finish();
@@ -223,8 +224,8 @@ fn names(args: &PhantomArgs) -> Vec<String> {
 /// A posture that the phantom refuses is a fault of the file it came from.
 fn named(error: Error, args: &PhantomArgs) -> Error {
     match (error, &args.pose) {
-        (Error::Input { code, what, problem, remedy }, Some(path)) if what == "posture" => {
-            Error::Input { code, what: path.display().to_string(), problem, remedy }
+        (Error::Input { finding, what, problem, remedy }, Some(path)) if what == "posture" => {
+            Error::Input { finding, what: path.display().to_string(), problem, remedy }
         }
         (error, _) => error,
     }

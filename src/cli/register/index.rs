@@ -3,6 +3,7 @@
 use super::super::record;
 use super::super::terminal::command_line;
 use super::super::{planned, run_folder};
+use crate::config::InputRole;
 use crate::error::Result;
 use crate::io::{self, RunFolder};
 use crate::pipeline::InputFile;
@@ -56,7 +57,7 @@ impl Index {
         let fractions = Fractions::read(&self.out, names, created, command_line())?;
         fractions.write(&self.out)?;
         let report = |name: &&str| {
-            let mut input = InputFile::read("report", &self.out.join(name).join("report.json"))?;
+            let mut input = InputFile::read(InputRole::Report, &self.out.join(name).join("report.json"))?;
             input.path = io::relative_to(&self.out, &input.path);
             Ok(input)
         };

@@ -12,7 +12,7 @@ use super::headers::{judge, within_memory};
 use super::inputs::{Flags, Inputs, config_file, either, missing};
 use super::terminal::{command_line, progress};
 use super::{run_folder, start};
-use crate::config::{Config, ConfigFile, Preset, RecordedInput};
+use crate::config::{Config, ConfigFile, InputRole, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
@@ -40,7 +40,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
-    either(&args.side.planning, "planning", &file.inputs).ok_or_else(|| missing("planning"))?;
+    either(&args.side.planning, InputRole::Planning, &file.inputs).ok_or_else(|| missing(InputRole::Planning))?;
     let fractions = fractions(args, &file)?;
     let mut recorded = file.inputs.clone();
     let bones = bones_of(args, &mut recorded, &fractions)?;
@@ -55,7 +55,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         bone_landmarks: &args.bone_landmarks,
         start: &args.start,
     };
-    let inputs = Inputs::new(&flags, &without(&mut recorded, "landmarks"))?;
+    let inputs = Inputs::new(&flags, &without(&mut recorded, InputRole::Landmarks))?;
     let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
     if args.estimate {
         let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
@@ -166,7 +166,7 @@ fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &
     let ask = Ask {
         bones: args.side.bones.as_deref(),
         labels: args.side.labels.as_deref(),
-        planning: either(&args.side.planning, "planning", recorded),
+        planning: either(&args.side.planning, InputRole::Planning, recorded),
         needed: fractions.iter().map(|one| one.file.as_path()).collect(),
         beside: &args.out,
         quiet: args.run.shown.quiet,
@@ -234,11 +234,11 @@ struct Fraction {
 /// The fractions that the arguments name, else the one of the recorded run.
 fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
     let files = match args.fraction.as_slice() {
-        [] => vec![either(&None, "fraction", &file.inputs).ok_or_else(|| missing("fraction"))?],
+        [] => vec![either(&None, InputRole::Fraction, &file.inputs).ok_or_else(|| missing(InputRole::Fraction))?],
         files => files.to_vec(),
     };
     let landmarks: Vec<Option<PathBuf>> = match args.landmarks.as_slice() {
-        [] if files.len() == 1 => vec![either(&None, "landmarks", &file.inputs)],
+        [] if files.len() == 1 => vec![either(&None, InputRole::Landmarks, &file.inputs)],
         [] => vec![None; files.len()],
         some if some.len() == files.len() => some.iter().cloned().map(Some).collect(),
         some => {
@@ -268,7 +268,7 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
 }
 
 /// Takes a role out of recorded inputs.
-fn without(recorded: &mut Vec<RecordedInput>, role: &str) -> Vec<RecordedInput> {
+fn without(recorded: &mut Vec<RecordedInput>, role: InputRole) -> Vec<RecordedInput> {
     recorded.retain(|i| i.role != role);
     recorded.clone()
 }

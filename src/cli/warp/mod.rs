@@ -17,6 +17,7 @@ use crate::field::{
     Chain, ChainReport, FieldFormat, Interpolation, InvertOptions, Link, WORTH, WORTH_OF_IMAGE, WORTH_OF_LABELS,
     outside_field, resample, resample_contours, resample_labels, scale_by_volume,
 };
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, Stored, WriteOptions, points};
@@ -194,7 +195,7 @@ fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, repo
     let file = if args.field.iter().any(LinkArg::needs_space) {
         // --space speaks of the matrices; the points' own word on themselves contradicts nothing.
         match points::read_points(input, &args.from, None) {
-            Err(e) if e.code() == "space-unknown" => points::read_points(input, &args.from, space),
+            Err(e) if e.is(findings::SPACE_UNKNOWN) => points::read_points(input, &args.from, space),
             read => read,
         }?
     } else {
@@ -212,10 +213,10 @@ fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, repo
     if let Some(names) = listed(&|n| !mapped[n].covered) {
         report
             .warnings
-            .push(Warning::new("outside-field", format!("points outside a field, not moved by it: {names}")));
+            .push(Warning::new(findings::OUTSIDE_FIELD, format!("points outside a field, not moved by it: {names}")));
     }
     if let Some(names) = listed(&|n| !mapped[n].solved) {
-        report.warnings.push(Warning::new("no-inverse", format!("points without an exact pre-image: {names}")));
+        report.warnings.push(Warning::new(findings::NO_INVERSE, format!("points without an exact pre-image: {names}")));
     }
     report.finish(chain, ChainReport::of(&mapped), out);
     Ok(())
@@ -389,7 +390,7 @@ fn scalar(
                 .push("HU + 1000 scaled by the tissue's volume before over after: no mass is made or lost".into());
             if done.folded > 0 {
                 let message = format!("{} voxels where the field folds were not scaled", done.folded);
-                report.warnings.push(Warning::new("not-scaled", message));
+                report.warnings.push(Warning::new(findings::NOT_SCALED, message));
             }
         }
         return Ok(warped);

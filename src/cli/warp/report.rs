@@ -3,6 +3,7 @@
 use super::super::fields::{self, Known};
 use super::args::WarpArgs;
 use crate::field::{Chain, ChainReport, Link, Motion, outside_field};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use serde::Serialize;
@@ -65,7 +66,7 @@ impl Report {
                 "{} of {} places have no exact pre-image (folds or gaps of the field), residual up to {:.3} mm",
                 mapped.unsolved, mapped.points, mapped.unsolved_max_mm
             );
-            self.warnings.push(Warning::new("no-inverse", message));
+            self.warnings.push(Warning::new(findings::NO_INVERSE, message));
         }
         self.mapped = mapped;
     }

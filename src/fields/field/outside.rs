@@ -1,5 +1,6 @@
 //! How much of something lies outside a grid: of an image outside a field, of a dose outside another dose.
 
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -76,7 +77,7 @@ pub fn outside_field(what: &str, field: &str, percent: f64, worth: f64) -> Optio
     (percent > worth).then(|| {
         let message =
             format!("{percent:.1} % of {what} lies outside {field}, which is the identity there: it is not moved");
-        Warning::new("outside-field", message)
+        Warning::new(findings::OUTSIDE_FIELD, message)
     })
 }
 

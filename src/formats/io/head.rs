@@ -4,6 +4,7 @@ use super::dicom;
 use super::gzip::Content;
 use super::load::{load, parse};
 use crate::error::Result;
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use std::borrow::Cow;
@@ -46,7 +47,7 @@ fn head(path: &Path) -> Option<(Grid, Vec<Warning>)> {
     let bytes = plain(&raw)?;
     let raster = parse(path, &bytes).ok()?;
     // Extensions are cut off here, not in the file.
-    let real = |w: &Warning| w.code != "extension-damaged";
+    let real = |w: &Warning| !w.is(findings::EXTENSION_DAMAGED);
     Some((raster.grid, raster.warnings.into_iter().filter(real).collect()))
 }
 

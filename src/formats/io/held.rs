@@ -5,6 +5,7 @@
 
 use super::identity::{Identity, has_other_names, identity, is_still};
 use crate::error::{Error, Result};
+use crate::findings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -86,7 +87,12 @@ impl Guarded {
         } else {
             format!("the result {output} is the same file and would take the place of this input")
         };
-        Err(Error::refused("input-overwritten", input, problem, "give another --out, or copy the input elsewhere"))
+        Err(Error::refused(
+            findings::INPUT_OVERWRITTEN,
+            input,
+            problem,
+            "give another --out, or copy the input elsewhere",
+        ))
     }
 }
 
@@ -249,7 +255,7 @@ pub(super) fn spare_runs(output: &Path) -> Result<()> {
 pub(super) fn of_another_run(folder: &Path, name: &Path, report: &str) -> Error {
     let problem = format!("{} there belongs to the run that {report} tells of", name.display());
     let remedy = "give another --out: a folder holds one run";
-    Error::refused("folder-of-another-run", folder.display().to_string(), problem, remedy)
+    Error::refused(findings::FOLDER_OF_ANOTHER_RUN, folder.display().to_string(), problem, remedy)
 }
 
 /// Whether a path leads nowhere but downwards.

@@ -8,6 +8,7 @@ use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -176,7 +177,7 @@ pub fn read_structures(path: impl AsRef<Path>, names: Option<&Path>) -> Result<L
         if !merged.is_empty() {
             let message =
                 format!("{}: several labels are one structure by their name: {}", path.display(), merged.join(", "));
-            raster.warnings.push(Warning::new("labels-joined", message));
+            raster.warnings.push(Warning::new(findings::LABELS_JOINED, message));
         }
         Ok(map)
     })

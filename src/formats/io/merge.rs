@@ -1,6 +1,7 @@
 //! Named structures of several files as one label map.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::BoneNames;
 use crate::skeleton::anatomy::Kind;
@@ -206,7 +207,7 @@ impl Merged {
                 "{} and {} have {} voxels ({:.2} ml) in common: {} keeps them, {} loses them{left}",
                 o.kept_by, o.lost_by, o.voxels, o.volume_ml, o.kept_by, o.lost_by
             );
-            Warning::new("labels-overlap", message)
+            Warning::new(findings::LABELS_OVERLAP, message)
         };
         let mut all: Vec<&Overlap> = self.overlaps.iter().collect();
         all.sort_by_key(|o| (!o.nothing_left, std::cmp::Reverse(o.voxels)));
@@ -216,7 +217,7 @@ impl Merged {
             let ml: f64 = rest.iter().map(|o| o.volume_ml).sum();
             let message =
                 format!("{} more pairs of structures have {ml:.2} ml in common; --json lists them", rest.len());
-            warnings.push(Warning::new("labels-overlap", message));
+            warnings.push(Warning::new(findings::LABELS_OVERLAP, message));
         }
         warnings
     }
@@ -247,7 +248,7 @@ fn same_grid(first: (&Grid, &Path), own: (&Grid, &Path)) -> Result<()> {
     };
     let problem = format!("its grid ({}) is not that of {} ({})", told(own.0), first.1.display(), told(first.0));
     let remedy = "give structures of one scan, or resample them onto one grid with nearest-neighbour interpolation";
-    Err(Error::refused("labels-elsewhere", own.1.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::LABELS_ELSEWHERE, own.1.display().to_string(), problem, remedy))
 }
 
 /// That a name is there already.
@@ -259,7 +260,7 @@ fn doubled(file: &Path, own: &str, name: &str, other: &Path) -> Error {
          (`NAME=FILE`)",
         file.display()
     );
-    Error::refused("labels-doubled", file.display().to_string(), problem, remedy)
+    Error::refused(findings::LABELS_DOUBLED, file.display().to_string(), problem, remedy)
 }
 
 #[cfg(test)]

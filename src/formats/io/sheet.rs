@@ -1,6 +1,7 @@
 //! CSV tables that are safe to open: a text that a spreadsheet would run as a formula is written with an apostrophe before it.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use csv::Writer;
 use std::borrow::Cow;
 use std::io;
@@ -51,7 +52,7 @@ pub(super) fn require_length(path: &Path, line: u64, cells: usize, expected: usi
         return Ok(());
     }
     Err(Error::refused(
-        "row-length",
+        findings::ROW_LENGTH,
         path.display().to_string(),
         format!("line {line} has {cells} cells, the first line {expected}"),
         "give every line as many cells, with quotation marks around texts that hold commas; decimals need a point",

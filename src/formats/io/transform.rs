@@ -4,6 +4,7 @@ use super::dicom::registration;
 use super::points::Space;
 use super::text::read_text;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::{Rigid, rigid_from_matrix};
 use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
@@ -110,7 +111,7 @@ pub fn is_bare(path: impl AsRef<Path>) -> Result<bool> {
 
 fn unknown_space(path: &Path) -> Error {
     Error::refused(
-        "space-unknown",
+        findings::SPACE_UNKNOWN,
         path.display().to_string(),
         "it is a bare 4x4 matrix, which does not say whether it takes LPS or RAS coordinates",
         "say it with --space ras (greedy, c3d, ITK-SNAP, NiftyReg, Slicer's text matrices) or --space lps (ITK, aventail), or of one \

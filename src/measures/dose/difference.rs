@@ -3,6 +3,7 @@
 use super::interpolate::interpolate;
 use crate::error::{Error, Result};
 use crate::field::{Outside, covers};
+use crate::findings;
 use crate::stats::Summary;
 use crate::volume::Volume;
 use rayon::prelude::*;
@@ -35,7 +36,7 @@ pub fn difference(dose: &Volume<f32>, reference: &Volume<f32>) -> Result<(Volume
     let (reference_outside, dose_outside) = (Outside::of(reference, dose.grid()), Outside::of(dose, grid));
     if reference_outside.volume_percent >= 100.0 {
         let problem = "no voxel of the reference lies inside the dose's grid: there is nothing to compare";
-        return Err(Error::refused("doses-apart", "the two doses", problem, "give doses of one frame"));
+        return Err(Error::refused(findings::DOSES_APART, "the two doses", problem, "give doses of one frame"));
     }
     let still = Volume::filled(grid.clone(), [0f32; 3]);
     let mapped = interpolate(dose, &still, grid)?;

@@ -1,6 +1,7 @@
 //! Dose-volume histograms and the figures read from them.
 
 use super::sample::{self, Sampled};
+use crate::findings;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -77,21 +78,21 @@ pub fn doubts(list: &[Dvh]) -> Vec<Warning> {
         let (name, ml, outside) = (&d.name, d.volume_ml, d.outside_ml);
         if ml <= 0.0 {
             let message = format!("structure {name:?} encloses no volume: its doses are not known");
-            all.push(Warning::new("structure-empty", message));
+            all.push(Warning::new(findings::STRUCTURE_EMPTY, message));
         } else if d.mean.is_nan() {
             let message =
                 format!("structure {name:?} ({ml:.3} ml) lies wholly outside the dose grid: its doses are not known");
-            all.push(Warning::new("structure-outside-dose", message));
+            all.push(Warning::new(findings::STRUCTURE_OUTSIDE_DOSE, message));
         } else if outside > OUTSIDE * ml {
             let share = 100.0 * outside / ml;
             let message = format!(
                 "{outside:.3} of {ml:.3} ml ({share:.1} %) of structure {name:?} lie outside the dose grid and count with 0 Gy"
             );
-            all.push(Warning::new("structure-outside-dose", message));
+            all.push(Warning::new(findings::STRUCTURE_OUTSIDE_DOSE, message));
         }
         if ml > 0.0 && (ml - d.own_ml).abs() > UNLIKE * d.own_ml {
             let message = format!("structure {name:?}: sampled {ml:.3} ml, its contours enclose {:.3} ml", d.own_ml);
-            all.push(Warning::new("structure-volume", message));
+            all.push(Warning::new(findings::STRUCTURE_VOLUME, message));
         }
     }
     all

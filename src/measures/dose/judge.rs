@@ -1,6 +1,7 @@
 //! What counts as a dose in Gy: judged when it comes in and when it goes out, by everyone alike.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::Volume;
 use crate::warning::Warning;
 
@@ -24,7 +25,7 @@ pub fn judge(what: &str, dose: &mut Volume<f32>) -> Result<Vec<Warning>> {
     if least < below || most > MOST_GY || dose.data().iter().any(|d| d.is_nan()) {
         let first = dose.data().iter().position(|d| !(below..=MOST_GY).contains(d)).unwrap_or_default();
         return Err(Error::refused(
-            "dose-units",
+            findings::DOSE_UNITS,
             what,
             format!("the dose is {} Gy at voxel {:?}", dose.data()[first], dose.grid().voxel(first)),
             format!("give a dose from 0 to {MOST_GY} Gy: not cGy, not a difference of doses, no CT"),
@@ -36,7 +37,7 @@ pub fn judge(what: &str, dose: &mut Volume<f32>) -> Result<Vec<Warning>> {
         dose.data_mut().iter_mut().for_each(|d| *d = d.max(0.0));
         let message =
             format!("{what}: {negative} voxels are negative by rounding (down to {least:.1e} Gy) and count as 0 Gy");
-        found.push(Warning::new("dose-negative", message));
+        found.push(Warning::new(findings::DOSE_NEGATIVE, message));
     }
     found.extend(question(what, most, 1.0));
     Ok(found)
@@ -54,7 +55,7 @@ pub fn question(what: &str, most: f32, fractions: f64) -> Option<Warning> {
     } else {
         return None;
     };
-    Some(Warning::new("dose-units", message))
+    Some(Warning::new(findings::DOSE_UNITS, message))
 }
 
 /// Refuses a result that is no dose in Gy.
@@ -66,7 +67,7 @@ pub fn judge_result(what: &str, dose: &Volume<f32>) -> Result<Option<Warning>> {
     if most > MOST_GY {
         let problem = format!("its greatest dose would be {most} Gy, more than {MOST_GY} Gy; nothing is written");
         let remedy = "give the doses in Gy (not cGy) and --weights as numbers of fractions";
-        return Err(Error::refused("dose-units", what, problem, remedy));
+        return Err(Error::refused(findings::DOSE_UNITS, what, problem, remedy));
     }
     Ok(question(what, most, 1.0))
 }
@@ -95,7 +96,7 @@ mod tests {
 
     #[test]
     fn two_hundred_gray_are_a_question_and_seven_thousand_are_none() {
-        assert!(judge("d.nii", &mut dose([0.0, 200.0])).unwrap().iter().any(|w| w.code == "dose-units"));
+        assert!(judge("d.nii", &mut dose([0.0, 200.0])).unwrap().iter().any(|w| w.is(findings::DOSE_UNITS)));
         assert!(question("d.nii", 60.0, 30.0).is_some() && question("d.nii", 60.0, 1.0).is_none());
         assert!(question("d.nii", 2.2, 35.0).is_none() && question("d.nii", 0.0, 1.0).is_some());
         assert_eq!(judge_result("out.nii", &dose([0.0, 7000.0])).unwrap_err().exit_code(), 4);

@@ -1,7 +1,7 @@
 //! What a registration gives back to a planning system as DICOM.
 
 use super::OutputFile;
-use crate::config::Config;
+use crate::config::{Config, InputRole};
 use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{Chain, WORTH_OF_LABELS, outside_field, resample_contours};
@@ -98,7 +98,7 @@ impl Clinic {
             let mut set = read_structure_set(path)?;
             warnings.append(&mut set.warnings);
             warnings.extend(set.contours.tidy());
-            inputs.push(InputFile::read("structures", path)?);
+            inputs.push(InputFile::read(InputRole::Structures, path)?);
             structures = Some(set);
         }
         let mut dose = None;
@@ -109,7 +109,7 @@ impl Clinic {
             let what = path.display().to_string();
             warnings.extend(judge(&what, &mut read.value.volume)?);
             warnings.extend(no_plan(&what, &read.value.plans));
-            inputs.push(InputFile::read("dose", path)?);
+            inputs.push(InputFile::read(InputRole::Dose, path)?);
             dose = Some(read.value);
         }
         Ok(Self { planning: own, fractions, structures, dose, anonymous: files.anonymous, inputs, warnings })

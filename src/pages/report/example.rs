@@ -2,9 +2,11 @@
 
 use super::{OutputFile, Run};
 use crate::chainmail::{LinkReport, Pruning};
+use crate::config::InputRole;
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
+use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy, Stop};
 use crate::geometry::{Grid, Rigid, about};
 use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
@@ -152,14 +154,14 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         },
         landmarks: Some(landmark::evaluate(&push, &landmarks)),
         push,
-        warnings: vec![Warning::new("bone-in-pieces", "skull: 2 pieces, <largest> 98 %; check the label map")],
+        warnings: vec![Warning::new(findings::BONE_IN_PIECES, "skull: 2 pieces, <largest> 98 %; check the label map")],
         regions: None,
         stages: [("read", 0.9), ("body", 1.4), ("fit skeleton", 12.5), ("propagate", 8.2), ("invert", 2.1)]
             .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds, processor_seconds: None })
             .into(),
     };
     let sha256 = "0123456789abcdef".repeat(4);
-    let inputs = ["planning", "bones", "fraction"]
+    let inputs = [InputRole::Planning, InputRole::Bones, InputRole::Fraction]
         .map(|role| InputFile::new(role, format!("case/{role}.nii.gz").into(), sha256.clone()));
     let mut case = Case::new(planning, bones, fraction);
     case.fraction.landmarks = landmarks;

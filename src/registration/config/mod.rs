@@ -15,6 +15,6 @@ mod study;
 mod tests;
 
 pub use file::ConfigFile;
-pub use recorded::RecordedInput;
+pub use recorded::{InputRole, RecordedInput};
 pub use settings::{Config, OutputOptions, Preset, SoftTissue};
 pub use study::{Published, StudyPlan, StudyStage, StudyTable};

@@ -18,6 +18,7 @@ use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
 use crate::evaluate::{self, landmark::Landmark};
 use crate::field::{self, ConsistencyOptions, MovedBones, PushField, Resampling};
+use crate::findings;
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::progress::Silent;
@@ -244,7 +245,7 @@ fn missed(v: &VolumeReached) -> Option<Warning> {
             "{}: its volume changes by a factor of {reached:.2}, not {:.2} as asked: bones, skin or images hold it",
             v.organ, v.factor
         );
-        Warning::new("volume-change", message)
+        Warning::new(findings::VOLUME_CHANGE, message)
     })
 }
 
@@ -307,7 +308,7 @@ fn field_warnings(
     let mut out = Vec::new();
     if jacobian.body.folded > 0 {
         out.push(Warning::new(
-            "folded",
+            findings::FOLDED,
             format!(
                 "{} of {} tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
                 jacobian.body.folded, jacobian.body.cells
@@ -316,7 +317,7 @@ fn field_warnings(
     }
     if jacobian.contact.folded > 0 {
         out.push(Warning::new(
-            "bones-meet",
+            findings::BONES_MEET,
             format!(
                 "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
                 jacobian.contact.folded, jacobian.contact.cells
@@ -325,7 +326,7 @@ fn field_warnings(
     }
     if jacobian.interface.folded > 0 {
         out.push(Warning::new(
-            "sliding",
+            findings::SLIDING,
             format!(
                 "{} of {} cells of declared sliding interfaces are folded: motion may be discontinuous there",
                 jacobian.interface.folded, jacobian.interface.cells
@@ -334,7 +335,7 @@ fn field_warnings(
     }
     if inverse.unconverged_tissue > 0 {
         out.push(Warning::new(
-            "inverse",
+            findings::INVERSE,
             format!(
                 "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm); {} of them, missed by more \
                  than a voxel, show nothing of the planning scan",
@@ -343,7 +344,10 @@ fn field_warnings(
         ));
     }
     if push.computed.count() == 0 {
-        out.push(Warning::new("no-tissue", "the planning CT shows no tissue above the least HU inside the patient"));
+        out.push(Warning::new(
+            findings::NO_TISSUE,
+            "the planning CT shows no tissue above the least HU inside the patient",
+        ));
     }
     out
 }

@@ -1,5 +1,6 @@
 //! The loaded inputs of a registration.
 
+use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
@@ -16,8 +17,8 @@ use std::path::{Path, PathBuf};
 /// One input file with its checksum.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InputFile {
-    /// What it is, for example `planning`.
-    pub role: String,
+    /// What it is to the run.
+    pub role: InputRole,
     /// Path as given; in a report as seen from its folder.
     #[serde(serialize_with = "crate::io::path_as_text")]
     pub path: PathBuf,
@@ -33,15 +34,15 @@ pub struct InputFile {
 
 impl InputFile {
     /// Of a role, a path and the checksum of what was read there.
-    pub fn new(role: &str, path: PathBuf, sha256: String) -> Self {
-        Self { role: role.into(), path, sha256, entry: None, about: None }
+    pub fn new(role: InputRole, path: PathBuf, sha256: String) -> Self {
+        Self { role, path, sha256, entry: None, about: None }
     }
 
     /// A file whose bytes are read for their checksum.
     ///
     /// # Errors
     /// [`crate::error::Error::Read`] when it cannot be read.
-    pub fn read(role: &str, path: &Path) -> Result<Self> {
+    pub fn read(role: InputRole, path: &Path) -> Result<Self> {
         Ok(Self::new(role, path.to_owned(), sha256_file(path)?))
     }
 

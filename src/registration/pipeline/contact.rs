@@ -2,6 +2,7 @@
 
 use crate::evaluate::contact::{Bone, ContactReport, RestingBones};
 use crate::field::{self, PushField};
+use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::skeleton::{self, Skeleton};
 use crate::volume::{LabelMap, Mask};
@@ -61,7 +62,7 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
              their fit in the fusion images",
             deep.len()
         );
-        out.push(Warning::new("bones-overlap", message));
+        out.push(Warning::new(findings::BONES_OVERLAP, message));
     }
     let wide: Vec<String> = report
         .joints
@@ -72,7 +73,7 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
     if !wide.is_empty() {
         let list = wide.join(", ");
         let message = format!("{} joints come apart beyond their range: {list}; check labels and fit", wide.len());
-        out.push(Warning::new("bones-apart", message));
+        out.push(Warning::new(findings::BONES_APART, message));
     }
     if report.skin_voxels > 0 {
         let message = format!(
@@ -80,7 +81,7 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
              skin_contact.nii.gz, and do not trust dose or contours there",
             report.skin_ml, report.skin_voxels
         );
-        out.push(Warning::new("skin-meets-skin", message));
+        out.push(Warning::new(findings::SKIN_MEETS_SKIN, message));
     }
     out
 }

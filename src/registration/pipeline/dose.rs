@@ -4,6 +4,7 @@ use crate::dose::{Caution, EnergyBalance, EnergyMassOptions, caution, energy_mas
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair, consistency};
 use crate::field::{InverseReport, Outside, digital_folds};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -88,7 +89,7 @@ pub fn map_dose(
              not moved, and the map has a seam",
             outside.volume_percent, outside.amount_percent
         );
-        warnings.push(Warning::new("outside-field", message));
+        warnings.push(Warning::new(findings::OUTSIDE_FIELD, message));
     }
     let inversion = pair.inversion;
     Ok((mapped, DoseReport { direction, method: method.clone(), balance, inversion, outside, caution, warnings }))
@@ -127,19 +128,19 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
              their dose is not to be trusted",
             caution.folded_or_outside
         );
-        all.push(Warning::new("folds-in-steep-dose", message));
+        all.push(Warning::new(findings::FOLDS_IN_STEEP_DOSE, message));
     }
     if caution.uncertain > 0 {
         let message = format!(
             "in {} voxels the field's inverse residual times the dose gradient exceeds 1 % of the maximum dose; greatest {:.2} Gy",
             caution.uncertain, caution.greatest_gy
         );
-        all.push(Warning::new("uncertain-field-in-steep-dose", message));
+        all.push(Warning::new(findings::UNCERTAIN_FIELD_IN_STEEP_DOSE, message));
     }
     if let Some(b) = balance.filter(|b| b.outside_j > 0.01 * b.source_j) {
         let share = 100.0 * b.outside_j / b.source_j;
         let message = format!("{share:.1} % of the energy falls outside the target grid");
-        all.push(Warning::new("energy-outside", message));
+        all.push(Warning::new(findings::ENERGY_OUTSIDE, message));
     }
     all
 }

@@ -1,5 +1,6 @@
 //! What kind of image a fraction is, in one line.
 
+use crate::findings;
 use crate::refine::GreyValues;
 use crate::view::ViewReport;
 use crate::warning::Warning;
@@ -61,14 +62,14 @@ impl FractionKind {
                 "the fraction is {self}: its soft tissue was compared after shading was taken out by planning's grey values; \
                  expect errors two to three times those of a CT, and do not compute dose on its HU"
             );
-            out.push(Warning::new("shaded-fraction", message));
+            out.push(Warning::new(findings::SHADED_FRACTION, message));
         }
         if let Some(MisledTissue { percent, centre_mm: [x, y, z] }) = self.misled {
             let message = format!(
                 "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm, the images drew it and agreed no better for \
                  it; bones alone carry it there. Streaks of metal, noise or grey values of another machine do that"
             );
-            out.push(Warning::new("images-mislead", message));
+            out.push(Warning::new(findings::IMAGES_MISLEAD, message));
         }
         let unmeasured = 100.0 - self.view.measured_percent;
         if unmeasured > UNMEASURED_PERCENT {
@@ -76,7 +77,7 @@ impl FractionKind {
                 "{unmeasured:.0} % of the fraction's grid was not measured: there bones follow their joints and tissue follows \
                  bones; see the map of uncertainty"
             );
-            out.push(Warning::new("cut-fraction", message));
+            out.push(Warning::new(findings::CUT_FRACTION, message));
         }
         out
     }
@@ -104,7 +105,10 @@ mod tests {
         assert!(ct.warnings().is_empty());
         let misled = Some(MisledTissue { percent: 7.2, centre_mm: [1.0, -40.0, 120.0] });
         let warnings = FractionKind { misled, ..ct.clone() }.warnings();
-        assert!(warnings[0].code == "images-mislead" && warnings[0].message.contains("(1, -40, 120)"), "{warnings:?}");
+        assert!(
+            warnings[0].is(findings::IMAGES_MISLEAD) && warnings[0].message.contains("(1, -40, 120)"),
+            "{warnings:?}"
+        );
         assert!((ct.on_plannings_scale(-100.0) + 100.0).abs() < 1e-9);
     }
 }

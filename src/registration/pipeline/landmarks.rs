@@ -2,6 +2,7 @@
 
 use crate::evaluate::landmark::{Landmark, LandmarkReport, LandmarkResidual};
 use crate::field::PushField;
+use crate::findings;
 use crate::warning::Warning;
 use nalgebra::Vector3;
 
@@ -25,13 +26,13 @@ pub(super) fn warnings(
     let mut out = Vec::new();
     if !outside.is_empty() {
         out.push(Warning::new(
-            "landmarks-outside",
+            findings::LANDMARKS_OUTSIDE,
             format!("{} landmarks lie where no displacement was computed: {}", outside.len(), outside.join(", ")),
         ));
     }
     if !worse.is_empty() {
         out.push(Warning::new(
-            "landmarks-worse",
+            findings::LANDMARKS_WORSE,
             format!(
                 "{} of {} landmarks are farther off than under the couch shift alone: {}",
                 worse.len(),

@@ -14,6 +14,7 @@ use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
 use crate::evaluate::{self, CellKinds};
 use crate::field;
+use crate::findings;
 use crate::fit::{BoneSamples, LandmarkUse};
 use crate::plausibility::{labels_on_bone, levels_by_landmarks, sides_and_levels};
 use crate::refine::PlanningSamples;
@@ -201,7 +202,7 @@ pub(super) fn skeleton_of(planning: &PlanningScan, config: &Config) -> Result<(S
     if !ignored.is_empty() {
         let list = ignored.join(", ");
         warnings.push(Warning::new(
-            "labels-ignored",
+            findings::LABELS_IGNORED,
             format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
         ));
     }

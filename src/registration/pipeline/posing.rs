@@ -9,6 +9,7 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::landmark::Landmark;
+use crate::findings;
 use crate::fit::{BoneLandmark, GivenMotion, from_landmarks, given};
 use crate::geometry::{Grid, Rigid};
 use crate::postures::Limits;
@@ -113,7 +114,7 @@ impl Posing {
         let deep = contact.overlaps.iter().filter(|o| o.depth_mm > deepest);
         let mut why: Vec<String> =
             deep.map(|o| format!("{} lies {:.1} mm in {}", o.bones[0], o.depth_mm, o.bones[1])).collect();
-        let apart = contact::warnings(contact, voxel).into_iter().filter(|w| w.code == "bones-apart");
+        let apart = contact::warnings(contact, voxel).into_iter().filter(|w| w.is(findings::BONES_APART));
         why.extend(apart.map(|w| w.message));
         why
     }
@@ -126,7 +127,7 @@ impl Posing {
         if body.folded > limits.folded_cells {
             why.push(format!("{} of {} tissue cells are folded", body.folded, body.cells));
         }
-        let told = |w: &&Warning| ["skin-meets-skin", "joint-limit"].contains(&w.code.as_str());
+        let told = |w: &&Warning| w.is(findings::SKIN_MEETS_SKIN) || w.is(findings::JOINT_LIMIT);
         why.extend(outcome.warnings.iter().filter(told).map(|w| w.message.clone()));
         why
     }

@@ -9,6 +9,7 @@ use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::fit::{BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
@@ -133,7 +134,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
-            out.push(Warning::new("bone-not-explained", format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
+            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
         }
         let beyond = &bone.beyond_range;
         if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {
@@ -141,7 +142,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
                 "{}: its joint is {beyond} beyond its soft range; check the label and the fusion images",
                 bone.name
             );
-            out.push(Warning::new("joint-limit", message));
+            out.push(Warning::new(findings::JOINT_LIMIT, message));
         }
     }
     out.extend(unsettled(&fit.bones));
@@ -164,7 +165,7 @@ fn unsettled(bones: &[BoneFit]) -> Option<Warning> {
          with --bone-landmarks",
         named.join(", ")
     );
-    Some(Warning::new("fit-iterations", message))
+    Some(Warning::new(findings::FIT_ITERATIONS, message))
 }
 
 #[cfg(test)]
@@ -195,7 +196,7 @@ mod tests {
             unsettled(&[bone("skull", limit(), 0.01), bone("hyoid", limit(), 0.3), bone("mandible", limit(), 1.26)]);
         let word = word.unwrap();
         assert!(
-            word.code == "fit-iterations" && word.message.contains("mandible by 1.3 mm, hyoid by 0.3 mm"),
+            word.is(findings::FIT_ITERATIONS) && word.message.contains("mandible by 1.3 mm, hyoid by 0.3 mm"),
             "{word:?}"
         );
         assert!(!word.message.contains("skull") && word.message.contains("fit.max_iterations"), "{word:?}");

@@ -5,7 +5,7 @@ use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
 use super::{Case, Outcome};
-use crate::config::Config;
+use crate::config::{Config, InputRole};
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
@@ -27,7 +27,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
             "study a run of these very files and this version",
         ));
     }
-    let seen = case.inputs().any(|i| i.role == "fraction");
+    let seen = case.inputs().any(|i| i.role == InputRole::Fraction);
     let find = || {
         let view = View::of(&case.fraction.ct);
         Fraction::new(view.known(&case.fraction.ct), view.report, config)

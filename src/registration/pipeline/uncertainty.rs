@@ -4,6 +4,7 @@ use super::elements::bone_of_label;
 use super::{Outcome, PlanningScan};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
+use crate::findings;
 use crate::fit::DeterminedBy;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Volume, Window};
@@ -67,8 +68,8 @@ const DOUBT: f64 = 1.5;
 
 /// Factor on the map of a run that warns of itself as a whole.
 fn doubt(outcome: &Outcome) -> f64 {
-    let doubtful = ["weak-start", "bones-lost", "level-unsure"];
-    if outcome.warnings.iter().any(|w| doubtful.contains(&w.code.as_str())) { DOUBT } else { 1.0 }
+    let doubtful = [findings::WEAK_START, findings::BONES_LOST, findings::LEVEL_UNSURE];
+    if outcome.warnings.iter().any(|w| doubtful.iter().any(|f| w.is(f))) { DOUBT } else { 1.0 }
 }
 
 /// How well each bone's position is known, mm, by its label. A bone of which the image shows a part is known worse; one that

@@ -1,6 +1,7 @@
 //! Areas by the even-odd rule, and what is wrong with a drawing: polygons repeated, crossing, or cancelling each other.
 
 use super::{Contours, Polygon, SAME_PLANE_MM, Structure, encloses, shoelace};
+use crate::findings;
 use crate::warning::Warning;
 use rayon::prelude::*;
 
@@ -116,7 +117,7 @@ impl Contours {
             if dropped > 0 {
                 let message =
                     format!("structure {:?}: {dropped} contours are drawn twice; one of each is kept", s.name);
-                all.push(Warning::new("contours-repeated", message));
+                all.push(Warning::new(findings::CONTOURS_REPEATED, message));
             }
             let heights = s.heights();
             let drawn: Vec<Drawn> = heights.par_iter().map(|h| s.drawn(*h)).collect();
@@ -135,11 +136,11 @@ impl Contours {
                     "{place}: a contour crosses itself or another; what is enclosed twice counts as outside, which may not \
                      be what was drawn"
                 );
-                all.push(Warning::new("contours-cross", message));
+                all.push(Warning::new(findings::CONTOURS_CROSS, message));
             }
             if let Some(place) = named(&|d| d.cancelling) {
                 let message = format!("{place}: contours cancel each other, what is enclosed twice counts as outside");
-                all.push(Warning::new("contours-cancel", message));
+                all.push(Warning::new(findings::CONTOURS_CANCEL, message));
             }
         }
         all

@@ -3,6 +3,7 @@
 use super::place::Place;
 use super::segmentator::{LICENCE, Segmentator};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::checksum::sha256_file;
 use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
@@ -74,7 +75,7 @@ impl Record {
                 place.labels.display(),
                 place.record.display()
             );
-            Err(Error::refused("bones-auto-changed", place.labels.display().to_string(), problem, remedy))
+            Err(Error::refused(findings::BONES_AUTO_CHANGED, place.labels.display().to_string(), problem, remedy))
         };
         if !place.labels.exists() {
             return refuse(format!("it is gone, and its record {} is there", place.record.display()));
@@ -100,7 +101,7 @@ impl Record {
     pub(super) fn warnings(&self, place: &Place) -> Vec<Warning> {
         let file = place.labels.display();
         let made = Warning::new(
-            "bones-auto",
+            findings::BONES_AUTO,
             format!(
                 "{file}: {} bones labelled by TotalSegmentator {}, which nobody has looked at: see them in a viewer. {}",
                 self.bones.len(),
@@ -117,7 +118,7 @@ impl Record {
                 f.problem.lines().next().unwrap_or_default(),
                 place.record.display()
             );
-            Warning::new("bones-auto-partial", message)
+            Warning::new(findings::BONES_AUTO_PARTIAL, message)
         });
         std::iter::once(made).chain(partial).collect()
     }

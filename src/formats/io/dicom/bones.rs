@@ -3,6 +3,7 @@
 
 use super::structures::{StructureSet, some_names};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::skeleton::anatomy::Kind;
 use crate::volume::contour::{Contours, Structure};
@@ -174,28 +175,33 @@ pub fn labels_from_structures(set: &StructureSet, grid: &Grid, names: &BoneNames
         lines such as \"Unterkiefer\" = \"mandible\"";
     if bones.is_empty() {
         let problem = format!("none of its structures has the name of a bone: {}", some_names(&unrecognised));
-        return Err(Error::refused("bones-unnamed", what, problem, remedy));
+        return Err(Error::refused(findings::BONES_UNNAMED, what, problem, remedy));
     }
     let mut warnings = Vec::new();
     if !unrecognised.is_empty() {
         let message = format!("{what}: structures that are no bone by their names: {}", some_names(&unrecognised));
-        warnings.push(Warning::new("bones-unnamed", message));
+        warnings.push(Warning::new(findings::BONES_UNNAMED, message));
     }
     let joined: Vec<&str> = bones.iter().filter(|b| b.1.len() > 1).map(|b| b.0.as_str()).collect();
     if !joined.is_empty() {
         let message = format!("{what}: several structures are one bone: {}", some_names(&joined));
-        warnings.push(Warning::new("labels-joined", message));
+        warnings.push(Warning::new(findings::LABELS_JOINED, message));
     }
     let map = drawn(&set.contours, bones, grid)?;
     let counts = map.counts();
     let gone: Vec<&str> = map.names.iter().filter(|n| !counts.contains_key(n.0)).map(|n| n.1.as_str()).collect();
     if counts.is_empty() {
         let problem = "none of its bones lies in the image";
-        return Err(Error::refused("bones-unnamed", what, problem, "give the structure set of this planning CT"));
+        return Err(Error::refused(
+            findings::BONES_UNNAMED,
+            what,
+            problem,
+            "give the structure set of this planning CT",
+        ));
     }
     if !gone.is_empty() {
         let message = format!("{what}: bones without a voxel in the image: {}", some_names(&gone));
-        warnings.push(Warning::new("bones-outside", message));
+        warnings.push(Warning::new(findings::BONES_OUTSIDE, message));
     }
     Ok(BoneLabels { map, unrecognised, warnings })
 }

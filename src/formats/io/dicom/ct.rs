@@ -12,6 +12,7 @@ use super::place::{CT, Chosen, choose};
 use super::series::{Series, Slice};
 use super::stack::{Stack, stack};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -58,7 +59,7 @@ pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series
 /// The refusal of a dose where a CT is asked for.
 pub(super) fn no_ct(path: &Path) -> Error {
     let what = path.display().to_string();
-    Error::refused("dicom-no-ct", what, "it is a dose, no CT series", "give the folder of the CT series")
+    Error::refused(findings::DICOM_NO_CT, what, "it is a dose, no CT series", "give the folder of the CT series")
 }
 
 /// Puts the images of a series in order.
@@ -69,11 +70,16 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
     objects.retain(|o| CT.contains(&o.sop_class.as_str()));
     if objects.len() < all {
         let message = format!("{what}: {} objects that are no CT images are left out", all - objects.len());
-        warnings.push(Warning::new("dicom-left-out", message));
+        warnings.push(Warning::new(findings::DICOM_LEFT_OUT, message));
     }
     let localizer = |o: &Object| o.image_type().iter().any(|k| k == "LOCALIZER");
     let Some(first) = objects.iter().find(|o| !localizer(o)).or(objects.first()).cloned() else {
-        return Err(Error::refused("dicom-no-ct", what, "it holds no CT image", "give the folder of a CT series"));
+        return Err(Error::refused(
+            findings::DICOM_NO_CT,
+            what,
+            "it holds no CT image",
+            "give the folder of a CT series",
+        ));
     };
     // Localizers often lie in the same series and have a frame of reference, but no position that
     // could be used.
@@ -81,7 +87,7 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
     objects.retain(|o| !localizer(o) || all == 1);
     if objects.len() < all {
         let message = format!("{what}: {} localizers are left out", all - objects.len());
-        warnings.push(Warning::new("dicom-left-out", message));
+        warnings.push(Warning::new(findings::DICOM_LEFT_OUT, message));
     }
     let one_frame = |o: &Object| o.series.frame_of_reference == first.series.frame_of_reference;
     if let Some(other) = objects.iter().find(|o| !one_frame(o)) {
@@ -91,7 +97,7 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
             other.path.display()
         );
         let remedy = "export one series at a time: positions in two frames cannot be compared";
-        return Err(Error::refused("dicom-frame", what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
     }
     let files: Vec<PathBuf> = objects.iter().map(|o| o.path.clone()).collect();
     let each = objects.par_iter().enumerate().map(|(n, o)| frames(n, o)).collect::<Result<Vec<_>>>()?;
@@ -103,7 +109,7 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
         let ratio = text(&object.header, tags::LOSSY_IMAGE_COMPRESSION_RATIO);
         let ratio = if ratio.is_empty() { String::new() } else { format!(", {ratio} times smaller") };
         let message = format!("{what}: its images were compressed with loss{ratio}: edges and HU are not as measured");
-        warnings.push(Warning::new("dicom-lossy", message));
+        warnings.push(Warning::new(findings::DICOM_LOSSY, message));
     }
     warnings.extend(unit(&what, &stack.frames)?);
     let mut series = first.series.clone();
@@ -111,7 +117,7 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
         let message = format!(
             "{what}: it has no Frame of Reference UID: whether structures and doses belong to it cannot be checked"
         );
-        warnings.push(Warning::new("dicom-frame", message));
+        warnings.push(Warning::new(findings::DICOM_FRAME, message));
     }
     let slice =
         |f: &Frame| Slice { uid: f.uid.clone(), frame: f.multi.then(|| f.index as u32 + 1), position: f.position };
@@ -125,11 +131,11 @@ fn unit(what: &str, frames: &[Frame]) -> Result<Option<Warning>> {
     if NO_HU.contains(&unit) {
         let problem = format!("its values are no HU (Rescale Type {unit:?})");
         let remedy = "give the series in HU of the same scan";
-        return Err(Error::refused("dicom-unit", what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_UNIT, what, problem, remedy));
     }
     let odd = !matches!(unit, "" | "HU" | "HU_MOD");
     let message = format!("{what}: its values are taken for HU, though it says Rescale Type {unit:?}");
-    Ok(odd.then(|| Warning::new("dicom-unit", message)))
+    Ok(odd.then(|| Warning::new(findings::DICOM_UNIT, message)))
 }
 
 /// Whether two images are the same object, or have the same values.
@@ -210,7 +216,7 @@ pub(super) fn read(path: &Path, objects: Vec<Object>) -> Result<Loaded<(Volume<f
             "{}: {replaced} voxels that were not measured (Pixel Padding Value) had values that no CT has; they are {AIR_HU} HU",
             path.display()
         );
-        warnings.push(Warning::new("dicom-padding", message));
+        warnings.push(Warning::new(findings::DICOM_PADDING, message));
     }
     let notes = notes("DICOM CT", &header, &grid, frames.first().map(|f| f.scale), &series.description);
     let volume = Volume::new(grid, data)?;

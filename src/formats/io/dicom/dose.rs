@@ -12,6 +12,7 @@ use super::pixels::Pixels;
 use super::place::objects;
 use super::series::{Series, Slice};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -66,7 +67,7 @@ pub fn read_doses<P: AsRef<Path>>(paths: &[P]) -> Result<Loaded<Dose>> {
         let own = found.objects.into_iter().filter(|o| o.series.modality == "RTDOSE").collect::<Vec<_>>();
         if own.is_empty() {
             let what = path.as_ref().display().to_string();
-            return Err(Error::refused("dicom-no-dose", what, "it holds no RT Dose", "give an RTDOSE file"));
+            return Err(Error::refused(findings::DICOM_NO_DOSE, what, "it holds no RT Dose", "give an RTDOSE file"));
         }
         all.extend(own);
     }
@@ -87,7 +88,7 @@ pub(super) fn read(path: &Path, objects: &[Object]) -> Result<Loaded<Dose>> {
             .collect();
         let remedy =
             "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan";
-        Err(Error::refused("dose-sum", path.display().to_string(), format!("{problem}:{list}"), remedy))
+        Err(Error::refused(findings::DOSE_SUM, path.display().to_string(), format!("{problem}:{list}"), remedy))
     };
     if read.iter().any(|d| d.value.summation != "BEAM") {
         return refuse(format!("it holds {} doses that are not all doses of single beams", read.len()));
@@ -117,8 +118,8 @@ pub(super) fn read(path: &Path, objects: &[Object]) -> Result<Loaded<Dose>> {
         "{}: the doses of {count} beams are summed; whether the plan has more beams cannot be told from them",
         path.display()
     );
-    whole.warnings.retain(|w| w.code != "dose-part");
-    whole.warnings.push(Warning::new("dose-part", message));
+    whole.warnings.retain(|w| !w.is(findings::DOSE_PART));
+    whole.warnings.push(Warning::new(findings::DOSE_PART, message));
     whole.value.beams = beams;
     whole.value.summation = "PLAN".into();
     whole.path = path.into();
@@ -145,18 +146,22 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
         let problem = format!("its Dose Units are {units:?}, not GY");
         let remedy =
             "export the absolute dose; per cent of a prescription cannot be mapped or summed without knowing it";
-        return refuse("dose-units", problem, remedy);
+        return refuse(findings::DOSE_UNITS, problem, remedy);
     }
     let kind = text(set, tags::DOSE_TYPE);
     if kind == "ERROR" {
         return refuse(
-            "dose-units",
+            findings::DOSE_UNITS,
             "it is the error of a dose (Dose Type ERROR), no dose".into(),
             "give the dose itself",
         );
     }
     let Some(scaling) = number(set, tags::DOSE_GRID_SCALING).filter(|s| *s > 0.0) else {
-        return refuse("dicom-incomplete", "it has no usable Dose Grid Scaling".into(), "export the dose again");
+        return refuse(
+            findings::DICOM_INCOMPLETE,
+            "it has no usable Dose Grid Scaling".into(),
+            "export the dose again",
+        );
     };
     let planes = Planes::of(path, set)?;
     let pixels = Pixels::of(path, &object)?;
@@ -200,11 +205,11 @@ fn odd(what: &str, dose: &Dose) -> Vec<Warning> {
     let mut all = Vec::new();
     if !matches!(dose.summation.as_str(), "PLAN" | "MULTI_PLAN" | "PLAN_OVERVIEW") {
         let message = format!("{what}: it is no dose of a whole plan (Dose Summation Type {:?})", dose.summation);
-        all.push(Warning::new("dose-part", message));
+        all.push(Warning::new(findings::DOSE_PART, message));
     }
     if dose.kind != "PHYSICAL" {
         let message = format!("{what}: it is no physical dose (Dose Type {:?})", dose.kind);
-        all.push(Warning::new("dose-kind", message));
+        all.push(Warning::new(findings::DOSE_KIND, message));
     }
     all
 }
@@ -224,7 +229,12 @@ impl Planes {
     fn of(path: &Path, set: &Item) -> Result<Self> {
         let what = path.display().to_string();
         let refuse = |problem: String| {
-            Error::refused("dose-planes", what.clone(), problem, "export the dose again on an even grid, in one file")
+            Error::refused(
+                findings::DOSE_PLANES,
+                what.clone(),
+                problem,
+                "export the dose again on an even grid, in one file",
+            )
         };
         let missing = |name: &str| refuse(format!("it has no usable {name}"));
         let Some(position) = some::<3>(set, tags::IMAGE_POSITION_PATIENT) else {

@@ -4,6 +4,7 @@
 use super::super::series_path::root_of;
 use super::place::{Chosen, choose, is_place, objects};
 use crate::error::{Error, Result};
+use crate::findings;
 use std::path::Path;
 
 /// As what a path is read.
@@ -79,5 +80,5 @@ pub fn check_frames(a: (&Path, Role), b: (&Path, Role)) -> Result<()> {
     );
     let remedy =
         format!("give the {} that belongs to this {}, or map it first with a registration", a.1.name(), b.1.name());
-    Err(Error::refused("dicom-frame", a.0.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::DICOM_FRAME, a.0.display().to_string(), problem, remedy))
 }

@@ -4,6 +4,7 @@
 use super::elements::{Item, first, items, number, some, text, texts, whole};
 use super::find::Object;
 use crate::error::{Error, Result};
+use crate::findings;
 use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use nalgebra::{Point3, Vector3};
@@ -157,7 +158,7 @@ fn told(places: Places<'_>) -> String {
 /// The refusal of an object that lacks something.
 pub(super) fn refuse(path: &Path, problem: impl Into<String>) -> Error {
     Error::refused(
-        "dicom-incomplete",
+        findings::DICOM_INCOMPLETE,
         path.display().to_string(),
         problem,
         "export the series again, or convert it with a tool that knows the vendor's files, for example dcm2niix",

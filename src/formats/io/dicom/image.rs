@@ -8,6 +8,7 @@ use super::super::voxels::{Element, Layout};
 use super::place::{Chosen, choose, objects};
 use super::{Dose, Series, ct, dose};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
 use crate::warning::Warning;
@@ -58,7 +59,7 @@ pub fn dose_at(path: &Path) -> Result<Loaded<Dose>> {
         dose::read(&same, &objects)
     } else {
         let problem = "this series is no RT Dose";
-        Err(Error::refused("dicom-no-dose", path.display().to_string(), problem, "choose the RTDOSE series"))
+        Err(Error::refused(findings::DICOM_NO_DOSE, path.display().to_string(), problem, "choose the RTDOSE series"))
     }
 }
 

@@ -4,6 +4,7 @@ use super::elements::{Item, text, whole};
 use super::frames::refuse;
 use super::open::told;
 use crate::error::{Error, Result};
+use crate::findings;
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::DefaultDicomObject;
 use dicom_pixeldata::PixelDecoder as _;
@@ -115,7 +116,7 @@ fn decode(path: &Path, object: &DefaultDicomObject, count: usize) -> Result<Vec<
     let refused = |what: &str, tool: &str| {
         let problem = format!("its pixels are compressed as {what}, which is not read");
         let remedy = format!("unpack all slices first, for example with `{tool}`");
-        Error::refused("dicom-compression", path.display().to_string(), problem, remedy)
+        Error::refused(findings::DICOM_COMPRESSION, path.display().to_string(), problem, remedy)
     };
     if let Some((_, what, tool)) = PACKED.iter().find(|p| p.0 == syntax) {
         return Err(refused(&format!("{what} (transfer syntax {syntax})"), tool));

@@ -6,6 +6,7 @@ use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Group, Object, find};
 use super::open::{Opened, is_dicom, open};
 use crate::error::{Error, Result};
+use crate::findings;
 use dicom_dictionary_std::tags;
 use std::path::{Path, PathBuf};
 
@@ -154,7 +155,12 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
                 return Ok((*one).clone());
             }
             let problem = format!("it holds no CT series:{}", list(&groups));
-            Err(Error::refused("dicom-no-ct", path.display().to_string(), problem, "give the folder of a CT series"))
+            Err(Error::refused(
+                findings::DICOM_NO_CT,
+                path.display().to_string(),
+                problem,
+                "give the folder of a CT series",
+            ))
         }
         n => {
             let alone = |g: &&Group<'_>| ct.iter().filter(|o| o.series.number == g.series.number).count() == 1;
@@ -162,7 +168,7 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
             let example = number.map_or_else(|| ct[0].series.uid.clone(), |n| n.to_string());
             let remedy = format!("choose one by its number or its UID: {}#{example}", path.display());
             let problem = format!("it holds {n} CT series:{}", list(&ct));
-            Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))
+            Err(Error::refused(findings::DICOM_SEVERAL, path.display().to_string(), problem, remedy))
         }
     }
 }
@@ -181,12 +187,12 @@ fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a
         1 => Ok(matching.remove(0)),
         0 => {
             let problem = format!("it holds no series of number or UID {choice}; there are:{}", list(&groups));
-            Err(Error::refused("dicom-several", path.display().to_string(), problem, "choose one of these"))
+            Err(Error::refused(findings::DICOM_SEVERAL, path.display().to_string(), problem, "choose one of these"))
         }
         n => {
             let problem = format!("{n} series have the number {choice}:{}", list(&matching));
             let remedy = "choose by UID: FOLDER#UID";
-            Err(Error::refused("dicom-several", path.display().to_string(), problem, remedy))
+            Err(Error::refused(findings::DICOM_SEVERAL, path.display().to_string(), problem, remedy))
         }
     }
 }
@@ -209,5 +215,5 @@ fn readable(path: &Path, group: Group<'_>) -> Result<Chosen> {
         _ => ("no CT series", "give a CT series"),
     };
     let problem = format!("it is {what} (modality {:?})", group.series.modality);
-    Err(Error::refused("dicom-no-ct", path.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::DICOM_NO_CT, path.display().to_string(), problem, remedy))
 }

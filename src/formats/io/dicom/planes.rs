@@ -2,6 +2,7 @@
 
 use super::keyhole::opened;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::contour::{Contours, Polygon, Structure};
 use nalgebra::{Matrix3, Vector3};
 
@@ -70,7 +71,7 @@ pub(super) fn planes(what: &str, drawings: &[Drawing]) -> Result<Contours> {
                     d.name
                 );
                 let remedy = "leave out this structure, or draw it on the planes of the others";
-                return Err(Error::refused("structures-planes", what, problem, remedy));
+                return Err(Error::refused(findings::STRUCTURES_PLANES, what, problem, remedy));
             }
             let mut points: Vec<[f64; 2]> = flat.iter().map(|p| [p.x, p.y]).collect();
             // Some writers repeat the first point at the end.

@@ -2,6 +2,7 @@
 
 use super::frames::Frame;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Vector3};
@@ -69,7 +70,7 @@ pub(super) fn stack(
     let named = Named { what, files, normal };
     if let Some(first) = localizers.first() {
         let message = format!("{what}: {} localizers are left out, the first {}", localizers.len(), named.image(first));
-        warnings.push(Warning::new("dicom-left-out", message));
+        warnings.push(Warning::new(findings::DICOM_LEFT_OUT, message));
     }
     agree(&named, &frames)?;
     let height = |f: &Frame| f.position.coords.dot(&normal);
@@ -77,12 +78,12 @@ pub(super) fn stack(
     let frames = without_twins(&named, frames, same, &mut warnings)?;
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
         let remedy = "give the folder of the whole series, not of its localizer";
-        return Err(Error::refused("dicom-incomplete", named.what, "it has no image but localizers", remedy));
+        return Err(Error::refused(findings::DICOM_INCOMPLETE, named.what, "it has no image but localizers", remedy));
     };
     if frames.len() < 2 {
         let problem = "it has one slice, which makes no volume".to_owned();
         return Err(Error::refused(
-            "dicom-incomplete",
+            findings::DICOM_INCOMPLETE,
             named.what,
             problem,
             "export all slices of the series into one folder",
@@ -121,7 +122,7 @@ fn agree(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
             named.image(f)
         );
         let remedy = "move the images that are no slices of the volume elsewhere, or export the series again";
-        return Err(Error::refused("dicom-images-differ", named.what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_IMAGES_DIFFER, named.what, problem, remedy));
     }
     Ok(())
 }
@@ -166,7 +167,7 @@ fn without_twins(
         );
         let remedy = "it holds several phases, acquisitions or reconstructions: move all but one elsewhere, or export them \
             as series of their own";
-        return Err(Error::refused("dicom-duplicates", named.what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_DUPLICATES, named.what, problem, remedy));
     }
     if let Some(first) = dropped.first() {
         let message = format!(
@@ -175,7 +176,7 @@ fn without_twins(
             dropped.len(),
             named.image(first)
         );
-        warnings.push(Warning::new("dicom-duplicates", message));
+        warnings.push(Warning::new(findings::DICOM_DUPLICATES, message));
     }
     Ok(kept)
 }
@@ -206,7 +207,7 @@ fn upright(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     };
     let remedy = "resample it to an upright grid first, for example with `dcm2niix` (which corrects gantry tilt), and give \
         that image";
-    Err(Error::refused("dicom-tilt", named.what, problem, remedy))
+    Err(Error::refused(findings::DICOM_TILT, named.what, problem, remedy))
 }
 
 /// Refuses slices that are missing, and distances that vary.
@@ -241,7 +242,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
                 "export the series again; if it was scanned so, resample it to equal distances and give that image",
             )
         };
-        return Err(Error::refused("dicom-gap", named.what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_GAP, named.what, problem, remedy));
     }
     let step = (heights[heights.len() - 1] - heights[0]) / gaps.len() as f64;
     let off = |n: usize| (heights[n] - heights[0] - step * n as f64).abs();
@@ -253,7 +254,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
         );
         let remedy =
             "export the series again; if it was scanned so, resample it to equal distances and give that image";
-        return Err(Error::refused("dicom-gap", named.what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_GAP, named.what, problem, remedy));
     }
     Ok(())
 }

@@ -11,6 +11,7 @@ use super::place::objects;
 use super::planes::{Drawing, planes};
 use super::series::{Patient, Study};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::contour::{Contours, Structure};
 use crate::warning::Warning;
@@ -93,11 +94,16 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     let empty: Vec<&str> = rois.iter().filter(|r| r.empty).map(|r| r.name.as_str()).collect();
     if !empty.is_empty() {
         let message = format!("{what}: structures without a closed contour: {}", some_names(&empty));
-        warnings.push(Warning::new("structures-empty", message));
+        warnings.push(Warning::new(findings::STRUCTURES_EMPTY, message));
     }
     if rois.iter().all(|r| r.empty) {
         let problem = "no structure has a closed contour";
-        return Err(Error::refused("structures-empty", what, problem, "export the structure set with its contours"));
+        return Err(Error::refused(
+            findings::STRUCTURES_EMPTY,
+            what,
+            problem,
+            "export the structure set with its contours",
+        ));
     }
     let series = series(set);
     Ok(StructureSet {
@@ -133,7 +139,7 @@ fn the_one(path: &Path) -> Result<Object> {
     } else {
         (format!("it holds {} structure sets:{list}", sets.len()), "give the file of the one that is meant")
     };
-    Err(Error::refused("structures-several", path.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::STRUCTURES_SEVERAL, path.display().to_string(), problem, remedy))
 }
 
 /// Numbers, names and kinds; names that repeat get the number of the structure behind them.
@@ -170,7 +176,7 @@ fn rois(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Vec<Roi> {
             "{what}: names are used twice: {}; the later structures have their number behind the name",
             some_names(&twice)
         );
-        warnings.push(Warning::new("structures-names", message));
+        warnings.push(Warning::new(findings::STRUCTURES_NAMES, message));
     }
     let colours = items(set, tags::ROI_CONTOUR_SEQUENCE).iter().filter_map(|c| {
         let colour: [f64; 3] = numbers(c, tags::ROI_DISPLAY_COLOR)?.try_into().ok()?;
@@ -197,7 +203,7 @@ fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Result<String> 
         let list = frames.into_iter().collect::<Vec<_>>().join(", ");
         let problem = format!("its structures lie in several frames of reference ({list})");
         let remedy = "export the structures of each image as a set of their own";
-        return Err(Error::refused("dicom-frame", what, problem, remedy));
+        return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
     }
     let listed = || {
         let all = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
@@ -208,7 +214,7 @@ fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Result<String> 
     if one.is_empty() {
         let message =
             format!("{what}: it names no frame of reference: whether it belongs to an image cannot be checked");
-        warnings.push(Warning::new("dicom-frame", message));
+        warnings.push(Warning::new(findings::DICOM_FRAME, message));
     }
     Ok(one)
 }
@@ -237,7 +243,12 @@ fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -
                     stated.unwrap_or_default(),
                     flat.len()
                 );
-                return Err(Error::refused("dicom-incomplete", what, problem, "export the structure set again"));
+                return Err(Error::refused(
+                    findings::DICOM_INCOMPLETE,
+                    what,
+                    problem,
+                    "export the structure set again",
+                ));
             }
             let closed = matches!(kind.as_str(), "CLOSED_PLANAR" | "CLOSEDPLANAR_XOR" | "CLOSED_PLANAR_XOR");
             if closed && points.len() > 2 {
@@ -255,7 +266,7 @@ fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -
         };
         let named: Vec<String> = left.iter().map(one).collect();
         let message = format!("{what}: contours that enclose nothing are left out: {}", some_names(&named));
-        warnings.push(Warning::new("structures-left-out", message));
+        warnings.push(Warning::new(findings::STRUCTURES_LEFT_OUT, message));
     }
     Ok(all)
 }

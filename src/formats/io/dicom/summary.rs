@@ -219,7 +219,7 @@ fn geometry(grid: &Grid) -> String {
 /// The reason of a refusal on one line.
 fn reason(error: &Error) -> String {
     match error {
-        Error::Input { problem, code, .. } if !code.is_empty() => format!("{problem} [{code}]"),
+        Error::Input { problem, finding: Some(finding), .. } => format!("{problem} [{}]", finding.code),
         Error::Input { problem, .. } | Error::Read { problem, .. } => problem.clone(),
         other => other.to_string(),
     }

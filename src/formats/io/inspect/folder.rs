@@ -6,6 +6,7 @@ use super::super::checksum::sha256_file;
 use super::super::folder::PARTS;
 use super::super::held::{REPORTS, at_work, is_inside};
 use crate::error::{Error, Result};
+use crate::findings;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -92,7 +93,7 @@ pub fn check_folder(folder: &Path) -> Result<Vec<FolderCheck>> {
     runs.sort();
     if runs.is_empty() {
         return Err(Error::refused(
-            "no-run",
+            findings::NO_RUN,
             folder.display().to_string(),
             format!("the folder holds none of {}: no run, or one that was not finished", REPORTS.join(", ")),
             "give the --out folder of a finished run, or files",
@@ -176,7 +177,7 @@ impl FolderCheck {
             return Ok(());
         }
         let remedy = "run it again into a new folder; `aventail register --config report.json` repeats a run";
-        Err(Error::refused("run-changed", self.folder.display().to_string(), faults.join("; "), remedy))
+        Err(Error::refused(findings::RUN_CHANGED, self.folder.display().to_string(), faults.join("; "), remedy))
     }
 
     fn faults(&self) -> Vec<String> {

@@ -1,6 +1,7 @@
 //! The lines of a MetaImage header.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::io::text::BYTE_ORDER_MARK;
 use std::collections::HashMap;
 use std::path::Path;
@@ -98,7 +99,7 @@ impl<'a> Fields<'a> {
 
     /// The refusal of a field that would change values or geometry.
     pub(super) fn field(&self, problem: String, remedy: &str) -> Error {
-        Error::refused("header-field", self.path.display().to_string(), problem, remedy)
+        Error::refused(findings::HEADER_FIELD, self.path.display().to_string(), problem, remedy)
     }
 
     /// Refuses a header whose values are in other files, telling where.

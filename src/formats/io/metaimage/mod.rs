@@ -13,6 +13,7 @@ use super::text::plain_text;
 use super::values::Contents;
 use super::voxels::{Element, Layout};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use fields::{Fields, TAGS, mark};
@@ -171,7 +172,7 @@ fn grid(fields: &Fields<'_>, sizes: &[usize], warnings: &mut Vec<Warning>) -> Re
         Some(spacing) => spacing,
         None => fields.optional("ElementSize", rank)?.unwrap_or_else(|| {
             let message = "the header has no ElementSpacing; voxels are taken to be 1 mm apart, as ITK does";
-            warnings.push(Warning::new("no-spacing", message));
+            warnings.push(Warning::new(findings::NO_SPACING, message));
             vec![1.0; rank]
         }),
     };
@@ -213,7 +214,10 @@ fn anatomy(fields: &Fields<'_>, direction: &Matrix3<f64>, has_matrix: bool, warn
     }
     let problem = format!("AnatomicalOrientation = {code}, but its axes run to {to}");
     if has_matrix {
-        warnings.push(Warning::new("orientation-contradicts", format!("{problem}; its matrix is used, as ITK does")));
+        warnings.push(Warning::new(
+            findings::ORIENTATION_CONTRADICTS,
+            format!("{problem}; its matrix is used, as ITK does"),
+        ));
         return Ok(());
     }
     Err(fields.field(problem, "write the orientation as TransformMatrix, for example by exporting it again"))

@@ -2,6 +2,7 @@
 
 use super::super::raster::GeometrySource;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -78,7 +79,7 @@ impl Fields {
             // nifti1.h forbids it, and readers differ: its own library takes 1, ITK the value without its sign.
             let problem = format!("pixdim[{a}] is {}: spacings are positive", self.pixdim[a]);
             let remedy = "write the file again; a mirrored axis belongs into sform and qform";
-            return Err(Error::refused("header-field", what, problem, remedy));
+            return Err(Error::refused(findings::HEADER_FIELD, what, problem, remedy));
         }
         let (qform, scalar) = self.qform();
         let by_qform = Grid::from_affine(self.size, &flip_ras_lps(qform));
@@ -104,7 +105,7 @@ impl Fields {
             .map_err(refuse("pixdim", "correct the header's pixdim"))?;
         let message = "neither sform nor qform is set, so that position and left and right are unknown; the axes are taken as left, \
             posterior, superior from (0, 0, 0), as ITK does. Export the image again with its geometry";
-        warnings.push(Warning::new("no-orientation", message));
+        warnings.push(Warning::new(findings::NO_ORIENTATION, message));
         Ok(Placed { grid, source: GeometrySource::Pixdim, disagreement_mm: None, warnings })
     }
 
@@ -120,10 +121,10 @@ impl Fields {
             let problem = format!("pixdim says {by_pixdim:.4} mm along axis {}, the sform {by_sform:.4} mm", a + 1);
             if apart.is_nan() || apart > SPACING_SHARE * by_sform {
                 let remedy = "find out which is right (the slice distance of the series) and write the file again";
-                return Err(Error::refused("pixdim-sform-disagree", what, problem, remedy));
+                return Err(Error::refused(findings::PIXDIM_SFORM_DISAGREE, what, problem, remedy));
             }
             let message = format!("{problem}: {:.2} mm over the image; the sform is used", apart * size as f64);
-            warnings.push(Warning::new("pixdim-sform-disagree", message));
+            warnings.push(Warning::new(findings::PIXDIM_SFORM_DISAGREE, message));
         }
         Ok(())
     }
@@ -134,8 +135,10 @@ impl Fields {
             return None;
         }
         let Some(qform) = qform else {
-            warnings
-                .push(Warning::new("qform-invalid", "the qform is set but is no valid geometry; the sform is used"));
+            warnings.push(Warning::new(
+                findings::QFORM_INVALID,
+                "the qform is set but is no valid geometry; the sform is used",
+            ));
             return None;
         };
         let (a, b) = (sform.corners(), qform.corners());
@@ -149,7 +152,7 @@ impl Fields {
                  tools may use the qform",
                 self.sform_code, self.qform_code
             );
-            warnings.push(Warning::new("sform-qform-disagree", message));
+            warnings.push(Warning::new(findings::SFORM_QFORM_DISAGREE, message));
         }
         Some(distance)
     }

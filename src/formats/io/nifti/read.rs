@@ -10,6 +10,7 @@ use super::super::text::plain_text;
 use super::super::voxels::{Element, Layout};
 use super::geometry::{Fields, Placed};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::warning::Warning;
 use ::nifti::{Endianness, NiftiHeader, NiftiType};
 use std::collections::BTreeMap;
@@ -235,7 +236,7 @@ fn extensions(head: &[u8], big_endian: bool, warnings: &mut Vec<Warning>) -> Vec
                     "header extension {} claims {size} bytes; it and those behind it are ignored",
                     found.len() + 1
                 );
-                warnings.push(Warning::new("extension-damaged", message));
+                warnings.push(Warning::new(findings::EXTENSION_DAMAGED, message));
             }
             break;
         };

@@ -1,6 +1,7 @@
 //! The lines of an NRRD header: fields, and `key:=value` notes.
 
 use crate::error::{Error, Result};
+use crate::findings;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
@@ -113,7 +114,7 @@ impl<'a> Fields<'a> {
 
     /// The refusal of a field that would change values or geometry.
     pub(super) fn field(&self, problem: String, remedy: &str) -> Error {
-        Error::refused("header-field", self.path.display().to_string(), problem, remedy)
+        Error::refused(findings::HEADER_FIELD, self.path.display().to_string(), problem, remedy)
     }
 
     /// A field's text.

@@ -2,6 +2,7 @@
 
 use super::fields::Fields;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
@@ -41,7 +42,7 @@ fn space(fields: &Fields<'_>, warnings: &mut Vec<Warning>) -> Result<([f64; 3], 
         Some("left-anterior-superior" | "las") => Ok(([1.0, -1.0, 1.0], false)),
         None => {
             let message = "the header names no space; its axes are taken as left, posterior, superior";
-            warnings.push(Warning::new("no-orientation", message));
+            warnings.push(Warning::new(findings::NO_ORIENTATION, message));
             Ok(([1.0; 3], true))
         }
         Some(other) => Err(fields.refuse(format!("space {other:?} is no 3-D patient space"))),
@@ -143,7 +144,7 @@ fn with_directions(
         Some(text) => vector(text).ok_or_else(|| fields.refuse(format!("space origin {text} is not (x,y,z)")))?,
         None => {
             let message = "the header has no space origin; the first voxel is taken to lie at (0, 0, 0), as ITK does";
-            warnings.push(Warning::new("no-orientation", message));
+            warnings.push(Warning::new(findings::NO_ORIENTATION, message));
             Vector3::zeros()
         }
     };

@@ -10,6 +10,7 @@ use super::bytes::read_bytes;
 use super::kinds;
 use super::text::BYTE_ORDER_MARK;
 use crate::error::{Error, Result};
+use crate::findings;
 use nalgebra::Point3;
 use std::path::Path;
 
@@ -185,7 +186,7 @@ impl File<'_> {
             )),
             (Some(space), _) | (None, Some(space)) => Ok(space),
             (None, None) => Err(Error::refused(
-                "space-unknown",
+                findings::SPACE_UNKNOWN,
                 self.path.display().to_string(),
                 "it does not say whether its coordinates are LPS or RAS",
                 "say it with --space lps or --space ras; a wrong choice mirrors left and right",

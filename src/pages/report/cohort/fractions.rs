@@ -9,6 +9,7 @@ use super::Member;
 use super::figures::{KINDS, Kind};
 use super::page::{STYLE, course, number, report_link};
 use super::text::of_verdicts;
+use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::verdict::Mark;
 use crate::io::write_file;
@@ -94,8 +95,8 @@ impl Fractions {
         for name in names {
             let folder = out.join(name);
             let report = Report::read(&folder.join("report.json"), REMEDY)?;
-            let image = report.inputs.iter().find(|i| i.role == "fraction");
-            planning = planning.or_else(|| report.inputs.iter().find(|i| i.role == "planning").cloned());
+            let image = report.inputs.iter().find(|i| i.role == InputRole::Fraction);
+            planning = planning.or_else(|| report.inputs.iter().find(|i| i.role == InputRole::Planning).cloned());
             fractions.push(Fraction {
                 image: image.map_or(String::new(), |i| ending(&i.path)),
                 moves_most: report.moves_most().map(|(bone, mm)| Moved { bone: bone.name.clone(), mm }),

@@ -9,6 +9,7 @@ mod text;
 pub use fractions::Fractions;
 
 use super::numbers::Report;
+use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::verdict::{Mark, against};
 use crate::io::write_file;
@@ -47,7 +48,7 @@ pub struct Member {
 impl Member {
     /// Of a report, whose run lies in `folder` as seen from that of the summary.
     pub fn new(patient: String, fraction: String, folder: PathBuf, report: &Report) -> Self {
-        let about = report.inputs.iter().find(|i| i.role == "fraction").and_then(|i| i.about.as_ref());
+        let about = report.inputs.iter().find(|i| i.role == InputRole::Fraction).and_then(|i| i.about.as_ref());
         let mut warnings: Vec<String> = report.warnings.iter().map(|w| w.code.clone()).collect();
         warnings.dedup();
         let worst = against(&report.verdicts).into_iter().filter(|v| Some(v.verdict) == report.verdict);

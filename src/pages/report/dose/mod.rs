@@ -171,6 +171,7 @@ pub fn dvh_table(doses: &[DoseDvh]) -> String {
 mod tests {
     use super::*;
     use crate::dose::Share;
+    use crate::findings;
 
     fn one() -> DoseDvh {
         let s = Dvh {
@@ -192,7 +193,7 @@ mod tests {
         let unknown =
             Dvh { name: "beyond".into(), volume_ml: 0.012, mean: f64::NAN, cumulative: vec![], ..Dvh::default() };
         dose.structures = vec![unknown];
-        dose.warnings = vec![Warning::new("structure-outside-dose", "beyond")];
+        dose.warnings = vec![Warning::new(findings::STRUCTURE_OUTSIDE_DOSE, "beyond")];
         let dose = [dose];
         let text = String::from_utf8(figures(&dose).unwrap()).unwrap();
         assert!(text.contains("plan,beyond,0.0120,0.0000,0.0000,,0.0000"), "{text}");

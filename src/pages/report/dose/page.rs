@@ -139,10 +139,11 @@ impl DosePage<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::findings;
 
     #[test]
     fn names_are_escaped_and_nothing_is_fetched() {
-        let warnings = [Warning::new("dose-outside", "<script>alert(1)</script>")];
+        let warnings = [Warning::new(findings::DOSE_OUTSIDE, "<script>alert(1)</script>")];
         let row = vec!["<b>cord".to_owned(), "1.0".into()];
         let table = DoseTable { title: "Doses".into(), note: String::new(), head: row.clone(), rows: vec![row] };
         let page = DosePage {

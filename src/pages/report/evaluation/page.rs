@@ -9,6 +9,7 @@ use super::figures::{PARTS, figures, rows};
 use super::pictures::BEFORE;
 use super::text::{MarkRow, marks};
 use super::{Assessed, EvaluationPicture, EvaluationReport};
+use crate::config::InputRole;
 use maud::{DOCTYPE, Markup, html};
 use std::cmp::Reverse;
 
@@ -32,7 +33,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
                         p.brand { "aventail \u{b7} evaluation of displacement fields" }
                         h1 { span.clip { (names.join(" \u{b7} ")) } }
                         p.note { (utc(report.created)) " by aventail " (report.version) }
-                        dl.case { (scan(report, "planning", "Planning")) (scan(report, "fraction", "Fraction")) }
+                        dl.case { (scan(report, InputRole::Planning, "Planning")) (scan(report, InputRole::Fraction, "Fraction")) }
                         @if let Some(first) = report.fields.first() { p.note { "Measured in " (first.assessment.measured_in) "." } }
                     }
                     @for (n, field) in report.fields.iter().enumerate() {
@@ -122,10 +123,10 @@ fn figure(p: &EvaluationPicture, several: bool) -> Markup {
 }
 
 /// A scan among the inputs.
-fn scan(report: &EvaluationReport, role: &str, name: &str) -> Markup {
+fn scan(report: &EvaluationReport, role: InputRole, name: &str) -> Markup {
     html! {
         @if let Some(input) = report.inputs.iter().find(|i| i.role == role) {
-            div { dt class=(role) { (name) } dd { (identity(input)) } }
+            div { dt class=(role.name()) { (name) } dd { (identity(input)) } }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::super::numbers::{Report, count, utc};
 use super::verdict::identity;
+use crate::config::InputRole;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::fit::DeterminedBy;
 use crate::geometry::Grid;
@@ -10,28 +11,28 @@ use std::path::Path;
 
 /// Whether the posture was made and no fraction CT was registered.
 fn posed(report: &Report) -> bool {
-    input(report, "fraction").is_none() && report.bones.iter().any(|b| b.determined_by == DeterminedBy::Given)
+    input(report, InputRole::Fraction).is_none() && report.bones.iter().any(|b| b.determined_by == DeterminedBy::Given)
 }
 
 /// What stands in the fraction's place where the posture was made.
 const ARTIFICIAL: &str = "artificial posture";
 
 /// File name of an input by its role.
-fn input<'a>(report: &'a Report, role: &str) -> Option<&'a Path> {
+fn input(report: &Report, role: InputRole) -> Option<&Path> {
     report.inputs.iter().find(|i| i.role == role).map(|i| i.path.as_path())
 }
 
 /// The case in words.
 pub(super) fn title(report: &Report) -> String {
-    let name = |role: &str| {
-        input(report, role).and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())
+    let name = |role: InputRole| {
+        input(report, role).and_then(Path::file_name).map_or(role.to_string(), |n| n.to_string_lossy().into_owned())
     };
-    let fraction = if posed(report) { ARTIFICIAL.to_owned() } else { name("fraction") };
-    format!("{} \u{2192} {fraction}", name("planning"))
+    let fraction = if posed(report) { ARTIFICIAL.to_owned() } else { name(InputRole::Fraction) };
+    format!("{} \u{2192} {fraction}", name(InputRole::Planning))
 }
 
 pub(super) fn header(report: &Report, title: &str) -> Markup {
-    let scan = |role: &str| {
+    let scan = |role: InputRole| {
         html! {
             @match report.inputs.iter().find(|i| i.role == role) {
                 Some(input) => (identity(input)),
@@ -42,7 +43,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
     let fraction = if posed(report) {
         html! { (ARTIFICIAL) }
     } else {
-        scan("fraction")
+        scan(InputRole::Fraction)
     };
     // Adding 0 turns the minus of a zero away.
     let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
@@ -51,7 +52,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             p.brand { "aventail \u{b7} deformable registration report" }
             h1 { span.clip { (title) } }
             dl.case {
-                div { dt.planning { "Planning" } dd { (scan("planning")) br; span.note { (grid(&report.planning_grid)) } } }
+                div { dt.planning { "Planning" } dd { (scan(InputRole::Planning)) br; span.note { (grid(&report.planning_grid)) } } }
                 div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
                 div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }

@@ -2,6 +2,7 @@
 
 use super::super::viewer::{embed_whole, policy, section};
 use super::head;
+use crate::config::InputRole;
 use crate::error::Result;
 use crate::pipeline::{Case, Outcome};
 use crate::volume::contour::Contours;
@@ -14,11 +15,11 @@ use std::path::Path;
 /// [`crate::Error::Internal`] when a volume cannot be packed.
 pub fn view_page(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<String> {
     let view = embed_whole(case, outcome, contours)?;
-    let name = |role: &str| {
+    let name = |role: InputRole| {
         let path = case.inputs().find(|i| i.role == role).map(|i| i.path.as_path());
-        path.and_then(Path::file_name).map_or(role.to_owned(), |n| n.to_string_lossy().into_owned())
+        path.and_then(Path::file_name).map_or(role.to_string(), |n| n.to_string_lossy().into_owned())
     };
-    let title = format!("{} \u{2192} {}", name("planning"), name("fraction"));
+    let title = format!("{} \u{2192} {}", name(InputRole::Planning), name(InputRole::Fraction));
     let page = html! {
         (DOCTYPE)
         html lang="en" {

@@ -3,6 +3,7 @@
 use super::super::read_series;
 use super::make::*;
 use crate::error::Error;
+use crate::findings;
 use crate::io::checksum::sha256_file;
 use crate::io::{read_grid, read_image};
 use dicom_core::VR;
@@ -170,7 +171,7 @@ fn localizers_are_left_out() {
     write(dir.path(), "scout", &scout);
     let read = read_image(dir.path()).unwrap();
     assert_eq!(read.value.grid().size(), SIZE);
-    assert!(read.warnings[0].code == "dicom-left-out" && read.warnings[0].message.contains("1 localizers"));
+    assert!(read.warnings[0].is(findings::DICOM_LEFT_OUT) && read.warnings[0].message.contains("1 localizers"));
     // A series of its own does not make the choice doubtful.
     put(&mut scout, tags::SERIES_INSTANCE_UID, VR::UI, "1.7.1");
     write(dir.path(), "scout", &scout);

@@ -2,6 +2,7 @@
 
 use super::super::read_structure_set;
 use super::make::*;
+use crate::findings;
 use crate::io::{read_contour_file, read_contours};
 use dicom_core::VR;
 use dicom_dictionary_std::tags;
@@ -69,7 +70,7 @@ fn sets_without_a_frame_are_told_and_several_or_mixed_refused() {
     write(dir.path(), "rs", &set);
     let read = read_structure_set(dir.path()).unwrap();
     assert!(read.frame_of_reference.is_empty() && read.rois[0].name == "ROI 1");
-    assert!(read.warnings[0].code == "dicom-frame", "{:?}", read.warnings);
+    assert!(read.warnings[0].is(findings::DICOM_FRAME), "{:?}", read.warnings);
     write(dir.path(), "rs2", &set);
     let error = read_structure_set(dir.path()).unwrap_err();
     assert!(error.code() == "structures-several" && error.to_string().contains("rs2"), "{error}");

@@ -10,6 +10,7 @@ use super::common::{NewSeries, Origin, frame, put, save};
 use super::element::{decimal, decimals, integer, reference, sequence, short, text};
 use super::plane::{Frames, orientation, plane_size};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::volume::Volume;
 use crate::warning::Warning;
 use dicom_core::value::PrimitiveValue;
@@ -54,7 +55,7 @@ pub fn no_plan(what: &str, plans: &BTreeSet<String>) -> Option<Warning> {
             "{what}: it names no plan, so the dose that is written as DICOM names none either; every dose of a planning system has \
              one, and it may be refused without"
         );
-        Warning::new("dicom-no-plan", message)
+        Warning::new(findings::DICOM_NO_PLAN, message)
     })
 }
 
