@@ -147,7 +147,7 @@ fn propagation(c: &mut Criterion) {
         [("exact", 0.0, false), ("pruned", 16.0, false), ("pruned, relaxed", 16.0, true)]
     {
         for spacing_mm in [6.0, 4.0, 3.0] {
-            let relaxation = if relaxed { vec![(12.0, 40), (spacing_mm, 20)] } else { Vec::new() };
+            let relaxation = if relaxed { [(12.0, 40), (spacing_mm, 20)].map(Into::into).into() } else { Vec::new() };
             let variant = Variant { prune_ratio, ..Variant::default() };
             let options = ChainmailOptions { spacing_mm, relaxation, variant, ..ChainmailOptions::default() };
             group.bench_with_input(BenchmarkId::new(name, spacing_mm), &options, |b, o| {
@@ -164,7 +164,7 @@ fn fit(c: &mut Criterion) {
     let mut group = c.benchmark_group("fit");
     group.sample_size(10);
     for samples in [1000, 4000, 12_000] {
-        let options = FitOptions { levels: vec![(0.8, samples)], ..FitOptions::default() };
+        let options = FitOptions { levels: vec![(0.8, samples).into()], ..FitOptions::default() };
         group.bench_with_input(BenchmarkId::new("42 bones", samples), &options, |b, o| {
             b.iter(|| {
                 let samples = BoneSamples::new(&phantom.skeleton, &phantom.planning, &phantom.bones, o);

@@ -186,7 +186,8 @@ pub(crate) fn read_labels(py: Python<'_>, path: PathBuf) -> PyResult<LabelRaster
 #[pyfunction]
 pub(crate) fn read_field(py: Python<'_>, path: PathBuf) -> PyResult<(Raster<'_, f32>, Frames)> {
     let field = py.detach(|| io::read_field(path)).raised(py)?;
-    Ok((field_raster(py, field.value)?, io::frames_of(&field.header.description)))
+    let frames = io::frames_of(&field.header.description).map(|f| (f.from, f.to));
+    Ok((field_raster(py, field.value)?, frames))
 }
 
 /// Reads the geometry of an image: size, spacing, origin, direction.

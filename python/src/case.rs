@@ -61,7 +61,7 @@ impl Ledger {
         match (given, names) {
             (Given::Path(path), names) if is_dicom_path(&path) => {
                 if let Some(planning) = planning {
-                    check_frames((&path, Role::Structures), (planning, Role::Image))?;
+                    check_frames(Role::Structures.at(&path), Role::Image.at(planning))?;
                 }
                 let file = names.as_ref().and_then(Given::path);
                 Ok(self.take(InputRole::Bones, io::read_bones(&path, file, grid)?))
@@ -219,7 +219,7 @@ impl Inputs {
         let mut bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
         if let Some(path) = &self.organs {
             if let (true, Some(planning)) = (is_dicom_path(path), &planning_file) {
-                check_frames((path, Role::Structures), (planning, Role::Image))?;
+                check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
             }
             ledger.warnings.extend(io::add_organs(&mut bones, path, named)?);
             ledger.named(InputRole::Organs, path)?;

@@ -28,9 +28,10 @@ fn field(given: GivenField, from: &str, to: &str) -> Result<Volume<[f32; 3]>> {
     };
     let file = io::read_field(&path)?;
     let own = io::frames_of(&file.header.description);
-    match own.filter(|(a, b)| a == to || b == from) {
-        Some((a, b)) => {
-            let problem = format!("its header says that it takes {a} points to {b}, not {from} to {to}");
+    match own.filter(|own| own.from == to || own.to == from) {
+        Some(own) => {
+            let problem =
+                format!("its header says that it takes {} points to {}, not {from} to {to}", own.from, own.to);
             Err(Error::refused(
                 findings::FIELD_DIRECTION,
                 path.display().to_string(),

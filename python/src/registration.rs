@@ -382,7 +382,7 @@ pub(crate) fn pose(
         let (mut planning, marks) = runtime.stage("read", || inputs.read(&named))?;
         planning.inputs.extend(marks.inputs);
         let motion = motion.of(&mut planning, marks.bone_landmarks)?;
-        let (case, outcome) = pipeline::pose(planning, (&motion, marks.landmarks), margin_mm, &config, runtime)?;
+        let (case, outcome) = pipeline::pose(planning, &motion, marks.landmarks, margin_mm, &config, runtime)?;
         Ok((case, config, outcome))
     })?;
     Ok(Registration::new(runs, found, None))

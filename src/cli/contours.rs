@@ -13,7 +13,7 @@ use std::path::Path;
 /// [`Error::Input`] when they lie in another frame; else as [`read_contour_file`].
 pub(super) fn of_planning(path: &Path, planning: Option<&Path>) -> Result<(Contours, Vec<Warning>)> {
     if let Some(planning) = planning {
-        check_frames((path, Role::Structures), (planning, Role::Image))?;
+        check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
     }
     let ContourFile { mut contours, frame, mut warnings, .. } = read_contour_file(path)?;
     if let Some(frame) = frame.filter(|frame| frame != "planning" && !is_dicom_path(path)) {

@@ -4,7 +4,7 @@
 //! grid it lies, and a field belongs on a grid of the frame that it starts from. A Deformable Spatial Registration names the
 //! frames of reference that it joins, which scans in DICOM confirm or contradict.
 
-use super::frames::{FieldRole, Uids, confirmed, uid_of};
+use super::frames::{FieldRole, NamedFrame, Uids, confirmed, uid_of};
 use super::ledger::Ledger;
 use crate::config::InputRole;
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::{self, FieldFile, dicom};
+use crate::io::{self, FieldFile, FieldFrames, dicom};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -50,24 +50,21 @@ pub(super) struct Known<'a> {
     /// File or thing, for messages.
     pub name: String,
     /// Where it was read, which tells its frame of reference where it is DICOM.
-    pub place: Option<(&'a Path, dicom::Role)>,
+    pub place: Option<dicom::Framed<'a>>,
     /// Its grid.
     pub grid: &'a Grid,
 }
 
-/// Frame whose points a field takes, and frame where they arrive.
-type Frames = (String, String);
-
 /// A field from its file, with the frames that its header tells, and the frames of reference of a registration.
-pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<Frames>, Option<Uids>)> {
+pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<FieldFrames>, Option<Uids>)> {
     let (field, uids) = io::read_field_between(path)?;
     let own = io::frames_of(&field.header.description);
     Ok((field, own, uids))
 }
 
 /// Whether a header contradicts what is said of a field: names may differ, but none may stand at the other end.
-pub(super) fn contradicts(said: (&str, &str), own: &Frames) -> bool {
-    said.0 == own.1 || said.1 == own.0
+pub(super) fn contradicts(from: &str, to: &str, own: &FieldFrames) -> bool {
+    from == own.to || to == own.from
 }
 
 /// Reads the field of a role and judges it by its header, or by the grids that are known.
@@ -85,21 +82,23 @@ pub(super) fn take(
     let file = path.display().to_string();
     let FieldRole { given, from, to, .. } = role;
     let sure = match &uids {
-        Some(uids) => confirmed(&file, uids, role, with_uids(known)?.into_iter())?,
+        Some(uids) => confirmed(&file, uids, role, with_uids(known)?)?,
         None => false,
     };
     // A field onward from the fraction comes of a run of its own, in which the fraction was one of the two images.
-    let onward = *given == InputRole::Then && own.as_ref().is_some_and(|(a, b)| of_a_run(a) && of_a_run(b));
+    let onward = *given == InputRole::Then && own.as_ref().is_some_and(|own| of_a_run(&own.from) && of_a_run(&own.to));
     match &own {
-        Some((own_from, own_to)) if !onward && contradicts((from, to), &(own_from.clone(), own_to.clone())) => {
+        Some(own) if !onward && contradicts(from, to, own) => {
             let problem = format!(
-                "its header says that it takes {own_from} points to {own_to}, but --{given} takes {from} points to {to}"
+                "its header says that it takes {} points to {}, but --{given} takes {from} points to {to}",
+                own.from, own.to
             );
             return Err(Error::refused(findings::FIELD_DIRECTION, file, problem, role.remedy));
         }
-        Some((own_from, own_to)) if !onward && own_from != from && own_to != to => {
+        Some(own) if !onward && own.from != *from && own.to != *to => {
             let message = format!(
-                "{file}: its header says that it takes {own_from} points to {own_to}; it is used as a field from {from} to {to}"
+                "{file}: its header says that it takes {} points to {}; it is used as a field from {from} to {to}",
+                own.from, own.to
             );
             ledger.warnings.push(Warning::new(findings::FIELD_DIRECTION, message));
         }
@@ -110,11 +109,11 @@ pub(super) fn take(
     Ok(ledger.take(*given, field))
 }
 
-/// Frame, name and frame of reference of what is DICOM.
-fn with_uids(known: &[Known<'_>]) -> Result<Vec<(String, String, String)>> {
+/// The frames of reference of what is DICOM.
+fn with_uids(known: &[Known<'_>]) -> Result<Vec<NamedFrame>> {
     let mut all = Vec::new();
     for k in known {
-        all.extend(uid_of(k.place)?.map(|uid| (k.frame.to_owned(), k.name.clone(), uid)));
+        all.extend(uid_of(k.place)?.map(|uid| NamedFrame { name: k.frame.to_owned(), uid, what: k.name.clone() }));
     }
     Ok(all)
 }

@@ -4,7 +4,8 @@
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::findings;
-use crate::io::dicom::{Role, frame_of};
+use crate::io::FieldFrames;
+use crate::io::dicom::{Framed, Role, frame_of};
 use std::path::{Path, PathBuf};
 
 /// What a field is given for.
@@ -23,12 +24,22 @@ pub(super) struct FieldRole<'a> {
 pub(super) type Uids = [String; 2];
 
 /// Frame of reference of a thing, if it is DICOM.
-pub(super) fn uid_of(place: Option<(&Path, Role)>) -> Result<Option<String>> {
-    place.map_or(Ok(None), |(path, role)| frame_of(path, role))
+pub(super) fn uid_of(place: Option<Framed<'_>>) -> Result<Option<String>> {
+    place.map_or(Ok(None), frame_of)
 }
 
-/// Judges a registration of the role `role` by the frames of reference of what is known: name of the frame, thing, UID. Whether
-/// anything confirms it.
+/// A frame of reference that has a name.
+#[derive(Debug, Clone)]
+pub(super) struct NamedFrame {
+    /// Its name here.
+    pub name: String,
+    /// Its UID.
+    pub uid: String,
+    /// What lies in it.
+    pub what: String,
+}
+
+/// Judges a registration of the role `role` by the frames of reference of what is known. Whether anything confirms it.
 ///
 /// # Errors
 /// [`Error::Input`] when it points the other way, or joins other frames of reference.
@@ -36,11 +47,11 @@ pub(super) fn confirmed(
     file: &str,
     uids: &Uids,
     role: &FieldRole<'_>,
-    known: impl Iterator<Item = (String, String, String)>,
+    known: impl IntoIterator<Item = NamedFrame>,
 ) -> Result<bool> {
     let [a, b] = uids;
     let mut sure = false;
-    for (frame, what, uid) in known {
+    for NamedFrame { name: frame, uid, what } in known {
         let expected = match frame.as_str() {
             f if f == role.from => a,
             f if f == role.to => b,
@@ -69,80 +80,78 @@ fn strange(file: &str, [a, b]: &Uids, what: &str, frame: &str, uid: &str) -> Err
     Error::refused(findings::DICOM_FRAME, file, problem, "give the registration that belongs to these scans")
 }
 
+/// The names of a registration's frames.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Confirmed {
+    /// The names.
+    pub frames: FieldFrames,
+    /// Whether they are more than the user's word.
+    pub sure: bool,
+}
+
 /// Names of frames of reference: what `--field FROM:TO=FILE`, `--from` and `--to` say of them.
 #[derive(Default)]
 pub(super) struct Names {
-    /// UID, name, and who says so.
-    known: Vec<(String, String, String)>,
+    known: Vec<NamedFrame>,
     /// The names of both ends of a lone field.
-    ends: Option<(String, String)>,
+    ends: Option<FieldFrames>,
 }
 
 impl Names {
     /// Of the things that lie in named frames. `ends` are the frames that a lone field must join.
-    pub(super) fn new(things: &[(&str, &Path, Role)], ends: Option<(&str, &str)>) -> Result<Self> {
-        let mut known: Vec<(String, String, String)> = Vec::new();
-        for (name, path, role) in things {
-            if let Some(uid) = frame_of(path, *role)? {
-                let what = path.display().to_string();
-                if let Some((had, _, before)) = known.iter().find(|k| k.1 == *name && k.0 != uid) {
+    pub(super) fn new(things: &[(&str, Framed<'_>)], ends: Option<FieldFrames>) -> Result<Self> {
+        let mut known: Vec<NamedFrame> = Vec::new();
+        for (name, thing) in things {
+            if let Some(uid) = frame_of(*thing)? {
+                let what = thing.path.display().to_string();
+                if let Some(other) = known.iter().find(|k| k.name == *name && k.uid != uid) {
                     let problem = format!(
-                        "it lies in the frame of reference {uid}, but {before} in {had}, and both are said to lie in {name}"
+                        "it lies in the frame of reference {uid}, but {} in {}, and both are said to lie in {name}",
+                        other.what, other.uid
                     );
                     let remedy = "give two things of one frame of reference, or map one to the other first";
                     return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
                 }
-                known.push((uid, (*name).into(), what));
+                known.push(NamedFrame { name: (*name).into(), uid, what });
             }
         }
-        Ok(Self { known, ends: ends.map(|(a, b)| (a.into(), b.into())) })
+        Ok(Self { known, ends })
     }
 
-    /// The names of a registration's frames, where they can be told, and whether they are more than the user's word.
+    /// The names of a registration's frames, where they can be told.
     ///
     /// # Errors
     /// [`Error::Input`] when what is `said` contradicts what is known.
-    pub(super) fn of(
-        &mut self,
-        file: &str,
-        uids: &Uids,
-        said: Option<&(String, String)>,
-    ) -> Result<Option<((String, String), bool)>> {
+    pub(super) fn of(&mut self, file: &str, uids: &Uids, said: Option<&FieldFrames>) -> Result<Option<Confirmed>> {
         let [a, b] = uids;
         if a == b {
-            return Ok(said.map(|s| (s.clone(), false)));
+            return Ok(said.map(|s| Confirmed { frames: s.clone(), sure: false }));
         }
-        let name = |uid: &String| self.known.iter().find(|k| k.0 == *uid).map(|k| k.1.clone());
-        let (from, to) = match (said, name(a), name(b)) {
-            (Some(said), ..) => said.clone(),
-            (None, Some(from), Some(to)) => (from, to),
-            (None, Some(from), None) => match self.other(&from) {
-                Some(to) => (from, to),
-                None => return Ok(None),
-            },
-            (None, None, Some(to)) => match self.other(&to) {
-                Some(from) => (from, to),
-                None => return Ok(None),
-            },
-            (None, None, None) => return Ok(None),
+        let name = |uid: &String| self.known.iter().find(|k| k.uid == *uid).map(|k| k.name.clone());
+        let found = match (said, name(a), name(b)) {
+            (Some(said), ..) => Some(said.clone()),
+            (None, Some(from), Some(to)) => Some(FieldFrames { from, to }),
+            (None, Some(from), None) => self.other(&from).map(|to| FieldFrames { from, to }),
+            (None, None, Some(to)) => self.other(&to).map(|from| FieldFrames { from, to }),
+            (None, None, None) => None,
         };
-        let role =
-            FieldRole { given: InputRole::Field, from: &from, to: &to, remedy: "correct FROM:TO, or leave it out" };
-        let known = self.known.iter().map(|(uid, name, what)| (name.clone(), what.clone(), uid.clone()));
-        let sure = confirmed(file, uids, &role, known)?;
+        let Some(frames) = found else { return Ok(None) };
+        let FieldFrames { from, to } = &frames;
+        let role = FieldRole { given: InputRole::Field, from, to, remedy: "correct FROM:TO, or leave it out" };
+        let sure = confirmed(file, uids, &role, self.known.iter().cloned())?;
         // A frame of reference has one name.
-        for (uid, name) in [(a, &from), (b, &to)] {
-            if let Some((_, other, what)) = self.known.iter().find(|k| k.0 == *uid && k.1 != *name) {
-                return Err(strange(file, uids, what, other, uid));
+        for (uid, name) in [(a, from), (b, to)] {
+            if let Some(other) = self.known.iter().find(|k| k.uid == *uid && k.name != *name) {
+                return Err(strange(file, uids, &other.what, &other.name, uid));
             }
-            self.known.push((uid.clone(), name.clone(), file.into()));
+            self.known.push(NamedFrame { name: name.clone(), uid: uid.clone(), what: file.into() });
         }
-        Ok(Some(((from, to), sure)))
+        Ok(Some(Confirmed { frames, sure }))
     }
 
     fn other(&self, name: &str) -> Option<String> {
-        let (a, b) = self.ends.as_ref()?;
-        if name == a { Some(b.clone()) } else { (name == b).then(|| a.clone()) }
+        let FieldFrames { from, to } = self.ends.as_ref()?;
+        if name == from { Some(to.clone()) } else { (name == to).then(|| from.clone()) }
     }
 }
 
@@ -156,8 +165,8 @@ pub(super) fn role_of(input: &Path, dose: bool) -> Role {
 }
 
 /// The file of an option, as DICOM of a role.
-pub(super) fn place(path: &Option<PathBuf>, role: Role) -> Option<(&Path, Role)> {
-    path.as_deref().map(|p| (p, role))
+pub(super) fn place(path: &Option<PathBuf>, role: Role) -> Option<Framed<'_>> {
+    path.as_deref().map(|p| role.at(p))
 }
 
 #[cfg(test)]
@@ -170,7 +179,11 @@ mod tests {
 
     fn judged(known: &[(&str, &str)]) -> Result<bool> {
         let role = FieldRole { given: InputRole::Fields, from: "planning", to: "fraction", remedy: "turn it" };
-        let known = known.iter().map(|(frame, uid)| ((*frame).into(), format!("the {frame}"), (*uid).into()));
+        let known = known.iter().map(|(name, uid)| NamedFrame {
+            name: (*name).into(),
+            uid: (*uid).into(),
+            what: format!("the {name}"),
+        });
         confirmed("r.dcm", &uids(), &role, known)
     }
 
@@ -190,23 +203,27 @@ mod tests {
     #[test]
     fn a_frame_of_reference_has_one_name() {
         let names = |known: &[(&str, &str)], ends: bool| Names {
-            known: known.iter().map(|(uid, name)| ((*uid).into(), (*name).into(), "a scan".into())).collect(),
-            ends: ends.then(|| ("planning".into(), "fraction".into())),
+            known: known
+                .iter()
+                .map(|(uid, name)| NamedFrame { name: (*name).into(), uid: (*uid).into(), what: "a scan".into() })
+                .collect(),
+            ends: ends.then(|| FieldFrames::new("planning", "fraction")),
         };
-        let said = |from: &str, to: &str| (from.to_owned(), to.to_owned());
-        let own = Some((said("planning", "fraction"), true));
+        let said = |from: &str, to: &str| FieldFrames::new(from, to);
+        let sure = |from: &str, to: &str, sure: bool| Some(Confirmed { frames: said(from, to), sure });
+        let own = sure("planning", "fraction", true);
         assert_eq!(names(&[("1.2.3", "planning")], true).of("r", &uids(), None).unwrap(), own);
         assert_eq!(names(&[("1.2.4", "fraction")], true).of("r", &uids(), None).unwrap(), own);
         // The other end of one of several fields is not known, nor is either end without a scan.
         assert_eq!(names(&[("1.2.3", "planning")], false).of("r", &uids(), None).unwrap(), None);
         assert_eq!(names(&[], true).of("r", &uids(), None).unwrap(), None);
         let mut chain = names(&[], false);
-        assert_eq!(chain.of("r", &uids(), Some(&said("a", "b"))).unwrap(), Some((said("a", "b"), false)));
+        assert_eq!(chain.of("r", &uids(), Some(&said("a", "b"))).unwrap(), sure("a", "b", false));
         let onward = ["1.2.4".to_owned(), "1.2.5".to_owned()];
         for wrong in [said("c", "d"), said("b", "a")] {
             assert!(chain.of("s", &onward, Some(&wrong)).is_err(), "{wrong:?}");
         }
-        assert_eq!(chain.of("s", &onward, Some(&said("b", "c"))).unwrap(), Some((said("b", "c"), true)));
+        assert_eq!(chain.of("s", &onward, Some(&said("b", "c"))).unwrap(), sure("b", "c", true));
         let wrong = names(&[("1.2.3", "planning")], true).of("r", &uids(), Some(&said("fraction", "planning")));
         assert_eq!(wrong.unwrap_err().code(), "field-direction");
         let same = ["1.2.3".to_owned(), "1.2.3".to_owned()];

@@ -125,7 +125,7 @@ impl Inputs {
         if !is_dicom_path(&self.bones) {
             return io::read_labels(&self.bones, names);
         }
-        check_frames((&self.bones, Role::Structures), (&self.planning, Role::Image))?;
+        check_frames(Role::Structures.at(&self.bones), Role::Image.at(&self.planning))?;
         io::read_bones(&self.bones, names, &io::read_grid(&self.planning)?.0)
     }
 
@@ -136,7 +136,7 @@ impl Inputs {
             let mut bones = self.read_bones()?;
             if let Some(path) = &self.organs {
                 if is_dicom_path(path) {
-                    check_frames((path, Role::Structures), (&self.planning, Role::Image))?;
+                    check_frames(Role::Structures.at(path), Role::Image.at(&self.planning))?;
                 }
                 let odd = organs::add(&mut bones.value, path, config)?;
                 bones.warnings.extend(odd);

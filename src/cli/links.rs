@@ -7,7 +7,7 @@ use super::fields;
 use super::frames::Names;
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
-use crate::io::{points::Space, transform};
+use crate::io::{FieldFrames, points::Space, transform};
 use crate::warning::Warning;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use std::str::FromStr;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LinkArg {
     /// The frames that the file joins, as the command line says.
-    pub frames: Option<(String, String)>,
+    pub frames: Option<FieldFrames>,
     /// The file, with `#NAME` where a table of transforms holds several.
     pub file: String,
     /// The same as the system names it, which may be no text.
@@ -50,7 +50,7 @@ impl LinkArg {
     /// How the frames and the entry were said, without the folder of the file.
     pub(super) fn said(&self) -> String {
         let entry = self.place().1.unwrap_or_default().to_owned();
-        format!("{:?} {entry}", self.frames)
+        format!("{:?} {entry}", self.frames.as_ref().map(|f| (&f.from, &f.to)))
     }
 
     /// The file.
@@ -84,11 +84,11 @@ impl FromStr for LinkArg {
         let (frames, file) = match text.split_once('=') {
             Some((head, file)) if !head.contains(['/', '\\']) && head.contains(':') => {
                 let (from, to) = head.split_once(':').unwrap_or_default();
-                (Some((frame(from)?, frame(to)?)), file)
+                (Some(FieldFrames { from: frame(from)?, to: frame(to)? }), file)
             }
             _ => (None, text),
         };
-        if frames.as_ref().is_some_and(|(from, to)| from == to) {
+        if frames.as_ref().is_some_and(|f| f.from == f.to) {
             return Err("the two frames are the same".into());
         }
         if file.is_empty() {
@@ -128,8 +128,8 @@ impl LinkArg {
             Some(uids) => names.of(&self.file, uids, self.frames.as_ref())?,
             None => None,
         };
-        let ((from, to), told) = match (by_uids, uids) {
-            (Some(known), _) => known,
+        let (FieldFrames { from, to }, told) = match (by_uids, uids) {
+            (Some(known), _) => (known.frames, known.sure),
             (None, Some([a, b])) => return Err(self.unnamed(&a, &b)),
             (None, None) => {
                 let told = own.is_some();
@@ -157,12 +157,12 @@ impl LinkArg {
     }
 
     /// The frames by command line and header.
-    fn agreed(&self, own: Option<(String, String)>) -> Result<(String, String)> {
+    fn agreed(&self, own: Option<FieldFrames>) -> Result<FieldFrames> {
         match (&self.frames, own) {
-            (Some((from, to)), Some(own)) if fields::contradicts((from, to), &own) => Err(Error::usage(
+            (Some(FieldFrames { from, to }), Some(own)) if fields::contradicts(from, to, &own) => Err(Error::usage(
                 format!(
                     "{}: its header says that it takes {} points to {}, the command line says {from}:{to}",
-                    self.file, own.0, own.1
+                    self.file, own.from, own.to
                 ),
                 "leave FROM:TO= out, or name the frames in the header's order",
             )),
@@ -185,7 +185,7 @@ mod tests {
     fn frames_stand_before_the_file() {
         let parse = |text: &str| text.parse::<LinkArg>();
         let with = parse("planning:week_3=a=b.nii.gz").unwrap();
-        assert_eq!(with.frames, Some(("planning".into(), "week_3".into())));
+        assert_eq!(with.frames, Some(FieldFrames::new("planning", "week_3")));
         assert_eq!(with.file, "a=b.nii.gz");
         assert_eq!(parse("out/p:q=x.mha").unwrap().frames, None);
         assert_eq!(parse("C:\\fields\\f.mha").unwrap().frames, None);
@@ -200,7 +200,7 @@ mod tests {
         use std::os::unix::ffi::OsStrExt;
         let of = |bytes: &[u8]| LinkArg::of(OsStr::from_bytes(bytes).to_owned()).unwrap();
         let odd = of(b"planning:day=f\xff=.mha");
-        assert_eq!(odd.frames, Some(("planning".into(), "day".into())));
+        assert_eq!(odd.frames, Some(FieldFrames::new("planning", "day")));
         assert_eq!(odd.path().as_os_str().as_bytes(), b"f\xff=.mha");
         assert_eq!(of(b"a=f\xff.mha").path().as_os_str().as_bytes(), b"a=f\xff.mha");
         assert_eq!(of(b"t.json#skull").place(), ("t.json".into(), Some("skull")));
@@ -209,9 +209,9 @@ mod tests {
     #[test]
     fn header_and_command_line_must_agree() {
         let arg = |text: &str| text.parse::<LinkArg>().unwrap();
-        let own = || Some(("planning".to_owned(), "fraction".to_owned()));
+        let own = || Some(FieldFrames::new("planning", "fraction"));
         assert_eq!(arg("f.mha").agreed(own()).unwrap(), own().unwrap());
-        assert_eq!(arg("planning:day2=f.mha").agreed(own()).unwrap().1, "day2");
+        assert_eq!(arg("planning:day2=f.mha").agreed(own()).unwrap().to, "day2");
         for (text, own, word) in [
             ("fraction:planning=f.mha", own(), "takes planning points to fraction"),
             ("day2:planning=f.mha", own(), "day2:planning"),

@@ -148,7 +148,7 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     }
     planning.warnings.extend(changed(&more, &file.inputs));
     planning.inputs.extend(more);
-    let (case, outcome) = pose(planning, (&motion, marks.landmarks), args.margin, &config, &runtime)?;
+    let (case, outcome) = pose(planning, &motion, marks.landmarks, args.margin, &config, &runtime)?;
     write_run(&case, outcome, &config, &runtime, folder, &args.out, Told::of(&args.run))
 }
 

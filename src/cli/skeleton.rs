@@ -96,7 +96,7 @@ fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
     };
     let grid = read_grid(planning)?.0;
     if is_dicom_path(bones) {
-        check_frames((bones, Role::Structures), (planning, Role::Image))?;
+        check_frames(Role::Structures.at(bones), Role::Image.at(planning))?;
     }
     let labels = read_bones(bones, args.labels.as_deref(), &grid)?;
     check_grids(&grid, labels.value.volume.grid())?;

@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, planning: &Path, fraction: &Path) -> Result<Rigi
     }
     let (rigid, uids) = transform::read_rigid_between(&file, entry, None)?;
     let Some(uids) = uids else { return Ok(rigid) };
-    let frames = [uid_of(Some((planning, Role::Image)))?, uid_of(Some((fraction, Role::Image)))?];
+    let frames = [uid_of(Some(Role::Image.at(planning)))?, uid_of(Some(Role::Image.at(fraction)))?];
     Ok(if turned(&file, &uids, &frames)? { rigid.inverse() } else { rigid })
 }
 

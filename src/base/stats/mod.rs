@@ -4,7 +4,7 @@ mod bins;
 mod grey;
 
 pub use bins::Bins;
-pub use grey::gain_and_offset;
+pub use grey::{Line, gain_and_offset};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

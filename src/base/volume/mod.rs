@@ -13,7 +13,7 @@ mod window;
 
 pub use interpolation::{Surrounding, axis_pairs, cubic, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
-pub use smooth::{gaussian, gaussian_ratio};
+pub use smooth::{Counted, gaussian, gaussian_ratio};
 pub use spans::Spans;
 pub use window::Window;
 

@@ -19,28 +19,43 @@ pub fn gaussian(volume: &Volume<f32>, sigma: f64) -> Volume<f32> {
     Volume::new(volume.grid().clone(), out).expect("same grid, same length")
 }
 
-/// A [`gaussian`] over another, voxel by voxel, of which neither is kept: `value` is taken of the two. Each of the two images
-/// is given with what counts of its voxels; they share a grid.
+/// An image of which a function of each voxel counts, not the voxel itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Counted<'a, F> {
+    /// The image.
+    pub image: &'a Volume<f32>,
+    /// What counts of a voxel's value.
+    pub value: F,
+}
+
+impl<'a> Counted<'a, ()> {
+    /// Of which the voxels themselves count.
+    pub fn whole(image: &'a Volume<f32>) -> Counted<'a, impl Fn(f32) -> f32 + Copy + Sync> {
+        Counted { image, value: same }
+    }
+}
+
+/// A [`gaussian`] over another, voxel by voxel, of which neither is kept: `ratio` is taken of the two. They share a grid.
 pub fn gaussian_ratio(
-    (over, of_over): (&Volume<f32>, impl Fn(f32) -> f32 + Copy + Sync),
-    (under, of_under): (&Volume<f32>, impl Fn(f32) -> f32 + Copy + Sync),
+    over: &Counted<'_, impl Fn(f32) -> f32 + Copy + Sync>,
+    under: &Counted<'_, impl Fn(f32) -> f32 + Copy + Sync>,
     sigma: f64,
-    value: impl Fn(f32, f32) -> f32 + Sync,
+    ratio: impl Fn(f32, f32) -> f32 + Sync,
 ) -> Volume<f32> {
-    let blur = Blur::new(over, sigma);
-    let mut out = vec![0f32; over.data().len()];
+    let blur = Blur::new(over.image, sigma);
+    let mut out = vec![0f32; over.image.data().len()];
     let rooms = || (vec![0f32; blur.plane()], Vec::new());
     out.par_chunks_mut(blur.plane()).enumerate().for_each_init(rooms, |(below, spare), (k, out)| {
         vectorised(
             #[inline(always)]
             || {
-                blur.of_plane(out, spare, k, over.data(), of_over);
-                blur.of_plane(below, spare, k, under.data(), of_under);
-                out.iter_mut().zip(below).for_each(|(o, b)| *o = value(*o, *b));
+                blur.of_plane(out, spare, k, over.image.data(), over.value);
+                blur.of_plane(below, spare, k, under.image.data(), under.value);
+                out.iter_mut().zip(below).for_each(|(o, b)| *o = ratio(*o, *b));
             },
         )
     });
-    Volume::new(over.grid().clone(), out).expect("same grid, same length")
+    Volume::new(over.image.grid().clone(), out).expect("same grid, same length")
 }
 
 #[inline(always)]
@@ -71,11 +86,11 @@ impl Blur {
     fn of_plane(&self, out: &mut [f32], spare: &mut Vec<f32>, k: usize, data: &[f32], value: impl Fn(f32) -> f32) {
         let ([nx, ny, nz], plane) = (self.size, self.plane());
         let [across, down, through] = &self.kernels;
-        sum_lines(out, through, (k, nz), |k| &data[k * plane..][..plane], value);
+        sum_lines(out, through, k, nz, |k| &data[k * plane..][..plane], value);
         if down.len() > 1 {
             spare.resize(plane, 0.0);
             for (j, row) in spare.chunks_mut(nx).enumerate() {
-                sum_lines(row, down, (j, ny), |j| &out[j * nx..][..nx], same);
+                sum_lines(row, down, j, ny, |j| &out[j * nx..][..nx], same);
             }
             out.copy_from_slice(spare);
         }
@@ -105,7 +120,8 @@ fn kernel(sigma_voxels: f64) -> Vec<f32> {
 fn sum_lines<'a>(
     out: &mut [f32],
     kernel: &[f32],
-    (at, count): (usize, usize),
+    at: usize,
+    count: usize,
     line: impl Fn(usize) -> &'a [f32],
     value: impl Fn(f32) -> f32,
 ) {
@@ -154,7 +170,12 @@ mod tests {
         let (high, known) = (|v: f32| if v > 0.0 { v } else { 0.0 }, |v: f32| if v > 0.0 { 1.0 } else { 0.0 });
         let (over, under) = (gaussian(&image.map(|v| high(*v)), 1.3), gaussian(&image.map(|v| known(*v)), 1.3));
         let quotient = over.data().iter().zip(under.data()).map(|(o, u)| o / u);
-        let ratio = gaussian_ratio((&image, high), (&image, known), 1.3, |o, u| o / u);
+        let ratio = gaussian_ratio(
+            &Counted { image: &image, value: high },
+            &Counted { image: &image, value: known },
+            1.3,
+            |o, u| o / u,
+        );
         assert!(ratio.data().iter().zip(quotient).all(|(r, q)| (r - q).abs() < 1e-5));
     }
 

@@ -76,7 +76,7 @@ pub(super) fn not_found(
     skeleton: &Skeleton,
     options: &FitOptions,
 ) -> Result<Error> {
-    let finer = options.levels.first().and_then(|&l| Some((samples.at(l)?, Tissue::blurred(fraction, l.0))));
+    let finer = options.levels.first().and_then(|&l| Some((samples.at(l)?, Tissue::blurred(fraction, l.blur_mm))));
     let (drawn, fine) = finer.ok_or_else(|| Error::Internal("a level of the fit has no samples".into()))?;
     let own = as_they_are(&drawn.all, &fine, &fit.common, options.measure);
     let problem = format!(

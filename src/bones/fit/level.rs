@@ -1,10 +1,10 @@
 //! One resolution of the fit.
 
-use super::FitOptions;
 use super::mirror::as_they_are;
 use super::planning::{BoneSamples, Drawn};
 use super::similarity::Measure;
 use super::tissue::Tissue;
+use super::{FitOptions, Resolution};
 use crate::error::{Error, Result};
 use crate::geometry::Rigid;
 use crate::volume::Volume;
@@ -28,17 +28,15 @@ impl<'a> Level<'a> {
     pub(super) fn new(
         samples: &'a BoneSamples,
         fraction: &Volume<f32>,
-        resolution: (f64, usize),
+        resolution: Resolution,
         options: &FitOptions,
     ) -> Result<Self> {
-        let drawn = samples
-            .at(resolution)
-            .ok_or_else(|| Error::Internal(format!("no samples at blur and number {resolution:?}")))?;
+        let drawn = samples.at(resolution).ok_or_else(|| Error::Internal(format!("no samples at {resolution:?}")))?;
         let dropped = vec![false; drawn.bones.len()];
         let last = options.levels.last() == Some(&resolution);
-        let passing = if last { 0.0 } else { PASSING * resolution.0 };
+        let passing = if last { 0.0 } else { PASSING * resolution.blur_mm };
         let tolerance_mm = TOLERANCE_MM.max(passing);
-        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.0), tolerance_mm, dropped })
+        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.blur_mm), tolerance_mm, dropped })
     }
 }
 

@@ -94,6 +94,28 @@ mod stop;
 mod tests;
 mod tissue;
 
+/// How finely a pass of the fit looks; in settings a pair.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "(f64, usize)", into = "(f64, usize)")]
+pub struct Resolution {
+    /// Blur of both images, sigma, mm.
+    pub blur_mm: f64,
+    /// Samples of each bone.
+    pub samples: usize,
+}
+
+impl From<(f64, usize)> for Resolution {
+    fn from((blur_mm, samples): (f64, usize)) -> Self {
+        Self { blur_mm, samples }
+    }
+}
+
+impl From<Resolution> for (f64, usize) {
+    fn from(r: Resolution) -> Self {
+        (r.blur_mm, r.samples)
+    }
+}
+
 /// How the pose is fitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -102,10 +124,10 @@ pub struct FitOptions {
     pub measure: Measure,
     /// What landmarks on bones do, when there are any.
     pub bone_landmarks: LandmarkUse,
-    /// Bone by bone: blur (sigma, mm) and samples per bone of each pass.
-    pub outward: Vec<(f64, usize)>,
-    /// All bones together: blur (sigma, mm) and samples per bone of each pass.
-    pub levels: Vec<(f64, usize)>,
+    /// Each pass bone by bone.
+    pub outward: Vec<Resolution>,
+    /// Each pass of all bones together.
+    pub levels: Vec<Resolution>,
     /// Iteration limit of each optimisation.
     pub max_iterations: u64,
 }
@@ -115,8 +137,8 @@ impl Default for FitOptions {
         Self {
             measure: Measure::Correlation,
             bone_landmarks: LandmarkUse::Start,
-            outward: vec![(4.0, 3000), (2.0, 4000)],
-            levels: vec![(2.0, 4000), (0.8, 12000)],
+            outward: [(4.0, 3000), (2.0, 4000)].map(Resolution::from).into(),
+            levels: [(2.0, 4000), (0.8, 12000)].map(Resolution::from).into(),
             max_iterations: 50,
         }
     }

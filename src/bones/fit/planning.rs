@@ -1,9 +1,9 @@
 //! The planning side of the fit: what each bone looks like at every resolution. It does not depend on the fraction, so that
 //! all fractions of a patient share it.
 
-use super::FitOptions;
 use super::samples::{Samples, candidates, draw};
 use super::tissue::Tissue;
+use super::{FitOptions, Resolution};
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
 
@@ -19,8 +19,7 @@ pub struct BoneSamples {
 /// Samples at one resolution.
 #[derive(Debug, Clone)]
 pub(super) struct Drawn {
-    /// Blur (sigma, mm) and samples per bone.
-    pub(super) resolution: (f64, usize),
+    pub(super) resolution: Resolution,
     /// Each bone's, in the order of the skeleton.
     pub(super) bones: Vec<Samples>,
     /// A small sample of all bones as one.
@@ -38,7 +37,7 @@ impl BoneSamples {
             if levels.iter().any(|l| l.resolution == resolution) {
                 continue;
             }
-            let (sigma, most) = resolution;
+            let Resolution { blur_mm: sigma, samples: most } = resolution;
             let blurred = Tissue::blurred(planning, sigma);
             let draw = |list: &[u32], most| draw(list, planning.grid(), &blurred, most);
             let bones = lists.iter().map(|l| draw(l, most)).collect();
@@ -47,11 +46,11 @@ impl BoneSamples {
         Self { levels }
     }
 
-    /// Resolution of the search for the couch shift: blur (sigma, mm; other ones were never measured), and samples.
-    pub(super) const START: (f64, usize) = (6.0, START_SAMPLES);
+    /// Resolution of the search for the couch shift; another blur was never measured.
+    pub(super) const START: Resolution = Resolution { blur_mm: 6.0, samples: START_SAMPLES };
 
     /// The samples at a resolution; `None` for one that the options did not name.
-    pub(super) fn at(&self, resolution: (f64, usize)) -> Option<&Drawn> {
+    pub(super) fn at(&self, resolution: Resolution) -> Option<&Drawn> {
         self.levels.iter().find(|l| l.resolution == resolution)
     }
 }

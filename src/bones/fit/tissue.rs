@@ -5,7 +5,7 @@
 //! nor the image's edge bleeds into bone.
 
 use crate::geometry::Grid;
-use crate::volume::{Volume, cubic, gaussian_ratio, interpolation};
+use crate::volume::{Counted, Volume, cubic, gaussian_ratio, interpolation};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -39,11 +39,16 @@ impl Tissue {
         let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
         let normalised = |hu: f32, share: f32| if share > 1e-3 { hu / share } else { AIR_HU };
         if block == [1; 3] {
-            let value = gaussian_ratio((ct, hu), (ct, amount), rest, normalised);
+            let value = gaussian_ratio(
+                &Counted { image: ct, value: hu },
+                &Counted { image: ct, value: amount },
+                rest,
+                normalised,
+            );
             return Self { value, valid: ct.map(|v| if *v > AIR_HU { ALL } else { 0 }) };
         }
         let (sum, share) = averaged(ct, block);
-        let value = gaussian_ratio((&sum, |hu| hu), (&share, |share| share), rest, normalised);
+        let value = gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&share), rest, normalised);
         Self { value, valid: share.map(|s| (s * f32::from(ALL) + 0.5) as u8) }
     }
 

@@ -39,7 +39,7 @@ impl Scenery {
             Some(path) => Some(ledger.take_scan(InputRole::PageCt, io::read_image(path)?)),
             None => (grid.extremes()[0] < CT_HU).then_some(grid),
         };
-        let near = [(path, Role::Image)];
+        let near = [Role::Image.at(path)];
         let read = |path: &Path| Structures::read(ledger, path, args.labels.as_deref(), &near);
         let structures = args.structures.as_deref().map(read).transpose()?;
         Ok(Some(Self { ct, structures }))

@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::dicom::Role;
+use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
@@ -199,7 +199,7 @@ struct Mapping<'a> {
     ct: Option<&'a Volume<f32>>,
 }
 
-impl Mapping<'_> {
+impl<'a> Mapping<'a> {
     /// Reads the field and carries the dose.
     fn carry(&self, ledger: &mut Ledger, runtime: &Runtime) -> Result<(Volume<f32>, DoseReport)> {
         let &Self { dose, dose_file, to, to_file, direction, ct, .. } = self;
@@ -208,14 +208,14 @@ impl Mapping<'_> {
             Direction::PlanningToFraction => ["planning", "fraction"],
             Direction::FractionToPlanning => ["fraction", "planning"],
         };
-        let known = |frame, path, role, grid| Known {
+        let known = |frame, file: Framed<'a>, grid| Known {
             frame,
-            name: Path::display(path).to_string(),
-            place: Some((path, role)),
+            name: file.path.display().to_string(),
+            place: Some(file),
             grid,
         };
-        let mut all =
-            vec![known(frames[0], dose_file, Role::Dose, dose.grid()), known(frames[1], to_file, Role::Image, to)];
+        let dose_there = known(frames[0], Role::Dose.at(dose_file), dose.grid());
+        let mut all = vec![dose_there, known(frames[1], Role::Image.at(to_file), to)];
         all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
         let grids = match direction {
             Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
@@ -338,7 +338,7 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png", "dvh.html"]);
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
     let mut ledger = Ledger::default();
-    let near: Vec<(&Path, Role)> = args.dose.iter().map(|dose| (dose.as_path(), Role::Dose)).collect();
+    let near: Vec<Framed<'_>> = args.dose.iter().map(|dose| Role::Dose.at(dose)).collect();
     let structures = Structures::read(&mut ledger, &args.structures, args.labels.as_deref(), &near)?;
     let common = std::mem::take(&mut ledger.warnings);
     let mut doses = Vec::new();

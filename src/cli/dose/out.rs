@@ -19,7 +19,7 @@ impl<'a> GiveBack<'a> {
     pub(super) fn new(like: Option<&Path>, out: &'a Path, grid: &Path, json: bool) -> Result<Self> {
         giveback::check(out, like, false)?;
         if let Some(like) = like {
-            check_frames((grid, Role::Image), (like, Role::Image))?;
+            check_frames(Role::Image.at(grid), Role::Image.at(like))?;
         }
         Ok(Self { out, like: like.map(Like::read).transpose()?, json })
     }

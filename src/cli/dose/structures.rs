@@ -5,7 +5,7 @@ use crate::config::InputRole;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;
 use crate::findings;
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::dicom::{Framed, Role, check_frames, is_dicom_path};
 use crate::io::{self, ContourFile};
 use crate::pipeline::InputFile;
 use crate::volume::contour::Contours;
@@ -24,7 +24,7 @@ const NAMED: usize = 12;
 
 impl Structures {
     /// Reads a label map (with a file of `names`, if any) or contours; `near` are files whose frame they must share.
-    pub(super) fn read(ledger: &mut Ledger, path: &Path, names: Option<&Path>, near: &[(&Path, Role)]) -> Result<Self> {
+    pub(super) fn read(ledger: &mut Ledger, path: &Path, names: Option<&Path>, near: &[Framed<'_>]) -> Result<Self> {
         let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
         if !json && !is_dicom_path(path) {
             let map = Box::new(ledger.structures(InputRole::Structures, path, names)?);
@@ -33,7 +33,7 @@ impl Structures {
             }
             return Ok(Self::Labels(map));
         }
-        near.iter().try_for_each(|other| check_frames((path, Role::Structures), *other))?;
+        near.iter().try_for_each(|other| check_frames(Role::Structures.at(path), *other))?;
         let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(path)?;
         ledger.inputs.push(InputFile::read(InputRole::Structures, &path)?);
         ledger.warnings.extend(warnings);

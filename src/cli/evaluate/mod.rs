@@ -34,8 +34,14 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Tissue above this counts as the patient, HU.
 const TISSUE_HU: f32 = -500.0;
 
-/// Files of one field: its name, planning to fraction, fraction to planning.
-type FieldFiles = (String, Option<PathBuf>, Option<PathBuf>);
+/// Files of one field, of which one direction is enough.
+struct FieldFiles {
+    name: String,
+    /// Planning to fraction.
+    push: Option<PathBuf>,
+    /// Fraction to planning.
+    pull: Option<PathBuf>,
+}
 
 /// Everything that the fields are measured with.
 struct Inputs {
@@ -128,8 +134,8 @@ fn field_files(args: &EvaluateArgs) -> Result<Vec<FieldFiles>> {
                 "add --planning-to-fraction FILE, --fraction-to-planning FILE (or both), or --compare FILE FILE",
             ));
         };
-        let pair = (args.planning_to_fraction.clone(), args.fraction_to_planning.clone());
-        return Ok(vec![(name(first), pair.0, pair.1)]);
+        let (push, pull) = (args.planning_to_fraction.clone(), args.fraction_to_planning.clone());
+        return Ok(vec![FieldFiles { name: name(first), push, pull }]);
     }
     let mut names: Vec<String> = args.compare.iter().map(|p| name(p)).collect();
     if names.iter().enumerate().any(|(n, a)| names[..n].contains(a)) {
@@ -137,8 +143,8 @@ fn field_files(args: &EvaluateArgs) -> Result<Vec<FieldFiles>> {
         names = args.compare.iter().map(|p| p.display().to_string()).collect();
     }
     let of = |(name, path): (String, &PathBuf)| match args.direction {
-        DirectionName::PlanningToFraction => (name, Some(path.clone()), None),
-        DirectionName::FractionToPlanning => (name, None, Some(path.clone())),
+        DirectionName::PlanningToFraction => FieldFiles { name, push: Some(path.clone()), pull: None },
+        DirectionName::FractionToPlanning => FieldFiles { name, push: None, pull: Some(path.clone()) },
     };
     Ok(names.into_iter().zip(&args.compare).map(of).collect())
 }
@@ -206,10 +212,10 @@ impl Inputs {
             "the fraction CT" => place(fraction, dicom::Role::Image),
             _ => None,
         };
-        let known = |(frame, name, grid): (&'static str, &str, Option<_>)| {
-            grid.map(|grid| Known { frame, name: name.to_owned(), place: place(name), grid })
-        };
-        all.into_iter().filter_map(known).collect()
+        let known = all.into_iter().filter_map(|(frame, name, grid)| {
+            Some(Known { frame, name: name.to_owned(), place: place(name), grid: grid? })
+        });
+        known.collect()
     }
 
     /// What of the patient, as far as inputs tell where he is, lies outside a field on the grid of `direction`'s start.
@@ -245,7 +251,7 @@ fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
 /// Measures and draws one field.
 fn one(
     which: usize,
-    (name, push, pull): &FieldFiles,
+    FieldFiles { name, push, pull }: &FieldFiles,
     option: Option<InputRole>,
     inputs: &Inputs,
     limits: &Limits,

@@ -122,7 +122,7 @@ impl Source {
                 let problem = format!("{what}: a structure set is drawn on a grid, and none is given");
                 return Err(Error::usage(problem, "name the planning CT with --grid"));
             };
-            check_frames((&self.path, Role::Structures), (image, Role::Image))?;
+            check_frames(Role::Structures.at(&self.path), Role::Image.at(image))?;
             read_bones(&self.path, names, &read_grid(image)?.0)?
         } else {
             read_label_map(&self.path, None)?

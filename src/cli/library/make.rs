@@ -126,7 +126,7 @@ impl Maker<'_> {
         let mut config = self.config.clone();
         config.chainmail.volume_change.clone_from(&wanted.changes);
         let motion = BoneMotion::Pose(wanted.pose.clone());
-        let outcome = self.posing.posed((&motion, &[]), &config, &self.runtime)?;
+        let outcome = self.posing.posed(&motion, &[], &config, &self.runtime)?;
         let why = self.posing.why_implausible(&outcome, &self.plan.limits);
         let mut record = PostureRecord::new(name, &outcome, why);
         (record.chosen, record.draw, record.held) = (wanted.chosen.clone(), wanted.draw, wanted.held);

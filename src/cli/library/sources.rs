@@ -180,7 +180,7 @@ impl Carried {
             out.contours = Some(contours);
         }
         if let Some(path) = dose {
-            check_frames((path, Role::Dose), (planning, Role::Image))?;
+            check_frames(Role::Dose.at(path), Role::Image.at(planning))?;
             let mut read = io::read_dose(path)?;
             out.warnings.append(&mut read.warnings);
             out.warnings.extend(judge_dose(&path.display().to_string(), &mut read.value)?);

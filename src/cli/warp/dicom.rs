@@ -37,7 +37,7 @@ pub(super) fn check(args: &WarpArgs, input: Input, out: &Path) -> Result<()> {
         ));
     }
     if let (Some(like), Some(grid)) = (like, &args.grid) {
-        check_frames((grid, Role::Image), (like, Role::Image))?;
+        check_frames(Role::Image.at(grid), Role::Image.at(like))?;
     }
     giveback::check(out, like, input == Input::Volume && args.kind == Some(VolumeKind::Image))
 }

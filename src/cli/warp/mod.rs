@@ -20,7 +20,7 @@ use crate::field::{
 use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::{Role, is_structure_set};
-use crate::io::{self, ContourFile, Stored, WriteOptions, points};
+use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
@@ -96,13 +96,13 @@ pub fn run(args: &WarpArgs) -> Result<String> {
 /// The names that the command line has for the frames of reference of what is DICOM.
 fn names(args: &WarpArgs) -> Result<Names> {
     let input = |path: &PathBuf| role_of(path, args.kind == Some(VolumeKind::Dose));
-    let here = args.input.as_ref().map(|p| (args.from.as_str(), p.as_path(), input(p)));
+    let here = args.input.as_ref().map(|p| (args.from.as_str(), input(p).at(p)));
     let lies_in = if args.out_field.is_some() { &args.from } else { &args.to };
     let there = [&args.grid, &args.dicom_like].into_iter().flatten();
-    let there = there.map(|p| (lies_in.as_str(), p.as_path(), Role::Image));
-    let led_to = args.dicom_to.as_ref().map(|p| (args.to.as_str(), p.as_path(), Role::Image));
+    let there = there.map(|p| (lies_in.as_str(), Role::Image.at(p)));
+    let led_to = args.dicom_to.as_ref().map(|p| (args.to.as_str(), Role::Image.at(p)));
     let things: Vec<_> = here.into_iter().chain(there).chain(led_to).collect();
-    Names::new(&things, (args.field.len() == 1).then_some((args.from.as_str(), args.to.as_str())))
+    Names::new(&things, (args.field.len() == 1).then(|| FieldFrames::new(&args.from, &args.to)))
 }
 
 /// Refuses results that would take the place of inputs or cannot be written, before anything is read.

@@ -16,7 +16,7 @@ mod outside;
 mod warp;
 
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
-pub use consistency::{ConsistencyOptions, ConsistencyReport, agree, beside_contact};
+pub use consistency::{Beside, ConsistencyOptions, ConsistencyReport, agree, beside_contact};
 pub use format::FieldFormat;
 pub use inverse::{Inverse, InverseReport, InvertOptions, MovedBones, Solved, invert};
 pub use mesh::{

@@ -98,11 +98,27 @@ pub fn direction(from: &str, to: &str, format: FieldFormat) -> String {
     format!("aventail {from}_to_{to}: {from} x goes to {to} x+u(x), {}", format.vectors())
 }
 
+/// The frames that a field joins.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldFrames {
+    /// Whose points it takes.
+    pub from: String,
+    /// Where they arrive.
+    pub to: String,
+}
+
+impl FieldFrames {
+    /// Of two names.
+    pub fn new(from: impl Into<String>, to: impl Into<String>) -> Self {
+        Self { from: from.into(), to: to.into() }
+    }
+}
+
 /// Frames that a header's text says a field points from and to, if aventail wrote it.
-pub fn frames_of(description: &str) -> Option<(String, String)> {
+pub fn frames_of(description: &str) -> Option<FieldFrames> {
     let (head, _) = description.strip_prefix("aventail ")?.split_once(':')?;
     let (from, to) = head.split_once("_to_")?;
-    (!from.contains(' ') && !to.contains(' ')).then(|| (from.to_owned(), to.to_owned()))
+    (!from.contains(' ') && !to.contains(' ')).then(|| FieldFrames::new(from, to))
 }
 
 /// Writes a push field with its direction in the header's text.
@@ -152,7 +168,7 @@ mod tests {
             let description = direction("planning", "week_3", format);
             write_field(&path, &field, format, &WriteOptions { description, ..WriteOptions::default() }).unwrap();
             let back = read_field(&path).unwrap();
-            assert_eq!(frames_of(&back.header.description), Some(("planning".into(), "week_3".into())), "{format:?}");
+            assert_eq!(frames_of(&back.header.description), Some(FieldFrames::new("planning", "week_3")), "{format:?}");
             for (a, b) in field.data().iter().flatten().zip(back.value.data().iter().flatten()) {
                 // Positions of 300 mm have float32 steps of 3e-5 mm.
                 assert!((a - b).abs() < 1e-4, "{format:?}: {a} {b}");

@@ -301,7 +301,7 @@ mod tests {
             .collect()
     }
 
-    fn compress(header: &[u8], data: &[u8], (level, noisy): (u32, bool), threads: usize) -> Vec<u8> {
+    fn compress(header: &[u8], data: &[u8], level: u32, noisy: bool, threads: usize) -> Vec<u8> {
         let fill = |range: Range<usize>, out: &mut Vec<u8>| out.extend_from_slice(&data[range]);
         let payload = Payload { header: header.to_vec(), items: data.len(), item_bytes: 1, noisy, fill: &fill };
         let mut out = Vec::new();
@@ -315,20 +315,20 @@ mod tests {
         #[test]
         fn one_member_that_ordinary_readers_inflate(seed in any::<u32>(), len in 0usize..3_000_000, level in 0u32..10, noisy in any::<bool>()) {
             let data = payload_bytes(seed, len);
-            let file = compress(b"head", &data, (level, noisy), 2);
+            let file = compress(b"head", &data, level, noisy, 2);
             let mut back = Vec::new();
             // GzDecoder reads a single member only.
             flate2::read::GzDecoder::new(&file[..]).read_to_end(&mut back).unwrap();
             prop_assert_eq!(&back[..4], b"head");
             prop_assert!(back[4..] == data[..]);
-            prop_assert!(file == compress(b"head", &data, (level, noisy), 1));
+            prop_assert!(file == compress(b"head", &data, level, noisy, 1));
         }
     }
 
     #[test]
     fn reads_many_members_and_ignores_padding() {
-        let mut file = compress(b"", b"abc", (1, true), 1);
-        file.extend(compress(b"", b"defgh", (6, false), 1));
+        let mut file = compress(b"", b"abc", 1, true, 1);
+        file.extend(compress(b"", b"defgh", 6, false, 1));
         file.extend([0; 20]);
         let mut content = Content::new(&file);
         assert_eq!(content.first(4).unwrap(), b"abcd");
@@ -339,7 +339,7 @@ mod tests {
 
     #[test]
     fn damage_is_found_even_after_the_wanted_bytes() {
-        let good = compress(b"", &payload_bytes(1, 5000), (1, false), 1);
+        let good = compress(b"", &payload_bytes(1, 5000), 1, false, 1);
         for cut in [good.len() - 1, good.len() - 8, good.len() / 2, 12, 5] {
             let mut content = Content::new(&good[..cut]);
             assert!(content.first(5000).is_err() || content.checked().is_err(), "cut at {cut}");

@@ -6,8 +6,10 @@ pub(super) struct Kind {
     pub(super) what: &'static str,
     /// How to get a file that is read.
     pub(super) remedy: &'static str,
-    /// Where its mark stands, and the mark.
-    mark: (usize, &'static [u8]),
+    /// Where its mark stands.
+    at: usize,
+    /// The mark.
+    mark: &'static [u8],
 }
 
 const COMPOSITE: &str = "an HDF5 file (.h5), as ITK writes composite transforms";
@@ -19,7 +21,7 @@ const UNPACK: &str = "unpack it first";
 const VTK: &str = "save the image as .mha or .nii.gz, for example in Slicer or ParaView";
 
 const fn kind(what: &'static str, remedy: &'static str, at: usize, mark: &'static [u8]) -> Kind {
-    Kind { what, remedy, mark: (at, mark) }
+    Kind { what, remedy, at, mark }
 }
 
 const KINDS: [Kind; 20] = [
@@ -47,5 +49,5 @@ const KINDS: [Kind; 20] = [
 
 /// What a file with these bytes is, where it is of none of the kinds that are read.
 pub(super) fn told(bytes: &[u8]) -> Option<&'static Kind> {
-    KINDS.iter().find(|k| bytes.get(k.mark.0..).is_some_and(|rest| rest.starts_with(k.mark.1)))
+    KINDS.iter().find(|k| bytes.get(k.at..).is_some_and(|rest| rest.starts_with(k.mark)))
 }

@@ -119,7 +119,7 @@ impl Merging {
     /// [`Error::Input`] when its grid is another, or a name is there already.
     pub fn add(&mut self, file: &Path, map: LabelMap, spelt: bool) -> Result<()> {
         match &self.grid {
-            Some((grid, first)) => same_grid((grid, first), (map.volume.grid(), file))?,
+            Some((grid, first)) => same_grid(grid, first, map.volume.grid(), file)?,
             None => self.on(file, map.volume.grid().clone()),
         }
         let mut numbers = vec![0u16; usize::from(u16::MAX) + 1];
@@ -237,18 +237,18 @@ fn numbers<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<Vec<u16>>
 }
 
 /// Refuses a map of another grid than the first one's.
-fn same_grid(first: (&Grid, &Path), own: (&Grid, &Path)) -> Result<()> {
-    let tolerance = 0.1 * first.0.spacing().into_iter().fold(f64::MAX, f64::min);
-    if first.0.matches(own.0, tolerance) {
+fn same_grid(first: &Grid, first_file: &Path, own: &Grid, file: &Path) -> Result<()> {
+    let tolerance = 0.1 * first.spacing().into_iter().fold(f64::MAX, f64::min);
+    if first.matches(own, tolerance) {
         return Ok(());
     }
     let told = |g: &Grid| {
         let (size, spacing, origin) = (g.size(), g.spacing(), g.origin());
         format!("size {size:?}, spacing {spacing:.3?} mm, origin {:.2?} mm", origin.coords.as_slice())
     };
-    let problem = format!("its grid ({}) is not that of {} ({})", told(own.0), first.1.display(), told(first.0));
+    let problem = format!("its grid ({}) is not that of {} ({})", told(own), first_file.display(), told(first));
     let remedy = "give structures of one scan, or resample them onto one grid with nearest-neighbour interpolation";
-    Err(Error::refused(findings::LABELS_ELSEWHERE, own.1.display().to_string(), problem, remedy))
+    Err(Error::refused(findings::LABELS_ELSEWHERE, file.display().to_string(), problem, remedy))
 }
 
 /// That a name is there already.

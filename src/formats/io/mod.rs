@@ -53,7 +53,9 @@ mod tests;
 pub use atomic::{check_place, open_folder, write_file};
 pub use contours::{ContourFile, contour_json, parse_contours, read_contour_file, read_contours, write_contours};
 pub use density::read_density;
-pub use field::{FieldFile, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push};
+pub use field::{
+    FieldFile, FieldFrames, direction, frames_of, read_field, read_field_between, write_field, write_pull, write_push,
+};
 pub use folder::{Planned, RunFolder};
 pub use guard::{check_files, recorded_file};
 pub use head::read_grid;

@@ -94,7 +94,7 @@ impl Clinic {
         let (mut inputs, mut warnings) = (Vec::new(), Vec::new());
         let mut structures = None;
         if let Some(path) = &files.structures {
-            check_frames((path, Role::Structures), (planning, Role::Image))?;
+            check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
             let mut set = read_structure_set(path)?;
             warnings.append(&mut set.warnings);
             warnings.extend(set.contours.tidy());
@@ -103,7 +103,7 @@ impl Clinic {
         }
         let mut dose = None;
         if let Some(path) = &files.dose {
-            check_frames((path, Role::Dose), (planning, Role::Image))?;
+            check_frames(Role::Dose.at(path), Role::Image.at(planning))?;
             let mut read = read_dose(path)?;
             warnings.append(&mut read.warnings);
             let what = path.display().to_string();

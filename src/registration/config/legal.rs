@@ -1,6 +1,7 @@
 //! Which settings are legal: each refusal names the key, its value and what it must be.
 
 use super::settings::{Config, SoftTissue};
+use crate::fit::Resolution;
 
 impl Config {
     /// What is impossible in these settings, if anything.
@@ -11,8 +12,9 @@ impl Config {
             let bad = !(low..=high).contains(&value);
             bad.then(|| format!("{name} is {value}: it must lie in [{low}, {high}]"))
         };
-        let levels = |name: &str, list: &[(f64, usize)]| {
-            let bad = list.iter().any(|l| !(0.0..=50.0).contains(&l.0) || l.1 == 0);
+        let levels = |name: &str, list: &[Resolution]| {
+            let bad = list.iter().any(|l| !(0.0..=50.0).contains(&l.blur_mm) || l.samples == 0);
+            let list: Vec<(f64, usize)> = list.iter().map(|l| (*l).into()).collect();
             bad.then(|| format!("{name} is {list:?}: pairs of a blur in [0, 50] mm and samples above 0 are needed"))
         };
         let count = |name: &str, n: usize| (n == 0).then(|| format!("{name} is 0: it must be above 0"));

@@ -1,9 +1,9 @@
 //! What the presets stand for.
 
 use super::settings::{Config, OutputOptions, Preset};
-use crate::chainmail::ChainmailOptions;
+use crate::chainmail::{ChainmailOptions, RelaxationLevel};
 use crate::field::ConsistencyOptions;
-use crate::fit::FitOptions;
+use crate::fit::{FitOptions, Resolution};
 use crate::refine::RefineOptions;
 
 impl Preset {
@@ -15,10 +15,13 @@ impl Preset {
             Self::Fast => Config {
                 chainmail: ChainmailOptions {
                     spacing_mm: 5.0,
-                    relaxation: vec![(20.0, 30), (10.0, 20), (5.0, 8)],
+                    relaxation: [(20.0, 30), (10.0, 20), (5.0, 8)].map(RelaxationLevel::from).into(),
                     ..ChainmailOptions::default()
                 },
-                fit: FitOptions { levels: vec![(2.0, 2000), (0.8, 5000)], ..FitOptions::default() },
+                fit: FitOptions {
+                    levels: [(2.0, 2000), (0.8, 5000)].map(Resolution::from).into(),
+                    ..FitOptions::default()
+                },
                 refine: RefineOptions { passes: 4, rounds: 2, ..RefineOptions::default() },
                 consistency: ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() },
                 output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },

@@ -8,6 +8,7 @@ use crate::chainmail::{
 };
 use crate::error::Result;
 use crate::field::Resampling;
+use crate::fit::Resolution;
 use serde_json::Value;
 
 fn resolve(toml: &str) -> Result<Config> {
@@ -20,7 +21,7 @@ fn a_file_changes_what_it_names_and_nothing_else() {
     let c =
         resolve("[chainmail]\nvariant.exponent = 2.0\nmaterial = \"elastic\"\n[fit]\nlevels = [[1.5, 100]]").unwrap();
     assert_eq!(c.chainmail.variant.exponent, 2.0);
-    assert_eq!(c.fit.levels, vec![(1.5, 100)]);
+    assert_eq!(c.fit.levels, vec![Resolution { blur_mm: 1.5, samples: 100 }]);
     assert_eq!(c.chainmail.variant.cutoff, Variant::default().cutoff);
     assert_eq!(resolve("preset = \"thesis\"").unwrap().chainmail, ChainmailOptions::thesis());
     assert_eq!(resolve("").unwrap(), Config::default());

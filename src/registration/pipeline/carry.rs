@@ -7,7 +7,7 @@ use super::fraction::Fraction;
 use super::kind::MisledTissue;
 use super::outcome::CARRYING;
 use super::planning::Resting;
-use super::{FractionKind, Outcome, PlanningScan, VolumeReached};
+use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::chainmail::{
     self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, Variant, VolumeChange,
@@ -17,7 +17,7 @@ use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
 use crate::evaluate::{self, landmark::Landmark};
-use crate::field::{self, ConsistencyOptions, MovedBones, PushField, Resampling};
+use crate::field::{self, Beside, ConsistencyOptions, ConsistencyReport, MovedBones, PullField, PushField, Resampling};
 use crate::findings;
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
@@ -53,12 +53,15 @@ pub(super) struct Moved<'a> {
 
 impl<'a> Moved<'a> {
     fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
-        tissue(
-            self.scan,
-            (self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref()),
-            bone_of_label,
-            options,
-        )
+        tissue(self.scan, self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref(), bone_of_label, options)
+    }
+
+    /// Makes both directions of its field agree.
+    fn agree(&self, push: &mut PushField, pull: &mut PullField) -> ConsistencyReport {
+        let bone_of_label = bone_of_label(self.skeleton);
+        let bone = |v: usize| bone_of_label[usize::from(self.scan.bones.volume.data()[v])];
+        let beside = Beside { bone: &bone, spared: &self.resting.beside_contact };
+        field::agree(push, pull, &beside, &self.config.invert, &consistency_of(self.config))
     }
 
     fn centroids(&self) -> Vec<Point3<f64>> {
@@ -87,7 +90,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
     let bone = bone_of_label(moved.skeleton);
     let soft = |voxel: usize| body.data()[voxel] && bone[usize::from(scan.bones.volume.data()[voxel])].is_none();
-    let shading = alone.as_ref().map(|a| Shading::of((&scan.ct, soft), &fraction.ct, a));
+    let shading = alone.as_ref().map(|a| Shading::of(&scan.ct, soft, &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
@@ -112,7 +115,7 @@ fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32;
     let spacing = alone_mm(options);
     let coarse = ChainmailOptions {
         spacing_mm: spacing,
-        relaxation: options.relaxation.iter().copied().filter(|r| r.0 >= spacing).collect(),
+        relaxation: options.relaxation.iter().copied().filter(|r| r.spacing_mm >= spacing).collect(),
         variant: Variant { waves_mm: options.spacing_of_waves(), ..options.variant.clone() },
         ..options.clone()
     };
@@ -123,17 +126,47 @@ fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32;
     Ok(chain_mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
 }
 
-/// Carries the motion to every voxel of the planning grid, and the planning CT onto `target`. Where the patient in the fraction CT
-/// is given, both images refine soft tissue.
+/// A skeleton whose pose is known, in the patient that it belongs to.
+pub(super) struct Fitted {
+    pub(super) skeleton: Skeleton,
+    /// The patient in the planning CT.
+    pub(super) body: Mask,
+    pub(super) fit: FitResult,
+}
+
+/// What a motion is carried through, and to where.
+#[derive(Clone, Copy)]
+pub(super) struct Through<'a> {
+    /// The planning side.
+    pub(super) scan: &'a PlanningScan,
+    /// What was made of it beforehand.
+    pub(super) resting: &'a Resting,
+    /// Landmarks that evaluate the result.
+    pub(super) landmarks: &'a [Landmark],
+    /// The grid that the planning CT is carried onto.
+    pub(super) target: &'a Grid,
+    /// The patient in the fraction CT, where both images refine soft tissue.
+    pub(super) fraction: Option<&'a Fraction<'a>>,
+}
+
+impl<'a> Through<'a> {
+    /// Of a case, onto the grid of its fraction.
+    pub(super) fn of(case: &'a Case, resting: &'a Resting, fraction: Option<&'a Fraction<'a>>) -> Self {
+        let (landmarks, target) = (case.fraction.landmarks.as_slice(), case.fraction.ct.grid());
+        Self { scan: &case.planning, resting, landmarks, target, fraction }
+    }
+}
+
+/// Carries the motion to every voxel of the planning grid, and the planning CT onto the target.
 pub(super) fn carry_out(
-    (scan, landmarks): (&PlanningScan, &[Landmark]),
-    target: &Grid,
-    (skeleton, body, fit): (Skeleton, Mask, FitResult),
-    (resting, fraction): (&Resting, Option<&Fraction<'_>>),
+    through: Through<'_>,
+    fitted: Fitted,
     mut warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Carried> {
+    let Through { scan, resting, landmarks, target, fraction } = through;
+    let Fitted { skeleton, body, fit } = fitted;
     // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
     let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.variant.carry);
     let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
@@ -148,11 +181,7 @@ pub(super) fn carry_out(
         let bones = MovedBones::new(&scan.bones, motions, &there);
         field::invert(&push, &there, Some(&bones), &config.invert)
     })?;
-    let consistency = runtime.stage("make consistent", || {
-        let bone_of_label = bone_of_label(&skeleton);
-        let bone = |v: usize| bone_of_label[usize::from(scan.bones.volume.data()[v])];
-        field::agree(&mut push, &mut pull, (&bone, &resting.beside_contact), &config.invert, &consistency_of(config))
-    });
+    let consistency = runtime.stage("make consistent", || moved.agree(&mut push, &mut pull));
     let (push, pull) = (couch.push(push), couch.pull(pull));
     let alone = alone.map(|alone| couch.added(alone));
     let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {

@@ -31,7 +31,9 @@ pub(super) fn bone_of_label(skeleton: &Skeleton) -> Vec<Option<u16>> {
 /// What the chain mail of a patient is made from.
 pub(super) fn tissue<'a>(
     planning: &'a PlanningScan,
-    (body, lung, sliding): (&'a Mask, Option<&'a Mask>, Option<&'a Mask>),
+    body: &'a Mask,
+    lung: Option<&'a Mask>,
+    sliding: Option<&'a Mask>,
     bone_of_label: &'a [Option<u16>],
     options: &ChainmailOptions,
 ) -> Tissue<'a> {

@@ -95,7 +95,8 @@ impl Resting {
     /// As [`ChainMail::new`].
     pub(super) fn new(
         planning: &PlanningScan,
-        (skeleton, body): (&Skeleton, &Mask),
+        skeleton: &Skeleton,
+        body: &Mask,
         mapped: bool,
         config: &Config,
         runtime: &Runtime,
@@ -109,14 +110,14 @@ impl Resting {
             let chain_mail = || {
                 let alone = images_pull(config).then(|| alone_mm(options));
                 ChainMail::new(
-                    &tissue(planning, (body, lung.as_ref(), sliding.as_ref()), &bone_of_label, options),
+                    &tissue(planning, body, lung.as_ref(), sliding.as_ref(), &bone_of_label, options),
                     options,
                     alone.as_slice(),
                 )
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let window = config.refine.window(lung.is_some());
-            let side = || mapped.then(|| uncertainty::side(planning, (skeleton, body), window)).transpose();
+            let side = || mapped.then(|| uncertainty::side(planning, skeleton, body, window)).transpose();
             let bones = || contact::resting(&planning.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &planning.ct);
@@ -178,7 +179,7 @@ impl Planning {
             (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit))
         };
         let (patient, samples) = Patient::new_beside(planning, config, runtime, draw)?;
-        let resting = || Resting::new(planning, (&patient.skeleton, &patient.body), true, config, runtime);
+        let resting = || Resting::new(planning, &patient.skeleton, &patient.body, true, config, runtime);
         let resting = (!config.region.is_some()).then(resting).transpose()?;
         Ok(Self { patient, resting, samples })
     }

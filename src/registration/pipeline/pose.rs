@@ -17,7 +17,8 @@ use crate::runtime::Runtime;
 /// [`crate::error::Error::Input`] when the inputs do not fit each other or name bones that the skeleton does not have.
 pub fn pose(
     planning: PlanningScan,
-    (motion, landmarks): (&BoneMotion, Vec<Landmark>),
+    motion: &BoneMotion,
+    landmarks: Vec<Landmark>,
     margin_mm: f64,
     config: &Config,
     runtime: &Runtime,
@@ -26,7 +27,7 @@ pub fn pose(
     // Wrong motions are found before the long work begins.
     known(&patient.skeleton, motion)?;
     let posing = Posing::of(planning, patient, margin_mm, config, runtime)?;
-    let mut outcome = posing.posed((motion, &landmarks), config, runtime)?;
+    let mut outcome = posing.posed(motion, &landmarks, config, runtime)?;
     outcome.warnings = [posing.warnings(), outcome.warnings].concat();
     let fraction = FractionScan { landmarks, ..FractionScan::new(outcome.planning_on_fraction.clone()) };
     Ok((Case { planning: posing.planning, fraction }, outcome))

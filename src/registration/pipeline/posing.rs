@@ -1,6 +1,6 @@
 //! Many postures of one patient: what does not depend on the posture is made once.
 
-use super::carry::{Carried, carry_out};
+use super::carry::{Carried, Fitted, Through, carry_out};
 use super::contact;
 use super::planning::{Patient, Resting};
 use super::register::fit_warnings;
@@ -57,7 +57,7 @@ impl Posing {
         runtime: &Runtime,
     ) -> Result<Self> {
         let target = grown(planning.ct.grid(), margin_mm)?;
-        let resting = Resting::new(&planning, (&patient.skeleton, &patient.body), false, config, runtime)?;
+        let resting = Resting::new(&planning, &patient.skeleton, &patient.body, false, config, runtime)?;
         Ok(Self { planning, patient, resting, target })
     }
 
@@ -88,22 +88,17 @@ impl Posing {
     /// As [`super::pose`].
     pub fn posed(
         &self,
-        (motion, landmarks): (&BoneMotion, &[Landmark]),
+        motion: &BoneMotion,
+        landmarks: &[Landmark],
         config: &Config,
         runtime: &Runtime,
     ) -> Result<Outcome> {
         let fit = given(&self.patient.skeleton, &known(&self.patient.skeleton, motion)?)?;
         let warnings = fit_warnings(&fit);
-        let moved = (self.patient.skeleton.clone(), self.patient.body.clone(), fit);
-        let Carried { outcome, .. } = carry_out(
-            (&self.planning, landmarks),
-            &self.target,
-            moved,
-            (&self.resting, None),
-            warnings,
-            config,
-            runtime,
-        )?;
+        let fitted = Fitted { skeleton: self.patient.skeleton.clone(), body: self.patient.body.clone(), fit };
+        let through =
+            Through { scan: &self.planning, resting: &self.resting, landmarks, target: &self.target, fraction: None };
+        let Carried { outcome, .. } = carry_out(through, fitted, warnings, config, runtime)?;
         Ok(outcome)
     }
 

@@ -22,7 +22,9 @@ const MOST_FADE_MM: f64 = 50.0;
 /// [`Error::Usage`] when the region lies outside the scans, or no bone acts on it.
 pub(super) fn cut(
     case: &Case,
-    (skeleton, body, fit): (&Skeleton, &Mask, &FitResult),
+    skeleton: &Skeleton,
+    body: &Mask,
+    fit: &FitResult,
     region: &RegionOptions,
 ) -> Result<(Case, Mask)> {
     let kept = region.voxels(&case.planning.bones)?;

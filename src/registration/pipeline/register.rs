@@ -1,6 +1,6 @@
 //! The registration: one call per stage.
 
-use super::carry::{Carried, carry_out};
+use super::carry::{Carried, Fitted, Through, carry_out};
 use super::checks::{check_fraction, check_labels};
 use super::elements::images_pull;
 use super::fraction::Fraction;
@@ -12,9 +12,7 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::fit::{BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
 use crate::runtime::Runtime;
-use crate::skeleton::Skeleton;
 use crate::view::View;
-use crate::volume::Mask;
 use crate::warning::Warning;
 use std::borrow::Cow;
 
@@ -68,42 +66,36 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     let warnings =
         [&case.warnings(), warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
-        let (part, body) = cut(case, (skeleton, body, &fit), &config.region)?;
+        let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
-        let resting = Resting::new(&part.planning, (skeleton, &body), true, config, runtime)?;
-        let moved = (skeleton.clone(), body, fit);
+        let resting = Resting::new(&part.planning, skeleton, &body, true, config, runtime)?;
+        let moved = Fitted { skeleton: skeleton.clone(), body, fit };
         let outcome = carried(&part, moved, &resting, fraction.as_ref(), warnings, config, runtime)?;
         return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
     }
     let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
-    carried(case, (skeleton.clone(), body.clone(), fit), resting, fraction.as_ref(), warnings, config, runtime)
+    let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
+    carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
     case: &Case,
-    moved: (Skeleton, Mask, FitResult),
+    moved: Fitted,
     resting: &Resting,
     fraction: Option<&Fraction<'_>>,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let Carried { mut outcome, alone, misled } = carry_out(
-        (&case.planning, &case.fraction.landmarks),
-        case.fraction.ct.grid(),
-        moved,
-        (resting, fraction),
-        warnings,
-        config,
-        runtime,
-    )?;
+    let through = Through::of(case, resting, fraction);
+    let Carried { mut outcome, alone, misled } = carry_out(through, moved, warnings, config, runtime)?;
     if let Some(side) = &resting.side {
         let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
         let map = runtime.stage("uncertainty", || {
             let images = uncertainty::Shown { fraction: seen, bones_alone: alone.as_ref(), misled: misled.as_ref() };
-            uncertainty::of(&case.planning, &outcome, (side, &resting.tissue), images)
+            uncertainty::of(&case.planning, &outcome, side, &resting.tissue, images)
         })?;
         outcome.uncertainty = Some(map);
         outcome.stages = runtime.times();

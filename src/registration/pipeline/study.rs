@@ -1,6 +1,6 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
-use super::carry::carry_out;
+use super::carry::{Fitted, Through, carry_out};
 use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
@@ -34,17 +34,8 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
     };
     let wanted = seen && images_pull(config);
     let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
-    let resting = Resting::new(&case.planning, (&skeleton, &body), false, config, runtime)?;
-    let moved = (skeleton, body, fit.clone());
-    let target = case.fraction.ct.grid();
-    Ok(carry_out(
-        (&case.planning, &case.fraction.landmarks),
-        target,
-        moved,
-        (&resting, fraction.as_ref()),
-        warnings,
-        config,
-        runtime,
-    )?
-    .outcome)
+    let resting = Resting::new(&case.planning, &skeleton, &body, false, config, runtime)?;
+    let fitted = Fitted { skeleton, body, fit: fit.clone() };
+    let through = Through::of(case, &resting, fraction.as_ref());
+    Ok(carry_out(through, fitted, warnings, config, runtime)?.outcome)
 }

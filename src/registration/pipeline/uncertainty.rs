@@ -14,11 +14,7 @@ use std::collections::BTreeMap;
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub(super) fn side(
-    planning: &PlanningScan,
-    (skeleton, body): (&Skeleton, &Mask),
-    window: Window,
-) -> Result<PlanningSide> {
+pub(super) fn side(planning: &PlanningScan, skeleton: &Skeleton, body: &Mask, window: Window) -> Result<PlanningSide> {
     let bone_of_label = bone_of_label(skeleton);
     PlanningSide::new(&planning.ct, body, &planning.bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
@@ -37,7 +33,8 @@ pub(super) struct Shown<'a> {
 pub(super) fn of(
     planning: &PlanningScan,
     outcome: &Outcome,
-    (side, tissue): (&PlanningSide, &Mask),
+    side: &PlanningSide,
+    tissue: &Mask,
     images: Shown<'_>,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
     let bone_mm = bone_mm(outcome);

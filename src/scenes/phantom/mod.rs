@@ -47,6 +47,7 @@ use crate::field::PushField;
 use crate::geometry::{Grid, Rigid};
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Volume};
+use motion::RandomMotion;
 use nalgebra::{Point3, Translation3, Vector3};
 use std::collections::BTreeMap;
 
@@ -98,7 +99,7 @@ impl Phantom {
             &by_label(&skeleton, &posed)?,
             scanner,
             lattice_box(&grid, &fraction_grid, &transforms[0]),
-            (options.soft_tissue_mm, options.seed),
+            RandomMotion { mm: options.soft_tissue_mm, seed: options.seed },
         );
         let (fraction, unfound) = render::fraction(&motion, &fraction_grid, options)?;
         let landmark = |(name, at): &(&str, [f64; 3])| {

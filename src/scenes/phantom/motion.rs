@@ -53,10 +53,18 @@ pub struct PreImage {
     inverse: Matrix3<f64>,
 }
 
+/// Random motion of soft tissue.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RandomMotion {
+    /// The greatest along each axis, mm.
+    pub(super) mm: f64,
+    pub(super) seed: u64,
+}
+
 impl TrueMotion {
     /// The motion in which bone `n` of the anatomy moves by `posed[n]` and then everything by `scanner`, over at
-    /// least the box `within`; `random` is the greatest random soft-tissue motion in mm along each axis.
-    pub(super) fn new(anatomy: Anatomy, posed: &[Rigid], scanner: V3, within: Bounds, random: (f64, u64)) -> Self {
+    /// least the box `within`, with a random motion of soft tissue.
+    pub(super) fn new(anatomy: Anatomy, posed: &[Rigid], scanner: V3, within: Bounds, random: RandomMotion) -> Self {
         let twists: Vec<[f64; 6]> = posed.iter().map(twist).collect();
         let transforms: Vec<Rigid> = posed.iter().map(|t| Translation3::from(scanner) * t).collect();
         let boxes: Vec<Bounds> = anatomy.bones().iter().map(|b| b.solid.bounds()).collect();
@@ -186,7 +194,7 @@ impl PreImage {
 }
 
 /// Blended twist and random motion at a lattice node.
-fn node(anatomy: &Anatomy, boxes: &[Bounds], twists: &[[f64; 6]], x: &V3, random: (f64, u64)) -> [f64; CHANNELS] {
+fn node(anatomy: &Anatomy, boxes: &[Bounds], twists: &[[f64; 6]], x: &V3, random: RandomMotion) -> [f64; CHANNELS] {
     let drawn = drawn_at(x);
     let mut order: Vec<(f64, usize)> = boxes.iter().enumerate().map(|(n, b)| (box_distance(b, &drawn), n)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -208,9 +216,9 @@ fn node(anatomy: &Anatomy, boxes: &[Bounds], twists: &[[f64; 6]], x: &V3, random
     for o in &mut out[..6] {
         *o /= total;
     }
-    let fade = random.0 * smoothstep(3.0, 28.0, nearest);
+    let fade = random.mm * smoothstep(3.0, 28.0, nearest);
     if fade > 0.0 {
-        let r = random_motion(x, random.1) * fade;
+        let r = random_motion(x, random.seed) * fade;
         out[6..].copy_from_slice(r.as_slice());
     }
     out

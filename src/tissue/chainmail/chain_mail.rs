@@ -42,7 +42,7 @@ impl ChainMail {
     /// [`Error::Usage`] when the options name an organ that the labels lack.
     pub fn new(tissue: &Tissue<'_>, options: &ChainmailOptions, further: &[f64]) -> Result<Self> {
         let organs = organs(tissue, options)?;
-        let coarser = options.relaxation.iter().map(|r| r.0).filter(|s| *s > options.spacing_mm);
+        let coarser = options.relaxation.iter().map(|r| r.spacing_mm).filter(|s| *s > options.spacing_mm);
         let waves = options.spacing_of_waves();
         let finest = [waves, options.spacing_mm];
         let mut spacings: Vec<f64> = coarser.chain(finest).chain(further.iter().copied()).collect();

@@ -7,6 +7,28 @@ use super::variants::{Elasticity, Variant, within};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// One level of the relaxation; in settings a pair.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "(f64, usize)", into = "(f64, usize)")]
+pub struct RelaxationLevel {
+    /// Spacing of the elements, mm.
+    pub spacing_mm: f64,
+    /// Rounds over all of them.
+    pub rounds: usize,
+}
+
+impl From<(f64, usize)> for RelaxationLevel {
+    fn from((spacing_mm, rounds): (f64, usize)) -> Self {
+        Self { spacing_mm, rounds }
+    }
+}
+
+impl From<RelaxationLevel> for (f64, usize) {
+    fn from(level: RelaxationLevel) -> Self {
+        (level.spacing_mm, level.rounds)
+    }
+}
+
 /// How bone motion is carried to soft tissue.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -22,8 +44,8 @@ pub struct ChainmailOptions {
     /// Poisson's ratio of tissue under the corotated relaxation, 0 to 0.49: links alone have 0; more makes them give way to
     /// changes of shape and not of volume.
     pub poisson: f64,
-    /// Spacings of the relaxation, coarse to fine, mm, and rounds at each; empty for none.
-    pub relaxation: Vec<(f64, usize)>,
+    /// Levels of the relaxation, coarse to fine; empty for none.
+    pub relaxation: Vec<RelaxationLevel>,
     /// Attempts to unfold what is folded on the full grid; 0 for none.
     pub mend: usize,
     /// Voxels below this grey value take no part, HU for CT.
@@ -44,7 +66,7 @@ impl Default for ChainmailOptions {
             volume_change: Vec::new(),
             spacing_mm: 4.5,
             poisson: 0.38,
-            relaxation: vec![(18.0, 40), (9.0, 30), (4.5, 10)],
+            relaxation: [(18.0, 40), (9.0, 30), (4.5, 10)].map(RelaxationLevel::from).into(),
             mend: 3,
             least_hu: -500.0,
             lung: true,
@@ -71,7 +93,7 @@ impl ChainmailOptions {
     /// Whether elements of a spacing (mm) are relaxed.
     pub(super) fn relaxes(&self, spacing: f64) -> bool {
         let same = |other: f64| (other - spacing).abs() < f64::EPSILON;
-        self.relaxation.iter().any(|r| same(r.0) || (same(self.spacing_mm) && r.0 <= self.spacing_mm))
+        self.relaxation.iter().any(|r| same(r.spacing_mm) || (same(self.spacing_mm) && r.spacing_mm <= self.spacing_mm))
     }
 
     /// Spacing of the elements that waves run through, mm.
@@ -101,7 +123,7 @@ impl ChainmailOptions {
             within("poisson", self.poisson, 0.0, 0.49),
             within("slip.along", self.slip.along, 1e-3, 1.0),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
-            self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.0, 0.0, 100.0)),
+            self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.spacing_mm, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),
             self.material.problem(),
             self.volume_change.iter().find_map(VolumeChange::problem),

@@ -5,7 +5,7 @@ use super::extend::{extend, fill};
 use super::lattice::Node;
 use super::lattice::{Lattice, Tissue};
 use super::mend::mend;
-use super::options::ChainmailOptions;
+use super::options::{ChainmailOptions, RelaxationLevel};
 use super::relaxation::growth::Growth;
 use super::relaxation::pull::ImagePull;
 use super::relaxation::relax::Relaxation;
@@ -107,7 +107,8 @@ impl ChainMail {
         let waves = self.run_waves(bones, options)?;
         // What relaxation changed at the last, coarser spacing; carried on as a correction, so that detail near bones stays.
         let mut change: Option<Volume<[f32; 3]>> = None;
-        for (n, &(spacing, rounds)) in options.relaxation.iter().filter(|r| r.0 > options.spacing_mm).enumerate() {
+        let coarser = options.relaxation.iter().filter(|r| r.spacing_mm > options.spacing_mm);
+        for (n, &RelaxationLevel { spacing_mm: spacing, rounds }) in coarser.enumerate() {
             progress.step(n + 1, steps, &format!("relax at {spacing} mm"));
             let level = self.at(spacing)?;
             let lattice = &level.lattice;
@@ -126,7 +127,9 @@ impl ChainMail {
         let level = self.at(options.spacing_mm)?;
         let lattice = &level.lattice;
         let (mut displacement, _) = start(lattice, &waves.on(lattice, bones), change.as_ref());
-        if let Some(&(_, rounds)) = options.relaxation.iter().find(|r| r.0 <= options.spacing_mm) {
+        if let Some(&RelaxationLevel { rounds, .. }) =
+            options.relaxation.iter().find(|r| r.spacing_mm <= options.spacing_mm)
+        {
             progress.step(steps - 2, steps, &format!("relax at {} mm", options.spacing_mm));
             displacement = relaxed(level, &displacement, rounds)?;
         }

@@ -60,9 +60,9 @@ impl Images<'_> {
     pub fn misled(&self, lattice: &Lattice, u: &[[f32; 3]]) -> Option<Misled> {
         let (fraction, alone) = (self.fraction.as_ref()?, self.alone?);
         let soft: Vec<u32> = lattice.soft().collect();
-        let pairs = (self.planning.windowed(), fraction);
+        let planning = self.planning.windowed();
         let seen: Vec<(f32, Sums)> =
-            soft.par_iter().map(|&n| compared(lattice, pairs, (u, alone), n as usize)).collect();
+            soft.par_iter().map(|&n| compared(lattice, planning, fraction, u, alone, n as usize)).collect();
         let near = NEAR_MM.max(lattice.grid.mean_edge());
         let around = |q: usize| spread(lattice, &soft, near, |s| seen[s].1[q]);
         let sums: Vec<Volume<f32>> = (0..9).into_par_iter().map(around).collect();
@@ -95,8 +95,10 @@ impl Images<'_> {
 /// both scans show in it.
 fn compared(
     lattice: &Lattice,
-    (planning, fraction): (&Windowed, &Windowed),
-    (u, alone): (&[[f32; 3]], &Volume<[f32; 3]>),
+    planning: &Windowed,
+    fraction: &Windowed,
+    u: &[[f32; 3]],
+    alone: &Volume<[f32; 3]>,
     n: usize,
 ) -> (f32, Sums) {
     let rest = lattice.rest(n);

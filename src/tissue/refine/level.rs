@@ -6,9 +6,9 @@
 //! of both images' gradients (Benhimane and Malis 2004), `g` and `o` the gain and offset that fit all points best.
 
 use super::RefineOptions;
-use super::local;
+use super::local::{self, Grey};
 use super::planning::{Planning, Shown, Windowed, sample};
-use crate::chainmail::{Lattice, Pull};
+use crate::chainmail::{Lattice, Pull, Quadratic};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
 use crate::volume::{Mask, Volume, trilinear_vector};
@@ -53,14 +53,25 @@ const UNSEEN_MM: f64 = 80.0;
 /// Stiffness of soft tissue's links together along an axis, against which [`UNSEEN_MM`] is a length.
 const HOLD: f64 = 17.0;
 
+/// Where the bones alone carry soft tissue, because images cannot.
+#[derive(Clone, Copy)]
+pub(super) struct Alone<'a> {
+    /// What the bones alone would do, mm.
+    pub(super) field: Option<&'a Volume<[f32; 3]>>,
+    /// Where images mislead.
+    pub(super) misled: Option<&'a Mask>,
+}
+
 impl<'a> Level<'a> {
     pub(super) fn new(
         planning: &Planning<'_>,
         fraction: &Windowed,
         lattice: &'a Lattice,
-        (options, neighbourhood_mm): (&RefineOptions, Option<f64>),
-        (alone, misled): (Option<&Volume<[f32; 3]>>, Option<&Mask>),
+        options: &RefineOptions,
+        neighbourhood_mm: Option<f64>,
+        bones: Alone<'_>,
     ) -> Self {
+        let Alone { field: alone, misled } = bones;
         let mean = lattice.grid.mean_edge();
         let voxel = planning.ct.grid().mean_edge().max(fraction.grid().mean_edge());
         let sigma = (options.blur * mean).max(options.least_blur * voxel);
@@ -124,7 +135,7 @@ impl<'a> Level<'a> {
             let f = sample(&self.fraction, &place(s, point))?.0;
             (!p.is_nan() && !f.is_nan()).then_some((f64::from(p), f))
         };
-        let local = self.neighbourhood_mm.map(|mm| local::grey_values((self.lattice, &self.soft), mm, grey, pair));
+        let local = self.neighbourhood_mm.map(|mm| local::grey_values(self.lattice, &self.soft, mm, grey, pair));
         let each = which.par_iter().map(|&s| {
             let grey = local.as_ref().map_or(grey, |local| local[s as usize]);
             vectorised(
@@ -145,7 +156,8 @@ impl<'a> Level<'a> {
 
     /// Stiffness and pull of soft element `s`, given the grey values' gain, offset and noise.
     #[inline(always)]
-    fn element(&self, s: usize, u: &[[f32; 3]], (gain, offset, noise): (f64, f64, f64)) -> ([f32; 6], [f32; 3]) {
+    fn element(&self, s: usize, u: &[[f32; 3]], grey: Grey) -> Quadratic {
+        let Grey { gain, offset, noise } = grey;
         let m = self.offsets.len();
         let limit = self.robust * noise;
         let scale = self.weight / (noise * noise) / m as f64;
@@ -170,7 +182,7 @@ impl<'a> Level<'a> {
         }
         if let (false, Some(alone)) = (seen, self.alone.get(s)) {
             let k = self.hold;
-            return ([k, 0.0, 0.0, k, 0.0, k], alone.map(|u| k * u));
+            return Quadratic { stiffness: [k, 0.0, 0.0, k, 0.0, k], towards: alone.map(|u| k * u) };
         }
         let now = u[self.soft[s] as usize].map(f64::from);
         let [xx, xy, xz, yy, yz, zz] = a;
@@ -183,26 +195,26 @@ impl<'a> Level<'a> {
             b.y + xy * now[0] + yy * now[1] + yz * now[2],
             b.z + xz * now[0] + yz * now[1] + zz * now[2],
         ];
-        (a.map(|v| v as f32), towards.map(|v| v as f32))
+        Quadratic { stiffness: a.map(|v| v as f32), towards: towards.map(|v| v as f32) }
     }
 }
 
 /// Gain and offset of the fraction's grey values that fit planning best, and the noise of what is left: its median
 /// absolute value as a standard deviation. Outliers are left out in two rounds. `pairs` are planning and fraction values.
-fn grey_values(pairs: &[(f64, f64)]) -> (f64, f64, f64) {
+fn grey_values(pairs: &[(f64, f64)]) -> Grey {
     if pairs.is_empty() {
-        return (1.0, 0.0, LEAST_NOISE);
+        return Grey { gain: 1.0, offset: 0.0, noise: LEAST_NOISE };
     }
     let (mut gain, mut offset, mut noise) = (1.0, 0.0, f64::MAX);
     for _ in 0..3 {
         let limit = 3.0 * noise;
         let near = pairs.iter().copied().filter(|(p, f)| (p - gain * f - offset).abs() < limit);
         if let Some(line) = gain_and_offset(near) {
-            (gain, offset) = line;
+            (gain, offset) = (line.gain, line.offset);
         }
         let mut left: Vec<f64> = pairs.iter().map(|(p, f)| (p - gain * f - offset).abs()).collect();
         let middle = left.len() / 2;
         noise = (1.4826 * *left.select_nth_unstable_by(middle, f64::total_cmp).1).max(LEAST_NOISE);
     }
-    (gain, offset, noise)
+    Grey { gain, offset, noise }
 }

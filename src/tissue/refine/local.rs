@@ -13,14 +13,27 @@ const LEAST: f64 = 1e-4;
 /// A neighbourhood's gain departs from the common one by this factor at most.
 const FACTOR: f64 = 2.0;
 
+/// How the fraction's grey values lie to planning's.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grey {
+    /// Planning's HU per HU of the fraction.
+    pub(super) gain: f64,
+    /// HU that come on top.
+    pub(super) offset: f64,
+    /// Standard deviation of what is left, HU.
+    pub(super) noise: f64,
+}
+
 /// Gain, offset and noise at each soft element (in the order of `soft`, nodes of the lattice), given the common ones. `pair` is
 /// planning's and the fraction's HU at a point of an element, where both show it.
 pub(super) fn grey_values(
-    (lattice, soft): (&Lattice, &[u32]),
+    lattice: &Lattice,
+    soft: &[u32],
     neighbourhood_mm: f64,
-    (gain, offset, noise): (f64, f64, f64),
+    common: Grey,
     pair: impl Fn(usize, usize) -> Option<(f64, f64)> + Sync,
-) -> Vec<(f64, f64, f64)> {
+) -> Vec<Grey> {
+    let Grey { gain, noise, .. } = common;
     let sigma = neighbourhood_mm.max(lattice.grid.mean_edge());
     let sums: Vec<[f32; 5]> = (0..soft.len())
         .into_par_iter()
@@ -36,12 +49,12 @@ pub(super) fn grey_values(
     let of = |&node: &u32| {
         let [n, p, f, pf, ff]: [f64; 5] = std::array::from_fn(|q| f64::from(sums[q].data()[node as usize]));
         if n < LEAST {
-            return (gain, offset, noise);
+            return common;
         }
         let (p, f) = (p / n, f / n);
         let (both, own) = (pf / n - p * f, (ff / n - f * f).max(0.0));
         let here = ((both + ridge * gain) / (own + ridge)).clamp(gain / FACTOR, gain * FACTOR);
-        (here, p - here * f, noise)
+        Grey { gain: here, offset: p - here * f, noise }
     };
     soft.par_iter().map(of).collect()
 }
@@ -67,8 +80,8 @@ mod tests {
         let truth = |s: usize, point: usize| if (s + point).is_multiple_of(3) { 80.0 } else { -40.0 };
         let shade = |s: usize| -0.5 * x(s);
         let pair = |s: usize, point: usize| (x(s) < 70.0).then(|| (truth(s, point), 0.8 * truth(s, point) + shade(s)));
-        let found = grey_values((&lattice, &soft), 6.0, (1.0, 0.0, 6.0), pair);
-        for (s, (gain, offset, _)) in found.iter().enumerate() {
+        let found = grey_values(&lattice, &soft, 6.0, Grey { gain: 1.0, offset: 0.0, noise: 6.0 }, pair);
+        for (s, Grey { gain, offset, .. }) in found.iter().enumerate() {
             if x(s) > 92.0 {
                 assert!((gain - 1.0).abs() < 1e-9 && offset.abs() < 1e-9, "nothing is seen near: {gain} {offset}");
             } else if (36.0..50.0).contains(&x(s)) {

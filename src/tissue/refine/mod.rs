@@ -17,7 +17,7 @@ pub use shading::{GreyValues, Shading};
 
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};
-use level::Level;
+use level::{Alone, Level};
 use planning::{Planning, Windowed};
 use skin::Skin;
 
@@ -96,8 +96,8 @@ impl<'a> Images<'a> {
 impl ImagePull for Images<'_> {
     fn at<'a>(&'a self, lattice: &'a Lattice) -> Comparison<'a> {
         let of = |fraction| {
-            let bones = (self.alone, self.misled);
-            Level::new(&self.planning, fraction, lattice, (&self.options, self.neighbourhood_mm), bones)
+            let bones = Alone { field: self.alone, misled: self.misled };
+            Level::new(&self.planning, fraction, lattice, &self.options, self.neighbourhood_mm, bones)
         };
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));

@@ -2,7 +2,7 @@
 
 use crate::chainmail::Lattice;
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume, Window, cubic, gaussian, gaussian_ratio, trilinear};
+use crate::volume::{Counted, Mask, Volume, Window, cubic, gaussian, gaussian_ratio, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -63,7 +63,12 @@ impl Windowed {
         let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
         let value = |v: f32| if v.is_nan() { 0.0 } else { v };
         let mean = |sum: f32, share: f32| if share > LEAST_KNOWN { sum / share } else { f32::NAN };
-        gaussian_ratio((&self.image, value), (&self.image, known), sigma, mean)
+        gaussian_ratio(
+            &Counted { image: &self.image, value },
+            &Counted { image: &self.image, value: known },
+            sigma,
+            mean,
+        )
     }
 }
 

@@ -7,7 +7,7 @@
 
 use super::options::ShadingOptions;
 use crate::geometry::Grid;
-use crate::volume::{Volume, gaussian_ratio, trilinear, trilinear_vector};
+use crate::volume::{Counted, Volume, gaussian_ratio, trilinear, trilinear_vector};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -61,11 +61,12 @@ impl Shading {
     /// Compares two CTs (HU; no number where nothing was measured) by a displacement from planning to fraction (mm, on any
     /// grid). `soft` tells of a planning voxel (its place in storage) whether it is soft tissue of the patient.
     pub fn of(
-        (planning, soft): (&Volume<f32>, impl Fn(usize) -> bool + Sync),
+        planning: &Volume<f32>,
+        soft: impl Fn(usize) -> bool + Sync,
         fraction: &Volume<f32>,
         moved: &Volume<[f32; 3]>,
     ) -> Self {
-        let pairs = pairs((planning, soft), fraction, moved);
+        let pairs = pairs(planning, soft, fraction, moved);
         if pairs.len() < FEWEST {
             return Self { grey: None, offset: None };
         }
@@ -124,7 +125,8 @@ fn gain_of(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
 
 /// Nodes of homogeneous soft tissue that both scans show.
 fn pairs(
-    (planning, soft): (&Volume<f32>, impl Fn(usize) -> bool + Sync),
+    planning: &Volume<f32>,
+    soft: impl Fn(usize) -> bool + Sync,
     fraction: &Volume<f32>,
     moved: &Volume<[f32; 3]>,
 ) -> Vec<Pair> {
@@ -163,7 +165,7 @@ fn smooth(grid: &Grid, pairs: &[Pair], values: impl Iterator<Item = f64>, weight
     }
     // A little of nothing everywhere: far from all pairs the mean holds.
     let (sum, count) = [sum, count].map(|v| Volume::new(grid.clone(), v).expect("one value per voxel")).into();
-    gaussian_ratio((&sum, |v| v), (&count, |v| v), WIDE_MM, |sum, count| sum / (count + 1e-4))
+    gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&count), WIDE_MM, |sum, count| sum / (count + 1e-4))
 }
 
 /// The value of the nearest place of a coarse volume's hull, trilinear.
@@ -214,7 +216,7 @@ mod tests {
         };
         let fraction = Volume::from_fn(grid(), value);
         let still = Volume::filled(grid().coarsened(9.0), [0f32; 3]);
-        (Shading::of((&planning, |_| true), &fraction, &still), fraction)
+        (Shading::of(&planning, |_| true, &fraction, &still), fraction)
     }
 
     #[test]

@@ -43,7 +43,7 @@ pub(super) struct Ways {
 }
 
 /// The ways of some planes of the planning grid, with those that miss by more than `least` mm.
-pub(super) fn ways((push, pull): (&PushField, &PullField), spared: &Mask, least: f64, planes: &[usize]) -> Vec<Ways> {
+pub(super) fn ways(push: &PushField, pull: &PullField, spared: &Mask, least: f64, planes: &[usize]) -> Vec<Ways> {
     let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
     let [nx, ny, _] = planning.size();
     let sampler = Sampler::new(&pull.displacement);

@@ -97,15 +97,23 @@ pub fn beside_contact(planning: &Grid, bone: &impl BoneOf) -> Result<Mask> {
     near.into_mask()
 }
 
+/// What soft tissue is moved beside.
+#[derive(Debug)]
+pub struct Beside<'a, B> {
+    /// Which rigid bone a planning voxel belongs to; such voxels do not move.
+    pub bone: &'a B,
+    /// Voxels of the planning grid whose ways do not count ([`beside_contact`]).
+    pub spared: &'a Mask,
+}
+
 /// Moves soft tissue of `push` until the way to the fraction and back through the stored fields misses by no more than the limit, and `pull`
 /// with it; what does not come out better stays as it was.
 ///
-/// `bone` tells which rigid bone a planning voxel belongs to; such voxels do not move. What is `spared` ([`beside_contact`], planning
-/// grid) does not count. No cell is folded that was not.
+/// No cell is folded that was not.
 pub fn agree(
     push: &mut PushField,
     pull: &mut PullField,
-    (bone, spared): (&impl BoneOf, &Mask),
+    beside: &Beside<'_, impl BoneOf>,
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> ConsistencyReport {
@@ -118,15 +126,15 @@ pub fn agree(
     };
     let least = options.limit_mm * SEED;
     let planes: Vec<usize> = (0..push.displacement.grid().size()[2]).collect();
-    let mut all = ways((push, pull), spared, least, &planes);
+    let mut all = ways(push, pull, beside.spared, least, &planes);
     let (there_and_back_mm, beyond_before, found) = summary(push, pull, &all);
     let report = ConsistencyReport { there_and_back_mm, beyond: beyond_before, beyond_before, moved_mm: 0.0 };
     if beyond_before == 0 || found.len() > MOST || options.rounds == 0 {
         return report;
     }
-    let (moved_mm, changed) = mend(push, pull, &found, (bone, spared), invert, options);
+    let (moved_mm, changed) = mend(push, pull, &found, beside, invert, options);
     let changed: Vec<usize> = changed.into_iter().collect();
-    let again = ways((push, pull), spared, least, &changed);
+    let again = ways(push, pull, beside.spared, least, &changed);
     changed.iter().zip(again).for_each(|(&k, again)| all[k] = again);
     let (there_and_back_mm, beyond, _) = summary(push, pull, &all);
     ConsistencyReport { there_and_back_mm, beyond, beyond_before, moved_mm }
@@ -138,7 +146,7 @@ fn mend(
     push: &mut PushField,
     pull: &mut PullField,
     found: &[InverseError],
-    (bone, spared): (&impl BoneOf, &Mask),
+    beside: &Beside<'_, impl BoneOf>,
     invert: &InvertOptions,
     options: &ConsistencyOptions,
 ) -> (f64, BTreeSet<usize>) {
@@ -159,7 +167,7 @@ fn mend(
         let (mut roughness, mut moves) = (ROUGHNESS, 0);
         let mut seeds: Vec<usize> = cluster.iter().map(|m| m.voxel).collect();
         for _ in 0..options.rounds {
-            patch.extend(&seeds, (bone, spared), (&*push, &*pull), invert);
+            patch.extend(&seeds, beside, push, pull, invert);
             moves += patch.movable.len();
             if moves > MOST_MOVES {
                 break;
@@ -167,7 +175,7 @@ fn mend(
             let mut rows = inverse_errors(push, pull, &patch.watched, limit * SMALL..f64::INFINITY);
             let best = merit(&rows);
             rows.retain(|m| m.length() < most);
-            let mut steps = System::new(push, pull, &rows, &patch, (limit, roughness)).solve();
+            let mut steps = System::new(push, pull, &rows, &patch, limit, roughness).solve();
             let wild = patch.beyond(&steps, WILD_MM);
             if !wild.is_empty() {
                 patch.bar(&wild);

@@ -2,12 +2,11 @@
 
 use super::ball::{Balls, Marks};
 use super::inverse_error::InverseError;
-use super::{BoneOf, REACH_MM};
+use super::{Beside, BoneOf, REACH_MM};
 use crate::field::inverse::pre_image::{Continued, InvertOptions, solve};
 use crate::field::mesh::tetrahedra::cut;
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
-use crate::volume::Mask;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -110,12 +109,13 @@ impl Patch {
     pub(super) fn extend(
         &mut self,
         seeds: &[usize],
-        (bone, spared): (&impl BoneOf, &Mask),
-        (push, pull): (&PushField, &PullField),
+        beside: &Beside<'_, impl BoneOf>,
+        push: &PushField,
+        pull: &PullField,
         options: &InvertOptions,
     ) {
         let u = push.displacement.data();
-        let soft = |v: usize| push.computed.data()[v] && bone(v).is_none();
+        let soft = |v: usize| push.computed.data()[v] && (beside.bone)(v).is_none();
         let movable = |&v: &usize| soft(v) && !self.barred.holds(v);
         let new: Vec<usize> = self.near.add(seeds).into_iter().filter(movable).collect();
         for &v in &new {
@@ -130,7 +130,7 @@ impl Patch {
         }
         let added: Vec<usize> = self.around.add(seeds).into_iter().filter(|&v| push.computed.data()[v]).collect();
         self.ask(&added, push, pull, options);
-        self.watched.extend(added.into_iter().filter(|&v| !spared.data()[v]));
+        self.watched.extend(added.into_iter().filter(|&v| !beside.spared.data()[v]));
     }
 
     /// Takes the fraction voxels around where planning voxels come to lie among those that are inverted, if they are now.
@@ -178,7 +178,6 @@ impl Patch {
             }
         }
         let field = Continued::new(&push.displacement);
-        let limits = (options.tolerance_mm, options.max_iterations);
         let fraction = pull.displacement.grid();
         let anew = |&n: &usize| {
             if missed(&field, pull, n) < options.tolerance_mm {
@@ -186,8 +185,8 @@ impl Patch {
             }
             let (y, was) =
                 (fraction.centre(fraction.voxel(n)), Vector3::from(pull.displacement.data()[n].map(f64::from)));
-            let (v, _, solved) = solve(&y.coords, was, &field, limits);
-            if solved { Ok(Some(v.map(|v| v as f32).into())) } else { Err(y + was) }
+            let found = solve(&y.coords, was, &field, options);
+            if found.converged { Ok(Some(found.displacement.map(|v| v as f32).into())) } else { Err(y + was) }
         };
         let found: Vec<std::result::Result<Option<[f32; 3]>, Point3<f64>>> =
             self.inverted.par_iter().map(anew).collect();

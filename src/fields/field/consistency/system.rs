@@ -60,7 +60,8 @@ impl System {
         pull: &PullField,
         errors: &[InverseError],
         patch: &Patch,
-        (limit, roughness): (f64, f64),
+        limit: f64,
+        roughness: f64,
     ) -> Self {
         let (planning, fraction) = (push.displacement.grid(), pull.displacement.grid());
         let mut known: BTreeMap<usize, u32> = BTreeMap::new();

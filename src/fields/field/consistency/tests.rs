@@ -41,7 +41,7 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
         let report = agree(
             &mut push,
             &mut pull,
-            (&rigid, &beside_contact(&grid, &rigid).unwrap()),
+            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
             &options,
             &ConsistencyOptions::default(),
         );
@@ -57,7 +57,13 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
         assert!((f64::from(moved) - report.moved_mm).abs() < 1e-6);
         // Only some planes are measured again: that tells what measuring all of them does.
         let off = ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() };
-        let anew = agree(&mut push, &mut pull, (&rigid, &beside_contact(&grid, &rigid).unwrap()), &options, &off);
+        let anew = agree(
+            &mut push,
+            &mut pull,
+            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
+            &options,
+            &off,
+        );
         assert_eq!((anew.there_and_back_mm, anew.beyond), (report.there_and_back_mm, report.beyond));
         assert_eq!(digital_folds(&push).count(), 0);
         for (n, v) in pull.displacement.data().iter().enumerate() {
@@ -78,11 +84,24 @@ fn what_agrees_or_is_not_asked_for_stays_to_the_bit() {
     let grid = u.grid().clone();
     let rigid = bone(&grid);
     let off = ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() };
-    let report = agree(&mut push, &mut pull, (&rigid, &beside_contact(&grid, &rigid).unwrap()), &options, &off);
+    let report = agree(
+        &mut push,
+        &mut pull,
+        &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
+        &options,
+        &off,
+    );
     assert!(report.beyond == report.beyond_before && report.beyond > 0 && report.there_and_back_mm.max > 0.5);
     let generous = ConsistencyOptions { limit_mm: 5.0, ..ConsistencyOptions::default() };
     assert_eq!(
-        agree(&mut push, &mut pull, (&rigid, &beside_contact(&grid, &rigid).unwrap()), &options, &generous).beyond,
+        agree(
+            &mut push,
+            &mut pull,
+            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
+            &options,
+            &generous
+        )
+        .beyond,
         0
     );
     // Where bones touch, misses are not counted: here everywhere.
@@ -91,7 +110,7 @@ fn what_agrees_or_is_not_asked_for_stays_to_the_bit() {
     let report = agree(
         &mut push,
         &mut pull,
-        (&touching, &beside_contact(&grid, &touching).unwrap()),
+        &Beside { bone: &touching, spared: &beside_contact(&grid, &touching).unwrap() },
         &options,
         &ConsistencyOptions::default(),
     );
@@ -109,12 +128,13 @@ fn misses_change_as_the_system_says() {
     let mut patch = Patch::new(&grid, &fraction);
     patch.extend(
         &[grid.linear([20, 20, BONE - 1])],
-        (&rigid, &Volume::filled(grid.clone(), false)),
-        (&push, &pull),
+        &Beside { bone: &rigid, spared: &Volume::filled(grid.clone(), false) },
+        &push,
+        &pull,
         &exact,
     );
     let rows = inverse_errors(&push, &pull, &patch.watched, 0.05..3.0);
-    let system = System::new(&push, &pull, &rows, &patch, (0.5, 0.3));
+    let system = System::new(&push, &pull, &rows, &patch, 0.5, 0.3);
     // A small move without pattern.
     let part = |n: usize| (n as f64 * 12.9898).sin();
     let steps: Vec<Vector3<f64>> = (0..=patch.movable.len())
@@ -141,7 +161,13 @@ fn what_was_kept_stays_kept_where_nothing_may_move_any_more() {
     let grid = push.displacement.grid().clone();
     let mut patch = Patch::new(&grid, &fraction);
     let seed = grid.linear([20, 20, BONE - 3]);
-    patch.extend(&[seed], (&bone(&grid), &Volume::filled(grid.clone(), false)), (&push, &pull), &options);
+    patch.extend(
+        &[seed],
+        &Beside { bone: &bone(&grid), spared: &Volume::filled(grid.clone(), false) },
+        &push,
+        &pull,
+        &options,
+    );
     let steps = vec![Vector3::new(0.01, 0.02, -0.01); patch.movable.len() + 1];
     assert!(patch.advance(&steps, &mut push, &mut pull, &options).is_empty());
     let after = push.displacement.clone();

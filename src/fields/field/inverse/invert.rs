@@ -10,9 +10,9 @@ use super::super::PushField;
 use super::super::mesh::tetrahedra::{Drop, Mesh};
 use super::bones::MovedBones;
 use super::newton::thinned;
-use super::pre_image::{Continued, InvertOptions, solve};
+use super::pre_image::{Continued, InvertOptions, Solved, solve};
 use super::reach::Reach;
-use super::search::{Search, Tally};
+use super::search::{Found, Painted, Search, Tally};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
@@ -112,17 +112,6 @@ pub struct Inverse<'a> {
     options: InvertOptions,
 }
 
-/// One point's pre-image under a field.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Solved {
-    /// `v` with `v + u(y + v) = 0`, mm.
-    pub displacement: Vector3<f64>,
-    /// |v + u(y + v)|, mm.
-    pub residual_mm: f64,
-    /// Whether the residual is below the tolerance.
-    pub converged: bool,
-}
-
 impl<'a> Inverse<'a> {
     /// The inverse of `field` (LPS mm) wherever its grid is moved to. The field is continued by its edge values.
     ///
@@ -152,9 +141,7 @@ impl<'a> Inverse<'a> {
     /// The pre-image of a point, LPS mm.
     pub fn at(&self, y: &Point3<f64>) -> Solved {
         let start = Continued::new(&self.guess).value(y);
-        let limits = (self.options.tolerance_mm, self.options.max_iterations);
-        let (displacement, residual_mm, converged) = solve(&y.coords, start, &self.field, limits);
-        Solved { displacement, residual_mm, converged }
+        solve(&y.coords, start, &self.field, &self.options)
     }
 
     /// The grid of the field that is inverted.
@@ -208,7 +195,7 @@ pub fn invert(
             if let Some(bones) = bones {
                 bones.paint(slab * SLAB, owner);
             }
-            search.slab(slab * SLAB, (drawn, owner), v, inside)
+            search.slab(slab * SLAB, Painted { drawn, owner }, Found { v, inside })
         })
         .collect();
     let report = InverseReport {

@@ -12,5 +12,5 @@ mod reach;
 mod search;
 
 pub use bones::MovedBones;
-pub use invert::{Inverse, InverseReport, Solved, invert};
-pub use pre_image::InvertOptions;
+pub use invert::{Inverse, InverseReport, invert};
+pub use pre_image::{InvertOptions, Solved};

@@ -29,8 +29,10 @@ pub(in crate::field) struct Best {
 pub(in crate::field) fn newton(
     field: &Sampler<'_>,
     block: &Block,
-    (start, rough): (WideVector, bool),
-    (tolerance, steps): (f32, usize),
+    start: WideVector,
+    rough: bool,
+    tolerance: f32,
+    steps: usize,
 ) -> Best {
     let mut v = start;
     let mut best = Best { v, residual: Wide::all(f32::INFINITY) };

@@ -58,13 +58,25 @@ impl<'a> Continued<'a> {
     }
 }
 
-/// Iterates one voxel; returns v, its residual (mm) and whether it converged.
+/// One point's pre-image under a field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solved {
+    /// `v` with `v + u(y + v) = 0`, mm.
+    pub displacement: Vector3<f64>,
+    /// |v + u(y + v)|, mm.
+    pub residual_mm: f64,
+    /// Whether the residual is below the tolerance.
+    pub converged: bool,
+}
+
+/// Iterates one voxel.
 pub(in crate::field) fn solve(
     y: &Vector3<f64>,
     start: Vector3<f64>,
     field: &Continued<'_>,
-    (tolerance_mm, max_iterations): (f64, usize),
-) -> (Vector3<f64>, f64, bool) {
+    options: &InvertOptions,
+) -> Solved {
+    let InvertOptions { tolerance_mm, max_iterations } = *options;
     let grid = field.u.grid();
     let index = |v: &Vector3<f64>| grid.inverse_step() * (y + v - grid.origin().coords);
     let mut v = start;
@@ -77,7 +89,7 @@ pub(in crate::field) fn solve(
             best = (v, size);
         }
         if size < tolerance_mm {
-            return (v, size, true);
+            return Solved { displacement: v, residual_mm: size, converged: true };
         }
         let fixed = v - r;
         at = index(&fixed);
@@ -100,5 +112,5 @@ pub(in crate::field) fn solve(
     if size < best.1 {
         best = (v, size);
     }
-    (best.0, best.1, best.1 < tolerance_mm)
+    Solved { displacement: best.0, residual_mm: best.1, converged: best.1 < tolerance_mm }
 }

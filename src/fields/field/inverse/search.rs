@@ -41,20 +41,32 @@ pub(in crate::field) struct Search<'a, V> {
     pub(in crate::field) options: &'a InvertOptions,
 }
 
+/// What the moved mesh and the moved bones have drawn into fraction voxels.
+#[derive(Clone, Copy)]
+pub(in crate::field) struct Painted<'a> {
+    /// Of the mesh.
+    pub(in crate::field) drawn: &'a [Drop<3>],
+    /// The label of the bone that lies there; 0 for none.
+    pub(in crate::field) owner: &'a [u16],
+}
+
+/// Where the search leaves what it finds for fraction voxels.
+pub(in crate::field) struct Found<'a> {
+    /// Ways to the pre-images, mm.
+    pub(in crate::field) v: &'a mut [[f32; 3]],
+    /// Whether they lie inside the planning scan.
+    pub(in crate::field) inside: &'a mut [bool],
+}
+
 impl<V> Search<'_, V> {
     /// Inverts the planes from `first` on.
-    pub(in crate::field) fn slab(
-        &self,
-        first: usize,
-        (drawn, owner): (&[Drop<3>], &[u16]),
-        v: &mut [[f32; 3]],
-        inside: &mut [bool],
-    ) -> Tally {
+    pub(in crate::field) fn slab(&self, first: usize, painted: Painted<'_>, found: Found<'_>) -> Tally {
         let [nx, ny, _] = self.fraction.size();
         let mut t = Tally::default();
         let mut rows = Rows::new(nx);
-        let found = drawn.chunks(nx).zip(owner.chunks(nx)).zip(v.chunks_mut(nx).zip(inside.chunks_mut(nx)));
-        for (row, ((drawn, owner), (v, inside))) in found.enumerate() {
+        let painted = painted.drawn.chunks(nx).zip(painted.owner.chunks(nx));
+        let found = found.v.chunks_mut(nx).zip(found.inside.chunks_mut(nx));
+        for (row, ((drawn, owner), (v, inside))) in painted.zip(found).enumerate() {
             let (j, k) = (row % ny, first + row / ny);
             if j == 0 {
                 rows.forget();
@@ -65,7 +77,7 @@ impl<V> Search<'_, V> {
             self.leave(&y, &open, inside, &mut t);
             self.starts(&y, drawn, open.clone(), &mut rows);
             self.row(&y, drawn, open.clone(), &mut rows);
-            self.settle(&y, (drawn, owner), open, (v, inside), &mut rows, &mut t);
+            self.settle(&y, Painted { drawn, owner }, open, Found { v, inside }, &mut rows, &mut t);
             rows.advance();
         }
         t
@@ -135,7 +147,7 @@ impl<V> Search<'_, V> {
         let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
         // A little less, so that rounding cannot take it across the limit.
         let tolerance = self.options.tolerance_mm as f32 * (1.0 - f32::EPSILON);
-        let limits = (tolerance, self.options.max_iterations.min(QUICK_ITERATIONS));
+        let steps = self.options.max_iterations.min(QUICK_ITERATIONS);
         let (begin, end) = (open.start / LANES, open.end.div_ceil(LANES));
         vectorised(
             #[inline(always)]
@@ -145,7 +157,7 @@ impl<V> Search<'_, V> {
                 for (n, (((x, y), z), residual)) in (begin..).zip(blocks) {
                     let block = Sampler::block(&(first + along * (n * LANES) as f64), &along);
                     let rough = drawn[n * LANES..].iter().take(LANES).any(|d| d.rank > 0);
-                    let found = newton(&self.quick, &block, ([Wide(*x), Wide(*y), Wide(*z)], rough), limits);
+                    let found = newton(&self.quick, &block, [Wide(*x), Wide(*y), Wide(*z)], rough, tolerance, steps);
                     [*x, *y, *z] = found.v.map(|v| v.0);
                     *residual = found.residual.0;
                 }
@@ -163,9 +175,9 @@ impl<V> Search<'_, V> {
     fn settle(
         &self,
         y: &Vector3<f64>,
-        (drawn, owner): (&[Drop<3>], &[u16]),
+        Painted { drawn, owner }: Painted<'_>,
         open: Range<usize>,
-        (v, inside): (&mut [[f32; 3]], &mut [bool]),
+        Found { v, inside }: Found<'_>,
         rows: &mut Rows,
         t: &mut Tally,
     ) {
@@ -177,7 +189,7 @@ impl<V> Search<'_, V> {
                 && rows.residual[block.clone()].iter().all(|r| arrived(*r));
             if !plain {
                 for i in block.clone() {
-                    self.settle_one(&(y + along * i as f64), (&drawn[i], owner[i]), i, rows, t);
+                    self.settle_one(&(y + along * i as f64), &drawn[i], owner[i], i, rows, t);
                 }
             }
             for i in block {
@@ -195,9 +207,9 @@ impl<V> Search<'_, V> {
     }
 
     /// As [`Search::settle`], of one voxel that may lie in a bone or that the quick search failed at.
-    fn settle_one(&self, y: &Vector3<f64>, (drawn, owner): (&Drop<3>, u16), i: usize, rows: &mut Rows, t: &mut Tally) {
+    fn settle_one(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, i: usize, rows: &mut Rows, t: &mut Tally) {
         let tolerance_mm = self.options.tolerance_mm;
-        let quick = Found { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
+        let quick = One { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
         if owner == 0 && f64::from(quick.residual) < tolerance_mm {
             return;
         }
@@ -240,8 +252,8 @@ impl<V> Search<'_, V> {
     }
 
     /// What becomes of a voxel that may lie in a bone, or that the quick search failed at.
-    fn patiently(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, quick: &Found, t: &mut Tally) -> Found {
-        let InvertOptions { tolerance_mm, max_iterations } = *self.options;
+    fn patiently(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, quick: &One, t: &mut Tally) -> One {
+        let tolerance_mm = self.options.tolerance_mm;
         let planning = self.push.displacement.grid();
         let (mut v, mut residual) = (Vector3::from(quick.v.map(f64::from)), f64::from(quick.residual));
         let held = drawn.rank > 0;
@@ -250,9 +262,9 @@ impl<V> Search<'_, V> {
         } else if residual >= tolerance_mm && (held || self.tissue(quick.place)) {
             let start =
                 if held { -Vector3::from(drawn.value.map(f64::from)) } else { self.guess.value(&Point3::from(*y)) };
-            let found = solve(y, start, &self.robust, (tolerance_mm, max_iterations));
-            if found.1 < residual {
-                (v, residual) = (found.0, found.1);
+            let found = solve(y, start, &self.robust, self.options);
+            if found.residual_mm < residual {
+                (v, residual) = (found.displacement, found.residual_mm);
             }
         }
         let at = planning.index(&Point3::from(y + v));
@@ -266,12 +278,12 @@ impl<V> Search<'_, V> {
             t.strayed += 1;
             t.tissue += 1;
         }
-        Found { v: v.map(|v| v as f32).into(), residual: residual as f32, place }
+        One { v: v.map(|v| v as f32).into(), residual: residual as f32, place }
     }
 }
 
 /// What was found for a voxel.
-struct Found {
+struct One {
     /// mm.
     v: [f32; 3],
     /// |v + u(y + v)|, mm.

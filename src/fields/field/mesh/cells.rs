@@ -77,7 +77,7 @@ pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
                 || {
                     rows.advance(displacement, counts, of_plane, j, k);
                     rows.cut(j + k);
-                    rows.each((kept, other), beyond, &value);
+                    rows.each(kept, other, beyond, &value);
                 },
             );
             then(&mut found, RowOfCells { row: j + k * nj, cells: cells.clone(), kept, other });
@@ -272,17 +272,18 @@ impl Rows {
     #[inline(always)]
     fn each<A: Value, B: Value>(
         &self,
-        (one, other): (&mut [A], &mut [B]),
+        kept: &mut [A],
+        other: &mut [B],
         beyond: (A, B),
         value: &impl Fn(f32, f32, f32) -> (A, B),
     ) {
         let measured = self.computed.iter().zip(&self.computed[1..]).map(|(a, b)| a | b);
         let found = self.total.iter().zip(&self.least).zip(&self.least_of_ten);
-        for (((one, other), measured), ((total, least), least_of_ten)) in
-            one.iter_mut().zip(other).zip(measured).zip(found)
+        for (((kept, other), measured), ((total, least), least_of_ten)) in
+            kept.iter_mut().zip(other).zip(measured).zip(found)
         {
             let found = value(*total, *least, *least_of_ten);
-            (*one, *other) = if measured { found } else { beyond };
+            (*kept, *other) = if measured { found } else { beyond };
         }
     }
 }

@@ -18,7 +18,21 @@ pub enum Role {
     Dose,
 }
 
+/// What may be DICOM, and then lies in a frame of reference.
+#[derive(Debug, Clone, Copy)]
+pub struct Framed<'a> {
+    /// Where it is.
+    pub path: &'a Path,
+    /// What it is there.
+    pub role: Role,
+}
+
 impl Role {
+    /// What is at a path, in this role.
+    pub fn at(self, path: &Path) -> Framed<'_> {
+        Framed { path, role: self }
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::Image => "image",
@@ -37,7 +51,7 @@ pub fn same_frame(a: &str, b: &str) -> bool {
 ///
 /// # Errors
 /// As for reading it.
-pub fn frame_of(path: &Path, role: Role) -> Result<Option<String>> {
+pub fn frame_of(Framed { path, role }: Framed<'_>) -> Result<Option<String>> {
     if !is_place(path) {
         return Ok(None);
     }
@@ -67,18 +81,21 @@ pub fn frame_of(path: &Path, role: Role) -> Result<Option<String>> {
 ///
 /// # Errors
 /// [`Error::Input`] with both frames.
-pub fn check_frames(a: (&Path, Role), b: (&Path, Role)) -> Result<()> {
-    let (Some(one), Some(other)) = (frame_of(a.0, a.1)?, frame_of(b.0, b.1)?) else { return Ok(()) };
+pub fn check_frames(a: Framed<'_>, b: Framed<'_>) -> Result<()> {
+    let (Some(one), Some(other)) = (frame_of(a)?, frame_of(b)?) else { return Ok(()) };
     if same_frame(&one, &other) {
         return Ok(());
     }
     let problem = format!(
         "this {} lies in another frame of reference ({one}) than the {} {} ({other}): their positions cannot be compared",
-        a.1.name(),
-        b.1.name(),
-        b.0.display()
+        a.role.name(),
+        b.role.name(),
+        b.path.display()
     );
-    let remedy =
-        format!("give the {} that belongs to this {}, or map it first with a registration", a.1.name(), b.1.name());
-    Err(Error::refused(findings::DICOM_FRAME, a.0.display().to_string(), problem, remedy))
+    let remedy = format!(
+        "give the {} that belongs to this {}, or map it first with a registration",
+        a.role.name(),
+        b.role.name()
+    );
+    Err(Error::refused(findings::DICOM_FRAME, a.path.display().to_string(), problem, remedy))
 }

@@ -56,14 +56,14 @@ pub(super) fn frames(at: usize, object: &Object) -> Result<Vec<Frame>> {
             let problem = format!("it has {count} frames, and no positions of them");
             return Err(refuse(&object.path, problem));
         }
-        return Ok(vec![frame(object, Places { set, own: None, shared: None }, (at, 0))?]);
+        return Ok(vec![frame(object, Places { set, own: None, shared: None }, at, 0)?]);
     }
     let count = whole(set, tags::NUMBER_OF_FRAMES);
     if count != i64::try_from(own.len()).ok() {
         let count = count.map_or("no".into(), |n| n.to_string());
         return Err(refuse(&object.path, format!("it says {count} frames, and describes {}", own.len())));
     }
-    let one = |(n, item)| frame(object, Places { set, own: Some(item), shared }, (at, n));
+    let one = |(n, item)| frame(object, Places { set, own: Some(item), shared }, at, n);
     own.iter().enumerate().map(one).collect()
 }
 
@@ -83,7 +83,7 @@ impl<'a> Places<'a> {
     }
 }
 
-fn frame(object: &Object, places: Places<'_>, (at, index): (usize, usize)) -> Result<Frame> {
+fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result<Frame> {
     let path = &object.path;
     let missing = |name: &str| refuse(path, format!("it has no usable {name}"));
     let position = some::<3>(places.group(tags::PLANE_POSITION_SEQUENCE), tags::IMAGE_POSITION_PATIENT)

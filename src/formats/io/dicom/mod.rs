@@ -36,7 +36,7 @@ pub use bones::{BoneLabels, BoneNames, labels_from_structures, organs_from_struc
 pub use ct::read_series;
 pub use dose::{Dose, read_dose, read_doses};
 pub use find::{Catalogue, Group, Object, find};
-pub use frame::{Role, check_frames, frame_of, same_frame};
+pub use frame::{Framed, Role, check_frames, frame_of, same_frame};
 pub(super) use image::read_dose as read_dose_image;
 pub(super) use image::{checksum, load, read_grid, read_image};
 pub use image::{describe_series, dose_at};

@@ -4,7 +4,7 @@ use super::Evidence;
 use super::side::AVERAGE_MM;
 use crate::error::Result;
 use crate::geometry::vectorised;
-use crate::stats::gain_and_offset;
+use crate::stats::{Line, gain_and_offset};
 use crate::volume::{Mask, Volume, gaussian, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -31,7 +31,8 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
     let fraction: Vec<Option<[f32; 8]>> = e.side.soft.par_iter().map(|(n, _)| shown(e, *n as usize)).collect();
     let pairs = || e.side.soft.iter().zip(&fraction).filter_map(|((n, p), f)| Some((*n as usize, p, f.as_ref()?)));
     let middle = pairs().flat_map(|(_, p, f)| p.iter().zip(f)).filter(|(p, f)| p.abs().max(f.abs()) < MIDDLE_HU);
-    let (gain, offset) = gain_and_offset(middle.map(|(p, f)| (f64::from(*p), f64::from(*f)))).unwrap_or((1.0, 0.0));
+    let line = gain_and_offset(middle.map(|(p, f)| (f64::from(*p), f64::from(*f))));
+    let Line { gain, offset } = line.unwrap_or(Line { gain: 1.0, offset: 0.0 });
     let (mut weight, mut difference) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
     for (n, p, f) in pairs() {
         let sum: f64 = p.iter().zip(f).map(|(p, f)| (f64::from(*p) - gain * f64::from(*f) - offset).powi(2)).sum();

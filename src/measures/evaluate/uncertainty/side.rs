@@ -41,7 +41,7 @@ impl PlanningSide {
     ) -> Result<Self> {
         let grid = planning.grid().coarsened(SPACING_MM);
         let ((owner, far), (mean, soft)) =
-            rayon::join(|| nearest(bones, &grid, &is_bone), || shown((planning, body, bones), &grid, window, &is_bone));
+            rayon::join(|| nearest(bones, &grid, &is_bone), || shown(planning, body, bones, &grid, window, &is_bone));
         let slope = gaussian(&squared_slope(&Volume::new(grid.clone(), mean)?), AVERAGE_MM);
         Ok(Self { grid, owner, far, slope, soft, window })
     }
@@ -63,7 +63,9 @@ fn nearest(bones: &LabelMap, grid: &Grid, is_bone: impl Fn(u16) -> bool) -> (Vol
 
 /// Mean windowed HU at each node (the window's lower end outside the patient), and what soft tissue shows at eight points.
 fn shown(
-    (planning, body, bones): (&Volume<f32>, &Mask, &LabelMap),
+    planning: &Volume<f32>,
+    body: &Mask,
+    bones: &LabelMap,
     grid: &Grid,
     window: Window,
     is_bone: impl Fn(u16) -> bool + Sync,

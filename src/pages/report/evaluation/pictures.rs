@@ -36,7 +36,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
     let s = &drawable.subject;
     let name = &field.name;
     if let (Some(planning), Some(fraction)) = (s.planning, s.fraction) {
-        all.extend(fusions(which, field, (planning, fraction), &s.pair.pull.displacement)?);
+        all.extend(fusions(which, field, Scans { planning, fraction }, &s.pair.pull.displacement)?);
     }
     if let Some(planning) = s.planning {
         let canvas = jacobians(planning, &drawable.maps);
@@ -117,11 +117,18 @@ pub(super) fn middle_planes(ct: &Volume<f32>) -> [Plane; 3] {
     planes(&[region.grown(RIM_MM).within(scan); 3], &in_the_patient(&tissue, &middle.into(), POINTS_MM))
 }
 
+/// Two scans, HU.
+#[derive(Clone, Copy)]
+struct Scans<'a> {
+    planning: &'a Volume<f32>,
+    fraction: &'a Volume<f32>,
+}
+
 /// Before (of the first field, for all have the same), one shift alone, and after.
 fn fusions(
     which: usize,
     field: &Assessed,
-    scans: (&Volume<f32>, &Volume<f32>),
+    scans: Scans<'_>,
     pull: &Volume<[f32; 3]>,
 ) -> Result<Vec<EvaluationPicture>> {
     let name = &field.name;
@@ -146,10 +153,7 @@ fn fusions(
 }
 
 /// The fraction's planes over planning where `from` takes their places.
-fn fusion(
-    (planning, fraction): (&Volume<f32>, &Volume<f32>),
-    from: impl Fn(&Point3<f64>) -> Point3<f64> + Sync,
-) -> Canvas {
+fn fusion(Scans { planning, fraction }: Scans<'_>, from: impl Fn(&Point3<f64>) -> Point3<f64> + Sync) -> Canvas {
     let rows = middle_planes(fraction).map(|plane| {
         let picture = plane
             .paint(|y, _| fuse(hu_at(planning, &from(&y)).map_or(0.0, tone), hu_at(fraction, &y).map_or(0.0, tone)));

@@ -24,8 +24,14 @@ pub(super) fn outlines(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
 
 /// The same with planning's bones moved by `shift` before.
 pub(super) fn outlines_at(scene: &Scene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
-    outline(&scene.case.planning.bones.volume, plane, shift, picture, (BEFORE, WIDTHS[0]));
-    outline(&scene.outcome.bones_on_fraction.volume, plane, &Vector3::zeros(), picture, (AFTER, WIDTHS[1]));
+    outline(&scene.case.planning.bones.volume, plane, shift, picture, Pen { colour: BEFORE, width: WIDTHS[0] });
+    outline(
+        &scene.outcome.bones_on_fraction.volume,
+        plane,
+        &Vector3::zeros(),
+        picture,
+        Pen { colour: AFTER, width: WIDTHS[1] },
+    );
 }
 
 /// What the lines mean.
@@ -34,15 +40,17 @@ pub(super) fn legend(legend: &mut Legend<'_>) {
     legend.swatch(AFTER, "bones after");
 }
 
+/// How a border is drawn.
+#[derive(Clone, Copy)]
+struct Pen {
+    colour: Rgb,
+    /// Dots.
+    width: f64,
+}
+
 /// The borders between labels, with corners cut: from the middles between unequal neighbours of a
 /// lattice.
-fn outline(
-    labels: &Volume<u16>,
-    plane: &Plane,
-    shift: &Vector3<f64>,
-    picture: &mut Canvas,
-    (colour, width): (Rgb, f64),
-) {
+fn outline(labels: &Volume<u16>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas, pen: Pen) {
     let spacing = labels.grid().spacing().into_iter().fold(f64::INFINITY, f64::min).max(FINEST_MM);
     let step = spacing * plane.scale;
     let [wide, high] = [plane.width, plane.height].map(|n| (n as f64 / step) as usize + 1);
@@ -68,10 +76,10 @@ fn outline(
             let cuts: Vec<[f64; 2]> =
                 sides.iter().filter(|(cut, _)| *cut).map(|(_, at)| at.map(|v| v * step)).collect();
             match cuts[..] {
-                [from, to] => picture.line(from, to, width, colour),
+                [from, to] => picture.line(from, to, pen.width, pen.colour),
                 _ => {
                     let middle = [(x + 0.5) * step, (y + 0.5) * step];
-                    cuts.iter().for_each(|cut| picture.line(*cut, middle, width, colour));
+                    cuts.iter().for_each(|cut| picture.line(*cut, middle, pen.width, pen.colour));
                 }
             }
         }

@@ -51,7 +51,7 @@ impl<'a> Scene<'a> {
         }
         let planning = planes(&regions(&body, &from, case.planning.ct.grid()), &from).into();
         let fraction = planes(&regions(&moved, &to, case.fraction.ct.grid()), &to).into();
-        Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
+        Self::of_planes(case, outcome, planning, fraction, moved, told, shift_before)
     }
 
     /// One plane of planning and one of the fraction, through this coordinate (LPS mm) of both; what is drawn over them
@@ -67,15 +67,17 @@ impl<'a> Scene<'a> {
         };
         let (planning, fraction) = (plane(&body, case.planning.ct.grid()), plane(&moved, case.fraction.ct.grid()));
         let told = format!("{} at {at:.1} mm", kind.name());
-        Self::of_planes((case, outcome), planning, fraction, moved, (told, shift_before))
+        Self::of_planes(case, outcome, planning, fraction, moved, told, shift_before)
     }
 
     fn of_planes(
-        (case, outcome): (&'a Case, &'a Outcome),
+        case: &'a Case,
+        outcome: &'a Outcome,
         planning: Vec<Plane>,
         fraction: Vec<Plane>,
         moved: Vec<Point3<f64>>,
-        (focus, shift_before): (String, Option<Vector3<f64>>),
+        focus: String,
+        shift_before: Option<Vector3<f64>>,
     ) -> Self {
         let hu = |ct, planes: &[Plane]| planes.iter().map(|plane| plane.hu(ct)).collect::<Vec<_>>();
         let mut fraction_hu = hu(&case.fraction.ct, &fraction);

@@ -81,7 +81,7 @@ pub fn embed_whole(case: &Case, outcome: &Outcome, contours: Option<&Contours>) 
     // Far scanner origins need more than the script's 16 bits in fine steps.
     let fits = f64::from(most) < MOST * FINE.displacement;
     let steps = Steps { displacement: if fits { FINE } else { FEW_BYTES }.displacement, ..FINE };
-    embed_on((&page, &page, steps), case, outcome, contours)
+    embed_on(&page, &page, steps, case, outcome, contours)
 }
 
 /// The same in so many bytes at most: noise does not pack, and takes fewer voxels.
@@ -90,7 +90,7 @@ fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contour
     let mut finest = FINEST_MM;
     let mut page = PageGrid::thinned(&scans, finest)?;
     loop {
-        let view = embed_on((&page, &page.coarser(FIELD_MM)?, FEW_BYTES), case, outcome, contours)?;
+        let view = embed_on(&page, &page.coarser(FIELD_MM)?, FEW_BYTES, case, outcome, contours)?;
         let over = view.bytes() as f64 / most as f64;
         let voxels = page.grid().len();
         if over <= 1.0 || voxels <= FEW {
@@ -105,7 +105,9 @@ fn within(most: usize, case: &Case, outcome: &Outcome, contours: Option<&Contour
 
 /// The same on the voxels of a page, with the fields at those of `coarse`.
 fn embed_on(
-    (page, coarse, steps): (&PageGrid, &PageGrid, Steps),
+    page: &PageGrid,
+    coarse: &PageGrid,
+    steps: Steps,
     case: &Case,
     outcome: &Outcome,
     contours: Option<&Contours>,
@@ -131,7 +133,7 @@ fn embed_on(
     let maps = maps.into_par_iter().map(|(name, values)| Ok((name, pack(&values, size)?)));
     volumes.extend(maps.collect::<Result<Vec<_>>>()?);
     if let Some(contours) = contours {
-        let [before, after] = structures::bits((case, outcome), contours, page, &shift)?;
+        let [before, after] = structures::bits(case, outcome, contours, page, &shift)?;
         volumes.push(("structures_before", pack(&before, page.grid().size())?));
         volumes.push(("structures_after", pack(&after, page.grid().size())?));
     }

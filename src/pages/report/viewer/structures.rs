@@ -30,7 +30,8 @@ pub(super) fn about(contours: Option<&Contours>) -> Value {
 /// # Errors
 /// [`crate::error::Error::Internal`] when no grid can be made of the planning CT.
 pub(super) fn bits(
-    (case, outcome): (&Case, &Outcome),
+    case: &Case,
+    outcome: &Outcome,
     contours: &Contours,
     page: &PageGrid,
     shift: &Vector3<f64>,
@@ -96,7 +97,7 @@ mod tests {
         let contours = Contours { axes: Matrix3::identity(), structures: vec![none, tube("a", 20.0), tube("b", 8.0)] };
         assert_eq!(about(Some(&contours)).as_array().unwrap().len(), 2);
         let page = PageGrid::of(&[&case.fraction.ct]).unwrap();
-        let [before, after] = bits((&case, &outcome), &contours, &page, &Vector3::zeros()).unwrap();
+        let [before, after] = bits(&case, &outcome, &contours, &page, &Vector3::zeros()).unwrap();
         let at = |bits: &[i32], p: Point3<f64>| bits[page.grid().linear(page.grid().voxel_at(&p).unwrap())];
         let places = [(0.0, 0b11), (14.0, 0b01), (30.0, 0)];
         for (x, meant) in places {

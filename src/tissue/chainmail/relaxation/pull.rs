@@ -2,6 +2,15 @@
 
 use super::super::lattice::Lattice;
 
+/// Energy `1/2 u.A u - b.u` of one element's displacement `u`; zero where nothing pulls.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Quadratic {
+    /// `A`, in the order of [`Pull::ENTRIES`]; positive semidefinite.
+    pub stiffness: [f32; 6],
+    /// `b`.
+    pub towards: [f32; 3],
+}
+
 /// Energy `1/2 u.A u - b.u` of each soft element's displacement `u`, in storage order.
 #[derive(Debug, Clone)]
 pub struct Pull {
@@ -22,10 +31,10 @@ impl Pull {
         Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], farthest }
     }
 
-    /// Sets what pulls soft element `s`: stiffness and what it draws towards.
-    pub fn set(&mut self, s: usize, (stiffness, towards): ([f32; 6], [f32; 3])) {
-        self.stiffness[s] = stiffness;
-        self.towards[s] = towards;
+    /// Sets what pulls soft element `s`.
+    pub fn set(&mut self, s: usize, energy: Quadratic) {
+        self.stiffness[s] = energy.stiffness;
+        self.towards[s] = energy.towards;
     }
 
     /// Takes the pull from the nodes that are set.

@@ -98,7 +98,7 @@ mod tests {
     use super::super::super::lattice::Node;
     use super::super::super::lattice::material::Constraint;
     use super::super::super::variants::Elasticity;
-    use super::super::pull::{Comparison, Passes};
+    use super::super::pull::{Comparison, Passes, Quadratic};
     use super::super::rest::RestingLinks;
     use super::*;
     use crate::geometry::Grid;
@@ -135,7 +135,8 @@ mod tests {
                 for &s in which {
                     let drawn = lattice.grid.voxel(soft[s as usize] as usize).iter().all(|&c| c > SIDE - 9);
                     let towards = if drawn { 0.5 * HOLD } else { 0.0 };
-                    pull.set(s as usize, ([HOLD, 0.0, 0.0, HOLD, 0.0, HOLD], [towards, 0.0, 0.0]));
+                    let stiffness = [HOLD, 0.0, 0.0, HOLD, 0.0, HOLD];
+                    pull.set(s as usize, Quadratic { stiffness, towards: [towards, 0.0, 0.0] });
                 }
                 self.asked.lock().unwrap().push(which.to_vec());
             })

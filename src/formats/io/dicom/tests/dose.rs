@@ -91,14 +91,14 @@ fn other_frames_of_reference_are_refused() {
     let (dir, ct) = (tempfile::tempdir().unwrap(), series(|_, _| ()));
     let mut set = dose("1.5.60", &[0.0, 4.0], |_| 0);
     let path = write(dir.path(), "d", &set);
-    check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap();
+    check_frames(Role::Dose.at(&path), Role::Image.at(ct.path())).unwrap();
     put(&mut set, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.88");
     write(dir.path(), "d", &set);
-    let error = check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap_err();
+    let error = check_frames(Role::Dose.at(&path), Role::Image.at(ct.path())).unwrap_err();
     assert!(error.code() == "dicom-frame" && error.to_string().contains("1.88"), "{error}");
     set.remove_element(tags::FRAME_OF_REFERENCE_UID);
     write(dir.path(), "d", &set);
-    check_frames((&path, Role::Dose), (ct.path(), Role::Image)).unwrap();
+    check_frames(Role::Dose.at(&path), Role::Image.at(ct.path())).unwrap();
     // Where a dose is asked for a folder's CT is none.
     assert_eq!(read_any(ct.path()).unwrap_err().code(), "dicom-no-dose");
 }
