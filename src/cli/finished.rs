@@ -69,8 +69,7 @@ impl Finished {
             unchanged(&inputs.marks()?.inputs, file)?;
             return Ok(None);
         };
-        let landmarks = file.inputs.iter().find(|i| i.role == InputRole::Landmarks).map(|i| i.path.as_path());
-        let read = || inputs.fraction(&fraction.path, landmarks, &file.inputs);
+        let read = || inputs.fraction(&fraction.path, inputs.landmarks(), &file.inputs);
         let scan = runtime.stage("read the fraction", read)?;
         unchanged(&scan.inputs, file)?;
         Ok(Some(scan))

@@ -109,6 +109,10 @@ impl Inputs {
         &self.bones
     }
 
+    pub(super) fn landmarks(&self) -> Option<&Path> {
+        self.landmarks.as_deref()
+    }
+
     /// The motion that the fit begins with, `FILE#NAME` too.
     pub(super) fn start(&self) -> Option<&Path> {
         self.start.as_deref()
