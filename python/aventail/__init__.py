@@ -19,6 +19,7 @@ from ._errors import (
     UsageError,
     WriteError,
 )
+from ._cohort import summary
 from ._field import Field
 from ._image import Image
 from ._measure import evaluate, skeleton
@@ -50,4 +51,5 @@ __all__ = [
     "register",
     "reports",
     "skeleton",
+    "summary",
 ]

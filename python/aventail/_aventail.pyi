@@ -24,6 +24,7 @@ __all__ = [
     "register",
     "register_several",
     "skeleton",
+    "summary",
     "write_contours",
     "write_field",
     "write_image",
@@ -112,6 +113,7 @@ def compare_doses(
     dose: _Source, reference: _Source, tolerance: float | None, limit: float
 ) -> tuple[_Raster, _Raster, str]: ...
 def skeleton(bones: _Source, names: _Names | str | None) -> tuple[str, str]: ...
+def summary(runs: list[str], out: str | None, anonymous: bool) -> str: ...
 
 @final
 class Phantom:

@@ -500,3 +500,38 @@ class Skeleton(TypedDict):
     ignored: list[str]
     warnings: list[Warned]
     text: str
+
+
+class CohortRun(TypedDict):
+    """One run of a cohort; ``figures`` have the unit in their name and are ``None`` where the run has none."""
+
+    patient: str
+    fraction: str
+    date: str
+    folder: str
+    version: str
+    figures: dict[str, float | None]
+    verdict: Literal["pass", "review", "fail"] | None
+    reasons: list[str]
+    stand_apart: list[str]
+    warnings: list[str]
+
+
+class WrittenFile(TypedDict):
+    """A file beside a record."""
+
+    name: str
+    sha256: str
+
+
+class CohortSummary(TypedDict):
+    """Runs side by side, by patient and date; ``medians`` of each figure over the runs that have it."""
+
+    version: str
+    created: int
+    command: str
+    medians: dict[str, float | None]
+    runs: list[CohortRun]
+    unfinished: list[str]
+    inputs: list[InputFile]
+    outputs: list[WrittenFile]

@@ -4,6 +4,7 @@
 mod arrays;
 mod case;
 mod clinic;
+mod cohort;
 mod errors;
 mod measures;
 mod phantom;
@@ -21,6 +22,8 @@ mod _aventail {
     use crate::arrays::{read_contours, read_field, read_grid, read_image, read_labels};
     #[pymodule_export]
     use crate::arrays::{write_contours, write_field, write_image, write_labels};
+    #[pymodule_export]
+    use crate::cohort::summary;
     #[pymodule_export]
     use crate::measures::{compare_doses, dvh, evaluate, map_dose, skeleton};
     #[pymodule_export]

@@ -35,7 +35,7 @@ mod transforms;
 mod viewer;
 
 pub use clinic::{Clinic, ClinicFiles};
-pub use cohort::{Cohort, Fractions, Member};
+pub use cohort::{Cohort, Fractions, Member, Summary};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};
