@@ -5,6 +5,7 @@ mod arrays;
 mod case;
 mod clinic;
 mod cohort;
+mod dicom;
 mod errors;
 mod measures;
 mod phantom;
@@ -24,6 +25,8 @@ mod _aventail {
     use crate::arrays::{write_contours, write_field, write_image, write_labels};
     #[pymodule_export]
     use crate::cohort::summary;
+    #[pymodule_export]
+    use crate::dicom::{write_dicom_contours, write_dicom_dose, write_dicom_field, write_dicom_image};
     #[pymodule_export]
     use crate::measures::{compare_doses, dvh, evaluate, map_dose, skeleton};
     #[pymodule_export]

@@ -65,9 +65,7 @@ pub fn whole_path(path: &Path) -> std::io::Result<PathBuf> {
 /// links of pages, which are read elsewhere.
 pub fn relative_to(folder: &Path, file: &Path) -> PathBuf {
     let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (Ok(folder), Ok(parent), Some(name)) =
-        (whole_path(folder), whole_path(parent), file.file_name())
-    else {
+    let (Ok(folder), Ok(parent), Some(name)) = (whole_path(folder), whole_path(parent), file.file_name()) else {
         return file.to_owned();
     };
     let named = |p: &Path| p.components().filter(|c| matches!(c, Component::Normal(_))).count();
