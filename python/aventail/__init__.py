@@ -22,6 +22,7 @@ from ._errors import (
 from ._cohort import summary
 from ._field import Field
 from ._image import Image
+from ._library import library, library_modes
 from ._measure import evaluate, skeleton
 from ._phantom import Phantom, phantom
 from ._registration import Registration, RunWarning, pose, register
@@ -46,6 +47,8 @@ __all__ = [
     "__version__",
     "dose",
     "evaluate",
+    "library",
+    "library_modes",
     "phantom",
     "pose",
     "register",

@@ -13,7 +13,9 @@ __all__ = [
     "compare_doses",
     "dvh",
     "evaluate",
+    "fit_postures",
     "main",
+    "make_library",
     "map_dose",
     "pose",
     "read_contours",
@@ -122,6 +124,8 @@ def dvh(
 def compare_doses(
     dose: _Source, reference: _Source, tolerance: float | None, limit: float
 ) -> tuple[_Raster, _Raster, str]: ...
+def make_library(wanted: dict[str, Any], settings: dict[str, Any], threads: int, progress: _Reporter) -> str: ...
+def fit_postures(runs: list[str], out: str) -> str: ...
 def skeleton(bones: _Source, names: _Names | str | None) -> tuple[str, str]: ...
 def summary(runs: list[str], out: str | None, anonymous: bool) -> str: ...
 

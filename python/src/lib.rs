@@ -7,6 +7,7 @@ mod clinic;
 mod cohort;
 mod dicom;
 mod errors;
+mod library;
 mod measures;
 mod phantom;
 mod registration;
@@ -27,6 +28,8 @@ mod _aventail {
     use crate::cohort::summary;
     #[pymodule_export]
     use crate::dicom::{write_dicom_contours, write_dicom_dose, write_dicom_field, write_dicom_image};
+    #[pymodule_export]
+    use crate::library::{fit_postures, make_library};
     #[pymodule_export]
     use crate::measures::{compare_doses, dvh, evaluate, map_dose, skeleton};
     #[pymodule_export]
