@@ -40,7 +40,7 @@ def test_the_postures_are_the_programs(scans: Path, tmp_path: Path) -> None:
     keys_match(made, aventail.reports.Library, "library")
     assert any(stage.startswith("1 of 2") for stage in told), told
     options = [f"--planning={given[0]}", f"--bones={given[1]}", "--sample=2", "--seed=3", "--noise=20"]
-    options += [f"--{name}={path}" for name, path in more.items()] + ["--dvf-format=metaimage", "--quiet"]
+    options += [f"--{name}={path}" for name, path in more.items()] + ["--dvf-format=mha", "--quiet"]
     done = program("library", *options, f"--out={tmp_path / 'other'}")
     assert done.returncode == 0, done.stderr
     own, other = files(tmp_path / "own"), files(tmp_path / "other")
