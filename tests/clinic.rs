@@ -336,6 +336,19 @@ fn results_of_the_fraction_come_back_as_dicom() {
     assert_eq!(back.series.frame_of_reference, own.frame_of_reference);
     assert_eq!((&back.series.patient, &back.series.study.uid), (&own.patient, &own.study.uid));
     assert_eq!(back.plans, read_dose(planning.join("RD.dcm")).unwrap().value.plans);
+    // One result is one object, by whatever file of the field; another result is another.
+    let copy = at("push_copy.dcm");
+    std::fs::copy(&push, &copy).unwrap();
+    let again = at("RD_again.dcm");
+    let by_copy =
+        [("--planning-to-fraction", copy.as_path()), ("--dose", &dose), ("--grid", &planning), ("--out", &again)];
+    done(&map, &[&by_copy[..], &[like]].concat());
+    assert_eq!(std::fs::read(&out).unwrap(), std::fs::read(&again).unwrap());
+    let couch = day.join("dicom/REG_couch.dcm");
+    let shifted = at("RD_couch.dcm");
+    let by_couch = [("--field", couch.as_path()), ("--input", &dose), ("--out", &shifted), like];
+    done(&[&TO_PLANNING[..], &["--kind", "dose"]].concat(), &by_couch);
+    assert_ne!(read_dose(&shifted).unwrap().value.series.uid, back.series.uid);
     let plain = at("RD_back.nii.gz");
     let images: [(&str, &Path); 4] = [field, ("--dose", &dose), ("--grid", &planning), ("--out", &plain)];
     done(&map, &images);

@@ -1,4 +1,5 @@
 """Runs the workflow on 12 phantom patients with 3 fractions each, kills it in the middle, finishes it, and checks what it made.
+Where Slurm takes jobs and Snakemake has its plugin, two of them go through the profile for Slurm as well.
 
 python workflow/test.py PROGRAM FOLDER     (snakemake on PATH; FOLDER is made anew)
 """
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 PATIENTS, FRACTIONS = 12, 3
@@ -61,17 +63,20 @@ def reports(folder):
     return sorted((folder / "results" / "runs").glob("*/*/report.json"))
 
 
-def kill_in_the_middle(program, folder):
+def kill_in_the_middle(words, folder, killed_at):
     """Ends the workflow and its jobs as a power cut does; returns what was done until then."""
-    run = subprocess.Popen(snakemake(program, folder), start_new_session=True)
-    while len(reports(folder)) < KILLED_AT:
+    run = subprocess.Popen(words, start_new_session=True)
+    while len(reports(folder)) < killed_at:
         assert run.poll() is None, f"the workflow ended before it could be killed: {run.returncode}"
         time.sleep(0.2)
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
-    done = {path: path.stat().st_mtime_ns for path in reports(folder)}
-    assert len(done) < PATIENTS * FRACTIONS, "it was done before it was killed"
-    return done
+    return times(folder)
+
+
+def times(folder):
+    """When each report was written."""
+    return {path: path.stat().st_mtime_ns for path in reports(folder)}
 
 
 def main():
@@ -80,7 +85,8 @@ def main():
     folder.mkdir(parents=True)
     phantom = make_patients(program, folder)
     begun = time.monotonic()
-    before = kill_in_the_middle(program, folder)
+    before = kill_in_the_middle(snakemake(program, folder), folder, KILLED_AT)
+    assert len(before) < PATIENTS * FRACTIONS, "it was done before it was killed"
     call(*snakemake(program, folder, "--unlock"))
     call(*snakemake(program, folder, "--rerun-incomplete"))
     print(f"{PATIENTS * FRACTIONS} registrations and what follows: {time.monotonic() - begun:.0f} s")
@@ -114,6 +120,52 @@ def main():
     assert "Nothing to be done" in dry.stdout + dry.stderr, dry.stdout + dry.stderr
     for image in ["bones.nii.gz", "nothing.nii.gz"]:
         refused(program, folder, image)
+    if slurm_answers():
+        through_slurm(program, folder)
+    else:
+        print("no Slurm that takes jobs here, or no plugin for it: its profile is not tested")
+
+
+def slurm_answers():
+    """Whether jobs can be given to Slurm, and Snakemake can do it."""
+    plugin = find_spec("snakemake_executor_plugin_slurm")
+    return plugin and shutil.which("sbatch") and subprocess.run(["sinfo"], capture_output=True).returncode == 0
+
+
+def through_slurm(program, folder, patients=2):
+    """Jobs of Slurm, whose Snakemake is killed in the middle; what it left in the queue is cancelled, and it is finished."""
+    own = folder / "slurm"
+    own.mkdir()
+    lines = (folder / "cases.csv").read_text().splitlines(keepends=True)
+    (own / "cases.csv").write_text("".join(lines[: 1 + patients * FRACTIONS]))
+    shutil.copy(folder / "settings.toml", own)
+    name = f"aventail-test-{os.getpid()}"
+    options = ["--profile", Path(__file__).parent / "profiles/slurm", "--slurm-jobname-prefix", name]
+    words = snakemake(program, own, *options, "--slurm-init-seconds-before-status-checks", 5)
+
+    def jobs():
+        """Number and memory of those that are in the queue."""
+        told = call("squeue", "--noheader", "--me", "--format", "%i %m %j", capture_output=True, text=True).stdout
+        return [line.split()[:2] for line in told.splitlines() if name in line.split()[2]]
+
+    begun = time.monotonic()
+    kill_in_the_middle(words, own, 3)
+    left = jobs()
+    asked = {json.loads(path.read_text())["memory_bytes"] for path in (own / "results/estimates").rglob("*.json")}
+    asked = {f"{int(bytes / 1e6 * 1.1) + 350}M" for bytes in asked}
+    assert left and {memory for _, memory in left} <= asked, (left, asked)
+    call("scancel", *[number for number, _ in left])
+    while jobs():
+        time.sleep(0.5)
+    before = times(own)
+    assert len(before) < patients * FRACTIONS, "it was done before it was killed"
+    call(*words, "--unlock")
+    call(*words)
+    assert len(reports(own)) == patients * FRACTIONS
+    assert all(path.stat().st_mtime_ns == then for path, then in before.items()), "what was done was done again"
+    summary = json.loads((own / "results/summary/summary.json").read_text())
+    assert len(summary["runs"]) == patients * FRACTIONS and not summary["unfinished"]
+    print(f"{patients * FRACTIONS} registrations and what follows through Slurm: {time.monotonic() - begun:.0f} s")
 
 
 def refused(program, folder, image):

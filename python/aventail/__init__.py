@@ -19,8 +19,10 @@ from ._errors import (
     UsageError,
     WriteError,
 )
+from ._cohort import summary
 from ._field import Field
 from ._image import Image
+from ._library import library, library_modes
 from ._measure import evaluate, skeleton
 from ._phantom import Phantom, phantom
 from ._registration import Registration, RunWarning, pose, register
@@ -45,9 +47,12 @@ __all__ = [
     "__version__",
     "dose",
     "evaluate",
+    "library",
+    "library_modes",
     "phantom",
     "pose",
     "register",
     "reports",
     "skeleton",
+    "summary",
 ]

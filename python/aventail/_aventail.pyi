@@ -13,7 +13,9 @@ __all__ = [
     "compare_doses",
     "dvh",
     "evaluate",
+    "fit_postures",
     "main",
+    "make_library",
     "map_dose",
     "pose",
     "read_contours",
@@ -24,7 +26,12 @@ __all__ = [
     "register",
     "register_several",
     "skeleton",
+    "summary",
     "write_contours",
+    "write_dicom_contours",
+    "write_dicom_dose",
+    "write_dicom_field",
+    "write_dicom_image",
     "write_field",
     "write_image",
     "write_labels",
@@ -52,6 +59,12 @@ def write_image(path: str, raster: _Raster, whole: bool) -> None: ...
 def write_labels(path: str, raster: _Raster, names: _Names) -> None: ...
 def write_field(path: str, raster: _Raster, frames: tuple[str, str], format: str | None) -> None: ...
 def write_contours(path: str, json: str, frame: str) -> None: ...
+def write_dicom_image(path: str, raster: _Raster, like: str, of: str | None) -> None: ...
+def write_dicom_dose(
+    path: str, raster: _Raster, like: str, of: list[str], fields: list[str]
+) -> list[tuple[str, str]]: ...
+def write_dicom_contours(path: str, json: str, like: str, of: str | None) -> None: ...
+def write_dicom_field(path: str, raster: _Raster, start: str, end: str) -> None: ...
 def register(
     planning: _Source,
     bones: _Source,
@@ -111,7 +124,10 @@ def dvh(
 def compare_doses(
     dose: _Source, reference: _Source, tolerance: float | None, limit: float
 ) -> tuple[_Raster, _Raster, str]: ...
+def make_library(wanted: dict[str, Any], settings: dict[str, Any], threads: int, progress: _Reporter) -> str: ...
+def fit_postures(runs: list[str], out: str) -> str: ...
 def skeleton(bones: _Source, names: _Names | str | None) -> tuple[str, str]: ...
+def summary(runs: list[str], out: str | None, anonymous: bool) -> str: ...
 
 @final
 class Phantom:

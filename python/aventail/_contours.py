@@ -52,6 +52,15 @@ class Contours:
         """Writes a contour JSON (docs/formats.md) of contours that lie in ``frame``."""
         _aventail.write_contours(os.fspath(path), self._json(), frame)
 
+    def save_dicom(self, path: Path, like: Path, *, of: Path | None = None) -> None:
+        """Writes a structure set, ``*.dcm``, on the slices of ``like``, the folder of a DICOM series in whose frame they lie.
+
+        ``of`` is the structure set that they come from: structures keep its numbers and types, and it must be of the
+        patient of ``like``. What ``aventail warp --dicom-like`` writes.
+        """
+        source = None if of is None else os.fspath(of)
+        _aventail.write_dicom_contours(os.fspath(path), self._json(), os.fspath(like), source)
+
     def _json(self) -> str:
         def structure(name: str, polygons: Sequence[NDArray[np.float64]]) -> dict[str, Any]:
             entry: dict[str, Any] = {"name": name, "contours": [p.tolist() for p in polygons]}

@@ -93,6 +93,14 @@ class Field:
         """Writes it with its direction in the header; the extension chooses the layout where ``format`` does not."""
         _aventail.write_field(os.fspath(path), _raster(self.image, np.float32), (self.start, self.end), format)
 
+    def save_dicom(self, path: Path, start: Path, end: Path) -> None:
+        """Writes a Deformable Spatial Registration, ``*.dcm``, that lies in the DICOM series ``start`` and leads to ``end``.
+
+        Both are folders of the scans whose frames the field joins.
+        """
+        scans = os.fspath(start), os.fspath(end)
+        _aventail.write_dicom_field(os.fspath(path), _raster(self.image, np.float32), *scans)
+
     @classmethod
     def of(cls, thing: FieldLike, start: str, end: str) -> Field:
         """A field of a file, a SimpleITK image or transform, or an :class:`Image`; the frames are for you to say.

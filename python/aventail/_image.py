@@ -9,6 +9,7 @@ has one column per axis of the image, x first.
 from __future__ import annotations
 
 import os
+import warnings as python_warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -147,6 +148,30 @@ class Image:
         else:
             whole = bool(np.issubdtype(self.array.dtype, np.integer))
             _aventail.write_image(os.fspath(path), _raster(self, np.float32), whole)
+
+    def save_dicom(
+        self, path: Path, like: Path, *, of: Path | Sequence[Path] | None = None, registrations: Sequence[Path] = ()
+    ) -> None:
+        """Writes it as DICOM in the frame of the scan ``like``, the folder of a DICOM series, as ``--dicom-like`` does.
+
+        An image in HU becomes a series in a new folder, a dose (``kind="dose"``) an RT Dose, ``*.dcm``. ``of`` is what it
+        was made of: where that is DICOM the object refers to it, and it must be of the same patient; of a sum of doses,
+        all of them. ``registrations`` are DICOM registrations that carried a dose, to be referred to as well. Labels are not
+        written as DICOM: write contours.
+        """
+        of = [of] if isinstance(of, (str, os.PathLike)) else list(of or ())
+        sources = [os.fspath(thing) for thing in of]
+        out, scan = os.fspath(path), os.fspath(like)
+        if self.kind == "labels" or self.array.dtype == np.bool_:
+            raise _errors.usage("labels are not written as DICOM", "write contours, or the labels in another format")
+        if self.kind == "dose":
+            fields = [os.fspath(r) for r in registrations]
+            for code, message in _aventail.write_dicom_dose(out, _raster(self, np.float32), scan, sources, fields):
+                python_warnings.warn(f"{message} ({code})", RuntimeWarning, stacklevel=2)
+            return
+        if registrations or len(sources) > 1:
+            raise _errors.usage("an image is made of one other", "give registrations and several sources for a dose")
+        _aventail.write_dicom_image(out, _raster(self, np.float32), scan, sources[0] if sources else None)
 
 
 def imported(name: str) -> Any:

@@ -500,3 +500,93 @@ class Skeleton(TypedDict):
     ignored: list[str]
     warnings: list[Warned]
     text: str
+
+
+class CohortRun(TypedDict):
+    """One run of a cohort; ``figures`` have the unit in their name and are ``None`` where the run has none."""
+
+    patient: str
+    fraction: str
+    date: str
+    folder: str
+    version: str
+    figures: dict[str, float | None]
+    verdict: Literal["pass", "review", "fail"] | None
+    reasons: list[str]
+    stand_apart: list[str]
+    warnings: list[str]
+
+
+class WrittenFile(TypedDict):
+    """A file beside a record."""
+
+    name: str
+    sha256: str
+
+
+class CohortSummary(TypedDict):
+    """Runs side by side, by patient and date; ``medians`` of each figure over the runs that have it."""
+
+    version: str
+    created: int
+    command: str
+    medians: dict[str, float | None]
+    runs: list[CohortRun]
+    unfinished: list[str]
+    inputs: list[InputFile]
+    outputs: list[WrittenFile]
+
+
+class RejectedDraw(TypedDict):
+    """A posture that was drawn and not kept."""
+
+    draw: int
+    why: list[str]
+
+
+class Library(TypedDict):
+    """A library of postures, as ``library.json`` has it: MONAI's datalist, with what it was made from.
+
+    Entries of ``training`` and ``implausible`` name the files of a posture, seen from the library's folder, and its joints.
+    """
+
+    name: str
+    description: str
+    modality: dict[str, str]
+    labels: dict[str, str]
+    numTraining: int
+    training: list[dict[str, Any]]
+    implausible: list[dict[str, Any]]
+    version: str
+    command: str
+    inputs: list[InputFile]
+    settings: dict[str, Any]
+    degraded: dict[str, Any] | None
+    plan: str
+    sampled: int
+    seed: int
+    dimensions: int
+    rejected: list[RejectedDraw]
+    warnings: list[Warned]
+    outputs: list[OutputFile]
+
+
+class PostureMode(TypedDict):
+    """A principal mode, and its share of the variance, 0 to 1."""
+
+    name: str
+    share: float
+
+
+class PostureModes(TypedDict):
+    """Modes of a patient's fractions; ``weights`` are standard deviations of each mode, a list for each fraction."""
+
+    version: str
+    command: str
+    inputs: list[InputFile]
+    fractions: int
+    variance: float
+    modes: list[PostureMode]
+    weights: list[list[float]]
+    warnings: list[Warned]
+    outputs: list[WrittenFile]

@@ -4,7 +4,10 @@
 mod arrays;
 mod case;
 mod clinic;
+mod cohort;
+mod dicom;
 mod errors;
+mod library;
 mod measures;
 mod phantom;
 mod registration;
@@ -21,6 +24,12 @@ mod _aventail {
     use crate::arrays::{read_contours, read_field, read_grid, read_image, read_labels};
     #[pymodule_export]
     use crate::arrays::{write_contours, write_field, write_image, write_labels};
+    #[pymodule_export]
+    use crate::cohort::summary;
+    #[pymodule_export]
+    use crate::dicom::{write_dicom_contours, write_dicom_dose, write_dicom_field, write_dicom_image};
+    #[pymodule_export]
+    use crate::library::{fit_postures, make_library};
     #[pymodule_export]
     use crate::measures::{compare_doses, dvh, evaluate, map_dose, skeleton};
     #[pymodule_export]

@@ -77,6 +77,9 @@ impl Progress for Reporter {
     fn waiting(&self) {
         self.0.tell(None);
     }
+    fn note(&self, text: &str) {
+        self.0.tell(Some(Told::Stage(text.to_owned())));
+    }
     fn finish(&self, _: f64) {
         self.0.tell(Some(Told::Finished));
     }

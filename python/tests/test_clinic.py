@@ -98,6 +98,51 @@ def test_what_comes_back_is_what_was_carried(export: Path, by_program: Path) -> 
     assert np.array_equal(vectors, field.array)
 
 
+def test_single_results_are_the_programs_objects(export: Path, by_program: Path, tmp_path: Path) -> None:
+    planning, fraction = export / "dicom/planning", export / "dicom/fraction"
+    registration = aventail.register(planning, export / "bones.nii.gz", fraction, settings="fast")
+    structures, dose = planning / "RS.dcm", planning / "RD.dcm"
+    own, other = tmp_path / "own", tmp_path / "program"
+    own.mkdir()
+    other.mkdir()
+    registration.warp(structures, "fraction", kind="contours").save_dicom(own / "RS.dcm", fraction, of=structures)
+    # As the program reads them: NIfTI would round their origin.
+    push, pull = (by_program / f"dicom/REG_{name}.dcm" for name in ("planning_to_fraction", "fraction_to_planning"))
+    carried = registration.warp(dose, "fraction", kind="dose", grid=fraction)
+    carried.save_dicom(own / "RD.dcm", fraction, of=dose, registrations=[pull])
+    registration.warp(planning, "fraction", kind="image").save_dicom(own / "ct", fraction, of=planning)
+    registration.planning_to_fraction.save_dicom(own / "REG.dcm", planning, fraction)
+    there, back = f"--field=planning:fraction={push}", f"--field=fraction:planning={pull}"
+    frames = ["warp", "--from=planning", "--to=fraction", "--quiet"]
+    like = f"--dicom-like={fraction}"
+    for options in (
+        [there, back, f"--input={structures}", like, f"--out={other / 'RS.dcm'}"],
+        [back, f"--input={dose}", "--kind=dose", f"--grid={fraction}", like, f"--out={other / 'RD.dcm'}"],
+        [back, f"--input={planning}", "--kind=image", like, f"--out={other / 'ct'}"],
+        [there, f"--dicom-like={planning}", f"--dicom-to={fraction}", f"--out-field={other / 'REG.dcm'}"],
+    ):
+        done = program(*frames, *options)
+        assert done.returncode == 0, done.stderr
+    assert files(own).keys() == files(other).keys() and len(files(own)) > 20
+    assert [name for name, content in files(own).items() if content != files(other)[name]] == []
+
+
+def test_what_cannot_be_dicom_is_refused(export: Path, tmp_path: Path) -> None:
+    planning, fraction = export / "dicom/planning", export / "dicom/fraction"
+    bones, dose = aventail.Image.of(export / "bones.nii.gz", "labels"), aventail.Image.of(planning / "RD.dcm", "dose")
+    with pytest.raises(aventail.UsageError, match="labels are not written"):
+        bones.save_dicom(tmp_path / "bones", planning)
+    with pytest.raises(aventail.UsageError, match=r"\*\.dcm"):
+        dose.save_dicom(tmp_path / "dose.nii.gz", planning)
+    with pytest.raises(aventail.UsageError, match="no DICOM series"):
+        dose.save_dicom(tmp_path / "dose.dcm", export / "bones.nii.gz")
+    with pytest.raises(aventail.UsageError, match="alone in its folder"):
+        aventail.Image.of(planning).save_dicom(fraction, fraction)
+    # A dose that came from nowhere has no plan, which is said.
+    with pytest.warns(RuntimeWarning, match="dicom-no-plan"):
+        dose.save_dicom(tmp_path / "dose.dcm", planning, of=export / "dose.nii.gz")
+
+
 def test_every_fraction_comes_back(export: Path, tmp_path: Path) -> None:
     dicom = export / "dicom"
     days = [dicom / "fraction", dicom / "fraction_2"]

@@ -103,7 +103,7 @@ impl Runtime {
 
 /// Peak resident memory of this process in bytes, where the system tells (Linux).
 pub fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let status = of_this_process("status")?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib * 1024)
@@ -112,11 +112,16 @@ pub fn peak_memory() -> Option<u64> {
 /// Processor time of this process so far, all threads together, s, where the system tells (Linux): unlike wall time it
 /// hardly depends on what else the machine does.
 pub fn processor_seconds() -> Option<f64> {
-    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let stat = of_this_process("stat")?;
     // Behind the name, which may hold anything: state, then utime and stime as fields 12 and 13, in hundredths of a second.
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let ticks: u64 = fields.next()?.parse::<u64>().ok()? + fields.next()?.parse::<u64>().ok()?;
     Some(ticks as f64 / 100.0)
+}
+
+/// A file of `/proc/self`; under other systems a folder of that name, such as Wine's, tells of something else.
+fn of_this_process(name: &str) -> Option<String> {
+    cfg!(target_os = "linux").then(|| std::fs::read_to_string(format!("/proc/self/{name}")).ok()).flatten()
 }
 
 /// What has been added since [`processor_seconds`] told `before`.

@@ -47,12 +47,6 @@ impl LinkArg {
         }
     }
 
-    /// How the frames and the entry were said, without the folder of the file.
-    pub(super) fn said(&self) -> String {
-        let entry = self.place().1.unwrap_or_default().to_owned();
-        format!("{:?} {entry}", self.frames.as_ref().map(|f| (&f.from, &f.to)))
-    }
-
     /// The file.
     pub(super) fn path(&self) -> PathBuf {
         self.place().0

@@ -13,7 +13,6 @@ mod fields;
 pub mod figure;
 mod finished;
 mod frames;
-mod giveback;
 mod headers;
 mod inputs;
 mod inspect;

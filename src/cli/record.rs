@@ -3,20 +3,11 @@
 
 use super::terminal::command_line;
 use crate::error::Result;
-use crate::io::checksum::sha256_file;
+pub(super) use crate::io::checksum::{Output, outputs};
 use crate::io::{RunFolder, relative_to, write_json};
 use crate::pipeline::InputFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// A file that was written.
-#[derive(Debug, Serialize)]
-pub(super) struct Output {
-    /// Its name as seen from the folder of the record.
-    name: String,
-    /// SHA-256 of its bytes, hexadecimal.
-    sha256: String,
-}
 
 /// The record of a run.
 #[derive(Serialize)]
@@ -25,18 +16,6 @@ struct Record {
     command: String,
     inputs: Vec<InputFile>,
     outputs: Vec<Output>,
-}
-
-/// Checksums of files of a folder.
-///
-/// # Errors
-/// [`crate::error::Error::Read`] when one cannot be read back.
-pub(super) fn outputs(folder: &Path, names: &[PathBuf]) -> Result<Vec<Output>> {
-    let one = |name: &PathBuf| {
-        let sha256 = sha256_file(folder.join(name))?;
-        Ok(Output { name: name.to_string_lossy().into_owned(), sha256 })
-    };
-    names.iter().map(one).collect()
 }
 
 /// Writes the record of a run as `name` into its folder `out`, after all other files.

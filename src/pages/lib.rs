@@ -2,9 +2,7 @@
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
-#[cfg(test)]
-use aventail_base::findings;
-use aventail_base::{Error, error, geometry, runtime, stats, volume, warning};
+use aventail_base::{Error, error, findings, geometry, runtime, stats, volume, warning};
 use aventail_bones::{fit, postures, skeleton};
 use aventail_fields::{field, view};
 use aventail_formats::io;

@@ -10,7 +10,6 @@ pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, M
 
 use super::args::DirectionName;
 use super::fields::{self, Known};
-use super::giveback::Made;
 use super::ledger::Ledger;
 use super::record::Output;
 use super::terminal::command_line;
@@ -106,9 +105,8 @@ fn map(args: &MapArgs) -> Result<String> {
         carried::map(scenery, frame, &args.dose, &dose, ct.as_ref(), &mapped, &report)
     };
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
-    let made = Made { files, fields, settings: format!("{:?} {:?}", args.to, args.how) };
     let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose] };
-    finish(&back, carried, ledger, page, &made)
+    finish(&back, carried, ledger, page, &fields)
 }
 
 fn sum(args: &AccumulateArgs) -> Result<String> {
@@ -173,13 +171,12 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
         reports.push(report);
     }
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
-    let fields = args.fields.iter().map(PathBuf::as_path).collect();
-    let made = Made { files, fields, settings: format!("{weights:?} {:?} {:?}", args.direction, args.how) };
+    let fields: Vec<&Path> = args.fields.iter().map(PathBuf::as_path).collect();
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
     let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let carried = Carried { dose: &total, weights, parts: reports, sources: &doses };
-    finish(&out, carried, ledger, page, &made)
+    finish(&out, carried, ledger, page, &fields)
 }
 
 /// One dose and how it is to be carried.
@@ -242,7 +239,7 @@ fn finish(
     Carried { dose, weights, parts, sources }: Carried<'_>,
     mut ledger: Ledger,
     page: Option<Content>,
-    made: &Made<'_>,
+    fields: &[&Path],
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
     ledger.warnings.extend(judge_result(&out.display().to_string(), dose)?);
@@ -250,7 +247,7 @@ fn finish(
     // What tells of an earlier dose goes before that dose does.
     [beside(out), page_beside(out)].iter().try_for_each(|path| gone(path))?;
     match &back.like {
-        Some(like) => ledger.warnings.extend(like.dose(out, dose, sources, made)?),
+        Some(like) => ledger.warnings.extend(like.dose(out, dose, sources, fields)?),
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
     let text = table(&parts) + &listed(&ledger.warnings);

@@ -1,9 +1,9 @@
 //! Where a dose is written, and what lies beside it.
 
-use super::super::giveback::{self, Like};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::io;
+use crate::io::dicom::like::{self, Like};
 use crate::io::dicom::{Role, check_frames};
 use std::path::{Path, PathBuf};
 
@@ -16,12 +16,12 @@ pub(super) struct GiveBack<'a> {
 }
 
 impl<'a> GiveBack<'a> {
-    pub(super) fn new(like: Option<&Path>, out: &'a Path, grid: &Path, json: bool) -> Result<Self> {
-        giveback::check(out, like, false)?;
-        if let Some(like) = like {
-            check_frames(Role::Image.at(grid), Role::Image.at(like))?;
+    pub(super) fn new(series: Option<&Path>, out: &'a Path, grid: &Path, json: bool) -> Result<Self> {
+        like::check(out, series, false)?;
+        if let Some(series) = series {
+            check_frames(Role::Image.at(grid), Role::Image.at(series))?;
         }
-        Ok(Self { out, like: like.map(Like::read).transpose()?, json })
+        Ok(Self { out, like: series.map(Like::read).transpose()?, json })
     }
 }
 

@@ -137,10 +137,22 @@ pub(super) fn problem(range: &VolumeRange) -> Option<String> {
 
 fn parse_noise(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if value > 0.0 && value <= 1000.0 {
-        Ok(value)
-    } else {
-        Err("give a standard deviation above 0 and up to 1000 HU".into())
+    if is_noise(value) { Ok(value) } else { Err("give a standard deviation above 0 and up to 1000 HU".into()) }
+}
+
+fn is_noise(hu: f64) -> bool {
+    hu > 0.0 && hu <= 1000.0
+}
+
+impl LibraryArgs {
+    /// What is wrong with the numbers, if anything: they may come from elsewhere than a command line.
+    pub(super) fn problem(&self) -> Option<String> {
+        let sample = self.sample.filter(|n| !(1..=MOST_SAMPLES).contains(&i64::from(*n)));
+        let sample = sample.map(|n| format!("{n} postures: 1 to {MOST_SAMPLES} can be drawn"));
+        let noise = self.noise.filter(|hu| !is_noise(*hu));
+        let noise = noise.map(|hu| format!("noise of {hu} HU: more than 0 and up to 1000 can be added"));
+        let margin = (!(0.0..=500.0).contains(&self.margin)).then(|| format!("a margin of {} mm", self.margin));
+        sample.or(noise).or(margin)
     }
 }
 

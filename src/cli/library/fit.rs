@@ -1,13 +1,13 @@
 //! Principal modes of a patient's own fractions, as a plan to draw from.
 
 use super::super::terminal::command_line;
-use super::super::{planned, record, run_folder};
+use super::super::{planned, record};
 use super::args::{LibraryArgs, MANIFEST, PLAN};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::postures::write_postures;
-use crate::io::{self, relative_to, write_json};
+use crate::io::{self, RunFolder, relative_to, write_json};
 use crate::pipeline::InputFile;
 use crate::postures::{Mode, PosturePlan, Principal, Six, principal, sixes};
 use crate::report::Report;
@@ -23,31 +23,48 @@ const FEW: usize = 6;
 /// Residual couch shift after correction: what reports have of it holds differences of scanner origins too.
 const COUCH_SD_MM: [f64; 3] = [1.9; 3];
 
-/// What was found, as `library.json` holds it.
-#[derive(Serialize)]
-struct Fitted<'a> {
-    version: &'a str,
+/// The modes that were found, as `library.json` holds them.
+#[derive(Debug, Serialize)]
+pub struct Fitted {
+    version: &'static str,
     command: String,
     inputs: Vec<InputFile>,
     fractions: usize,
     /// Degrees squared and mm squared added up.
     variance: f64,
-    modes: Vec<Explained<'a>>,
+    modes: Vec<Explained>,
     /// Standard deviations of each mode: one list for each fraction.
-    weights: &'a [Vec<f64>],
-    warnings: &'a [Warning],
+    weights: Vec<Vec<f64>>,
+    warnings: Vec<Warning>,
     outputs: Vec<record::Output>,
+    #[serde(skip)]
+    table: String,
 }
 
-#[derive(Serialize)]
-struct Explained<'a> {
-    name: &'a str,
+#[derive(Debug, Serialize)]
+struct Explained {
+    name: String,
     share: f64,
 }
 
 /// Finds the modes and writes the plan; returns the table (or JSON) for the terminal.
 pub(super) fn run(args: &LibraryArgs) -> Result<String> {
-    let files: Vec<PathBuf> = args.fit.iter().map(|folder| folder.join("report.json")).collect();
+    let fitted = fit(&args.fit, &args.out, &command_line())?;
+    if args.run.told.json {
+        return io::json(&fitted);
+    }
+    let told: String = fitted.warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect();
+    Ok(format!("{}{told}The plan: {}", fitted.table, args.out.join(PLAN).display()))
+}
+
+/// Finds the principal modes of finished registrations, whose folders are named, and writes them into `out` as a plan;
+/// `command` is what asked for it.
+///
+/// # Errors
+/// [`Error::Usage`] for fewer than two; [`Error::Input`] when they are not of one planning CT with the same labels, or
+/// nothing varies; [`Error::Read`]; [`Error::Write`].
+pub fn fit(runs: &[PathBuf], out: &Path, command: &str) -> Result<Fitted> {
+    let files: Vec<PathBuf> = runs.iter().map(|folder| folder.join("report.json")).collect();
     let paths: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     if files.len() < 2 {
         return Err(Error::usage(
@@ -65,7 +82,7 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
         let problem = "all fractions have the same posture: nothing varies";
         return Err(Error::input("--fit", problem, "give different fractions"));
     }
-    let mut folder = run_folder(&args.out, &planned(&[MANIFEST], &[PLAN]), &paths)?;
+    let mut folder = RunFolder::open(out, &planned(&[MANIFEST], &[PLAN]), &paths, command)?;
     folder.begin()?;
     let warnings: Vec<Warning> = few(postures.len()).into_iter().collect();
     let skeleton = named_bones(&names);
@@ -73,29 +90,25 @@ pub(super) fn run(args: &LibraryArgs) -> Result<String> {
         format!("Principal modes of {} fractions, found by aventail {}.", postures.len(), env!("CARGO_PKG_VERSION")),
         "The couch's shift is not the fractions': theirs holds differences of scanner origins.".into(),
     ];
-    write_postures(args.out.join(PLAN), &skeleton, &plan(&skeleton, &found), &head)?;
+    write_postures(out.join(PLAN), &skeleton, &plan(&skeleton, &found), &head)?;
     let inputs = files.iter().map(|path| InputFile::read(InputRole::Fit, path));
-    let inputs = inputs.map(|i| i.map(|i| InputFile { path: relative_to(&args.out, &i.path), ..i }));
-    let share = |(mode, share): (&'_ Mode, &f64)| (mode.name.clone(), *share);
-    let shares: Vec<(String, f64)> = found.modes.iter().zip(&found.explained).map(share).collect();
+    let inputs = inputs.map(|i| i.map(|i| InputFile { path: relative_to(out, &i.path), ..i }));
+    let explained = |(mode, share): (&Mode, &f64)| Explained { name: mode.name.clone(), share: *share };
     let fitted = Fitted {
         version: env!("CARGO_PKG_VERSION"),
-        command: command_line(),
+        command: command.to_owned(),
         inputs: inputs.collect::<Result<_>>()?,
         fractions: postures.len(),
         variance: found.variance,
-        modes: shares.iter().map(|(name, share)| Explained { name, share: *share }).collect(),
-        weights: &found.weights,
-        warnings: &warnings,
-        outputs: record::outputs(&args.out, &[PathBuf::from(PLAN)])?,
+        modes: found.modes.iter().zip(&found.explained).map(explained).collect(),
+        table: table(&names, &found),
+        weights: found.weights,
+        warnings,
+        outputs: record::outputs(out, &[PathBuf::from(PLAN)])?,
     };
-    write_json(args.out.join(MANIFEST), &fitted)?;
+    write_json(out.join(MANIFEST), &fitted)?;
     folder.finish();
-    if args.run.told.json {
-        return io::json(&fitted);
-    }
-    let told: String = warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect();
-    Ok(format!("{}{told}The plan: {}", table(&names, &found), args.out.join(PLAN).display()))
+    Ok(fitted)
 }
 
 /// All runs are of one planning CT with one set of labels, and so of one skeleton.

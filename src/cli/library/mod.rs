@@ -9,11 +9,14 @@ mod write;
 pub(super) use args::HELP;
 pub use args::LibraryArgs;
 use args::{MANIFEST, PAGE, PLAN};
+pub use fit::{Fitted, fit};
 
-use super::run_folder;
+use super::inputs::config_file;
+use super::register::settings;
 use super::terminal::command_line;
 use super::terminal::harmless;
 use super::terminal::progress;
+use crate::config::{Config, RecordedInput};
 use crate::error::{Error, Result};
 use crate::io::postures::write_postures;
 use crate::io::{self, Planned, RunFolder, relative_to, write_file, write_json};
@@ -36,7 +39,42 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         return fit::run(args);
     }
     let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
-    let sources = Sources::load(args, &runtime)?;
+    let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
+    let config = settings(&file, &args.run)?;
+    let made = make(args, config, &file.inputs, &runtime, &command_line())?;
+    if args.run.told.json {
+        return io::json(&made.manifest);
+    }
+    let text = table(&made.records, &made.rejected) + &told(&made.warnings);
+    Ok(format!("{text}The page: {}", args.out.join(PAGE).display()))
+}
+
+/// A library that was made.
+#[derive(Debug)]
+pub struct Made {
+    /// What `library.json` holds.
+    pub manifest: Manifest,
+    records: Vec<PostureRecord>,
+    rejected: Vec<Rejected>,
+    warnings: Vec<Warning>,
+}
+
+/// Makes the library that the arguments ask for, by settings that are complete; `recorded` are inputs of an earlier run, for
+/// those that the arguments do not name, and `command` is what asked for it.
+///
+/// # Errors
+/// As [`run`].
+pub fn make(
+    args: &LibraryArgs,
+    config: Config,
+    recorded: &[RecordedInput],
+    runtime: &Runtime,
+    command: &str,
+) -> Result<Made> {
+    if let Some(problem) = args.problem() {
+        return Err(Error::usage(problem, "correct it"));
+    }
+    let sources = Sources::load(args, config, recorded, runtime)?;
     let total = sources.plan.postures.len() + args.sample.unwrap_or(0) as usize;
     if total == 0 {
         return Err(Error::usage(
@@ -45,13 +83,13 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
         ));
     }
     let names: Vec<String> = (1..=total).map(|n| format!("posture_{n:03}")).collect();
-    let mut folder = run_folder(&args.out, &planned(&names, &sources), &sources.files())?;
+    let mut folder = RunFolder::open(&args.out, &planned(&names, &sources), &sources.files(), command)?;
     let base = sources.key(args)?;
     // What an earlier run with the same settings has made is looked at again when its turn comes.
     let kept: Vec<&String> = names.iter().filter(|name| started(&args.out, name, &base)).collect();
     folder.go_on(|file| kept.iter().any(|name| file.starts_with(name)))?;
     let Sources { planning, plan, config, carried, degrade, inputs, .. } = sources;
-    let posing = Posing::new(planning, args.margin, &config, &runtime)?;
+    let posing = Posing::new(planning, args.margin, &config, runtime)?;
     let mut maker = Maker {
         posing: &posing,
         plan: &plan,
@@ -82,7 +120,7 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
     let Maker { rejected, .. } = maker;
     let about = About {
         version: env!("CARGO_PKG_VERSION").into(),
-        command: command_line(),
+        command: command.to_owned(),
         inputs: inputs
             .into_iter()
             .map(|i| crate::pipeline::InputFile { path: relative_to(&args.out, &i.path), about: None, ..i })
@@ -98,21 +136,20 @@ pub fn run(args: &LibraryArgs) -> Result<String> {
     };
     let head = ["The plan of a library of postures, in full.".to_owned()];
     write_postures(args.out.join(PLAN), posing.skeleton(), &plan, &head)?;
-    finish(args, folder, &posing, &records, &gallery, about)
+    finish(&args.out, folder, &posing, records, &gallery, about)
 }
 
-/// Writes page and manifest; returns the table (or JSON) for the terminal.
+/// Writes page and manifest.
 fn finish(
-    args: &LibraryArgs,
+    out: &Path,
     folder: RunFolder,
     posing: &Posing,
-    records: &[PostureRecord],
+    records: Vec<PostureRecord>,
     gallery: &Gallery,
     about: About,
-) -> Result<String> {
-    let out = &args.out;
+) -> Result<Made> {
     let name = out.file_name().map_or_else(|| "library".into(), |n| n.to_string_lossy());
-    let page = library_page(&name, records, gallery, &about)?;
+    let page = library_page(&name, &records, gallery, &about)?;
     write_file(out.join(PAGE), |w| w.write_all(page.as_bytes()))?;
     let own = records
         .iter()
@@ -120,14 +157,11 @@ fn finish(
     let mut more: Vec<OutputFile> = own.collect::<Result<_>>()?;
     more.push(OutputFile::written(out, PLAN, "the plan in full, for --plan")?);
     more.push(OutputFile::written(out, PAGE, "the spread of the library as a page")?);
-    let text = table(records, &about.rejected) + &told(&about.warnings);
-    let manifest = Manifest::new(records, &posing.planning().bones.names, about, more);
+    let (rejected, warnings) = (about.rejected.clone(), about.warnings.clone());
+    let manifest = Manifest::new(&records, &posing.planning().bones.names, about, more);
     write_json(out.join(MANIFEST), &manifest)?;
     folder.finish();
-    if args.run.told.json {
-        return io::json(&manifest);
-    }
-    Ok(format!("{text}The page: {}", out.join(PAGE).display()))
+    Ok(Made { manifest, records, rejected, warnings })
 }
 
 /// A few warnings for the terminal; the page has all.

@@ -3,10 +3,8 @@
 use super::super::auto::{Ask, Bones};
 use super::super::contours::of_planning;
 use super::super::headers::judge;
-use super::super::inputs::{Flags, Inputs, changed, config_file, either};
+use super::super::inputs::{Flags, Inputs, changed, either};
 use super::super::phantom::cbct_options;
-use super::super::register::settings;
-use super::super::terminal::progress;
 use super::args::{LibraryArgs, problem};
 use crate::chainmail::VolumeChange;
 use crate::config::{Config, InputRole, RecordedInput};
@@ -48,9 +46,12 @@ pub(super) struct Sources {
 
 impl Sources {
     /// Reads the files that flags, or an earlier run, name.
-    pub(super) fn load(args: &LibraryArgs, runtime: &Runtime) -> Result<Self> {
-        let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
-        let mut config = settings(&file, &args.run)?;
+    pub(super) fn load(
+        args: &LibraryArgs,
+        mut config: Config,
+        earlier: &[RecordedInput],
+        runtime: &Runtime,
+    ) -> Result<Self> {
         config.output.uncertainty = false;
         if config.region.is_some() {
             return Err(Error::usage(
@@ -58,8 +59,8 @@ impl Sources {
                 "remove [region] from the settings",
             ));
         }
-        let mut recorded = file.inputs.clone();
-        let bones = bones_of(args, &mut recorded)?;
+        let mut recorded = earlier.to_vec();
+        let bones = bones_of(args, &mut recorded, runtime)?;
         let flags = Flags {
             planning: &args.planning,
             bones: &bones.file,
@@ -83,7 +84,7 @@ impl Sources {
             planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
         }
         let skeleton = planning.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
-        let own = |flag: &Option<PathBuf>, role: InputRole| either(flag, role, &file.inputs);
+        let own = |flag: &Option<PathBuf>, role: InputRole| either(flag, role, earlier);
         let (plan_file, structures, dose) = (
             own(&args.plan, InputRole::Plan),
             own(&args.structures, InputRole::Structures),
@@ -122,7 +123,7 @@ impl Sources {
         ];
         for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
             let input = InputFile::read(role, path)?;
-            planning.warnings.extend(changed(std::slice::from_ref(&input), &file.inputs));
+            planning.warnings.extend(changed(std::slice::from_ref(&input), earlier));
             all.push(input);
         }
         Ok(Self { planning, plan, config, carried, degrade, inputs: all })
@@ -159,7 +160,7 @@ pub(super) fn without_volumes(config: &Config) -> Config {
 }
 
 /// The bones, by `--bones auto` where they are asked for so.
-fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>) -> Result<Bones> {
+fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>, runtime: &Runtime) -> Result<Bones> {
     let ask = Ask {
         bones: args.bones.as_deref(),
         labels: args.labels.as_deref(),
@@ -168,7 +169,7 @@ fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>) -> Result<Bon
         beside: &args.out,
         quiet: args.run.shown.quiet,
     };
-    Bones::of(ask, recorded, &*progress(args.run.shown.quiet))
+    Bones::of(ask, recorded, runtime.progress())
 }
 
 impl Carried {

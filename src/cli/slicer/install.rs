@@ -1,7 +1,7 @@
 //! The folder that Slicer loads.
 
 use crate::error::{Error, Result};
-use crate::io::write_file;
+use crate::io::{whole_path, write_file};
 use std::path::Path;
 
 /// Name of the module's file: Slicer shows the title of the description, and knows the module by this name.
@@ -21,7 +21,7 @@ pub(super) fn run(folder: &Path) -> Result<String> {
         "{} is written. In Slicer: Edit, Application Settings, Modules, Additional module paths, add\n  {}\n\
          and restart it. The module is under Registration: Articulated Registration (aventail).",
         file.display(),
-        std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned()).display()
+        whole_path(folder).unwrap_or_else(|_| folder.to_owned()).display()
     ))
 }
 
@@ -40,7 +40,9 @@ fn script(program: &Path) -> Result<(String, String)> {
 fn script(program: &Path) -> Result<(String, String)> {
     // A percent sign begins a variable in such a file.
     let path = program.display().to_string().replace('%', "%%");
-    Ok((format!("{NAME}.bat"), format!("@\"{path}\" slicer register %*\r\n")))
+    // Such a file is read in the console's own code page, which has no letters of other languages.
+    let letters = if path.is_ascii() { "" } else { "@chcp 65001 >nul\r\n" };
+    Ok((format!("{NAME}.bat"), format!("{letters}@\"{path}\" slicer register %*\r\n")))
 }
 
 #[cfg(unix)]

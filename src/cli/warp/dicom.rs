@@ -1,15 +1,14 @@
 //! What a `warp` writes as DICOM.
 
-use super::super::giveback::{self, Like, Made, rois_of};
 use super::super::links::LinkArg;
 use super::args::{VolumeKind, WarpArgs};
 use super::report::Report;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use crate::io::dicom::{Roi, Role, check_frames, describe_series, is_dicom_path, read_structure_set};
+use crate::io::dicom::like::{self, Like};
+use crate::io::dicom::{Role, StructureSet, check_frames, is_dicom_path, read_structure_set};
 use crate::io::{self, ContourFile};
 use crate::volume::Volume;
-use crate::volume::contour::Contours;
 use std::path::{Path, PathBuf};
 
 /// What an input is.
@@ -39,12 +38,12 @@ pub(super) fn check(args: &WarpArgs, input: Input, out: &Path) -> Result<()> {
     if let (Some(like), Some(grid)) = (like, &args.grid) {
         check_frames(Role::Image.at(grid), Role::Image.at(like))?;
     }
-    giveback::check(out, like, input == Input::Volume && args.kind == Some(VolumeKind::Image))
+    like::check(out, like, input == Input::Volume && args.kind == Some(VolumeKind::Image))
 }
 
 /// Refuses a field as DICOM without both scans, and both scans for a field that is none, before anything is read.
 pub(super) fn check_field(args: &WarpArgs, out: &Path) -> Result<()> {
-    let dcm = giveback::is_dcm(out);
+    let dcm = like::is_dcm(out);
     if dcm && (args.dicom_like.is_none() || args.dicom_to.is_none()) {
         return Err(Error::usage(
             format!("{}: a field as DICOM names the scan that it lies in and the one that it leads to", out.display()),
@@ -74,11 +73,6 @@ pub(super) fn ends(args: &WarpArgs) -> Result<Option<[Like; 2]>> {
     Ok(Some([Like::read(from)?, Like::read(to)?]))
 }
 
-/// Writes a field as a Deformable Spatial Registration.
-pub(super) fn write_field(args: &WarpArgs, from: &Like, to: &Like, field: &Volume<[f32; 3]>, out: &Path) -> Result<()> {
-    from.field(out, field, to, &made(args, &paths(args)))
-}
-
 /// The scan that the result refers to.
 pub(super) fn like(args: &WarpArgs) -> Result<Option<Like>> {
     args.dicom_like.as_deref().map(Like::read).transpose()
@@ -96,27 +90,14 @@ pub(super) fn grid(args: &WarpArgs, like: Option<&Like>, input: &Path) -> Result
 
 /// Reads contours, and what a structure set says of them. For a result as DICOM those without a contour keep their place in
 /// the set.
-pub(super) fn read(input: &Path, like: Option<&Like>) -> Result<(ContourFile, Option<Vec<Roi>>)> {
+pub(super) fn read(input: &Path, like: Option<&Like>) -> Result<(ContourFile, Option<StructureSet>)> {
     let Some(like) = like.filter(|_| is_dicom_path(input)) else {
         return Ok((io::read_contour_file(input)?, None));
     };
     let set = read_structure_set(input)?;
     like.same_patient(input, &set.patient)?;
-    let file = ContourFile { contours: set.contours, frame: None, path: set.path, warnings: set.warnings };
-    Ok((file, Some(set.rois)))
-}
-
-/// Writes contours as JSON, or as a structure set.
-pub(super) fn write_contours(
-    args: &WarpArgs,
-    like: Option<&Like>,
-    rois: Option<Vec<Roi>>,
-    moved: &Contours,
-    out: &Path,
-) -> Result<()> {
-    let Some(like) = like else { return io::write_contours(out, moved, &args.to) };
-    let rois = rois.unwrap_or_else(|| rois_of(moved));
-    like.structures(out, moved, &rois, &made(args, &paths(args)))
+    let (contours, path, warnings) = (set.contours.clone(), set.path.clone(), set.warnings.clone());
+    Ok((ContourFile { contours, frame: None, path, warnings }, Some(set)))
 }
 
 /// Writes an image or a dose as DICOM.
@@ -128,31 +109,11 @@ pub(super) fn write_volume(
     out: &Path,
     report: &mut Report,
 ) -> Result<()> {
-    let paths = paths(args);
-    let made = made(args, &paths);
-    if args.kind == Some(VolumeKind::Dose) {
-        report.warnings.extend(like.dose(out, warped, &[input], &made)?);
-        return Ok(());
+    if args.kind != Some(VolumeKind::Dose) {
+        return like.image(out, warped, Some(input));
     }
-    let source = if is_dicom_path(input) { Some(describe_series(input)?.0) } else { None };
-    if let Some(source) = &source {
-        like.same_patient(input, &source.patient)?;
-    }
-    like.image(out, warped, source.as_ref(), &made)
-}
-
-fn paths(args: &WarpArgs) -> Vec<PathBuf> {
-    args.field.iter().map(LinkArg::path).collect()
-}
-
-fn made<'a>(args: &'a WarpArgs, fields: &'a [PathBuf]) -> Made<'a> {
-    let names: Vec<String> = args.field.iter().map(LinkArg::said).collect();
-    Made {
-        files: args.input.iter().chain(&args.grid).map(PathBuf::as_path).collect(),
-        fields: fields.iter().map(PathBuf::as_path).collect(),
-        settings: format!(
-            "{names:?} {} {} {:?} {:?} {:?} {} {:?}",
-            args.from, args.to, args.kind, args.interpolation, args.outside, args.scale_by_jacobian, args.space
-        ),
-    }
+    let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
+    let fields: Vec<&Path> = fields.iter().map(PathBuf::as_path).collect();
+    report.warnings.extend(like.dose(out, warped, &[input], &fields)?);
+    Ok(())
 }

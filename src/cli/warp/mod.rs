@@ -8,7 +8,6 @@ pub(super) use args::HELP;
 pub use args::WarpArgs;
 
 use super::frames::{Names, role_of};
-use super::giveback::Like;
 use super::links::LinkArg;
 use super::terminal::progress;
 use crate::dose::{interpolate, judge};
@@ -19,6 +18,7 @@ use crate::field::{
 };
 use crate::findings;
 use crate::geometry::Grid;
+use crate::io::dicom::like::Like;
 use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
@@ -161,7 +161,7 @@ fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut Report) -
     };
     let (field, mapped) = chain.displacement_on(&grid)?;
     if let Some([from, to]) = &ends {
-        dicom::write_field(args, from, to, &field, out)?;
+        from.field(out, &field, to)?;
     } else {
         let format = args.dvf_format.map_or_else(|| FieldFormat::of(out), |name| Ok(name.into()))?;
         let description = io::direction(&args.from, &args.to, format);
@@ -244,7 +244,7 @@ fn map_contours(
             "leave them out",
         );
     }
-    let (ContourFile { mut contours, frame, warnings, .. }, rois) = dicom::read(input, like.as_ref())?;
+    let (ContourFile { mut contours, frame, warnings, .. }, set) = dicom::read(input, like.as_ref())?;
     report.warnings.extend(warnings);
     report.warnings.extend(contours.tidy());
     if let Some(frame) = frame.filter(|f| *f != args.from) {
@@ -267,7 +267,10 @@ fn map_contours(
             volume(new, slice)
         ));
     }
-    dicom::write_contours(args, like.as_ref(), rois, &moved, out)?;
+    match &like {
+        Some(like) => like.structures(out, &moved, set.as_ref())?,
+        None => io::write_contours(out, &moved, &args.to)?,
+    }
     report.kind = "contours";
     let share = 100.0 * mapped.outside as f64 / mapped.points.max(1) as f64;
     report.warnings.extend(outside_field("the contours", "a field", share, WORTH_OF_LABELS));

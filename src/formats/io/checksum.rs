@@ -5,7 +5,8 @@ use super::bytes::{open, sha256_of};
 use super::dicom;
 use super::series_path::root_of;
 use crate::error::Result;
-use std::path::Path;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
 
 /// SHA-256 of a file's bytes, as 64 hexadecimal digits. The file is streamed, not loaded. Of the folder of a DICOM series, or
 /// a series in it (`FOLDER#NUMBER`), it is that of the sorted SHA-256 of the files that the series is read from, one a line.
@@ -24,6 +25,27 @@ pub fn sha256_file(path: impl AsRef<Path>) -> Result<String> {
 pub fn require_file(path: impl AsRef<Path>) -> Result<()> {
     let path = path.as_ref();
     if is_folder(path) { dicom::require(path) } else { open(path).map(drop) }
+}
+
+/// A file that was written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Output {
+    /// Its name as seen from the folder of the record.
+    name: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    sha256: String,
+}
+
+/// Checksums of files of a folder.
+///
+/// # Errors
+/// [`Error::Read`](crate::error::Error::Read) when one cannot be read back.
+pub fn outputs(folder: &Path, names: &[PathBuf]) -> Result<Vec<Output>> {
+    let one = |name: &PathBuf| {
+        let sha256 = sha256_file(folder.join(name))?;
+        Ok(Output { name: name.to_string_lossy().into_owned(), sha256 })
+    };
+    names.iter().map(one).collect()
 }
 
 /// Whether a path is a folder, or names a series in one.

@@ -138,7 +138,9 @@ fn polygon(axes: &Matrix3<f64>, points: &[[f64; 3]]) -> Result<Polygon, String> 
     if flat.len() < 3 {
         return Err(format!("{} points make no polygon", flat.len()));
     }
-    let height = flat.iter().map(|p| p.z).sum::<f64>() / flat.len() as f64;
+    // From the first: points of one height have it as their mean, to the last digit, however many there are.
+    let first = flat[0].z;
+    let height = first + flat.iter().map(|p| p.z - first).sum::<f64>() / flat.len() as f64;
     if let Some(p) = flat.iter().find(|p| (p.z - height).abs() > FLAT_MM) {
         return Err(format!("its points are {:.2} mm off one plane", (p.z - height).abs()));
     }

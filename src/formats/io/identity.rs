@@ -1,5 +1,6 @@
 //! Which file a path leads to, through links, and where a file lies seen from a folder.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::Metadata;
 use std::path::{Component, Path, PathBuf};
 
@@ -50,13 +51,21 @@ pub(super) fn has_other_names(open: &Metadata) -> bool {
     return !open.is_file();
 }
 
+/// The whole path of what is there, without links, as people and other programs write it: on Windows without the
+/// prefix `\\?\` that the standard library puts before it.
+///
+/// # Errors
+/// Where nothing is there, or a folder on the way may not be read.
+pub fn whole_path(path: &Path) -> std::io::Result<PathBuf> {
+    dunce::canonicalize(path)
+}
+
 /// A file's path as seen from `folder`, so that both can be moved together; absolute where they have nothing but the root
-/// in common, and as it is where it is not there.
+/// in common, and as it is where it is not there. Its parts are joined by `/` on every system: it goes into reports and
+/// links of pages, which are read elsewhere.
 pub fn relative_to(folder: &Path, file: &Path) -> PathBuf {
     let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (Ok(folder), Ok(parent), Some(name)) =
-        (std::fs::canonicalize(folder), std::fs::canonicalize(parent), file.file_name())
-    else {
+    let (Ok(folder), Ok(parent), Some(name)) = (whole_path(folder), whole_path(parent), file.file_name()) else {
         return file.to_owned();
     };
     let named = |p: &Path| p.components().filter(|c| matches!(c, Component::Normal(_))).count();
@@ -67,7 +76,14 @@ pub fn relative_to(folder: &Path, file: &Path) -> PathBuf {
     }
     let up = folder.components().count() - shared.components().count();
     let down = parent.strip_prefix(&shared).unwrap_or(Path::new(""));
-    std::iter::repeat_n(Path::new(".."), up).collect::<PathBuf>().join(down).join(name)
+    let parts = std::iter::repeat_n(OsStr::new(".."), up).chain(down.iter());
+    let mut path = OsString::new();
+    for part in parts {
+        path.push(part);
+        path.push("/");
+    }
+    path.push(name);
+    path.into()
 }
 
 /// A path as text in JSON; bytes that are no text become replacement characters instead of ending the run.

@@ -60,7 +60,7 @@ pub use folder::{Planned, RunFolder};
 pub use guard::{check_files, recorded_file};
 pub use head::read_grid;
 pub use held::{at_work, is_lock};
-pub use identity::{path_as_text, relative_to, same_file};
+pub use identity::{path_as_text, relative_to, same_file, whole_path};
 pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};
 pub use json::{json, write_json};
 pub use labels::{

@@ -35,7 +35,7 @@ mod transforms;
 mod viewer;
 
 pub use clinic::{Clinic, ClinicFiles};
-pub use cohort::{Cohort, Fractions, Member};
+pub use cohort::{Cohort, Fractions, Member, Summary};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};
@@ -53,7 +53,7 @@ pub use transforms::write_bone_transforms;
 pub use viewer::{View, embed, embed_whole};
 
 use crate::error::{Error, Result};
-use crate::io::{relative_to, write_file, write_json};
+use crate::io::{relative_to, whole_path, write_file, write_json};
 use crate::pipeline::{Case, Outcome};
 use std::path::Path;
 
@@ -76,7 +76,7 @@ pub fn write(
     pictures.extend(pictures::material(&run.settings)?);
     pictures::write(&pictures_folder, &pictures)?;
     let mut report = Report::new(case, outcome, run);
-    report.folder = std::fs::canonicalize(folder).unwrap_or_default().to_string_lossy().into_owned();
+    report.folder = whole_path(folder).unwrap_or_default().to_string_lossy().into_owned();
     report.inputs.iter_mut().for_each(|input| input.path = relative_to(folder, &input.path));
     let mut more: Vec<(String, &str)> =
         pictures.iter().map(|p| (format!("report/{}", p.file), "picture of the report")).collect();

@@ -13,6 +13,7 @@ mod frame;
 mod frames;
 mod image;
 mod keyhole;
+pub mod like;
 mod open;
 mod pixels;
 mod place;

@@ -2,11 +2,13 @@
 
 mod figures;
 mod fractions;
+mod gather;
 mod odd;
 mod page;
 mod text;
 
 pub use fractions::Fractions;
+pub use gather::Summary;
 
 use super::numbers::Report;
 use crate::config::InputRole;

@@ -1,21 +1,29 @@
 //! Results as DICOM beside a scan: `--dicom-like SERIES`. The series tells patient, study and frame of reference.
 
-use crate::error::{Error, Result};
-use crate::geometry::Grid;
-use crate::io::checksum::sha256_file;
-use crate::io::dicom::registration::{DerivedRegistration, reference_of, write_deformable};
-use crate::io::dicom::write::{
+use super::Dose;
+use super::image::{describe_series, dose_at};
+use super::place::is_dicom_path;
+use super::registration::{DerivedRegistration, reference_of, write_deformable};
+use super::series::{Patient, Series};
+use super::structures::{Roi, StructureSet};
+use super::write::{
     CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, no_plan, write_ct, write_dose, write_structures,
 };
-use crate::io::dicom::{Dose, Patient, Roi, Series, describe_series, dose_at, is_dicom_path};
+use crate::error::{Error, Result};
+use crate::geometry::Grid;
+use crate::io::contours::contour_json;
 use crate::volume::Volume;
-use crate::volume::contour::Contours;
+use crate::volume::contour::{Contours, Structure};
 use crate::warning::Warning;
+use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+/// Values of a volume that are hashed at once.
+const PIECE: usize = 1 << 14;
+
 /// Whether a path is that of a DICOM file to be written.
-pub(super) fn is_dcm(path: &Path) -> bool {
+pub fn is_dcm(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
 }
 
@@ -23,7 +31,7 @@ pub(super) fn is_dcm(path: &Path) -> bool {
 ///
 /// # Errors
 /// [`Error::Usage`].
-pub(super) fn check(out: &Path, like: Option<&Path>, folder: bool) -> Result<()> {
+pub fn check(out: &Path, like: Option<&Path>, folder: bool) -> Result<()> {
     let file = out.display();
     match like {
         None if is_dcm(out) => Err(Error::usage(
@@ -52,27 +60,19 @@ pub(super) fn check(out: &Path, like: Option<&Path>, folder: bool) -> Result<()>
 }
 
 /// The scan that results refer to.
-pub(super) struct Like {
+pub struct Like {
     path: PathBuf,
     series: Series,
     /// Its grid.
-    pub(super) grid: Grid,
-}
-
-/// What a result was made of.
-pub(super) struct Made<'a> {
-    /// Files that it depends on.
-    pub files: Vec<&'a Path>,
-    /// Registrations among them, or other fields.
-    pub fields: Vec<&'a Path>,
-    /// Settings that it depends on.
-    pub settings: String,
+    pub grid: Grid,
 }
 
 impl Like {
+    /// The series of a folder.
+    ///
     /// # Errors
     /// [`Error::Input`] when it names no frame of reference; else as for reading a series.
-    pub(super) fn read(path: &Path) -> Result<Self> {
+    pub fn read(path: &Path) -> Result<Self> {
         let (series, grid) = describe_series(path)?;
         if series.frame_of_reference.is_empty() {
             let problem = "its images name no frame of reference, so that nothing can be said to lie in it";
@@ -85,7 +85,7 @@ impl Like {
     ///
     /// # Errors
     /// [`Error::Input`] with both.
-    pub(super) fn same_patient(&self, what: &Path, patient: &Patient) -> Result<()> {
+    pub fn same_patient(&self, what: &Path, patient: &Patient) -> Result<()> {
         let [a, b] = [&patient.id, &self.series.patient.id];
         if a == b {
             return Ok(());
@@ -94,20 +94,23 @@ impl Like {
         Err(Error::input(what.display().to_string(), problem, "give a series of the same patient as --dicom-like"))
     }
 
-    /// UIDs follow from all that the result depends on.
-    fn origin(&self, made: &Made<'_>) -> Result<Origin> {
-        let mut parts = vec![self.series.uid.clone(), made.settings.clone()];
-        for path in made.files.iter().chain(&made.fields) {
-            parts.push(sha256_file(path)?);
-        }
-        Ok(Origin::beside(&self.series, None, parts))
+    /// UIDs follow from what the object holds: two that differ in anything never share one, and the same result has the same,
+    /// however it was computed.
+    fn origin(&self, held: String, refers_to: impl IntoIterator<Item = String>) -> Origin {
+        let own = [self.series.uid.clone(), held];
+        Origin::beside(&self.series, None, own.into_iter().chain(refers_to).collect())
     }
 
-    /// Writes contours in the frame of the scan on its slices.
+    /// Writes contours in the frame of the scan on its slices. `set` is the structure set that they come from: number and
+    /// type of a structure of its name are kept.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub(super) fn structures(&self, out: &Path, contours: &Contours, rois: &[Roi], made: &Made<'_>) -> Result<()> {
+    /// [`Error::Write`]; [`Error::Input`] when the set is of another patient.
+    pub fn structures(&self, out: &Path, contours: &Contours, set: Option<&StructureSet>) -> Result<()> {
+        if let Some(set) = set {
+            self.same_patient(&set.path, &set.patient)?;
+        }
+        let rois = rois_of(contours, set);
         let about = DerivedStructures {
             role: "structures",
             description: "Contours carried by registration (aventail)",
@@ -115,17 +118,23 @@ impl Like {
             number: 902,
             drawn_on: &self.series,
         };
-        write_structures(out, contours, rois, &about, &self.origin(made)?)
+        let drawn = crate::io::checksum::sha256(&contour_json(contours, "")?);
+        write_structures(out, contours, &rois, &about, &self.origin(drawn, rois.iter().map(|roi| format!("{roi:?}"))))
     }
 
-    /// Writes an image in HU as a series into a folder. `source` is what it was made of, where that is DICOM.
+    /// Writes an image in HU as a series into a folder. `of` is what it was made of, which is referred to where it is DICOM.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub(super) fn image(&self, out: &Path, ct: &Volume<f32>, source: Option<&Series>, made: &Made<'_>) -> Result<()> {
+    /// [`Error::Write`]; [`Error::Input`] when it was made of a series of another patient.
+    pub fn image(&self, out: &Path, ct: &Volume<f32>, of: Option<&Path>) -> Result<()> {
+        let of = of.filter(|path| is_dicom_path(path));
+        let source = of.map(|path| Ok::<_, Error>((path, describe_series(path)?.0))).transpose()?;
+        if let Some((path, source)) = &source {
+            self.same_patient(path, &source.patient)?;
+        }
         let refuse = |e: std::io::Error| Error::write(out, e.to_string(), "choose a folder that you may write to");
         std::fs::create_dir_all(out).map_err(refuse)?;
-        let sources: Vec<&Series> = source.into_iter().collect();
+        let sources: Vec<&Series> = source.iter().map(|(_, series)| series).collect();
         let about = DerivedCt {
             role: "image",
             description: "CT carried by registration (aventail, research only)",
@@ -135,20 +144,17 @@ impl Like {
             patient_position: &self.series.patient_position,
             sources: &sources,
         };
-        write_ct(out, ct, &about, &self.origin(made)?).map(|_| ())
+        let refers_to = sources.iter().map(|series| series.uid.clone());
+        write_ct(out, ct, &about, &self.origin(digest(ct, |v, bytes| bytes.extend(v.to_le_bytes())), refers_to))
+            .map(|_| ())
     }
 
-    /// Writes a dose that was made of the doses of these files; returns what is to be known.
+    /// Writes a dose that was made of the doses of files by fields, registrations among which are referred to; returns what
+    /// is to be known.
     ///
     /// # Errors
     /// [`Error::Write`]; [`Error::Input`] when a source is of another patient, or physical and effective doses are mixed.
-    pub(super) fn dose(
-        &self,
-        out: &Path,
-        dose: &Volume<f32>,
-        sources: &[&Path],
-        made: &Made<'_>,
-    ) -> Result<Vec<Warning>> {
+    pub fn dose(&self, out: &Path, dose: &Volume<f32>, sources: &[&Path], fields: &[&Path]) -> Result<Vec<Warning>> {
         let mut read: Vec<Dose> = Vec::new();
         let mut warnings = Vec::new();
         for path in sources {
@@ -170,7 +176,7 @@ impl Like {
             (_, 1, Some(own)) if !own.is_empty() => own,
             _ => "PLAN",
         };
-        let registrations: Vec<[String; 2]> = made.fields.iter().filter_map(|path| reference_of(path)).collect();
+        let registrations: Vec<[String; 2]> = fields.iter().filter_map(|path| reference_of(path)).collect();
         let registrations: Vec<[&str; 2]> = registrations.iter().map(|[a, b]| [a.as_str(), b.as_str()]).collect();
         let about = DerivedDose {
             role: "dose",
@@ -183,7 +189,9 @@ impl Like {
             plans: &plans,
             carried_by: Some(&registrations),
         };
-        write_dose(out, dose, &about, &self.origin(made)?)?;
+        let said = format!("{} {} {plans:?} {registrations:?}", about.kind, about.summation);
+        let held = digest(dose, |v, bytes| bytes.extend(v.to_le_bytes()));
+        write_dose(out, dose, &about, &self.origin(held, [said]))?;
         Ok(warnings)
     }
 }
@@ -193,7 +201,7 @@ impl Like {
     ///
     /// # Errors
     /// [`Error::Write`]; [`Error::Input`] when the other scan is of another patient.
-    pub(super) fn field(&self, out: &Path, field: &Volume<[f32; 3]>, to: &Self, made: &Made<'_>) -> Result<()> {
+    pub fn field(&self, out: &Path, field: &Volume<[f32; 3]>, to: &Self) -> Result<()> {
         self.same_patient(&to.path, &to.series.patient)?;
         let about = DerivedRegistration {
             role: "field",
@@ -202,21 +210,41 @@ impl Like {
             from: &self.series,
             to: &to.series,
         };
-        let mut origin = self.origin(made)?;
-        origin.parts.push(to.series.uid.clone());
-        write_deformable(out, field, &about, &origin).map(|_| ())
+        let held = digest(field, |v, bytes| bytes.extend(v.iter().flat_map(|c| c.to_le_bytes())));
+        write_deformable(out, field, &about, &self.origin(held, [to.series.uid.clone()])).map(|_| ())
     }
 }
 
-/// ROIs of contours that come from no structure set.
-pub(super) fn rois_of(contours: &Contours) -> Vec<Roi> {
-    let roi = |(n, s): (usize, &crate::volume::contour::Structure)| Roi {
-        number: n as i64 + 1,
-        name: s.name.clone(),
-        interpreted_type: String::new(),
-        colour: s.colour,
-        generation_algorithm: String::new(),
-        empty: s.polygons.is_empty(),
+/// SHA-256 of a volume with its place.
+fn digest<T>(volume: &Volume<T>, bytes_of: impl Fn(&T, &mut Vec<u8>)) -> String {
+    let grid = volume.grid();
+    let mut hash = Sha256::new();
+    hash.update(format!("{:?} {:?} {:?} {:?}", grid.size(), grid.spacing(), grid.origin(), grid.direction()));
+    let mut bytes = Vec::new();
+    for piece in volume.data().chunks(PIECE) {
+        bytes.clear();
+        piece.iter().for_each(|value| bytes_of(value, &mut bytes));
+        hash.update(&bytes);
+    }
+    crate::io::checksum::sha256(&hash.finalize())
+}
+
+/// What is said of each structure: by the set that they come from where it has one of the name, else by the contours alone.
+fn rois_of(contours: &Contours, set: Option<&StructureSet>) -> Vec<Roi> {
+    let known = set.map_or(&[][..], |set| &set.rois);
+    let mut next = known.iter().map(|roi| roi.number).max().unwrap_or(0);
+    let roi = |s: &Structure| {
+        known.iter().find(|roi| roi.name == s.name).cloned().unwrap_or_else(|| {
+            next += 1;
+            Roi {
+                number: next,
+                name: s.name.clone(),
+                interpreted_type: String::new(),
+                colour: s.colour,
+                generation_algorithm: String::new(),
+                empty: s.polygons.is_empty(),
+            }
+        })
     };
-    contours.structures.iter().enumerate().map(roi).collect()
+    contours.structures.iter().map(roi).collect()
 }
