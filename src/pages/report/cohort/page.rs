@@ -64,7 +64,8 @@ pub(super) fn page(cohort: &Cohort) -> String {
 }
 
 pub(super) fn report_link(m: &Member) -> String {
-    m.folder.join("report.html").display().to_string()
+    // A link has `/` on every system.
+    format!("{}/report.html", m.folder.display())
 }
 
 /// What stands apart, and what is not finished.
