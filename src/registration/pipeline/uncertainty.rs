@@ -5,8 +5,8 @@ use super::{Outcome, PlanningScan};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::findings;
-use crate::fit::DeterminedBy;
-use crate::skeleton::Skeleton;
+use crate::fit::{BoneFit, DeterminedBy};
+use crate::skeleton::{Bone, Skeleton};
 use crate::volume::{Mask, Volume, Window};
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ pub(super) fn of(
     tissue: &Mask,
     images: Shown<'_>,
 ) -> Result<(Volume<f32>, UncertaintyReport)> {
-    let bone_mm = bone_mm(outcome);
+    let bone_mm = bone_mm(&outcome.skeleton.bones, &outcome.bone_fits);
     uncertainty::map(&Evidence {
         side,
         fraction: images.fraction,
@@ -70,22 +70,76 @@ fn doubt(outcome: &Outcome) -> f64 {
 }
 
 /// How well each bone's position is known, mm, by its label. A bone of which the image shows a part is known worse; one that
-/// no image determines is where its joint lets it be, beside the bone that it hangs on.
-fn bone_mm(outcome: &Outcome) -> BTreeMap<u16, f64> {
-    let bones = &outcome.skeleton.bones;
+/// no image determines is where its joint lets it be, beside the bone that it hangs on, and no better known than the fit's own
+/// deviation, in which turns of all joints between it and the image count: those take a skull out of view the farthest.
+fn bone_mm(bones: &[Bone], fits: &[BoneFit]) -> BTreeMap<u16, f64> {
     let mut mm: Vec<f64> = Vec::with_capacity(bones.len());
-    for (bone, fit) in bones.iter().zip(&outcome.bone_fits) {
+    for (bone, fit) in bones.iter().zip(fits) {
         let play = bone.joint.translation_range_mm.iter().map(|m| m * m).sum::<f64>().sqrt() / RANGE_SD;
         // Parents come first; where one does not, its own place is taken for known.
         let parent = bone.parent.and_then(|parent| mm.get(parent)).copied().unwrap_or(0.0);
-        let by_joint = play.hypot(parent);
-        let known = fit.position_sd_mm.is_finite() && fit.determined_by != DeterminedBy::Joint;
-        let own = if fit.determined_by == DeterminedBy::Image {
-            (DEPENDENT * fit.position_sd_mm / fit.visible.max(1e-3)).hypot(LEAST_MM)
-        } else {
-            fit.position_sd_mm
-        };
-        mm.push(if known { own.min(by_joint.max(LEAST_MM)) } else { by_joint });
+        let by_joint = play.hypot(parent).max(LEAST_MM);
+        let sd = fit.position_sd_mm;
+        mm.push(match fit.determined_by {
+            _ if !sd.is_finite() => by_joint,
+            DeterminedBy::Joint => by_joint.max(sd),
+            DeterminedBy::Image => (DEPENDENT * sd / fit.visible.max(1e-3)).hypot(LEAST_MM).min(by_joint),
+            _ => sd.min(by_joint),
+        });
     }
     bones.iter().map(|bone| bone.label).zip(mm).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::Stop;
+    use crate::geometry::Rigid;
+    use crate::skeleton::Joint;
+    use nalgebra::{Matrix3, Point3};
+
+    /// A skull that hangs on an atlas with 1 mm of play, in a scan that shows neither, or both.
+    fn known(determined_by: DeterminedBy, visible: f64) -> [f64; 2] {
+        let joint = Joint {
+            name: String::new(),
+            centre: Point3::origin(),
+            axes: Matrix3::identity(),
+            rotation_range_deg: [[-15.0, 15.0]; 3],
+            translation_range_mm: [2.0, 0.0, 0.0],
+            source: String::new(),
+        };
+        let bone = |label: u16, parent: Option<usize>| Bone {
+            label,
+            name: format!("bone {label}"),
+            volume_mm3: 1e4,
+            centroid: Point3::origin(),
+            parent,
+            joint: joint.clone(),
+        };
+        let fit = |position_sd_mm: f64| BoneFit {
+            name: String::new(),
+            transform: Rigid::identity(),
+            visible,
+            similarity_before: None,
+            similarity_after: None,
+            stop: Stop::FollowsJoint,
+            unsettled_mm: 0.0,
+            position_sd_mm,
+            rotation_sd_deg: 0.0,
+            beyond_range: Default::default(),
+            motion_mm: 0.0,
+            determined_by,
+        };
+        let all = bone_mm(&[bone(1, None), bone(2, Some(0))], &[fit(0.2), fit(9.0)]);
+        [all[&1], all[&2]]
+    }
+
+    #[test]
+    fn a_bone_out_of_view_is_no_better_known_than_the_turns_of_its_joints_let_it_be() {
+        // By play alone it would be known to 1.4 mm.
+        assert_eq!(known(DeterminedBy::Joint, 0.0), [1.0, 9.0]);
+        // What the image shows is known by the image, and at worst by the joint.
+        let [atlas, skull] = known(DeterminedBy::Image, 1.0);
+        assert!((atlas - 0.4f64.hypot(LEAST_MM)).abs() < 1e-12 && skull < 1.1, "{atlas} {skull}");
+    }
 }

@@ -2,9 +2,9 @@
 //! smaller.
 //!
 //! Where both images show a place, two things tell an error (docs/decisions/uncertainty.md has what was compared):
-//! *disagreement*, the distance `d` between the field and the one of the bones alone, and *mismatch*, the remaining
-//! difference of the images over their gradient, `q`, both averaged over 4 mm. Neither alone does, and the product does in
-//! all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
+//! *disagreement*, the distance `d` between the field and the one of the bones alone (with the nearest bone's own uncertainty
+//! in quadrature), and *mismatch*, the remaining difference of the images over their gradient, `q`, both averaged over 4 mm.
+//! Neither alone does, and the product does in all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
 //! part), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
 //!
 //! Outside the patient, and where it would exceed [`LIMIT_MM`], nothing is known: the map holds [`UNKNOWN`] there, which
@@ -185,6 +185,11 @@ mod tests {
     /// A box of tissue with stripes in its left half and nothing in its right half; a bone in the middle. The fraction is the
     /// same, shifted by `error` beyond what the field says, and shows only z < 60.
     fn scene(error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
+        beside(0.25, error, images)
+    }
+
+    /// The same, where the bone is known to so many mm.
+    fn beside(bone_mm: f64, error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
         let grid = Grid::axis_aligned([40, 30, 40], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
         let seen = Grid::axis_aligned([50, 40, 31], [3.0, 3.0, 2.0], [-12.0, -12.0, 0.0]).unwrap();
         let inside = |p: &Point3<f64>| p.x > 6.0 && p.x < 110.0 && p.y > 6.0 && p.y < 80.0;
@@ -213,7 +218,7 @@ mod tests {
             body: &body,
             tissue: &body,
             bones: &bones,
-            bone_mm: &BTreeMap::from([(5, 0.25)]),
+            bone_mm: &BTreeMap::from([(5, bone_mm)]),
             push: &push,
             doubt: 1.0,
             bones_alone: images.then_some(&alone),
@@ -237,6 +242,14 @@ mod tests {
         let want = (0.034f64 * (39.0 + 5.0)).hypot(0.25);
         assert!((f64::from(far) - want).abs() < 0.15, "{far} {want}");
         assert!((10.0..40.0).contains(&report.without_images_percent), "{report:?}");
+    }
+
+    #[test]
+    fn tissue_in_view_is_less_known_beside_a_bone_that_is_not() {
+        let ((known, _), (guessed, _)) = (beside(0.25, 0.0, true), beside(9.0, 0.0, true));
+        let ratio = guessed.at([10, 20, 12]) / known.at([10, 20, 12]);
+        let want = ((1f64.hypot(9.0) + 0.1) / (1f64.hypot(0.25) + 0.1)).cbrt();
+        assert!((f64::from(ratio) - want).abs() < 1e-3, "{ratio} {want}");
     }
 
     #[test]

@@ -44,7 +44,9 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
     let distance = |n: usize| {
         let x = grid.centre(grid.voxel(n));
         let at = |v: &Volume<[f32; 3]>| trilinear_vector(v, &v.grid().index(&x)).unwrap_or_else(Vector3::zeros);
-        (at(&e.push.displacement) - at(alone)).norm()
+        // Beside a bone that no image determines its own field is as unsure as the bone.
+        let bone = e.bone_mm.get(&e.side.owner.data()[n]).copied().unwrap_or(0.0);
+        (at(&e.push.displacement) - at(alone)).norm().hypot(bone)
     };
     let misled = |n: usize| {
         let at = |m: &Mask| m.grid().voxel_at(&grid.centre(grid.voxel(n))).is_some_and(|v| *m.at(v));
