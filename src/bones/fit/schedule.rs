@@ -25,6 +25,7 @@ use nalgebra::{DMatrix, Matrix3, Point3};
 const LEAST_VISIBLE: f64 = 0.05;
 /// A bone whose visible part explains less than this of its contrast after the fit is not where the image says:
 /// it follows its joints.
+/// Half of it changes no pair that was measured, twice as much refuses every true one.
 const LEAST_EXPLAINED: f64 = 0.5;
 /// So does a cut bone that is doubtful ([`DOUBTFUL_CUT`]) and leaves this many times as much unexplained as the middle one of
 /// the bones: not the noise is to blame.
@@ -34,6 +35,7 @@ const UNLIKE: f64 = 4.0;
 /// [`WHOLE`]) below the second share, since an edge hides what would tell a wrong place.
 const DOUBTFUL: f64 = 0.6;
 const DOUBTFUL_CUT: f64 = 0.85;
+/// Were every bone a cut one, a cone-beam CT would err by 1.17 mm for 0.77.
 const WHOLE: f64 = 0.9;
 /// How far around a doubtful bone is searched for.
 const AROUND_MM: f64 = 12.0;

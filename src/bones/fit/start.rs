@@ -37,6 +37,7 @@ pub enum FitStart<'a> {
 pub(super) const WEAK_START: f64 = 0.4;
 
 /// Step of the exhaustive search, mm. Half the width of the blur that the images get for it.
+/// With half of it the neighbours of wrong places take all of the finalists: a cone-beam CT is then not found.
 const STEP_MM: f64 = 10.0;
 /// Candidates that are refined.
 const CANDIDATES: usize = 16;
@@ -94,6 +95,7 @@ impl Range {
 }
 
 /// Lower grey values count as this, HU, that of fat: air where a limb has gone from must not outweigh all bones that are there.
+/// At -50 and at -200 the 99.5th percentile of a cone-beam CT is 6.8 and 6.7 mm for 6.3.
 const LEAST_HU: f64 = -100.0;
 
 /// Evidence for one shift, visible share times `-ln(1 - correlation^2)`, by nearest voxels (the images are blurred wider than a voxel).

@@ -14,8 +14,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Width (sigma) of the neighbourhoods in which images are correlated, mm, or the elements' spacing where that is greater.
+/// At 9 mm streaks around a filling are no longer told from anatomy (0.60 mm for 0.35); at 2.25 nothing changes.
 const NEAR_MM: f64 = 4.5;
 /// Width (sigma) over which gains and losses are weighed against each other, mm.
+/// 10 and 40 mm: 0.40 and 0.36 for 0.35 mm under streaks, 0.42 and 0.41 for 0.43 under noise.
 const WIDE_MM: f64 = 20.0;
 /// Grey values are counted in these, HU, so that single precision does.
 const UNIT_HU: f64 = 100.0;

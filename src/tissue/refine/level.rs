@@ -16,12 +16,14 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Least noise of a difference, HU.
+/// At 12 smooth motion errs by 0.38 mm for 0.34 (spline) and posed motion by 0.233 for 0.245; at 3 nothing changes.
 const LEAST_NOISE: f64 = 6.0;
 
 /// Every so many-th comparison tells how the grey values of the two scans agree.
 const THINNED: usize = 7;
 
 /// Farthest that one comparison may ask an element to move, in widths of the blur.
+/// Half and twice as far: within 0.005 mm on all cases.
 const REACH: f64 = 2.0;
 
 /// Both images blurred for one lattice, and the lattice's points.
