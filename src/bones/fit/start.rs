@@ -37,7 +37,7 @@ pub enum FitStart<'a> {
 pub(super) const WEAK_START: f64 = 0.4;
 
 /// Step of the exhaustive search, mm. Half the width of the blur that the images get for it.
-/// With half of it the neighbours of wrong places take all of the finalists: a cone-beam CT is then not found.
+/// With half of it, and as many finalists, a cone-beam CT is not found.
 const STEP_MM: f64 = 10.0;
 /// Candidates that are refined.
 const CANDIDATES: usize = 16;

@@ -4,161 +4,68 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 
-/// What a file is to the run that reads it; as text in kebab-case, which is its option where it has one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(into = "&'static str", from = "String")]
-pub enum InputRole {
-    /// Planning CT.
-    Planning,
-    /// Bone labels, or a structure set with bones.
-    Bones,
-    /// Fraction CT.
-    Fraction,
-    /// Names of labels.
-    Labels,
-    /// Labels of organs.
-    Organs,
-    /// Skeleton in place of the built one.
-    Skeleton,
-    /// Evaluation landmarks.
-    Landmarks,
-    /// Landmarks on bones.
-    BoneLandmarks,
-    /// Motion that the fit begins with.
-    Start,
-    /// Structures.
-    Structures,
-    /// Dose.
-    Dose,
-    /// Dose that another one is compared with.
-    Reference,
-    /// CT that a dose is mapped with.
-    Ct,
-    /// Image that a grid is taken from.
-    Grid,
-    /// CT under the dose of a page.
-    PageCt,
-    /// CT under the compared dose.
-    DoseCt,
-    /// Mask of what is evaluated.
-    Mask,
-    /// Structures drawn on the planning CT.
-    LabelsPlanning,
-    /// Structures drawn on the fraction CT.
-    LabelsFraction,
-    /// Plan of a study, a curve or postures.
-    Plan,
-    /// Figures of other tools.
-    Peers,
-    /// Pose given by hand.
-    Pose,
-    /// Motions of bones.
-    Transforms,
-    /// Settings of a cone-beam CT.
-    Cbct,
-    /// Report of a run whose pose is learnt from.
-    Fit,
-    /// Report of a run.
-    Report,
-    /// Report of the run that a study is of.
-    Case,
-    /// Field on the planning grid, to the fraction.
-    PlanningToFraction,
-    /// Field on the fraction grid, to planning.
-    FractionToPlanning,
-    /// One of several fields.
-    Fields,
-    /// A field that is carried along.
-    Field,
-    /// Another tool's field.
-    Compare,
-    /// Field onward from the fraction.
-    Then,
-    /// Field straight to where `then` leads.
-    Direct,
-    /// What a report of another version names that this one does not know.
-    Other,
+/// The roles, each with its name and what it says, from one list.
+macro_rules! roles {
+    ($($role:ident = $name:literal, $about:literal;)*) => {
+        /// What a file is to the run that reads it; as text in kebab-case, which is its option where it has one.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(into = "&'static str", from = "String")]
+        pub enum InputRole {
+            $(#[doc = $about] $role,)*
+            /// What a report of another version names that this one does not know.
+            Other,
+        }
+
+        impl InputRole {
+            /// All but [`InputRole::Other`].
+            const KNOWN: &[Self] = &[$(Self::$role),*];
+
+            /// Its name.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$role => $name,)*
+                    Self::Other => "other",
+                }
+            }
+        }
+    };
 }
 
-impl InputRole {
-    /// All but [`InputRole::Other`].
-    const KNOWN: [Self; 34] = [
-        Self::Planning,
-        Self::Bones,
-        Self::Fraction,
-        Self::Labels,
-        Self::Organs,
-        Self::Skeleton,
-        Self::Landmarks,
-        Self::BoneLandmarks,
-        Self::Start,
-        Self::Structures,
-        Self::Dose,
-        Self::Reference,
-        Self::Ct,
-        Self::Grid,
-        Self::PageCt,
-        Self::DoseCt,
-        Self::Mask,
-        Self::LabelsPlanning,
-        Self::LabelsFraction,
-        Self::Plan,
-        Self::Peers,
-        Self::Pose,
-        Self::Transforms,
-        Self::Cbct,
-        Self::Fit,
-        Self::Report,
-        Self::Case,
-        Self::PlanningToFraction,
-        Self::FractionToPlanning,
-        Self::Fields,
-        Self::Field,
-        Self::Compare,
-        Self::Then,
-        Self::Direct,
-    ];
-
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Planning => "planning",
-            Self::Bones => "bones",
-            Self::Fraction => "fraction",
-            Self::Labels => "labels",
-            Self::Organs => "organs",
-            Self::Skeleton => "skeleton",
-            Self::Landmarks => "landmarks",
-            Self::BoneLandmarks => "bone-landmarks",
-            Self::Start => "start",
-            Self::Structures => "structures",
-            Self::Dose => "dose",
-            Self::Reference => "reference",
-            Self::Ct => "ct",
-            Self::Grid => "grid",
-            Self::PageCt => "page-ct",
-            Self::DoseCt => "dose-ct",
-            Self::Mask => "mask",
-            Self::LabelsPlanning => "labels-planning",
-            Self::LabelsFraction => "labels-fraction",
-            Self::Plan => "plan",
-            Self::Peers => "peers",
-            Self::Pose => "pose",
-            Self::Transforms => "transforms",
-            Self::Cbct => "cbct",
-            Self::Fit => "fit",
-            Self::Report => "report",
-            Self::Case => "case",
-            Self::PlanningToFraction => "planning-to-fraction",
-            Self::FractionToPlanning => "fraction-to-planning",
-            Self::Fields => "fields",
-            Self::Field => "field",
-            Self::Compare => "compare",
-            Self::Then => "then",
-            Self::Direct => "direct",
-            Self::Other => "other",
-        }
-    }
+roles! {
+    Planning = "planning", "Planning CT.";
+    Bones = "bones", "Bone labels, or a structure set with bones.";
+    Fraction = "fraction", "Fraction CT.";
+    Labels = "labels", "Names of labels.";
+    Organs = "organs", "Labels of organs.";
+    Skeleton = "skeleton", "Skeleton in place of the built one.";
+    Landmarks = "landmarks", "Evaluation landmarks.";
+    BoneLandmarks = "bone-landmarks", "Landmarks on bones.";
+    Start = "start", "Motion that the fit begins with.";
+    Structures = "structures", "Structures.";
+    Dose = "dose", "Dose.";
+    Reference = "reference", "Dose that another one is compared with.";
+    Ct = "ct", "CT that a dose is mapped with.";
+    Grid = "grid", "Image that a grid is taken from.";
+    PageCt = "page-ct", "CT under the dose of a page.";
+    DoseCt = "dose-ct", "CT under the compared dose.";
+    Mask = "mask", "Mask of what is evaluated.";
+    LabelsPlanning = "labels-planning", "Structures drawn on the planning CT.";
+    LabelsFraction = "labels-fraction", "Structures drawn on the fraction CT.";
+    Plan = "plan", "Plan of a study, a curve or postures.";
+    Peers = "peers", "Figures of other tools.";
+    Pose = "pose", "Pose given by hand.";
+    Transforms = "transforms", "Motions of bones.";
+    Cbct = "cbct", "Settings of a cone-beam CT.";
+    Fit = "fit", "Report of a run whose pose is learnt from.";
+    Report = "report", "Report of a run.";
+    Case = "case", "Report of the run that a study is of.";
+    PlanningToFraction = "planning-to-fraction", "Field on the planning grid, to the fraction.";
+    FractionToPlanning = "fraction-to-planning", "Field on the fraction grid, to planning.";
+    Fields = "fields", "One of several fields.";
+    Field = "field", "A field that is carried along.";
+    Compare = "compare", "Another tool's field.";
+    Then = "then", "Field onward from the fraction.";
+    Direct = "direct", "Field straight to where `then` leads.";
 }
 
 impl fmt::Display for InputRole {
@@ -175,7 +82,7 @@ impl From<InputRole> for &'static str {
 
 impl From<String> for InputRole {
     fn from(name: String) -> Self {
-        Self::KNOWN.into_iter().find(|role| role.name() == name).unwrap_or(Self::Other)
+        Self::KNOWN.iter().copied().find(|role| role.name() == name).unwrap_or(Self::Other)
     }
 }
 
@@ -211,7 +118,7 @@ mod tests {
 
     #[test]
     fn every_role_is_read_as_it_is_written_and_strange_ones_are_other() {
-        for role in InputRole::KNOWN {
+        for &role in InputRole::KNOWN {
             let text = serde_json::to_string(&role).unwrap();
             assert_eq!(text, format!("\"{}\"", role.name()));
             assert_eq!(serde_json::from_str::<InputRole>(&text).unwrap(), role);

@@ -38,13 +38,7 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
         let (mut pull, _) = invert(&push, &fraction, None, &options).unwrap();
         let grid = push.displacement.grid().clone();
         let rigid = bone(&grid);
-        let report = agree(
-            &mut push,
-            &mut pull,
-            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
-            &options,
-            &ConsistencyOptions::default(),
-        );
+        let report = made_to_agree(&mut push, &mut pull, &rigid, &options, &ConsistencyOptions::default());
         assert!(report.beyond_before > 50 && report.beyond == 0, "{report:?}");
         assert!(report.there_and_back_mm.max <= 0.5 && report.there_and_back_mm.n > 10_000, "{report:?}");
         assert!(report.moved_mm > 0.1 && report.moved_mm < 3.0, "{report:?}");
@@ -57,13 +51,7 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
         assert!((f64::from(moved) - report.moved_mm).abs() < 1e-6);
         // Only some planes are measured again: that tells what measuring all of them does.
         let off = ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() };
-        let anew = agree(
-            &mut push,
-            &mut pull,
-            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
-            &options,
-            &off,
-        );
+        let anew = made_to_agree(&mut push, &mut pull, &rigid, &options, &off);
         assert_eq!((anew.there_and_back_mm, anew.beyond), (report.there_and_back_mm, report.beyond));
         assert_eq!(digital_folds(&push).count(), 0);
         for (n, v) in pull.displacement.data().iter().enumerate() {
@@ -75,6 +63,18 @@ fn a_bend_beside_bone_gives_way_and_nothing_else_is_lost() {
     }
 }
 
+/// [`agree`], with what lies beside bones that touch spared.
+fn made_to_agree(
+    push: &mut PushField,
+    pull: &mut PullField,
+    bone: &impl BoneOf,
+    invert: &InvertOptions,
+    options: &ConsistencyOptions,
+) -> ConsistencyReport {
+    let spared = beside_contact(push.displacement.grid(), bone).unwrap();
+    agree(push, pull, &Beside { bone, spared: &spared }, invert, options)
+}
+
 #[test]
 fn what_agrees_or_is_not_asked_for_stays_to_the_bit() {
     let (mut push, fraction) = pressed(1.0);
@@ -84,36 +84,14 @@ fn what_agrees_or_is_not_asked_for_stays_to_the_bit() {
     let grid = u.grid().clone();
     let rigid = bone(&grid);
     let off = ConsistencyOptions { rounds: 0, ..ConsistencyOptions::default() };
-    let report = agree(
-        &mut push,
-        &mut pull,
-        &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
-        &options,
-        &off,
-    );
+    let report = made_to_agree(&mut push, &mut pull, &rigid, &options, &off);
     assert!(report.beyond == report.beyond_before && report.beyond > 0 && report.there_and_back_mm.max > 0.5);
     let generous = ConsistencyOptions { limit_mm: 5.0, ..ConsistencyOptions::default() };
-    assert_eq!(
-        agree(
-            &mut push,
-            &mut pull,
-            &Beside { bone: &rigid, spared: &beside_contact(&grid, &rigid).unwrap() },
-            &options,
-            &generous
-        )
-        .beyond,
-        0
-    );
+    assert_eq!(made_to_agree(&mut push, &mut pull, &rigid, &options, &generous).beyond, 0);
     // Where bones touch, misses are not counted: here everywhere.
     let plane = u.grid().strides()[2];
     let touching = |n: usize| Some((n / plane % 2) as u16);
-    let report = agree(
-        &mut push,
-        &mut pull,
-        &Beside { bone: &touching, spared: &beside_contact(&grid, &touching).unwrap() },
-        &options,
-        &ConsistencyOptions::default(),
-    );
+    let report = made_to_agree(&mut push, &mut pull, &touching, &options, &ConsistencyOptions::default());
     assert_eq!((report.there_and_back_mm.n, report.beyond_before), (0, 0));
     assert!(push.displacement == u && pull.displacement == v);
 }
