@@ -40,9 +40,11 @@
 //! Each room imports only from rooms of lower rank; `tests/layers.rs` proves it.
 //!
 //! ```text
-//! 9 cli        arguments, terminal            8 report     outcome -> files
-//! 7 pipeline benchmark                        6 config io concepts
-//! 5 fit plausibility postures refine phantom comparator  4 skeleton chainmail evaluate dose
+//! 12 cli       arguments, terminal           11 session benchmark  given -> saved
+//! 10 report    outcome -> files               9 provenance  files behind a case
+//! 8 io phantom concepts                       7 pipeline   case -> outcome
+//! 6 config                                    5 fit plausibility postures refine comparator
+//! 4 skeleton chainmail evaluate dose
 //! 3 field body view                           2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error findings warning progress runtime stats
 //! ```
@@ -52,9 +54,10 @@ pub use aventail_bones::{fit, plausibility, postures, skeleton};
 pub use aventail_fields::{body, field, view};
 pub use aventail_formats::io;
 pub use aventail_measures::{dose, evaluate};
-pub use aventail_pages::report;
-pub use aventail_registration::{benchmark, config, pipeline};
+pub use aventail_pages::{provenance, report};
+pub use aventail_registration::{config, pipeline};
 pub use aventail_scenes::{concepts, phantom};
+pub use aventail_sessions::{benchmark, session};
 pub use aventail_tissue::{chainmail, comparator, refine};
 pub use config::Config;
 pub use pipeline::{Case, Outcome, register};

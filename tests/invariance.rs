@@ -94,8 +94,8 @@ fn storage_order_does_not_matter() {
     // Planning in RAS storage, the fraction in a left-handed permutation; both at once, by the
     // bounds of one.
     let (order, flip) = ([0, 1, 2], [true, true, false]);
-    case.planning.ct = restored(&case.planning.ct, order, flip);
-    case.planning.bones.volume = restored(&case.planning.bones.volume, order, flip);
+    case.planning_mut().ct = restored(&case.planning.ct, order, flip);
+    case.planning_mut().bones.volume = restored(&case.planning.bones.volume, order, flip);
     let other = ([2, 0, 1], [false, false, true]);
     case.fraction.ct = restored(&case.fraction.ct, other.0, other.1);
     let stored = registered(&case);
@@ -107,7 +107,7 @@ fn storage_order_does_not_matter() {
 fn labels_of_muscles_beside_the_bones_change_nothing() {
     let (phantom, outcome) = fine_registered();
     let mut case = Case::from(phantom.clone());
-    let bones = &mut case.planning.bones;
+    let bones = &mut case.planning_mut().bones;
     let muscle = bones.names.keys().max().expect("the phantom has bones") + 1;
     bones.names.insert(muscle, "autochthon_left".into());
     let grid = bones.volume.grid().clone();

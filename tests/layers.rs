@@ -10,30 +10,34 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Rooms by rank, as the table in `src/lib.rs`.
-const RANKS: [&[&str]; 10] = [
+const RANKS: [&[&str]; 13] = [
     &["error", "findings", "warning", "progress", "runtime", "stats"],
     &["geometry"],
     &["volume"],
     &["field", "body", "view"],
     &["skeleton", "chainmail", "evaluate", "dose"],
-    &["fit", "plausibility", "postures", "refine", "phantom", "comparator"],
-    &["config", "io", "concepts"],
-    &["pipeline", "benchmark"],
+    &["fit", "plausibility", "postures", "refine", "comparator"],
+    &["config"],
+    &["pipeline"],
+    &["io", "phantom", "concepts"],
+    &["provenance"],
     &["report"],
+    &["session", "benchmark"],
     &["cli"],
 ];
 
 /// The crates below `src`, lowest first, and their rooms; `cli` is the program's own. A crate takes from earlier ones only.
-const CRATES: [(&str, &[&str]); 9] = [
+const CRATES: [(&str, &[&str]); 10] = [
     ("base", &["error", "findings", "warning", "progress", "runtime", "stats", "geometry", "volume"]),
     ("fields", &["field", "body", "view"]),
     ("measures", &["evaluate", "dose"]),
     ("tissue", &["chainmail", "refine", "comparator"]),
     ("bones", &["skeleton", "fit", "plausibility", "postures"]),
+    ("registration", &["config", "pipeline"]),
     ("scenes", &["phantom", "concepts"]),
     ("formats", &["io"]),
-    ("registration", &["config", "pipeline", "benchmark"]),
-    ("pages", &["report"]),
+    ("pages", &["provenance", "report"]),
+    ("sessions", &["session", "benchmark"]),
 ];
 
 /// Imports inside rank 0 that are meant: a runtime shows progress and reports errors, errors and warnings are of findings.

@@ -107,7 +107,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
     let folded = outcome.jacobian_report.body.folded_percent;
     let back = &outcome.consistency.there_and_back_mm;
     let bone = name(&planning.bones, score.worst.0);
-    let seconds: f64 = outcome.stages.iter().map(|s| s.seconds).sum();
+    let seconds: f64 = runtime.times().iter().map(|s| s.seconds).sum();
     let landmarks = outcome.landmarks.as_ref().map_or(f64::NAN, |l| l.after.mean);
     println!(
         "{case}: bones {:.3} mm, worst {bone} {:.3} mm, soft {:.3} mm, rigid {rigid:.5} mm, folded {folded:.4} %, landmarks {landmarks:.2} mm, {seconds:.1} s",

@@ -24,7 +24,6 @@ __all__ = [
     "read_image",
     "read_labels",
     "register",
-    "register_several",
     "skeleton",
     "summary",
     "write_contours",
@@ -66,15 +65,6 @@ def write_dicom_dose(
 def write_dicom_contours(path: str, json: str, like: str, of: str | None) -> None: ...
 def write_dicom_field(path: str, raster: _Raster, start: str, end: str) -> None: ...
 def register(
-    planning: _Source,
-    bones: _Source,
-    fraction: _Source,
-    more: dict[str, Any],
-    settings: dict[str, Any],
-    threads: int,
-    progress: _Reporter,
-) -> Registration: ...
-def register_several(
     planning: _Source,
     bones: _Source,
     fractions: list[tuple[_Source, Any]],

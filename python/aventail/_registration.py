@@ -403,29 +403,27 @@ def register(
     ['body', 'brainstem', 'ctv']
     """
     given, names = label_source(bones, labels)
-    several = isinstance(fraction, list)
-    more = _more(names, None if several else landmarks, bone_landmarks, skeleton, start, bones_folder)
+    more = _more(names, None, bone_landmarks, skeleton, start, bones_folder)
     more |= _give_back(dicom, structures, dose, anonymous)
     more["organs"] = None if organs is None else os.fspath(organs)
     more["volume_change"] = [(str(organ), float(factor)) for organ, factor in (volume_change or {}).items()]
     settled = settings_source(settings)
-    if not several:
-        with told(progress) as function:
-            native = _aventail.register(source(planning), given, source(fraction), more, settled, threads, function)
-        return Registration(native)
-    if bone_landmarks is not None or start is not None:
+    several = isinstance(fraction, list)
+    fractions = fraction if several else [fraction]
+    if several and (bone_landmarks is not None or start is not None):
         raise _errors.usage(
             "bone_landmarks and start belong to one fraction, and several are given", "register the fractions one by one"
         )
-    points = [None] * len(fraction) if landmarks is None else list(landmarks)
-    if len(points) != len(fraction):
+    points = [landmarks] * len(fractions) if landmarks is None or not several else list(landmarks)
+    if len(points) != len(fractions):
         raise _errors.usage(
-            f"{len(points)} sets of landmarks are given for {len(fraction)} fractions", "give one for each, or None"
+            f"{len(points)} sets of landmarks are given for {len(fractions)} fractions", "give one for each, or None"
         )
-    pairs = [(source(image), landmark_source(each)) for image, each in zip(fraction, points)]
+    pairs = [(source(image), landmark_source(each)) for image, each in zip(fractions, points)]
     with told(progress) as function:
-        natives = _aventail.register_several(source(planning), given, pairs, more, settled, threads, function)
-    return [Registration(native) for native in natives]
+        natives = _aventail.register(source(planning), given, pairs, more, settled, threads, function)
+    registrations = [Registration(native) for native in natives]
+    return registrations if several else registrations[0]
 
 
 def pose(

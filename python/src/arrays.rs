@@ -14,11 +14,10 @@ use aventail::{Error, Result};
 use nalgebra::{Matrix3, Matrix4, Point3};
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Names of labels.
-pub(crate) type Names = BTreeMap<u16, String>;
+pub(crate) use aventail::session::Names;
 /// A raster on its way to Python.
 pub(crate) type Raster<'py, T> = (Bound<'py, PyArrayDyn<T>>, [f64; 3], [f64; 3], [f64; 9]);
 /// A raster of labels with their names.
@@ -30,20 +29,7 @@ type Frames = Option<(String, String)>;
 type Geometry = ([usize; 3], [f64; 3], [f64; 3], [f64; 9]);
 
 /// Something that was given as a file or in memory.
-pub(crate) enum Given<T> {
-    Path(PathBuf),
-    Value(T),
-}
-
-impl<T> Given<T> {
-    /// The file's path, where it is one.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        match self {
-            Self::Path(path) => Some(path),
-            Self::Value(_) => None,
-        }
-    }
-}
+pub(crate) use aventail::session::Source as Given;
 
 /// The grid of an array's shape (z, y, x, ...) and geometry.
 fn grid_of(shape: &[usize], spacing: [f64; 3], origin: [f64; 3], direction: [f64; 9]) -> Result<Grid> {
@@ -71,10 +57,13 @@ fn taken<T: Element + Copy>(raster: &Bound<'_, PyAny>, axes: usize) -> PyResult<
 }
 
 /// A path, or what `other` makes of anything else.
-fn given<T>(any: &Bound<'_, PyAny>, other: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>) -> PyResult<Given<T>> {
+pub(crate) fn given<T>(
+    any: &Bound<'_, PyAny>,
+    other: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+) -> PyResult<Given<T>> {
     match any.extract::<PathBuf>() {
-        Ok(path) => Ok(Given::Path(path)),
-        Err(_) => other(any).map(Given::Value),
+        Ok(path) => Ok(Given::File(path)),
+        Err(_) => other(any).map(Given::Memory),
     }
 }
 
@@ -212,7 +201,7 @@ pub(crate) fn read_contours(py: Python<'_>, path: PathBuf) -> PyResult<String> {
 /// Writes a scalar image as float32, or as whole numbers.
 #[pyfunction]
 pub(crate) fn write_image(py: Python<'_>, path: PathBuf, raster: &Bound<'_, PyAny>, whole: bool) -> PyResult<()> {
-    let Given::Value(volume) = image(raster)? else { return Ok(()) };
+    let Given::Memory(volume) = image(raster)? else { return Ok(()) };
     let stored = if whole { Stored::Int16 } else { Stored::Float32 };
     py.detach(|| io::write_image(path, &volume, stored, &WriteOptions::default())).raised(py)
 }
@@ -220,7 +209,7 @@ pub(crate) fn write_image(py: Python<'_>, path: PathBuf, raster: &Bound<'_, PyAn
 /// Writes a label map with its names.
 #[pyfunction]
 pub(crate) fn write_labels(py: Python<'_>, path: PathBuf, raster: &Bound<'_, PyAny>, names: Names) -> PyResult<()> {
-    let Given::Value(volume) = labels(raster)? else { return Ok(()) };
+    let Given::Memory(volume) = labels(raster)? else { return Ok(()) };
     let map = LabelMap { volume, names };
     py.detach(|| io::write_labels(path, &map, &WriteOptions::default())).raised(py)
 }
@@ -234,7 +223,7 @@ pub(crate) fn write_field(
     frames: (String, String),
     format: Option<&str>,
 ) -> PyResult<()> {
-    let Given::Value(volume) = field(raster)? else { return Ok(()) };
+    let Given::Memory(volume) = field(raster)? else { return Ok(()) };
     let format = match format {
         None => FieldFormat::of(&path).raised(py)?,
         Some(name) => serde_json::from_value(name.into())

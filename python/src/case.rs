@@ -1,327 +1,66 @@
 //! Inputs of a registration, from files and from memory.
 
-use crate::arrays::{self, Given, Names};
-use crate::clinic::GiveBack;
+use crate::arrays::{self, Given};
 use aventail::chainmail::VolumeChange;
-use aventail::config::{ConfigFile, InputRole, Preset};
+use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
-use aventail::geometry::{Grid, Rigid};
-use aventail::io::auto::{AUTO, Ask, AutoBones};
-use aventail::io::dicom::{About, Role, check_frames, is_dicom_path};
-use aventail::io::{self, Loaded};
-use aventail::pipeline::{FractionScan, InputFile, PlanningScan};
-use aventail::volume::{LabelMap, Volume};
-use aventail::warning::Warning;
-use aventail::{Config, Error, Result, Runtime, skeleton};
+use aventail::geometry::Rigid;
+use aventail::report::ClinicFiles;
+use aventail::session::{BonesBy, FractionSources, PlanningSources, Request};
+use aventail::{Config, Error, Result, Runtime};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// What reports and locks name as the command.
 pub(crate) const COMMAND: &str = "aventail (Python)";
 
-/// The files behind a case and what reading them found.
-#[derive(Default)]
-pub(crate) struct Ledger {
-    inputs: Vec<InputFile>,
-    warnings: Vec<Warning>,
-}
-
-impl Ledger {
-    fn take<T>(&mut self, role: InputRole, file: Loaded<T>) -> T {
-        let about = About::of(&file.path);
-        self.inputs.push(InputFile { about, ..InputFile::new(role, file.path, file.sha256) });
-        self.warnings.extend(file.warnings);
-        file.value
-    }
-
-    fn named(&mut self, role: InputRole, path: &Path) -> Result<()> {
-        self.inputs.push(InputFile::read(role, path)?);
-        Ok(())
-    }
-
-    /// An image's values.
-    pub(crate) fn image(&mut self, role: InputRole, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
-        match given {
-            Given::Path(path) => Ok(self.take(role, io::read_image(path)?)),
-            Given::Value(volume) => Ok(volume),
-        }
-    }
-
-    /// Bone labels on the planning grid, every one with a name of its own.
-    pub(crate) fn bones(
-        &mut self,
-        given: Given<Volume<u16>>,
-        names: Option<Given<Names>>,
-        (planning, grid): (Option<&Path>, &Grid),
-    ) -> Result<LabelMap> {
-        if let Some(path) = names.as_ref().and_then(Given::path) {
-            self.named(InputRole::Labels, path)?;
-        }
-        match (given, names) {
-            (Given::Path(path), names) if is_dicom_path(&path) => {
-                if let Some(planning) = planning {
-                    check_frames(Role::Structures.at(&path), Role::Image.at(planning))?;
-                }
-                let file = names.as_ref().and_then(Given::path);
-                Ok(self.take(InputRole::Bones, io::read_bones(&path, file, grid)?))
-            }
-            (Given::Path(path), Some(Given::Value(names))) => {
-                let volume = self.take(InputRole::Bones, io::read_label_map(&path, None)?).volume;
-                checked(&path.display().to_string(), volume, names)
-            }
-            (Given::Path(path), names) => {
-                let file = names.as_ref().and_then(Given::path);
-                Ok(self.take(InputRole::Bones, io::read_labels(&path, file)?))
-            }
-            (Given::Value(volume), names) => checked("bones", volume, table(names)?),
-        }
-    }
-
-    /// Structures, whose labels need names only where they have some; `argument` is their name in Python.
-    pub(crate) fn structures(
-        &mut self,
-        role: InputRole,
-        argument: &str,
-        given: Given<Volume<u16>>,
-        names: Option<Given<Names>>,
-    ) -> Result<LabelMap> {
-        let mut map = match given {
-            Given::Path(path) => self.take(role, io::read_label_map(path, None)?),
-            Given::Value(volume) => LabelMap { volume, names: Names::new() },
-        };
-        if names.is_some() {
-            map.names = table(names)?;
-        }
-        map.one_number_a_name();
-        io::check_labels(argument, &map)?;
-        Ok(map)
-    }
-}
-
-/// Labels with names, none left out and none twice.
-fn checked(what: &str, volume: Volume<u16>, names: Names) -> Result<LabelMap> {
-    let map = LabelMap { volume, names };
-    io::check_labels(what, &map)?;
-    Ok(map)
-}
-
-/// The table of names.
-fn table(names: Option<Given<Names>>) -> Result<Names> {
-    match names {
-        None => Ok(Names::new()),
-        Some(Given::Value(names)) => Ok(names),
-        Some(Given::Path(path)) => io::read_label_names(path),
-    }
-}
-
 /// Landmarks as Python gives them: name, planning, fraction.
-pub(crate) type Points = Vec<(String, [f64; 3], [f64; 3])>;
+type Points = Vec<(String, [f64; 3], [f64; 3])>;
 
 /// Landmarks on bones: bone, name, planning, fraction.
 type BonePoints = Vec<(String, String, [f64; 3], [f64; 3])>;
 
-/// Landmarks of a file or a table.
-pub(crate) fn landmarks(given: Given<Points>) -> Result<Vec<Landmark>> {
+/// Landmarks: a path or a table.
+pub(crate) fn landmarks(any: &Bound<'_, PyAny>) -> PyResult<Given<Vec<Landmark>>> {
     let own = |(name, planning, fraction): (String, [f64; 3], [f64; 3])| Landmark {
         name,
         planning: planning.into(),
         fraction: fraction.into(),
     };
-    match given {
-        Given::Path(path) => io::read_landmarks(path),
-        Given::Value(points) => Ok(points.into_iter().map(own).collect()),
-    }
+    arrays::given(any, |table| Ok(table.extract::<Points>()?.into_iter().map(own).collect()))
 }
 
-/// A path or a table of points.
-pub(crate) fn points<T: for<'a, 'py> FromPyObject<'a, 'py>>(any: &Bound<'_, PyAny>) -> PyResult<Given<T>> {
-    match any.extract::<PathBuf>() {
-        Ok(path) => Ok(Given::Path(path)),
-        Err(_) => any.extract::<T>().map_err(Into::into).map(Given::Value),
-    }
+/// Landmarks on bones: a path or a table.
+fn on_bones(any: &Bound<'_, PyAny>) -> PyResult<Given<Vec<BoneLandmark>>> {
+    let own = |(bone, name, planning, fraction): (String, String, [f64; 3], [f64; 3])| BoneLandmark {
+        bone,
+        name,
+        planning: planning.into(),
+        fraction: fraction.into(),
+    };
+    arrays::given(any, |table| Ok(table.extract::<BonePoints>()?.into_iter().map(own).collect()))
 }
 
-/// What a registration or a pose is given, still to be read.
-pub(crate) struct Inputs {
-    planning: Given<Volume<f32>>,
-    bones: Given<Volume<u16>>,
-    names: Option<Given<Names>>,
-    landmarks: Option<Given<Points>>,
-    bone_landmarks: Option<Given<BonePoints>>,
-    skeleton: Option<PathBuf>,
-    start: Option<[[f64; 4]; 4]>,
-    organs: Option<PathBuf>,
-    bones_folder: PathBuf,
-    /// What is to be known of labels that were made.
-    made: Vec<Warning>,
+/// A fraction with its landmarks.
+pub(crate) fn fraction(image: &Bound<'_, PyAny>, marks: Option<&Bound<'_, PyAny>>) -> PyResult<FractionSources> {
+    let mut one = FractionSources::new(arrays::image(image)?);
+    one.landmarks = marks.map(landmarks).transpose()?;
+    Ok(one)
 }
 
-impl Inputs {
-    /// Of Python's keywords.
-    pub(crate) fn new(planning: &Bound<'_, PyAny>, bones: &Bound<'_, PyAny>, more: More<'_>) -> PyResult<Self> {
-        Ok(Self {
-            planning: arrays::image(planning)?,
-            bones: arrays::labels(bones)?,
-            names: more.labels.as_ref().map(arrays::names).transpose()?,
-            landmarks: more.landmarks.as_ref().map(points).transpose()?,
-            bone_landmarks: more.bone_landmarks.as_ref().map(points).transpose()?,
-            skeleton: more.skeleton,
-            start: more.start,
-            organs: more.organs,
-            bones_folder: more.bones_folder.unwrap_or_default(),
-            made: Vec::new(),
-        })
-    }
+/// Landmarks of both kinds.
+type Marks = (Option<Given<Vec<Landmark>>>, Option<Given<Vec<BoneLandmark>>>);
 
-    /// The planning CT's file.
-    pub(crate) fn planning(&self) -> Option<&Path> {
-        self.planning.path()
-    }
-
-    /// Has labels made by TotalSegmentator where bones are asked for as `auto`, or finds those that were made before; `needed`:
-    /// other files that the run will read.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] when the labels have names beside their own, or the planning CT is no file; else as [`AutoBones::of`].
-    pub(crate) fn make_bones(&mut self, needed: &[&Path], quiet: bool, runtime: &Runtime) -> Result<()> {
-        if self.bones.path() != Some(Path::new(AUTO)) {
-            return Ok(());
-        }
-        if self.names.is_some() {
-            let problem = "bones are \"auto\" and labels are given: labels that are made have their names";
-            return Err(Error::usage(problem, "leave labels out, or give a label map as bones"));
-        }
-        let Some(planning) = self.planning.path() else {
-            let problem = "bones are \"auto\" and the planning CT is in memory: TotalSegmentator reads a file";
-            return Err(Error::usage(problem, "give the path of the planning CT; Image.save writes one"));
-        };
-        let own = [
-            self.landmarks.as_ref().and_then(Given::path),
-            self.bone_landmarks.as_ref().and_then(Given::path),
-            self.skeleton.as_deref(),
-            self.organs.as_deref(),
-        ];
-        let needed: Vec<&Path> = needed.iter().copied().chain(own.into_iter().flatten()).collect();
-        let beside = self.bones_folder.join("registration");
-        let ask = Ask { planning, needed: &needed, beside: &beside, command: COMMAND, quiet };
-        let made = runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))?;
-        (self.bones, self.made) = (Given::Path(made.file), made.warnings);
-        Ok(())
-    }
-
-    /// Reads the files of the planning side, and what is known of it and a fraction or a posture; `named`: organs that the
-    /// settings name, for structure sets.
-    pub(crate) fn read(self, named: &[String]) -> Result<(PlanningScan, Marks)> {
-        let mut ledger = Ledger::default();
-        let planning_file = self.planning.path().map(Path::to_owned);
-        let ct = ledger.image(InputRole::Planning, self.planning)?;
-        let mut bones = ledger.bones(self.bones, self.names, (planning_file.as_deref(), ct.grid()))?;
-        if let Some(path) = &self.organs {
-            if let (true, Some(planning)) = (is_dicom_path(path), &planning_file) {
-                check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
-            }
-            ledger.warnings.extend(io::add_organs(&mut bones, path, named)?);
-            ledger.named(InputRole::Organs, path)?;
-        }
-        let skeleton = match &self.skeleton {
-            Some(path) => {
-                ledger.named(InputRole::Skeleton, path)?;
-                Some(io::skeleton::load_override(path, skeleton::build(&bones)?.skeleton)?)
-            }
-            None => None,
-        };
-        let Ledger { inputs, mut warnings } = ledger;
-        warnings.extend(self.made);
-        let planning = PlanningScan { ct, bones, skeleton, warnings, inputs };
-        let marks = Marks::read(self.landmarks, self.bone_landmarks, self.start)?;
-        Ok((planning, marks))
-    }
-}
-
-/// What is known of planning and a fraction or a posture, beside the scans.
-pub(crate) struct Marks {
-    pub(crate) landmarks: Vec<Landmark>,
-    pub(crate) bone_landmarks: Vec<BoneLandmark>,
-    start: Option<Rigid>,
-    /// The files behind it.
-    pub(crate) inputs: Vec<InputFile>,
-}
-
-impl Marks {
-    fn read(
-        points: Option<Given<Points>>,
-        bone_points: Option<Given<BonePoints>>,
-        start: Option<[[f64; 4]; 4]>,
-    ) -> Result<Self> {
-        let mut ledger = Ledger::default();
-        let files = [
-            (InputRole::Landmarks, points.as_ref().and_then(Given::path)),
-            (InputRole::BoneLandmarks, bone_points.as_ref().and_then(Given::path)),
-        ];
-        for (role, path) in files {
-            path.map_or(Ok(()), |path| ledger.named(role, path))?;
-        }
-        Ok(Self {
-            landmarks: points.map(landmarks).transpose()?.unwrap_or_default(),
-            bone_landmarks: bone_points.map(on_bones).transpose()?.unwrap_or_default(),
-            start: start.map(|rows| arrays::rigid("start", &rows)).transpose()?,
-            inputs: ledger.inputs,
-        })
-    }
-
-    /// A fraction with them.
-    pub(crate) fn with(self, fraction: Given<Volume<f32>>) -> Result<FractionScan> {
-        let mut ledger = Ledger::default();
-        let ct = ledger.image(InputRole::Fraction, fraction)?;
-        let Self { landmarks, bone_landmarks, start, inputs } = self;
-        let inputs = [ledger.inputs, inputs].concat();
-        Ok(FractionScan { ct, landmarks, bone_landmarks, start, warnings: ledger.warnings, inputs })
-    }
-}
-
-/// One of several fractions, still to be read, with its landmarks.
-pub(crate) struct FractionInputs {
-    image: Given<Volume<f32>>,
-    landmarks: Option<Given<Points>>,
-}
-
-impl FractionInputs {
-    /// Of Python's keywords.
-    pub(crate) fn new(image: &Bound<'_, PyAny>, landmarks: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
-        Ok(Self { image: arrays::image(image)?, landmarks: landmarks.map(points).transpose()? })
-    }
-
-    /// The image's file.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.image.path()
-    }
-
-    /// All of its files.
-    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
-        [self.image.path(), self.landmarks.as_ref().and_then(Given::path)].into_iter().flatten()
-    }
-
-    /// Reads the files.
-    pub(crate) fn read(self) -> Result<FractionScan> {
-        Marks::read(self.landmarks, None, None)?.with(self.image)
-    }
-}
-
-/// Landmarks on bones, of a file or a table.
-fn on_bones(given: Given<BonePoints>) -> Result<Vec<BoneLandmark>> {
-    match given {
-        Given::Path(path) => io::read_bone_landmarks(path),
-        Given::Value(points) => {
-            let own = |(bone, name, planning, fraction): (String, String, [f64; 3], [f64; 3])| BoneLandmark {
-                bone,
-                name,
-                planning: planning.into(),
-                fraction: fraction.into(),
-            };
-            Ok(points.into_iter().map(own).collect())
-        }
-    }
+/// Has bones made where they are asked for as `auto`.
+pub(crate) fn make_bones(
+    side: &mut PlanningSources,
+    needed: &[PathBuf],
+    beside: &Path,
+    quiet: bool,
+    runtime: &Runtime,
+) -> Result<()> {
+    side.make_bones(needed, BonesBy { beside, command: COMMAND, quiet }, runtime)
 }
 
 /// Inputs beside the images.
@@ -343,20 +82,62 @@ pub(crate) struct More<'py> {
 }
 
 impl More<'_> {
-    /// What goes back to a planning system.
-    pub(crate) fn give_back(&self) -> GiveBack {
-        GiveBack::new(self.dicom, [self.structures.clone(), self.dose.clone()], self.anonymous)
+    /// The planning side with them.
+    pub(crate) fn planning(&self, ct: &Bound<'_, PyAny>, bones: &Bound<'_, PyAny>) -> PyResult<PlanningSources> {
+        let mut side = PlanningSources::new(arrays::image(ct)?, arrays::labels(bones)?);
+        side.names = self.labels.as_ref().map(arrays::names).transpose()?;
+        (side.organs, side.skeleton) = (self.organs.clone(), self.skeleton.clone());
+        Ok(side)
     }
 
-    /// Lays the changes of organs' volumes over those of the settings.
+    /// Evaluation landmarks and landmarks on bones.
+    pub(crate) fn marks(&self) -> PyResult<Marks> {
+        Ok((
+            self.landmarks.as_ref().map(landmarks).transpose()?,
+            self.bone_landmarks.as_ref().map(on_bones).transpose()?,
+        ))
+    }
+
+    /// The motion of all bones together that a fit begins with.
+    pub(crate) fn start(&self) -> Result<Option<Rigid>> {
+        self.start.map(|rows| arrays::rigid("start", &rows)).transpose()
+    }
+
+    /// Where labels that are made are kept.
+    pub(crate) fn beside(&self) -> PathBuf {
+        self.bones_folder.clone().unwrap_or_default().join("registration")
+    }
+
+    /// What is to be registered with them.
+    pub(crate) fn request(
+        &self,
+        planning: PlanningSources,
+        fractions: Vec<FractionSources>,
+        config: Config,
+    ) -> Request {
+        let files =
+            || ClinicFiles { structures: self.structures.clone(), dose: self.dose.clone(), anonymous: self.anonymous };
+        Request {
+            planning,
+            fractions,
+            clinic: self.dicom.then(files),
+            anonymous: self.anonymous,
+            recorded: Vec::new(),
+            config,
+            command: COMMAND.into(),
+        }
+    }
+
+    /// The settings with the changes of organs' volumes laid over.
     ///
     /// # Errors
     /// [`Error::Usage`] when a factor makes no sense or the settings cannot use it.
-    pub(crate) fn apply(&self, config: &mut Config) -> Result<()> {
+    pub(crate) fn settled(&self, settings: &Settings) -> Result<Config> {
+        let mut config = settings.config()?;
         let change = |(organ, factor): &(String, f64)| VolumeChange { organ: organ.clone(), factor: *factor };
         let changes: Vec<VolumeChange> = self.volume_change.iter().map(change).collect();
         let problem = config.change_volumes(&changes);
-        problem.map_or(Ok(()), |p| Err(Error::usage(p, "correct volume_change, or the settings it goes with")))
+        problem.map_or(Ok(config), |p| Err(Error::usage(p, "correct volume_change, or the settings it goes with")))
     }
 }
 

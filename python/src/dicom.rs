@@ -34,7 +34,7 @@ pub(crate) fn write_dicom_image(
     like: PathBuf,
     of: Option<PathBuf>,
 ) -> PyResult<()> {
-    let Given::Value(volume) = arrays::image(raster)? else { return Err(on_disk()).raised(py) };
+    let Given::Memory(volume) = arrays::image(raster)? else { return Err(on_disk()).raised(py) };
     let of = of.as_deref();
     let write = || beside(&path, &like, true, of.as_slice())?.image(&path, &volume, of);
     py.detach(write).raised(py)
@@ -50,7 +50,7 @@ pub(crate) fn write_dicom_dose(
     of: Vec<PathBuf>,
     fields: Vec<PathBuf>,
 ) -> PyResult<Vec<(String, String)>> {
-    let Given::Value(mut volume) = arrays::image(raster)? else { return Err(on_disk()).raised(py) };
+    let Given::Memory(mut volume) = arrays::image(raster)? else { return Err(on_disk()).raised(py) };
     let [of, fields] = [&of, &fields].map(|paths| paths.iter().map(PathBuf::as_path).collect::<Vec<_>>());
     let write = || {
         let scan = beside(&path, &like, false, &[&of[..], &fields].concat())?;
@@ -89,7 +89,7 @@ pub(crate) fn write_dicom_field(
     start: PathBuf,
     end: PathBuf,
 ) -> PyResult<()> {
-    let Given::Value(field) = arrays::field(raster)? else { return Err(on_disk()).raised(py) };
+    let Given::Memory(field) = arrays::field(raster)? else { return Err(on_disk()).raised(py) };
     let write = || {
         let [from, to] = [beside(&path, &start, false, &[&end])?, Like::read(&end)?];
         from.field(&path, &field, &to)

@@ -3,7 +3,6 @@
 
 mod arrays;
 mod case;
-mod clinic;
 mod cohort;
 mod dicom;
 mod errors;
@@ -35,7 +34,7 @@ mod _aventail {
     #[pymodule_export]
     use crate::phantom::Phantom;
     #[pymodule_export]
-    use crate::registration::{Registration, pose, register, register_several};
+    use crate::registration::{Registration, pose, register};
 
     /// Runs a command line, whose first entry is the program's name; returns the exit code.
     #[pyfunction]

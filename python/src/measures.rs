@@ -1,7 +1,7 @@
 //! What fields, doses and labels are judged by.
 
 use crate::arrays::{self, Given, Raster, raster};
-use crate::case::{self, Ledger, Settings};
+use crate::case::{self, Settings};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp::Target;
@@ -12,6 +12,8 @@ use aventail::findings;
 use aventail::geometry::Grid;
 use aventail::pipeline::{self, DoseMethod};
 use aventail::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
+use aventail::provenance::Provenance;
+use aventail::session;
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Error, Result, io, skeleton as bone_tree};
 use pyo3::prelude::*;
@@ -23,8 +25,8 @@ type GivenField = Given<Volume<[f32; 3]>>;
 /// The field of a file, whose header must not say that it points the other way, or of memory.
 fn field(given: GivenField, from: &str, to: &str) -> Result<Volume<[f32; 3]>> {
     let path = match given {
-        Given::Value(field) => return Ok(field),
-        Given::Path(path) => path,
+        Given::Memory(field) => return Ok(field),
+        Given::File(path) => path,
     };
     let file = io::read_field(&path)?;
     let own = io::frames_of(&file.header.description);
@@ -88,19 +90,21 @@ pub(crate) fn evaluate(
     let (bones, bone_names) = (labels(&measured.bones)?, names(&measured.labels)?);
     let structures = [labels(&measured.structures)?, labels(&measured.structures_fraction)?];
     let structure_names = [names(&measured.structure_names)?, names(&measured.structure_names)?];
-    let landmarks = measured.landmarks.as_ref().map(case::points).transpose()?;
+    let landmarks = measured.landmarks.as_ref().map(case::landmarks).transpose()?;
     Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
-        let mut ledger = Ledger::default();
-        let planning = planning.map(|p| ledger.image(InputRole::Planning, p)).transpose()?;
-        let fraction = fraction.map(|p| ledger.image(InputRole::Fraction, p)).transpose()?;
-        let mask = mask.map(|p| ledger.image(InputRole::Mask, p)).transpose()?.map(|m| m.map(|v| *v != 0.0));
-        let bones = bones.map(|b| ledger.structures(InputRole::Bones, "bones", b, bone_names)).transpose()?;
+        let mut provenance = Provenance::default();
+        let planning = planning.map(|p| session::image(InputRole::Planning, p, &mut provenance)).transpose()?;
+        let fraction = fraction.map(|p| session::image(InputRole::Fraction, p, &mut provenance)).transpose()?;
+        let mask = mask
+            .map(|p| session::image(InputRole::Mask, p, &mut provenance))
+            .transpose()?
+            .map(|m| m.map(|v| *v != 0.0));
+        let bones = bones.map(|b| labelled(InputRole::Bones, "bones", b, bone_names)).transpose()?;
         let [own, other] = structures;
         let [own_names, other_names] = structure_names;
-        let own = own.map(|s| ledger.structures(InputRole::LabelsPlanning, "structures", s, own_names)).transpose()?;
-        let other = other
-            .map(|s| ledger.structures(InputRole::LabelsFraction, "structures_fraction", s, other_names))
-            .transpose()?;
+        let own = own.map(|s| labelled(InputRole::LabelsPlanning, "structures", s, own_names)).transpose()?;
+        let other =
+            other.map(|s| labelled(InputRole::LabelsFraction, "structures_fraction", s, other_names)).transpose()?;
         let labelled = |map: &Option<LabelMap>| map.as_ref().map(|m| m.volume.grid().clone());
         let grids = [
             planning.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&bones)).or_else(|| labelled(&own)),
@@ -110,7 +114,8 @@ pub(crate) fn evaluate(
             runtime.stage("read and invert the field", || pair(push, pull, grids.each_ref().map(Option::as_ref)))?;
         let rigid = bones.as_ref().map(rigid).unwrap_or_default();
         let sliding = bone_tree::SlidingOptions::default().pairs(&rigid);
-        let landmarks = landmarks.map(case::landmarks).transpose()?.unwrap_or_default();
+        let landmarks =
+            landmarks.map(|marks| session::landmarks(marks, &mut provenance)).transpose()?.unwrap_or_default();
         let subject = Subject {
             pair: &pair,
             planning: planning.as_ref(),
@@ -136,11 +141,21 @@ fn rigid(bones: &LabelMap) -> Vec<(u16, String)> {
     }
 }
 
+/// A label map of structures.
+fn labelled(
+    role: InputRole,
+    argument: &str,
+    labels: Given<Volume<u16>>,
+    names: Option<Given<session::Names>>,
+) -> Result<LabelMap> {
+    session::structures(role, argument, labels, names, &mut Provenance::default())
+}
+
 /// A dose that is one in Gy.
 fn gray(what: &str, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
     let mut dose = match given {
-        Given::Path(path) => io::read_dose(path)?.value,
-        Given::Value(volume) => volume,
+        Given::File(path) => io::read_dose(path)?.value,
+        Given::Memory(volume) => volume,
     };
     dose::judge(what, &mut dose)?;
     Ok(dose)
@@ -175,7 +190,7 @@ pub(crate) fn map_dose<'py>(
     };
     let mapped = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
         let dose = gray("dose", given)?;
-        let ct = ct.map(|ct| Ledger::default().image(InputRole::Ct, ct)).transpose()?;
+        let ct = ct.map(|ct| session::image(InputRole::Ct, ct, &mut Provenance::default())).transpose()?;
         let (own, there) = (Some(dose.grid()), target.as_ref());
         let grids = if to_fraction { [own, there] } else { [there, own] };
         let pair = runtime.stage("read and invert the field", || pair(push, pull, grids))?;
@@ -215,12 +230,7 @@ pub(crate) fn dvh(
         }
         let dose = gray("dose", given)?;
         let all = match labels {
-            Some(labels) => dose::dvh(
-                &dose,
-                &Ledger::default().structures(InputRole::Structures, "structures", labels, names)?,
-                &at,
-                bin,
-            ),
+            Some(labels) => dose::dvh(&dose, &labelled(InputRole::Structures, "structures", labels, names)?, &at, bin),
             None => {
                 let mut all = arrays::contours(contours, contour_file.as_deref())?;
                 all.tidy();
@@ -270,8 +280,7 @@ pub(crate) fn skeleton(
 ) -> PyResult<(String, String)> {
     let (given, names) = (arrays::labels(bones)?, names.map(arrays::names).transpose()?);
     let show = || {
-        let grid = Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3])?;
-        let map = Ledger::default().bones(given, names, (None, &grid))?;
+        let map = session::bones(InputRole::Bones, "bones", given, names, &mut Provenance::default())?;
         let built = bone_tree::build(&map)?;
         let mut warnings = built.warnings;
         warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&map))?);

@@ -1,57 +1,39 @@
 //! Registrations and poses, and what they found.
 
-use crate::arrays::{self, Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
-use crate::case::{COMMAND, FractionInputs, Inputs, More, Settings, transforms};
+use crate::arrays::{Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
+use crate::case::{self, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
-use aventail::fit::BoneLandmark;
-use aventail::io::RunFolder;
-use aventail::pipeline::{self, BoneMotion, InputFile, Planning, PlanningScan};
-use aventail::report::{self, Clinic, Report, Run, Saving, planned};
+use aventail::session::{self, Beside, FractionSources, MotionSource, PoseRequest, Registered, Request, Session};
 use aventail::volume::{LabelMap, Volume};
-use aventail::{Case, Config, Error, Outcome, Result, io, skeleton};
+use aventail::{Outcome, Result, io};
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
-
-/// A case and what was found of it.
-struct Found {
-    case: Case,
-    config: Config,
-    outcome: Outcome,
-}
 
 /// The outcome of a registration or a pose.
 #[pyclass(frozen, module = "aventail._aventail")]
 pub(crate) struct Registration {
     runs: Runs,
-    found: Arc<RwLock<Found>>,
-    /// What goes back to a planning system, and which of its fractions this is.
-    clinic: Option<(Arc<Clinic>, usize)>,
+    found: Arc<RwLock<Registered>>,
 }
 
 /// A raster of labels, or none.
 type MaybeLabels<'py> = Option<LabelRaster<'py>>;
 
 impl Registration {
-    fn new(
-        runs: Runs,
-        (case, config, mut outcome): (Case, Config, Outcome),
-        clinic: Option<(Arc<Clinic>, usize)>,
-    ) -> Self {
-        // Of a region everything lies on the part's grids.
-        let case = outcome.part.take().map_or(case, |part| *part);
-        Self { runs, found: Arc::new(RwLock::new(Found { case, config, outcome })), clinic }
+    fn new(runs: Runs, found: Registered) -> Self {
+        Self { runs, found: Arc::new(RwLock::new(found)) }
     }
 
-    fn found(&self) -> RwLockReadGuard<'_, Found> {
+    fn found(&self) -> RwLockReadGuard<'_, Registered> {
         self.found.read().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What `of` takes out of the results, without the interpreter's lock.
-    fn taken<T: Send>(&self, py: Python<'_>, of: impl FnOnce(&Found) -> T + Send) -> T {
+    fn taken<T: Send>(&self, py: Python<'_>, of: impl FnOnce(&Registered) -> T + Send) -> T {
         py.detach(|| of(&self.found()))
     }
 }
@@ -60,14 +42,7 @@ impl Registration {
 impl Registration {
     /// The report as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {
-        let threads = self.runs.runtime().threads();
-        self.taken(py, |found| {
-            let settings = found.config.value()?;
-            let limits = found.config.verdict.clone();
-            let run = Run { command: COMMAND.into(), settings, threads, outputs: Vec::new(), limits };
-            Report::new(&found.case, &found.outcome, &run).json()
-        })
-        .raised(py)
+        self.taken(py, |found| found.report()?.json()).raised(py)
     }
 
     /// One of the two fields.
@@ -122,24 +97,11 @@ impl Registration {
     /// Writes what the program writes.
     #[pyo3(signature = (folder, view, progress))]
     fn save(&self, py: Python<'_>, folder: PathBuf, view: bool, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        let (all, clinic) = (Arc::clone(&self.found), self.clinic.clone());
+        let all = Arc::clone(&self.found);
         self.runs.run(py, progress, move |runtime| {
             let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
-            let Found { case, config, outcome } = &mut *found;
-            let config = &*config;
-            let inputs: Vec<_> = case.inputs().map(|input| input.path.clone()).collect();
-            let inputs: Vec<_> = inputs.iter().map(PathBuf::as_path).collect();
-            let mut planned = planned(config);
-            planned.names.extend(clinic.iter().flat_map(|_| Clinic::planned()));
-            let held = RunFolder::open(&folder, &planned, &inputs, COMMAND)?;
-            let out = folder.as_path();
-            let write = clinic.as_ref().map(|(clinic, n)| {
-                move |outcome: &Outcome| runtime.stage("write DICOM", || clinic.write(*n, outcome, config, out))
-            });
-            let more = write.as_ref().map(|write| write as &report::More<'_>);
-            let contours = clinic.as_ref().and_then(|(clinic, _)| clinic.contours());
-            let saving = Saving { command: COMMAND, view, contours, more };
-            report::save(case, outcome, config, runtime, held, out, saving).map(drop)
+            let held = found.hold(&folder)?;
+            found.save(held, &folder, Beside { view, files: &[] }, runtime).map(drop)
         })
     }
 
@@ -192,8 +154,8 @@ impl Registration {
         let target = grid.map(warp::Target::grid).transpose().raised(py)?;
         let warped = self.taken(py, |found| {
             let map = match given {
-                Given::Path(path) => io::read_label_map(path, None)?.value,
-                Given::Value(volume) => LabelMap { volume, names: Default::default() },
+                Given::File(path) => io::read_label_map(path, None)?.value,
+                Given::Memory(volume) => LabelMap { volume, names: Default::default() },
             };
             let map = LabelMap { names: names.unwrap_or(map.names), volume: map.volume };
             warp::labels(displacement(&found.outcome, !to_fraction), &map, target.as_ref())
@@ -225,54 +187,40 @@ fn displacement(outcome: &Outcome, to_fraction: bool) -> &Volume<[f32; 3]> {
     if to_fraction { &outcome.push.displacement } else { &outcome.pull.displacement }
 }
 
-/// Leaves the patient out of what reports tell of files.
-fn forget(inputs: &mut [InputFile], anonymous: bool) {
-    inputs.iter_mut().filter(|_| anonymous).for_each(InputFile::forget_patient);
+/// What is to be registered, and how it is run.
+struct Wanted {
+    request: Request,
+    /// Where labels that are made are kept.
+    beside: PathBuf,
+    runs: Runs,
 }
 
-/// Registers a fraction.
-#[pyfunction]
-#[pyo3(signature = (planning, bones, fraction, more, settings, threads, progress))]
-#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
-pub(crate) fn register(
-    py: Python<'_>,
-    planning: &Bound<'_, PyAny>,
-    bones: &Bound<'_, PyAny>,
-    fraction: &Bound<'_, PyAny>,
-    more: More<'_>,
-    settings: Settings,
-    threads: usize,
-    progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Registration> {
-    let mut config = settings.config().raised(py)?;
-    more.apply(&mut config).raised(py)?;
-    let (named, back) = (config.chainmail.organs_named(), more.give_back());
-    let mut inputs = Inputs::new(planning, bones, more)?;
-    let fraction = arrays::image(fraction)?;
-    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
-    let (found, clinic) = runs.run(py, progress, move |runtime| {
-        let needed: Vec<&Path> = fraction.path().into_iter().chain(back.paths()).collect();
-        inputs.make_bones(&needed, quiet, runtime)?;
-        let clinic = back.read(inputs.planning(), &[fraction.path()], &config, runtime)?;
-        let case = runtime.stage("read", || {
-            let (mut planning, marks) = inputs.read(&named)?;
-            planning.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
-            let mut fraction = marks.with(fraction)?;
-            forget(&mut planning.inputs, back.anonymous);
-            forget(&mut fraction.inputs, back.anonymous);
-            Ok::<_, Error>(Case { planning, fraction })
+impl Wanted {
+    /// Registers all fractions.
+    fn register(self, py: Python<'_>, progress: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Registration>> {
+        let Self { mut request, beside, runs } = self;
+        let quiet = progress.is_none();
+        let found = runs.run(py, progress, move |runtime| {
+            let needed = request.needed();
+            case::make_bones(&mut request.planning, &needed, &beside, quiet, runtime)?;
+            request.expected_memory()?;
+            let mut all = Vec::new();
+            Session::open(request, runtime)?.register_all(runtime, |one| {
+                all.push(one);
+                Ok(())
+            })?;
+            Ok(all)
         })?;
-        let outcome = pipeline::register(&case, &config, runtime)?;
-        Ok(((case, config, outcome), clinic))
-    })?;
-    Ok(Registration::new(runs, found, clinic.map(|clinic| (clinic, 0))))
+        Ok(found.into_iter().map(|one| Registration::new(runs.clone(), one)).collect())
+    }
 }
 
-/// Registers several fractions of one patient, in their order; what depends on planning alone is done once.
+/// Registers one or several fractions of a patient, in their order; what depends on planning alone is done once. Marks that belong
+/// to one fraction are refused for several before.
 #[pyfunction]
 #[pyo3(signature = (planning, bones, fractions, more, settings, threads, progress))]
 #[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
-pub(crate) fn register_several(
+pub(crate) fn register(
     py: Python<'_>,
     planning: &Bound<'_, PyAny>,
     bones: &Bound<'_, PyAny>,
@@ -282,43 +230,15 @@ pub(crate) fn register_several(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Vec<Registration>> {
-    let mut config = settings.config().raised(py)?;
-    more.apply(&mut config).raised(py)?;
-    let (named, back) = (config.chainmail.organs_named(), more.give_back());
-    let mut inputs = Inputs::new(planning, bones, more)?;
-    let fractions = fractions.iter().map(|(image, landmarks)| FractionInputs::new(image, landmarks.as_ref()));
-    let fractions = fractions.collect::<PyResult<Vec<_>>>()?;
-    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
-    let (found, clinic) = runs.run(py, progress, move |runtime| {
-        let needed: Vec<&Path> = fractions.iter().flat_map(FractionInputs::paths).chain(back.paths()).collect();
-        inputs.make_bones(&needed, quiet, runtime)?;
-        let scans: Vec<Option<&Path>> = fractions.iter().map(FractionInputs::path).collect();
-        let clinic = back.read(inputs.planning(), &scans, &config, runtime)?;
-        // What is known of one fraction alone is refused before.
-        let (mut scan, _) = runtime.stage("read", || inputs.read(&named))?;
-        scan.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
-        forget(&mut scan.inputs, back.anonymous);
-        let mut planning = None;
-        let mut all = Vec::new();
-        for (n, fraction) in fractions.into_iter().enumerate() {
-            if n > 0 {
-                runtime.restart();
-            }
-            let mut fraction = runtime.stage("read the fraction", || fraction.read())?;
-            forget(&mut fraction.inputs, back.anonymous);
-            pipeline::check_fraction(&fraction.ct, &config)?;
-            let planning = match &planning {
-                Some(planning) => planning,
-                None => planning.insert(Planning::new(&scan, &config, runtime)?),
-            };
-            let case = Case { planning: scan.clone(), fraction };
-            let outcome = pipeline::register_fraction(&case, planning, &config, runtime)?;
-            all.push((case, config.clone(), outcome));
-        }
-        Ok((all, clinic))
-    })?;
-    let one = |(n, found)| Registration::new(runs.clone(), found, clinic.clone().map(|clinic| (clinic, n)));
-    Ok(found.into_iter().enumerate().map(one).collect())
+    let config = more.settled(&settings).raised(py)?;
+    let side = more.planning(planning, bones)?;
+    let all = fractions.iter().map(|(image, marks)| case::fraction(image, marks.as_ref()));
+    let mut all = all.collect::<PyResult<Vec<FractionSources>>>()?;
+    if let [only] = all.as_mut_slice() {
+        (only.bone_landmarks, only.start) = (more.marks()?.1, more.start().raised(py)?.map(Given::Memory));
+    }
+    let (request, beside) = (more.request(side, all, config), more.beside());
+    Wanted { request, beside, runs: Runs::new(threads).raised(py)? }.register(py, progress)
 }
 
 /// How bones are told to move.
@@ -334,25 +254,14 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// The motion of a patient, whose skeleton it fixes where it names joints; by landmarks on bones where it is none of its own.
-    fn of(self, planning: &mut PlanningScan, bone_landmarks: Vec<BoneLandmark>) -> Result<BoneMotion> {
-        if let Some(all) = self.transforms {
-            return Ok(BoneMotion::Transforms(transforms(all)?));
-        }
-        if self.text.is_none() && self.file.is_none() {
-            return Ok(BoneMotion::Landmarks(bone_landmarks));
-        }
-        let skeleton = match planning.skeleton.take() {
-            Some(own) => own,
-            None => skeleton::build(&planning.bones)?.skeleton,
-        };
-        let pose = match (self.text, self.file) {
-            (Some(text), _) => io::pose::parse_pose(&text, "pose", &skeleton)?,
-            (None, Some(file)) => io::pose::read_pose(file, &skeleton)?,
-            (None, None) => return Err(Error::Internal("a pose was just there".into())),
-        };
-        planning.skeleton = Some(skeleton);
-        Ok(BoneMotion::Pose(pose))
+    /// The motion; by landmarks on bones where it is none of its own.
+    fn source(self, on_bones: Option<Given<Vec<aventail::fit::BoneLandmark>>>) -> Result<MotionSource> {
+        Ok(match (self.transforms, self.text, self.file) {
+            (Some(all), ..) => MotionSource::Transforms(Given::Memory(transforms(all)?)),
+            (None, Some(text), _) => MotionSource::Pose(Given::Memory(text)),
+            (None, None, Some(file)) => MotionSource::Pose(Given::File(file)),
+            (None, None, None) => MotionSource::Landmarks(on_bones.unwrap_or(Given::Memory(Vec::new()))),
+        })
     }
 }
 
@@ -371,19 +280,17 @@ pub(crate) fn pose(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Registration> {
-    let mut config = settings.config().raised(py)?;
-    more.apply(&mut config).raised(py)?;
-    let named = config.chainmail.organs_named();
-    let mut inputs = Inputs::new(planning, bones, more)?;
-    let (runs, quiet) = (Runs::new(threads).raised(py)?, progress.is_none());
+    let config = more.settled(&settings).raised(py)?;
+    let planning = more.planning(planning, bones)?;
+    let (landmarks, on_bones) = more.marks()?;
+    let motion = motion.source(on_bones).raised(py)?;
+    let (recorded, command) = (Vec::new(), case::COMMAND.to_owned());
+    let mut request = PoseRequest { planning, motion, landmarks, margin_mm, recorded, config, command };
+    let (runs, quiet, beside) = (Runs::new(threads).raised(py)?, progress.is_none(), more.beside());
     let found = runs.run(py, progress, move |runtime| {
-        let file = motion.file.as_deref();
-        inputs.make_bones(file.as_slice(), quiet, runtime)?;
-        let (mut planning, marks) = runtime.stage("read", || inputs.read(&named))?;
-        planning.inputs.extend(marks.inputs);
-        let motion = motion.of(&mut planning, marks.bone_landmarks)?;
-        let (case, outcome) = pipeline::pose(planning, &motion, marks.landmarks, margin_mm, &config, runtime)?;
-        Ok((case, config, outcome))
+        let needed = request.needed();
+        case::make_bones(&mut request.planning, &needed, &beside, quiet, runtime)?;
+        session::pose(request, runtime)
     })?;
-    Ok(Registration::new(runs, found, None))
+    Ok(Registration::new(runs, found))
 }

@@ -100,11 +100,6 @@ impl Runs {
         Ok(Self { runtime, relay })
     }
 
-    /// The library's runtime.
-    pub(crate) fn runtime(&self) -> &Runtime {
-        &self.runtime
-    }
-
     /// Does `work` on another thread. Meanwhile this one waits without the interpreter's lock, calls `progress(stage, share)`,
     /// and raises what a signal handler raises, at the latest after [`POLL`]; the work then ends at its next stage or step.
     pub(crate) fn run<T: Send + 'static>(

@@ -65,9 +65,9 @@ pub(crate) fn image(
     kind: Kind,
 ) -> Result<Volume<f32>> {
     let mut image = match given {
-        Given::Path(path) if kind.dose => io::read_dose(path)?.value,
-        Given::Path(path) => io::read_image(path)?.value,
-        Given::Value(volume) => volume,
+        Given::File(path) if kind.dose => io::read_dose(path)?.value,
+        Given::File(path) => io::read_image(path)?.value,
+        Given::Memory(volume) => volume,
     };
     let target = target.unwrap_or(back.grid());
     if kind.dose {

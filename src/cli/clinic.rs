@@ -1,10 +1,8 @@
 //! Options of `register --dicom`; what is written is [`crate::report::Clinic`]'s.
 
-use crate::error::Result;
-use crate::pipeline::InputFile;
-use crate::report::{Clinic, ClinicFiles};
+use crate::report::ClinicFiles;
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Options for planning systems.
 #[derive(Debug, Args)]
@@ -28,23 +26,5 @@ impl ClinicArgs {
     /// What is to go back beside the images.
     pub(super) fn files(&self) -> ClinicFiles {
         ClinicFiles { structures: self.structures.clone(), dose: self.dose.clone(), anonymous: self.anonymous }
-    }
-
-    /// What the objects are made of; `None` where nobody asks for DICOM.
-    ///
-    /// # Errors
-    /// As [`Clinic::read`].
-    pub(super) fn read(&self, planning: &Path, fractions: &[&Path]) -> Result<Option<Clinic>> {
-        self.dicom.then(|| Clinic::read(&self.files(), planning, fractions)).transpose()
-    }
-
-    /// Leaves the patient's identity with the files of a clinic, or takes it out of them.
-    pub(super) fn name_patient(&self, inputs: &mut [InputFile]) {
-        inputs.iter_mut().filter(|_| self.anonymous).for_each(InputFile::forget_patient);
-    }
-
-    /// Names of what is written, as far as they do not depend on the images.
-    pub(super) fn names(&self) -> Vec<String> {
-        if self.dicom { Clinic::planned() } else { Vec::new() }
     }
 }

@@ -1,15 +1,16 @@
 //! `aventail curve`: error against run time over the settings that matter.
 
 use super::args::{QuietArgs, ThreadArgs};
-use super::inputs::{Flags, Inputs};
 use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::config::{Config, InputRole, StudyPlan};
 use crate::error::{Error, Result};
-use crate::phantom::{Phantom, PhantomOptions};
-use crate::pipeline::{Case, CurvePoint, InputFile, measure, phantom_case};
+use crate::phantom::{Phantom, PhantomOptions, phantom_case};
+use crate::pipeline::{Case, CurvePoint, measure};
+use crate::provenance::Provenance;
 use crate::report::{CurveEntry, Peer, write_curve};
 use crate::runtime::Runtime;
+use crate::session::{FractionSources, PlanningSources, Source};
 use clap::Args;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -75,7 +76,7 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     let files: Vec<&Path> = files.into_iter().filter_map(|p| p.as_deref()).collect();
     let mut folder = run_folder(&args.out, &planned(&["curve.json"], &["curve.md", "curve.csv", "curve.png"]), &files)?;
     let runtime = Runtime::new(args.work.threads, progress(args.shown.quiet))?;
-    let (title, case) = load(args, &runtime)?;
+    let (title, case, mut provenance) = load(args, &runtime)?;
     let mut points = BTreeMap::new();
     for (n, (stage, config)) in stages.iter().enumerate() {
         runtime.progress().note(&format!("[{}/{}] {}", n + 1, stages.len(), stage.id));
@@ -99,14 +100,10 @@ pub fn run(args: &CurveArgs) -> Result<String> {
     }
     folder.begin()?;
     let text = write_curve(&args.out, &title, &entries, &peers)?;
-    let mut inputs: Vec<_> = case.inputs().cloned().collect();
-    for (role, path) in
-        [(InputRole::Landmarks, &args.landmarks), (InputRole::Plan, &args.plan), (InputRole::Peers, &args.peers)]
-    {
-        let known = inputs.iter().any(|i| i.role == role);
-        inputs.extend(path.as_deref().filter(|_| !known).map(|p| InputFile::read(role, p)).transpose()?);
+    for (role, path) in [(InputRole::Plan, &args.plan), (InputRole::Peers, &args.peers)] {
+        path.as_deref().map_or(Ok(()), |path| provenance.note(role, path))?;
     }
-    record::write(&folder, &args.out, "curve.json", inputs)?;
+    record::write(&folder, &args.out, "curve.json", provenance.inputs)?;
     folder.finish();
     Ok(format!("{text}\nThe picture: {}", args.out.join("curve.png").display()))
 }
@@ -137,18 +134,20 @@ fn by_threads(
     Ok(entries)
 }
 
-/// The user's case, or the phantom.
-fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case)> {
-    let Some(fraction) = &args.fraction else {
+/// The user's case, or the phantom, with its name and its files.
+fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case, Provenance)> {
+    let (Some(fraction), Some(planning), Some(bones)) = (&args.fraction, &args.planning, &args.bones) else {
         let phantom = runtime.stage("make the phantom", || Phantom::new(&PhantomOptions::default()))?;
-        return Ok(("the phantom".into(), phantom_case(phantom)));
+        return Ok(("the phantom".into(), phantom_case(phantom), Provenance::default()));
     };
-    let flags = Flags { planning: &args.planning, bones: &args.bones, labels: &args.labels, ..Flags::default() };
-    let inputs = Inputs::new(&flags, &[])?;
-    let planning = inputs.load(&[], &Config::default(), runtime)?;
-    let read = || inputs.fraction(fraction, args.landmarks.as_deref(), &[]);
-    let fraction_scan = runtime.stage("read the fraction", read)?;
-    Ok((fraction.display().to_string(), Case { planning, fraction: fraction_scan }))
+    let mut side = PlanningSources::new(Source::File(planning.clone()), Source::File(bones.clone()));
+    side.names = args.labels.clone().map(Source::File);
+    let (scan, mut provenance) = side.read(&[], &Config::default(), runtime)?;
+    let mut one = FractionSources::new(Source::File(fraction.clone()));
+    one.landmarks = args.landmarks.clone().map(Source::File);
+    let (scan_of_fraction, of_fraction) = runtime.stage("read the fraction", || one.read(&[]))?;
+    provenance.extend(of_fraction);
+    Ok((fraction.display().to_string(), Case { planning: scan.into(), fraction: scan_of_fraction }, provenance))
 }
 
 /// A row of the table of peers.

@@ -1,18 +1,17 @@
 //! `aventail demo`: the main job on the phantom, with no data at hand.
 
 use super::args::RunArgs;
-use super::inputs::{Flags, Inputs};
 use super::phantom::write_landmarks;
-use super::register::{Told, settings, write_run};
+use super::register::{saved, settings};
 use super::run_folder;
-use super::terminal::progress;
-use crate::config::{Config, ConfigFile};
+use super::terminal::{command_line, progress};
+use crate::config::ConfigFile;
 use crate::error::{Error, Result};
 use crate::io::{self, Stored, WriteOptions};
 use crate::phantom::{Phantom, PhantomOptions};
-use crate::pipeline::{Case, Outcome, register};
-use crate::report::{OutputFile, planned};
+use crate::report::planned;
 use crate::runtime::Runtime;
+use crate::session::{FractionSources, PlanningSources, Request, Session, Source};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -51,13 +50,21 @@ pub fn run(args: &DemoArgs) -> Result<String> {
     folder.begin()?;
     let files = FILES.map(|(name, _)| args.out.join(FOLDER).join(name));
     runtime.stage("write the phantom", || write(phantom, &files))?;
-    let case = read(files, &config, &runtime)?;
-    let outcome = register(&case, &config, &runtime)?;
-    let listed = |_: &Outcome| {
-        let all = FILES.iter().map(|(name, what)| OutputFile::written(&args.out, &format!("{FOLDER}/{name}"), what));
-        Ok((all.collect::<Result<_>>()?, Vec::new()))
+    let [planning, bones, fraction, landmarks] = files;
+    let mut fraction = FractionSources::new(Source::File(fraction));
+    fraction.landmarks = Some(Source::File(landmarks));
+    let request = Request {
+        planning: PlanningSources::new(Source::File(planning), Source::File(bones)),
+        fractions: vec![fraction],
+        clinic: None,
+        anonymous: false,
+        recorded: Vec::new(),
+        config,
+        command: command_line(),
     };
-    write_run(&case, outcome, &config, &runtime, folder, &args.out, Told::of(&args.run).with(&listed))
+    let registered = Session::open(request, &runtime)?.register(&runtime)?;
+    let listed = FILES.map(|(name, what)| (format!("{FOLDER}/{name}"), what));
+    saved(registered, folder, &args.out, &args.run, &listed, &runtime)
 }
 
 /// Writes what is registered, side by side.
@@ -80,13 +87,4 @@ fn write(phantom: Phantom, [planning, bones, fraction, landmarks]: &[PathBuf; 4]
         },
     );
     scans.0.and(scans.1).and(rest)
-}
-
-/// Reads the files as `register` does.
-fn read([planning, bones, fraction, landmarks]: [PathBuf; 4], config: &Config, runtime: &Runtime) -> Result<Case> {
-    let flags = Flags { planning: &Some(planning), bones: &Some(bones), ..Flags::default() };
-    let inputs = Inputs::new(&flags, &[])?;
-    let planning = inputs.load(&[], config, runtime)?;
-    let fraction = runtime.stage("read the fraction", || inputs.fraction(&fraction, Some(&landmarks), &[]))?;
-    Ok(Case { planning, fraction })
 }

@@ -5,7 +5,6 @@
 //! frames of reference that it joins, which scans in DICOM confirm or contradict.
 
 use super::frames::{FieldRole, NamedFrame, Uids, confirmed, uid_of};
-use super::ledger::Ledger;
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
@@ -13,6 +12,7 @@ use crate::field::Chain;
 use crate::findings;
 use crate::geometry::Grid;
 use crate::io::{self, FieldFile, FieldFrames, dicom};
+use crate::provenance::Provenance;
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -76,7 +76,7 @@ pub(super) fn take(
     path: &Path,
     role: &FieldRole<'_>,
     known: &[Known<'_>],
-    ledger: &mut Ledger,
+    provenance: &mut Provenance,
 ) -> Result<Volume<[f32; 3]>> {
     let (field, own, uids) = open(path)?;
     let file = path.display().to_string();
@@ -100,13 +100,13 @@ pub(super) fn take(
                 "{file}: its header says that it takes {} points to {}; it is used as a field from {from} to {to}",
                 own.from, own.to
             );
-            ledger.warnings.push(Warning::new(findings::FIELD_DIRECTION, message));
+            provenance.warnings.push(Warning::new(findings::FIELD_DIRECTION, message));
         }
         Some(_) if !onward => {}
         _ if sure => {}
-        _ => ledger.warnings.extend(doubt(&file, from, to, field.value.grid(), known)),
+        _ => provenance.warnings.extend(doubt(&file, from, to, field.value.grid(), known)),
     }
-    Ok(ledger.take(*given, field))
+    Ok(provenance.take(*given, field))
 }
 
 /// The frames of reference of what is DICOM.
@@ -175,10 +175,10 @@ pub(super) fn pair(
     option: Option<InputRole>,
     [planning, fraction]: [Option<&Grid>; 2],
     known: &[Known<'_>],
-    ledger: &mut Ledger,
+    provenance: &mut Provenance,
 ) -> Result<FieldPair> {
     let mut field =
-        |direction, path: Option<&Path>| path.map(|p| take(p, &role(direction, option), known, ledger)).transpose();
+        |direction, path: Option<&Path>| path.map(|p| take(p, &role(direction, option), known, provenance)).transpose();
     let (push, pull) = (field(Direction::PlanningToFraction, push)?, field(Direction::FractionToPlanning, pull)?);
     FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
         Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")

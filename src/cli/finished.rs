@@ -1,13 +1,15 @@
 //! A finished run as it was, out of its folder and its inputs.
 
-use super::inputs::{Flags, Inputs, config_file, other_than};
+use super::inputs::config_file;
 use crate::config::{ConfigFile, InputRole, RecordedInput};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::inspect::check_folder;
-use crate::pipeline::{Case, FractionScan, InputFile, Outcome, PlanningScan};
+use crate::pipeline::{Case, FractionScan, Outcome, PlanningScan};
+use crate::provenance::{InputFile, Provenance};
 use crate::report::{Report, cut_to, restore};
 use crate::runtime::Runtime;
+use crate::session::{FractionSources, PlanningSources, Source};
 use crate::volume::LabelMap;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,7 @@ const REMEDY: &str = "give the --out folder of a finished run of aventail regist
 pub(super) struct Finished {
     pub(super) case: Case,
     pub(super) outcome: Outcome,
+    pub(super) provenance: Provenance,
     /// The structure set that it carried, as its report tells.
     pub(super) structures: Option<RecordedInput>,
 }
@@ -43,10 +46,12 @@ impl Finished {
                 "run aventail demo again, which leaves its scans beside its results",
             ));
         }
-        let inputs = Inputs::new(&Flags::default(), &file.inputs)?;
-        let planning = inputs.load(&file.inputs, &file.resolve(None)?, runtime)?;
-        unchanged(&planning.inputs, &file)?;
-        let fraction = Self::fraction(&inputs, &file, runtime)?;
+        let sources = PlanningSources::recorded(&file.inputs);
+        let sources = sources.ok_or_else(|| Error::read(&path, "its report names no file of bones", REMEDY))?;
+        let planning_file = sources.ct.path().map(Path::to_owned);
+        let (planning, mut provenance) = sources.read(&[], &file.resolve(None)?, runtime)?;
+        unchanged(&provenance.inputs, &file)?;
+        let fraction = Self::fraction(planning_file.as_deref(), &file, runtime)?;
         let bones = planning.bones;
         let planning = PlanningScan {
             ct: cut_to(planning.ct, &report.planning_grid)?,
@@ -55,24 +60,41 @@ impl Finished {
         };
         let outcome = runtime.stage("read the results", || restore(folder, &report, &planning))?;
         let fraction = match fraction {
-            Some(scan) => FractionScan { ct: cut_to(scan.ct, &report.fraction_grid)?, ..scan },
+            Some((scan, of_fraction)) => {
+                provenance.extend(of_fraction);
+                FractionScan { ct: cut_to(scan.ct, &report.fraction_grid)?, ..scan }
+            }
             // A made posture has no fraction CT: its own artificial one takes that place.
             None => FractionScan::new(outcome.planning_on_fraction.clone()),
         };
         let structures = file.inputs.into_iter().find(|input| input.role == InputRole::Structures);
-        Ok(Self { case: Case { planning, fraction }, outcome, structures })
+        let case = Case { planning: planning.into(), fraction };
+        Ok(Self { case, outcome, provenance, structures })
     }
 
     /// The fraction of the run; a made posture has none.
-    fn fraction(inputs: &Inputs, file: &ConfigFile, runtime: &Runtime) -> Result<Option<FractionScan>> {
-        let Some(fraction) = file.inputs.iter().find(|i| i.role == InputRole::Fraction) else {
-            unchanged(&inputs.marks()?.inputs, file)?;
+    fn fraction(
+        planning: Option<&Path>,
+        file: &ConfigFile,
+        runtime: &Runtime,
+    ) -> Result<Option<(FractionScan, Provenance)>> {
+        let named = |role: InputRole| file.inputs.iter().find(|i| i.role == role);
+        let path = |role: InputRole| named(role).map(|i| i.path.clone());
+        let Some(fraction) = path(InputRole::Fraction) else {
+            // The marks of a made posture are files of their own.
+            let marks = [InputRole::Landmarks, InputRole::BoneLandmarks].into_iter();
+            let marks = marks.filter_map(|role| Some(InputFile::read(role, &path(role)?)));
+            unchanged(&marks.collect::<Result<Vec<_>>>()?, file)?;
             return Ok(None);
         };
-        let read = || inputs.fraction(&fraction.path, inputs.landmarks(), &file.inputs);
-        let scan = runtime.stage("read the fraction", read)?;
-        unchanged(&scan.inputs, file)?;
-        Ok(Some(scan))
+        let mut one = FractionSources::new(Source::File(fraction));
+        one.landmarks = path(InputRole::Landmarks).map(Source::File);
+        one.bone_landmarks = path(InputRole::BoneLandmarks).map(Source::File);
+        one.start = named(InputRole::Start).map(|i| Source::File(i.given()));
+        one.settle(planning)?;
+        let (scan, provenance) = runtime.stage("read the fraction", || one.read(&[]))?;
+        unchanged(&provenance.inputs, file)?;
+        Ok(Some((scan, provenance)))
     }
 
     /// Refuses the folder of several fractions, naming the folder of each.
@@ -97,9 +119,9 @@ impl Finished {
 
 /// Refuses inputs that are not those of the run.
 fn unchanged(inputs: &[InputFile], file: &ConfigFile) -> Result<()> {
-    match other_than(inputs, &file.inputs).next() {
+    match inputs.iter().find(|input| input.recorded_otherwise(&file.inputs).is_some()) {
         None => Ok(()),
-        Some((input, _)) => {
+        Some(input) => {
             let problem = format!("it is not the file that the run has read as its {} (by its checksum)", input.role);
             let remedy = "put the file back where it was, or register again";
             Err(Error::refused(findings::RUN_CHANGED, input.path.display().to_string(), problem, remedy))

@@ -1,7 +1,6 @@
-//! Rank 9: arguments and terminal. One file per verb.
+//! Rank 12: arguments and terminal. One file per verb.
 
 pub mod args;
-mod auto;
 pub mod bench;
 pub mod clinic;
 mod contours;
@@ -13,11 +12,9 @@ mod fields;
 pub mod figure;
 mod finished;
 mod frames;
-mod headers;
 mod inputs;
 mod inspect;
 pub mod labels;
-mod ledger;
 pub mod library;
 mod links;
 pub mod man;
@@ -29,7 +26,6 @@ mod record;
 pub mod register;
 pub mod skeleton;
 pub mod slicer;
-mod start;
 pub mod study;
 pub mod summary;
 pub mod terminal;

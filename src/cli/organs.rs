@@ -3,11 +3,8 @@
 use crate::chainmail::VolumeChange;
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::io;
-use crate::volume::LabelMap;
-use crate::warning::Warning;
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Options on organs.
 #[derive(Debug, Args, Clone, Default)]
@@ -37,14 +34,6 @@ fn parse_change(text: &str) -> Result<VolumeChange, String> {
     let factor = factor.parse().map_err(|_| format!("`{factor}` is no number"))?;
     let change = VolumeChange { organ: organ.to_owned(), factor };
     change.problem().map_or(Ok(change), Err)
-}
-
-/// Reads organs and adds them to the labels of the bones; of a DICOM structure set those that the settings name.
-///
-/// # Errors
-/// As [`io::add_organs`].
-pub(super) fn add(labels: &mut LabelMap, path: &Path, config: &Config) -> Result<Vec<Warning>> {
-    io::add_organs(labels, path, &config.chainmail.organs_named())
 }
 
 #[cfg(test)]

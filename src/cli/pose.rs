@@ -1,20 +1,16 @@
 //! `aventail pose`: move the skeleton by hand and make the artificial CT.
 
 use super::args::{PlanningArgs, RunArgs};
-use super::auto::{Ask, Bones};
-use super::headers::judge;
-use super::inputs::{Flags, Inputs, changed, config_file, either};
+use super::inputs::{config_file, either, planning_side};
 use super::organs::OrganArgs;
-use super::register::{Told, settings, write_run};
+use super::register::{saved, settings};
 use super::run_folder;
-use super::terminal::progress;
+use super::terminal::{command_line, progress};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
-use crate::io;
-use crate::pipeline::{BoneMotion, InputFile, pose};
 use crate::report::planned;
 use crate::runtime::Runtime;
-use crate::skeleton;
+use crate::session::{BonesBy, MotionSource, PoseRequest, Source, pose};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -93,63 +89,31 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let mut config = settings(&file, &args.run)?;
     args.organs.apply(&mut config)?;
     let mut recorded = file.inputs.clone();
-    let ask = Ask {
-        bones: args.side.bones.as_deref(),
-        labels: args.side.labels.as_deref(),
-        planning: either(&args.side.planning, InputRole::Planning, &recorded),
-        needed: Vec::new(),
-        beside: &args.out,
-        quiet: args.run.shown.quiet,
+    let planning = planning_side(&args.side, &args.organs.organs, &mut recorded)?;
+    let own = |flag: &Option<PathBuf>, role: InputRole| either(flag, role, &file.inputs);
+    let by_hand = own(&args.motion.pose, InputRole::Pose).map(|file| MotionSource::Pose(Source::File(file)));
+    let transforms = || own(&args.motion.transforms, InputRole::Transforms);
+    let transforms = || transforms().map(|file| MotionSource::Transforms(Source::File(file)));
+    let marks = || own(&args.motion.bone_landmarks, InputRole::BoneLandmarks);
+    let marks = || marks().map(|file| MotionSource::Landmarks(Source::File(file)));
+    let mut request = PoseRequest {
+        planning,
+        motion: by_hand.or_else(transforms).or_else(marks).ok_or_else(no_motion)?,
+        landmarks: own(&args.landmarks, InputRole::Landmarks).map(Source::File),
+        margin_mm: args.margin,
+        recorded,
+        config,
+        command: command_line(),
     };
-    let bones = Bones::of(ask, &mut recorded, &*progress(args.run.shown.quiet))?;
-    let flags = Flags {
-        planning: &args.side.planning,
-        bones: &bones.file,
-        labels: &args.side.labels,
-        organs: &args.organs.organs,
-        skeleton: &args.side.skeleton,
-        landmarks: &args.landmarks,
-        bone_landmarks: &args.motion.bone_landmarks,
-        start: &None,
-    };
-    let inputs = Inputs::new(&flags, &recorded)?;
-    let by_hand = either(&args.motion.pose, InputRole::Pose, &file.inputs);
-    let transforms = either(&args.motion.transforms, InputRole::Transforms, &file.inputs);
-    if by_hand.is_none() && transforms.is_none() && !inputs.has_bone_landmarks() {
-        return Err(no_motion());
-    }
-    let more = [args.config.as_deref(), by_hand.as_deref(), transforms.as_deref()];
-    let files: Vec<&Path> = inputs.files().into_iter().chain(more.into_iter().flatten()).collect();
-    let folder = run_folder(&args.out, &planned(&config), &files)?;
     let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
-    judge(inputs.planning(), inputs.bones(), &[], &config)?;
-    let mut planning = inputs.load(&recorded, &config, &runtime)?;
-    planning.warnings.extend(bones.warnings);
-    let marks = inputs.marks()?;
-    let motion = match (&by_hand, &transforms) {
-        (Some(path), _) => {
-            // The pose names bones and joints of the very skeleton that it is given to.
-            if planning.skeleton.is_none() {
-                planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
-            }
-            let skeleton =
-                planning.skeleton.as_ref().ok_or_else(|| Error::Internal("the skeleton was just set".into()))?;
-            BoneMotion::Pose(io::pose::read_pose(path, skeleton)?)
-        }
-        (None, Some(path)) => BoneMotion::Transforms(io::read_bone_transforms(path)?),
-        (None, None) if !marks.bone_landmarks.is_empty() => BoneMotion::Landmarks(marks.bone_landmarks),
-        (None, None) => return Err(no_motion()),
-    };
-    let mut more = marks.inputs;
-    for (role, path) in [(InputRole::Pose, &by_hand), (InputRole::Transforms, &transforms)] {
-        if let Some(path) = path {
-            more.push(InputFile::read(role, path)?);
-        }
-    }
-    planning.warnings.extend(changed(&more, &file.inputs));
-    planning.inputs.extend(more);
-    let (case, outcome) = pose(planning, &motion, marks.landmarks, args.margin, &config, &runtime)?;
-    write_run(&case, outcome, &config, &runtime, folder, &args.out, Told::of(&args.run))
+    let by = BonesBy { beside: &args.out, command: &request.command, quiet: args.run.shown.quiet };
+    let others = request.needed();
+    request.planning.make_bones(&others, by, &runtime)?;
+    let files = request.files();
+    let files: Vec<&Path> = files.iter().map(PathBuf::as_path).chain(args.config.as_deref()).collect();
+    let folder = run_folder(&args.out, &planned(&request.config), &files)?;
+    request.judge()?;
+    saved(pose(request, &runtime)?, folder, &args.out, &args.run, &[], &runtime)
 }
 
 fn no_motion() -> Error {

@@ -5,7 +5,7 @@ use super::terminal::command_line;
 use crate::error::Result;
 pub(super) use crate::io::checksum::{Output, outputs};
 use crate::io::{RunFolder, relative_to, write_json};
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

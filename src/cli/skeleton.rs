@@ -1,14 +1,17 @@
 //! `aventail skeleton`: build, check and show the joint tree of a label map.
 
 use super::args::JsonArgs;
-use super::auto::{Ask, Bones};
-use super::terminal::progress;
+use super::inputs::needed;
+use super::terminal::{command_line, progress};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::io::skeleton::{load_override, write_skeleton};
 use crate::io::{Loaded, check_files, check_place, read_bones, read_grid, read_labels};
 use crate::pipeline::check_grids;
 use crate::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
+use crate::runtime::Runtime;
+use crate::session::{BonesBy, PlanningSources, Source};
 use crate::skeleton::{Skeleton, build, tree};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
@@ -61,24 +64,25 @@ struct Shown {
 /// When the labels cannot be read, when none is a bone, when the override does not fit, or when the result cannot be
 /// written.
 pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
-    // Without a folder of results labels are kept beside the result, else here.
-    let ask = Ask {
-        bones: Some(&args.bones),
-        labels: args.labels.as_deref(),
-        planning: args.planning.clone(),
-        needed: Vec::new(),
-        beside: args.out.as_deref().unwrap_or(Path::new("skeleton")),
-        quiet: args.told.json,
-    };
-    let bones = Bones::of(ask, &mut Vec::new(), &*progress(args.told.json))?;
-    let file = bones.file.as_ref().unwrap_or(&args.bones);
+    let planning = Source::File(args.planning.clone().unwrap_or_default());
+    let mut side = PlanningSources::new(planning, Source::File(args.bones.clone()));
+    side.names = args.labels.clone().map(Source::File);
+    if side.wants_bones() {
+        needed(&args.planning, InputRole::Planning, &[])?;
+        // Without a folder of results labels are kept beside the result, else here.
+        let beside = args.out.as_deref().unwrap_or(Path::new("skeleton"));
+        let by = BonesBy { beside, command: &command_line(), quiet: args.told.json };
+        side.make_bones(&[], by, &Runtime::new(0, progress(args.told.json))?)?;
+    }
+    let file = side.bones.path().map_or(args.bones.clone(), Path::to_owned);
+    let file = &file;
     let files = [Some(file), args.labels.as_ref(), args.skeleton.as_ref(), args.planning.as_ref()];
     let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
     check_files(&files, args.out.as_slice())?;
     args.out.as_deref().map_or(Ok(()), check_place)?;
     let labels = read(file, args)?;
     let mut shown = show(&labels.value, args.skeleton.as_deref(), args.out.as_deref())?;
-    shown.warnings.splice(0..0, labels.warnings.into_iter().chain(bones.warnings));
+    shown.warnings.splice(0..0, labels.warnings.into_iter().chain(side.made().iter().cloned()));
     // Nothing is registered yet: what would be refused then is told here.
     shown.warnings.extend(CheckOptions { refuse: false }.told(sides_and_levels(&labels.value))?);
     shown.warnings.extend(levels_by_landmarks(&labels.value));

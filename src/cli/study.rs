@@ -2,7 +2,6 @@
 
 use super::args::{QuietArgs, ThreadArgs};
 use super::inputs::config_file;
-use super::organs;
 use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::concepts;
@@ -10,11 +9,13 @@ use crate::config::{Config, InputRole, RecordedInput, StudyPlan};
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::geometry::Rigid;
-use crate::io::{self, checksum::sha256};
-use crate::pipeline::{Case, FractionScan, InputFile, PlanningScan, carry_again};
+use crate::io::checksum::sha256;
+use crate::pipeline::{Case, carry_again};
 use crate::progress::Progress;
+use crate::provenance::InputFile;
 use crate::report::{Report, StageRecord, finished_stage, stage_files, write_concepts, write_stage, write_study};
 use crate::runtime::Runtime;
+use crate::session::{FractionSources, PlanningSources, Source};
 use clap::Args;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
@@ -128,8 +129,8 @@ fn run_stage(
     key: String,
     runtime: &Runtime,
 ) -> Result<StageRecord> {
-    let outcome = carry_again(&moved.case, &moved.fit, config, runtime)?;
-    let record = StageRecord::new(&outcome, settings, key, runtime.threads());
+    let outcome = carry_again(&moved.case, &moved.fit, moved.seen, config, runtime)?;
+    let record = StageRecord::new(&outcome, settings, key, runtime);
     runtime.stage("draw", || write_stage(out, id, &moved.case, &outcome, &record))?;
     Ok(record)
 }
@@ -138,6 +139,10 @@ fn run_stage(
 struct Moved {
     title: String,
     case: Case,
+    /// Whether its fraction is a scan.
+    seen: bool,
+    /// Checksums of its files.
+    sha256: Vec<String>,
     fit: FitResult,
     /// Checksum of what the motion is.
     motion: String,
@@ -152,41 +157,28 @@ impl Moved {
         let recorded = config_file(&path)?;
         let settings = recorded.resolve(None)?;
         let inputs = recorded.inputs;
+        let Some(side) = PlanningSources::recorded(&inputs) else {
+            return Err(Error::input(
+                path.display().to_string(),
+                "it does not name the files of its planning CT and bones: the images were made by the run itself",
+                "write the phantom with `aventail phantom`, register its files, and study that run",
+            ));
+        };
+        let (planning, _) = side.read(&[], &settings, &Runtime::silent()?)?;
         let file = |role: InputRole| inputs.iter().find(|i| i.role == role).map(|i| i.path.clone());
-        let needed = |role: InputRole| {
-            file(role).ok_or_else(|| {
-                Error::input(
-                    path.display().to_string(),
-                    format!("it names no {role} file: the images were made by the run itself"),
-                    "write the phantom with `aventail phantom`, register its files, and study that run",
-                )
-            })
-        };
-        let mut bones = io::read_labels(needed(InputRole::Bones)?, file(InputRole::Labels).as_deref())?.value;
-        if let Some(path) = file(InputRole::Organs) {
-            organs::add(&mut bones, &path, &settings)?;
-        }
-        let skeleton = match file(InputRole::Skeleton) {
-            Some(path) => Some(io::skeleton::load_override(path, crate::skeleton::build(&bones)?.skeleton)?),
-            None => None,
-        };
+        let seen = file(InputRole::Fraction);
         // A made posture has no fraction CT: its own artificial one takes that place.
-        let fraction = file(InputRole::Fraction).unwrap_or_else(|| folder.join("planning_on_fraction.nii.gz"));
+        let fraction = seen.clone().unwrap_or_else(|| folder.join("planning_on_fraction.nii.gz"));
+        let mut fraction = FractionSources::new(Source::File(fraction));
+        fraction.landmarks = file(InputRole::Landmarks).map(Source::File);
+        let (fraction, _) = fraction.read(&[])?;
         let transforms: Vec<Rigid> = report.bones.iter().map(|b| b.transform).collect();
         let motion = serde_json::to_vec(&report.bones).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(Self {
             title: format!("Study of {}", folder.display()),
-            case: Case {
-                planning: PlanningScan {
-                    skeleton,
-                    inputs: report.inputs,
-                    ..PlanningScan::new(io::read_image(needed(InputRole::Planning)?)?.value, bones)
-                },
-                fraction: FractionScan {
-                    landmarks: file(InputRole::Landmarks).map(io::read_landmarks).transpose()?.unwrap_or_default(),
-                    ..FractionScan::new(io::read_image(fraction)?.value)
-                },
-            },
+            case: Case { planning: planning.into(), fraction },
+            seen: seen.is_some(),
+            sha256: report.inputs.into_iter().map(|i| i.sha256).collect(),
             fit: FitResult {
                 transforms,
                 pose: report.pose,
@@ -201,8 +193,7 @@ impl Moved {
 
     /// What a stage with these settings depends on, as a checksum.
     fn key(&self, settings: &serde_json::Value) -> String {
-        let inputs: Vec<&str> = self.case.inputs().map(|i| i.sha256.as_str()).collect();
-        let all = serde_json::json!([env!("CARGO_PKG_VERSION"), settings, inputs, self.motion]);
+        let all = serde_json::json!([env!("CARGO_PKG_VERSION"), settings, self.sha256, self.motion]);
         sha256(all.to_string().as_bytes())
     }
 }

@@ -7,7 +7,6 @@ use super::terminal::progress;
 use crate::config::{InputRole, RecordedInput};
 use crate::error::{Error, Result};
 use crate::io::checksum::sha256_file;
-use crate::pipeline::Case;
 use crate::report::view_page;
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
@@ -51,11 +50,11 @@ pub struct ViewArgs {
 /// When the run cannot be read, or no port is free.
 pub(super) fn run(args: &ViewArgs) -> Result<String> {
     let runtime = Runtime::new(0, progress(args.shown.quiet))?;
-    let Finished { case, outcome, structures: carried } = Finished::read(&args.run, &runtime)?;
+    let Finished { case, outcome, provenance, structures: carried } = Finished::read(&args.run, &runtime)?;
     let known = carried.as_ref().filter(|_| args.structures.is_none()).and_then(|set| unchanged(set, &runtime));
     let contours = args.structures.as_deref().or(known);
-    let contours = contours.map(|path| structures(path, &case, &runtime)).transpose()?;
-    let page = runtime.stage("pack the volumes", || view_page(&case, &outcome, contours.as_ref()))?;
+    let contours = contours.map(|path| structures(path, provenance.file(InputRole::Planning), &runtime)).transpose()?;
+    let page = runtime.stage("pack the volumes", || view_page(&case, &outcome, &provenance, contours.as_ref()))?;
     drop((case, outcome));
     let failed =
         |what: String| Error::write("127.0.0.1", what, "look whether something forbids programs to listen on loopback");
@@ -90,8 +89,7 @@ fn unchanged<'a>(set: &'a RecordedInput, runtime: &Runtime) -> Option<&'a Path> 
 }
 
 /// Reads structures in the frame of the run's planning CT.
-fn structures(path: &Path, case: &Case, runtime: &Runtime) -> Result<Contours> {
-    let planning = case.inputs().find(|input| input.role == InputRole::Planning).map(|input| input.path.as_path());
+fn structures(path: &Path, planning: Option<&Path>, runtime: &Runtime) -> Result<Contours> {
     let (contours, warnings) = contours::of_planning(path, planning)?;
     for warning in warnings {
         runtime.progress().note(&format!("warning ({}): {}", warning.code, warning.message));

@@ -11,4 +11,5 @@ use aventail_registration::{config, pipeline};
 use aventail_scenes::concepts;
 use aventail_tissue::chainmail;
 
+pub mod provenance;
 pub mod report;

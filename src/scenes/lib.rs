@@ -6,6 +6,7 @@ use aventail_base::{error, geometry, progress, volume};
 use aventail_bones::skeleton;
 use aventail_fields::field;
 use aventail_measures::evaluate;
+use aventail_registration::pipeline;
 use aventail_tissue::chainmail;
 
 pub mod concepts;

@@ -67,7 +67,7 @@ pub const INPUTS: [Scene; 36] = [
                 (_, true) => n.replace("_right", "_left"),
                 _ => n.clone(),
             };
-            c.planning.bones.names.values_mut().for_each(|n| *n = other(n));
+            c.planning_mut().bones.names.values_mut().for_each(|n| *n = other(n));
         },
         Refused(&["labels-mirrored"]),
     ),
@@ -75,31 +75,31 @@ pub const INPUTS: [Scene; 36] = [
         "planning CT and labels mirrored alike",
         |c| {
             reverse_labels(c, 0);
-            c.planning.ct = reversed(&c.planning.ct, 0);
+            c.planning_mut().ct = reversed(&c.planning.ct, 0);
         },
         Refused(&["labels-mirrored"]),
     ),
     scene(
         "a level without a label",
-        |c| c.planning.bones.names.retain(|_, n| n != "vertebrae_C4"),
+        |c| c.planning_mut().bones.names.retain(|_, n| n != "vertebrae_C4"),
         Warned("vertebra-missing"),
     ),
     scene("vertebrae named a level too low", |c| rename(c, 1), Warned("levels-shifted")),
     scene("vertebrae named a level too high", |c| rename(c, -1), Warned("levels-shifted")),
     scene("labels of another patient", |c| other_size(c, 0.85), OFF),
-    scene("labels without a voxel", |c| c.planning.bones.volume = c.planning.bones.volume.map(|_| 0), Exit(4)),
+    scene("labels without a voxel", |c| c.planning_mut().bones.volume = c.planning.bones.volume.map(|_| 0), Exit(4)),
     scene("labels of one voxel each", one_voxel, Warned("small-bone")),
     scene("300 labels", |c| more_labels(c, 300), Warned("labels-ignored")),
     scene("planning and fraction swapped", swap, OFF),
-    scene("planning CT constant", |c| c.planning.ct = c.planning.ct.map(|_| 40.0), Exit(4)),
+    scene("planning CT constant", |c| c.planning_mut().ct = c.planning.ct.map(|_| 40.0), Exit(4)),
     scene("fraction CT constant", |c| c.fraction.ct = c.fraction.ct.map(|_| 0.0), Exit(4)),
     scene("fraction CT with NaN", |c| c.fraction.ct.data_mut()[1000] = f32::NAN, Exit(4)),
-    scene("planning CT + 1024", |c| c.planning.ct = c.planning.ct.map(|v| v + 1024.0), NO_HU),
+    scene("planning CT + 1024", |c| c.planning_mut().ct = c.planning.ct.map(|v| v + 1024.0), NO_HU),
     scene("fraction CT + 1024", |c| c.fraction.ct = c.fraction.ct.map(|v| v + 1024.0), NO_HU),
     scene(
         "both CTs + 1024",
         |c| {
-            c.planning.ct = c.planning.ct.map(|v| v + 1024.0);
+            c.planning_mut().ct = c.planning.ct.map(|v| v + 1024.0);
             c.fraction.ct = c.fraction.ct.map(|v| v + 1024.0);
         },
         NO_HU,
@@ -113,7 +113,7 @@ pub const INPUTS: [Scene; 36] = [
     ),
     scene("labels for the fraction CT", |c| c.fraction.ct = c.planning.bones.volume.map(|v| f32::from(*v)), NO_HU),
     scene("fraction CT with slope 0.6", |c| c.fraction.ct = c.fraction.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
-    scene("planning CT with slope 0.6", |c| c.planning.ct = c.planning.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene("planning CT with slope 0.6", |c| c.planning_mut().ct = c.planning.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
     scene("padding of -1024", |c| pad(c, -1024.0), Silent),
     scene("padding of -2000", |c| pad(c, -2000.0), Silent),
     scene("padding of -3024", |c| pad(c, -3024.0), Silent),
@@ -153,7 +153,7 @@ fn reversed<T: Copy + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> 
 }
 
 fn reverse_labels(case: &mut Case, axis: usize) {
-    case.planning.bones.volume = reversed(&case.planning.bones.volume, axis);
+    case.planning_mut().bones.volume = reversed(&case.planning.bones.volume, axis);
 }
 
 /// Vertebrae under the name of the level so far below; who has no such name loses his.
@@ -166,7 +166,7 @@ fn rename(case: &mut Case, by: isize) {
         Some(n) => n.checked_add_signed(by).and_then(|n| levels.get(n)).cloned(),
         None => Some(name.clone()),
     };
-    case.planning.bones.names =
+    case.planning_mut().bones.names =
         case.planning.bones.names.iter().filter_map(|(label, name)| Some((*label, renamed(name)?))).collect();
 }
 
@@ -175,7 +175,7 @@ fn other_size(case: &mut Case, factor: f64) {
     let labels = &case.planning.bones.volume;
     let grid = labels.grid();
     let middle = grid.middle();
-    case.planning.bones.volume = Volume::from_fn(grid.clone(), |n| {
+    case.planning_mut().bones.volume = Volume::from_fn(grid.clone(), |n| {
         let from = middle + (grid.centre(grid.voxel(n)) - middle) / factor;
         grid.voxel_at(&from).map_or(0, |voxel| *labels.at(voxel))
     });
@@ -183,8 +183,8 @@ fn other_size(case: &mut Case, factor: f64) {
 
 /// Of each bone the voxel in the middle of its list.
 pub fn one_voxel(case: &mut Case) {
-    let labels = &mut case.planning.bones.volume;
     let all: Vec<u16> = case.planning.bones.names.keys().copied().collect();
+    let labels = &mut case.planning_mut().bones.volume;
     for label in all {
         let own: Vec<usize> = labels.data().iter().enumerate().filter(|(_, l)| **l == label).map(|(n, _)| n).collect();
         let keep = own.get(own.len() / 2).copied();
@@ -198,8 +198,8 @@ pub fn more_labels(case: &mut Case, count: u16) {
     let free: Vec<usize> =
         case.planning.bones.volume.data().iter().enumerate().filter(|(_, l)| **l == 0).map(|(n, _)| n).collect();
     for (label, chunk) in (first..=count).zip(free.chunks(40).skip(1000)) {
-        case.planning.bones.names.insert(label, format!("structure_{label}"));
-        chunk.iter().for_each(|&n| case.planning.bones.volume.data_mut()[n] = label);
+        case.planning_mut().bones.names.insert(label, format!("structure_{label}"));
+        chunk.iter().for_each(|&n| case.planning_mut().bones.volume.data_mut()[n] = label);
     }
 }
 
@@ -211,7 +211,7 @@ fn swap(case: &mut Case) {
         let index = fraction.grid().index(&grid.centre(grid.voxel(n)));
         trilinear(fraction, &index).map_or(-1000.0, |v| v as f32)
     });
-    case.fraction.ct = std::mem::replace(&mut case.planning.ct, on);
+    case.fraction.ct = std::mem::replace(&mut case.planning_mut().ct, on);
 }
 
 /// Labels moved by whole voxels that come nearest to this, LPS mm.
@@ -219,7 +219,7 @@ fn shift(case: &mut Case, mm: [f64; 3]) {
     let labels = &case.planning.bones.volume;
     let grid = labels.grid();
     let step = grid.index(&Point3::from(grid.origin().coords + Vector3::from(mm))).map(|v| v.round() as i64);
-    case.planning.bones.volume = Volume::from_fn(grid.clone(), |n| {
+    case.planning_mut().bones.volume = Volume::from_fn(grid.clone(), |n| {
         let from: [i64; 3] = std::array::from_fn(|a| grid.voxel(n)[a] as i64 - step[a]);
         let inside = (0..3).all(|a| from[a] >= 0 && from[a] < grid.size()[a] as i64);
         if inside { *labels.at(from.map(|v| v as usize)) } else { 0 }
@@ -238,7 +238,7 @@ fn pad(case: &mut Case, value: f32) {
             if 6 * i > 5 * size[0] || 6 * i < size[0] { all.data()[n] } else { image.data()[n] }
         })
     };
-    case.planning.ct = part(&case.planning.ct);
+    case.planning_mut().ct = part(&case.planning.ct);
     case.fraction.ct = part(&case.fraction.ct);
 }
 

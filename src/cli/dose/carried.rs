@@ -1,14 +1,15 @@
 //! The page of a dose that was carried: isodoses before and after, each fraction's share, what is steep, histograms.
 
 use super::args::PageArgs;
+use super::pages::stem;
 use super::structures::Structures;
-use super::{Ledger, pages::stem};
 use crate::config::InputRole;
 use crate::dose::{doubts, steep};
 use crate::error::Result;
 use crate::io;
 use crate::io::dicom::Role;
 use crate::pipeline::DoseReport;
+use crate::provenance::Provenance;
 use crate::report::dose::{DoseDvh, DosePicture, DoseTable, Levels, dvh_picture, dvh_tables, isodoses};
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
@@ -31,16 +32,21 @@ pub(super) struct Scenery {
 
 impl Scenery {
     /// Reads what the page needs; `grid` is the image whose grid the result has. Nothing where no page is wanted.
-    pub(super) fn read(args: &PageArgs, path: &Path, grid: Volume<f32>, ledger: &mut Ledger) -> Result<Option<Self>> {
+    pub(super) fn read(
+        args: &PageArgs,
+        path: &Path,
+        grid: Volume<f32>,
+        provenance: &mut Provenance,
+    ) -> Result<Option<Self>> {
         if args.no_page {
             return Ok(None);
         }
         let ct = match &args.page_ct {
-            Some(path) => Some(ledger.take_scan(InputRole::PageCt, io::read_image(path)?)),
+            Some(path) => Some(provenance.take_scan(InputRole::PageCt, io::read_image(path)?)),
             None => (grid.extremes()[0] < CT_HU).then_some(grid),
         };
         let near = [Role::Image.at(path)];
-        let read = |path: &Path| Structures::read(ledger, path, args.labels.as_deref(), &near);
+        let read = |path: &Path| Structures::read(provenance, path, args.labels.as_deref(), &near);
         let structures = args.structures.as_deref().map(read).transpose()?;
         Ok(Some(Self { ct, structures }))
     }

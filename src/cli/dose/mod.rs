@@ -10,7 +10,6 @@ pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, M
 
 use super::args::DirectionName;
 use super::fields::{self, Known};
-use super::ledger::Ledger;
 use super::record::Output;
 use super::terminal::command_line;
 use super::terminal::progress;
@@ -26,7 +25,8 @@ use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
-use crate::pipeline::{DoseMethod, DoseReport, InputFile, map_dose};
+use crate::pipeline::{DoseMethod, DoseReport, map_dose};
+use crate::provenance::{InputFile, Provenance};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
 use crate::volume::Volume;
@@ -72,14 +72,14 @@ fn map(args: &MapArgs) -> Result<String> {
     let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, back.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
-    let mut ledger = Ledger::default();
+    let mut provenance = Provenance::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
-        let dose = read_dose(&mut ledger, &args.dose)?;
-        let grid = ledger.take(InputRole::Grid, io::read_image(&args.grid)?);
+        let dose = read_dose(&mut provenance, &args.dose)?;
+        let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
         let to = grid.grid().clone();
         let ct =
-            args.ct.as_ref().map(|p| Ok::<_, Error>(ledger.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
-        let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
+            args.ct.as_ref().map(|p| Ok::<_, Error>(provenance.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
+        let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
         Ok::<_, Error>((dose, to, ct, scenery))
     })?;
     let direction = match args.to {
@@ -98,7 +98,7 @@ fn map(args: &MapArgs) -> Result<String> {
         method: &method,
         ct: ct.as_ref(),
     };
-    let (mapped, report) = one.carry(&mut ledger, &runtime)?;
+    let (mapped, report) = one.carry(&mut provenance, &runtime)?;
     let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
     let draw = |scenery: &Scenery| {
         let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
@@ -106,7 +106,7 @@ fn map(args: &MapArgs) -> Result<String> {
     };
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose] };
-    finish(&back, carried, ledger, page, &fields)
+    finish(&back, carried, provenance, page, &fields)
 }
 
 fn sum(args: &AccumulateArgs) -> Result<String> {
@@ -130,19 +130,20 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, out.like.is_some(), &files)?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
-    let mut ledger = Ledger::default();
-    let grid = ledger.take(InputRole::Grid, io::read_image(&args.grid)?);
+    let mut provenance = Provenance::default();
+    let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
     let to = grid.grid().clone();
-    let scenery = Scenery::read(&args.page, &args.grid, grid, &mut ledger)?;
+    let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
     let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
-        let dose = read_dose(&mut ledger, path)?;
+        let dose = read_dose(&mut provenance, path)?;
         if weights[k] >= 2.0 {
-            ledger.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
+            provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
         }
-        let ct = args.ct.get(k).map(|p| Ok::<_, Error>(ledger.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
+        let ct =
+            args.ct.get(k).map(|p| Ok::<_, Error>(provenance.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
         let field = Some(args.fields[k].as_path());
         let (push, pull) = match args.direction {
             DirectionName::PlanningToFraction => (field, None),
@@ -160,7 +161,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             method: &method,
             ct: ct.as_ref(),
         };
-        let (mapped, report) = one.carry(&mut ledger, &runtime)?;
+        let (mapped, report) = one.carry(&mut provenance, &runtime)?;
         total = Some(match &total {
             None => accumulate(&[(weights[k], &mapped)])?,
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
@@ -176,7 +177,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
     let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let carried = Carried { dose: &total, weights, parts: reports, sources: &doses };
-    finish(&out, carried, ledger, page, &fields)
+    finish(&out, carried, provenance, page, &fields)
 }
 
 /// One dose and how it is to be carried.
@@ -198,7 +199,7 @@ struct Mapping<'a> {
 
 impl<'a> Mapping<'a> {
     /// Reads the field and carries the dose.
-    fn carry(&self, ledger: &mut Ledger, runtime: &Runtime) -> Result<(Volume<f32>, DoseReport)> {
+    fn carry(&self, provenance: &mut Provenance, runtime: &Runtime) -> Result<(Volume<f32>, DoseReport)> {
         let &Self { dose, dose_file, to, to_file, direction, ct, .. } = self;
         // The missing direction is made where it is needed: on the target's grid, or on the dose's own for energy and mass.
         let frames = match direction {
@@ -218,7 +219,7 @@ impl<'a> Mapping<'a> {
             Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
             Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
         };
-        let read = || fields::pair(self.push, self.pull, self.option, grids, &all, ledger);
+        let read = || fields::pair(self.push, self.pull, self.option, grids, &all, provenance);
         let pair = runtime.stage("read and invert the field", read)?;
         runtime.stage("map dose", || map_dose(dose, &pair, direction, to, self.method, ct))
     }
@@ -237,29 +238,29 @@ struct Carried<'a> {
 fn finish(
     back: &GiveBack<'_>,
     Carried { dose, weights, parts, sources }: Carried<'_>,
-    mut ledger: Ledger,
+    mut provenance: Provenance,
     page: Option<Content>,
     fields: &[&Path],
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
-    ledger.warnings.extend(judge_result(&out.display().to_string(), dose)?);
+    provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
     [beside(out), page_beside(out)].iter().try_for_each(|path| gone(path))?;
     match &back.like {
-        Some(like) => ledger.warnings.extend(like.dose(out, dose, sources, fields)?),
+        Some(like) => provenance.warnings.extend(like.dose(out, dose, sources, fields)?),
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
-    let text = table(&parts) + &listed(&ledger.warnings);
+    let text = table(&parts) + &listed(&provenance.warnings);
     let mut written = vec![out.to_owned()];
     if let Some(page) = page {
         written.push(page_beside(out));
         let own = parts.iter().flat_map(|part| &part.warnings).cloned();
-        let warnings: Vec<Warning> = ledger.warnings.iter().cloned().chain(own).chain(page.warnings).collect();
-        pages::write(&page_beside(out), &page.title, &ledger, &warnings, page.pictures, page.tables)?;
+        let warnings: Vec<Warning> = provenance.warnings.iter().cloned().chain(own).chain(page.warnings).collect();
+        pages::write(&page_beside(out), &page.title, &provenance, &warnings, page.pictures, page.tables)?;
     }
     let command = command_line();
-    let (inputs, warnings) = (ledger.seen_from(parent(out)), ledger.warnings);
+    let (inputs, warnings) = (provenance.seen_from(parent(out)), provenance.warnings);
     let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
     let outputs = record::outputs(parent(out), &names)?;
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };
@@ -321,9 +322,9 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 }
 
 /// Reads a dose and refuses what is none in Gy.
-fn read_dose(ledger: &mut Ledger, path: &Path) -> Result<Volume<f32>> {
-    let mut dose = ledger.take(InputRole::Dose, io::read_dose(path)?);
-    ledger.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
+fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
+    let mut dose = provenance.take(InputRole::Dose, io::read_dose(path)?);
+    provenance.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
     Ok(dose)
 }
 
@@ -334,24 +335,24 @@ fn histograms(args: &DvhArgs) -> Result<String> {
     let files = args.dose.iter().chain([&args.structures]).chain(&args.labels).map(PathBuf::as_path);
     let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png", "dvh.html"]);
     let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
-    let mut ledger = Ledger::default();
+    let mut provenance = Provenance::default();
     let near: Vec<Framed<'_>> = args.dose.iter().map(|dose| Role::Dose.at(dose)).collect();
-    let structures = Structures::read(&mut ledger, &args.structures, args.labels.as_deref(), &near)?;
-    let common = std::mem::take(&mut ledger.warnings);
+    let structures = Structures::read(&mut provenance, &args.structures, args.labels.as_deref(), &near)?;
+    let common = std::mem::take(&mut provenance.warnings);
     let mut doses = Vec::new();
     for path in &args.dose {
-        let dose = read_dose(&mut ledger, path)?;
+        let dose = read_dose(&mut provenance, path)?;
         let name = pages::stem(path);
         let structures = structures.histograms(&dose, &args.at, args.bin);
         let mut warnings = if doses.is_empty() { common.clone() } else { Vec::new() };
-        warnings.append(&mut ledger.warnings);
+        warnings.append(&mut provenance.warnings);
         warnings.extend(doubts(&structures));
         doses.push(DoseDvh { name, structures, warnings });
     }
     folder.begin()?;
     let picture = write_dvh(&args.out, &doses, &structures.colours())?;
-    pages::write_dvh(&args.out, &doses, picture, &ledger)?;
-    record::write(&folder, &args.out, "dvh_run.json", ledger.inputs)?;
+    pages::write_dvh(&args.out, &doses, picture, &provenance)?;
+    record::write(&folder, &args.out, "dvh_run.json", provenance.inputs)?;
     folder.finish();
     if args.told.json {
         return io::json(&doses);
@@ -363,10 +364,10 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let maps = ["dose_difference.nii.gz", "distance_to_dose_difference.nii.gz", "compare.html"];
     let files = [&args.dose, &args.reference].into_iter().chain(&args.ct).chain(&args.dose_ct).map(PathBuf::as_path);
     let mut folder = run_folder(&args.out, &planned(&["compare.json"], &maps), &files.collect::<Vec<_>>())?;
-    let mut ledger = Ledger::default();
-    let (dose, reference) = (read_dose(&mut ledger, &args.dose)?, read_dose(&mut ledger, &args.reference)?);
-    ledger.inputs.iter_mut().skip(1).for_each(|input| input.role = InputRole::Reference);
-    let cts = pages::read_cts(args, &mut ledger)?;
+    let mut provenance = Provenance::default();
+    let (dose, reference) = (read_dose(&mut provenance, &args.dose)?, read_dose(&mut provenance, &args.reference)?);
+    provenance.inputs.iter_mut().skip(1).for_each(|input| input.role = InputRole::Reference);
+    let cts = pages::read_cts(args, &mut provenance)?;
     let most = f64::from(reference.extremes()[1].max(0.0));
     let tolerance = args.tolerance.unwrap_or(0.03 * most);
     if !(tolerance.is_finite() && tolerance > 0.0 && args.limit > 0.0 && args.limit <= 100.0) {
@@ -377,7 +378,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     }
     folder.begin()?;
     let (map, figures) = difference(&dose, &reference)?;
-    ledger.warnings.extend(not_covered(&figures));
+    provenance.warnings.extend(not_covered(&figures));
     let distance = distance_to_difference(&reference, tolerance, args.limit);
     let options = |text: &str| WriteOptions { description: text.into(), ..WriteOptions::default() };
     let path = args.out.join("dose_difference.nii.gz");
@@ -386,12 +387,12 @@ fn compare(args: &CompareArgs) -> Result<String> {
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
     let (dose, reference) = (&dose, &reference);
     let found = pages::Found { dose, reference, difference: &map, figures: &figures, cts: &cts };
-    pages::write_compare(&args.out, &found, &ledger)?;
+    pages::write_compare(&args.out, &found, &provenance)?;
     let json = serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"), "command": command_line(),
-        "inputs": ledger.seen_from(&args.out), "outputs": record::outputs(&args.out, &folder.written())?,
+        "inputs": provenance.seen_from(&args.out), "outputs": record::outputs(&args.out, &folder.written())?,
         "difference_gy": figures, "tolerance_gy": tolerance, "limit_mm": args.limit,
-        "warnings": ledger.warnings,
+        "warnings": provenance.warnings,
     });
     write_json(args.out.join("compare.json"), &json)?;
     folder.finish();
@@ -400,7 +401,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     }
     Ok(format!(
         "{}  dose minus reference, where both are known and either is above 10 % of the maximum: mean {:.3} Gy; magnitude mean {:.3}, 95 % {:.3}, greatest {:.3} Gy\nThe page: {}",
-        listed(&ledger.warnings),
+        listed(&provenance.warnings),
         figures.signed.mean,
         figures.magnitude.mean,
         figures.magnitude.p95,

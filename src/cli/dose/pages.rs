@@ -2,20 +2,21 @@
 
 use super::super::terminal::command_line;
 use super::out::parent;
-use super::{CompareArgs, DoseDifference, Ledger};
+use super::{CompareArgs, DoseDifference};
 use crate::config::InputRole;
 use crate::dose::steep;
 use crate::error::Result;
 use crate::io;
+use crate::provenance::Provenance;
 use crate::report::dose::{DoseDvh, DosePage, DosePicture, DoseTable, Levels, differences, dvh_tables, isodoses};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
 /// The CTs of a comparison: the reference's and the dose's, where they are given.
-pub(super) fn read_cts(args: &CompareArgs, ledger: &mut Ledger) -> Result<[Option<Volume<f32>>; 2]> {
+pub(super) fn read_cts(args: &CompareArgs, provenance: &mut Provenance) -> Result<[Option<Volume<f32>>; 2]> {
     let mut read = |role: InputRole, path: &Option<PathBuf>| {
-        path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
+        path.as_ref().map(|p| Ok(provenance.take_scan(role, io::read_image(p)?))).transpose()
     };
     Ok([read(InputRole::Ct, &args.ct)?, read(InputRole::DoseCt, &args.dose_ct)?])
 }
@@ -31,7 +32,7 @@ pub(super) struct Found<'a> {
 }
 
 /// Writes `compare.html`.
-pub(super) fn write_compare(folder: &Path, found: &Found<'_>, ledger: &Ledger) -> Result<()> {
+pub(super) fn write_compare(folder: &Path, found: &Found<'_>, provenance: &Provenance) -> Result<()> {
     let Found { dose, reference, difference, figures, cts: [ct, dose_ct] } = found;
     let (levels, steep) = (Levels::of(reference), steep(reference));
     let pictures = vec![
@@ -60,7 +61,7 @@ pub(super) fn write_compare(folder: &Path, found: &Found<'_>, ledger: &Ledger) -
         rows: vec![vec!["mean magnitude".into(), text(in_steep), text(elsewhere)]],
     };
     let path = folder.join("compare.html");
-    write(&path, "dose minus reference", ledger, &ledger.warnings, pictures, vec![table, by_gradient])
+    write(&path, "dose minus reference", provenance, &provenance.warnings, pictures, vec![table, by_gradient])
 }
 
 /// Mean magnitude of the difference where the reference counts and `which` holds, Gy.
@@ -72,23 +73,23 @@ fn mean_of(difference: &Volume<f32>, reference: &Volume<f32>, which: impl Fn(usi
 }
 
 /// Writes `dvh.html`.
-pub(super) fn write_dvh(folder: &Path, doses: &[DoseDvh], picture: DosePicture, ledger: &Ledger) -> Result<()> {
+pub(super) fn write_dvh(folder: &Path, doses: &[DoseDvh], picture: DosePicture, provenance: &Provenance) -> Result<()> {
     let names: Vec<&str> = doses.iter().map(|d| d.name.as_str()).collect();
     let title = format!("dose-volume histogram: {}", names.join(", "));
     let warnings: Vec<Warning> = doses.iter().flat_map(|d| d.warnings.clone()).collect();
-    write(&folder.join("dvh.html"), &title, ledger, &warnings, vec![picture], dvh_tables(doses))
+    write(&folder.join("dvh.html"), &title, provenance, &warnings, vec![picture], dvh_tables(doses))
 }
 
 /// Writes a page.
 pub(super) fn write(
     path: &Path,
     title: &str,
-    ledger: &Ledger,
+    provenance: &Provenance,
     warnings: &[Warning],
     pictures: Vec<DosePicture>,
     tables: Vec<DoseTable>,
 ) -> Result<()> {
-    let (inputs, command) = (ledger.seen_from(parent(path)), command_line());
+    let (inputs, command) = (provenance.seen_from(parent(path)), command_line());
     DosePage { title: title.into(), command, inputs: &inputs, warnings, pictures, tables }.write(path)
 }
 

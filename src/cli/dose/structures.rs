@@ -1,13 +1,12 @@
 //! The structures whose dose is counted.
 
-use super::super::ledger::Ledger;
 use crate::config::InputRole;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;
 use crate::findings;
 use crate::io::dicom::{Framed, Role, check_frames, is_dicom_path};
 use crate::io::{self, ContourFile};
-use crate::pipeline::InputFile;
+use crate::provenance::Provenance;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -24,20 +23,25 @@ const NAMED: usize = 12;
 
 impl Structures {
     /// Reads a label map (with a file of `names`, if any) or contours; `near` are files whose frame they must share.
-    pub(super) fn read(ledger: &mut Ledger, path: &Path, names: Option<&Path>, near: &[Framed<'_>]) -> Result<Self> {
+    pub(super) fn read(
+        provenance: &mut Provenance,
+        path: &Path,
+        names: Option<&Path>,
+        near: &[Framed<'_>],
+    ) -> Result<Self> {
         let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
         if !json && !is_dicom_path(path) {
-            let map = Box::new(ledger.structures(InputRole::Structures, path, names)?);
+            let map = Box::new(provenance.take(InputRole::Structures, io::read_structures(path, names)?));
             if names.is_some() {
-                ledger.warnings.extend(missing(&map));
+                provenance.warnings.extend(missing(&map));
             }
             return Ok(Self::Labels(map));
         }
         near.iter().try_for_each(|other| check_frames(Role::Structures.at(path), *other))?;
         let ContourFile { mut contours, path, warnings, .. } = io::read_contour_file(path)?;
-        ledger.inputs.push(InputFile::read(InputRole::Structures, &path)?);
-        ledger.warnings.extend(warnings);
-        ledger.warnings.extend(contours.tidy());
+        provenance.note(InputRole::Structures, &path)?;
+        provenance.warnings.extend(warnings);
+        provenance.warnings.extend(contours.tidy());
         Ok(Self::Contours(contours))
     }
 

@@ -9,7 +9,6 @@ use super::args::DirectionName;
 use super::fields::{self, Known};
 use super::frames::{FieldRole, place};
 use super::inputs::config_file;
-use super::ledger::Ledger;
 use super::terminal::command_line;
 use super::terminal::progress;
 use super::{planned, run_folder};
@@ -21,8 +20,8 @@ use crate::evaluate::{Direction, FieldPair, Subject, assess};
 use crate::field::{Outside, WORTH, outside_field};
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::{self, Planned, dicom};
-use crate::pipeline::InputFile;
+use crate::io::{self, Loaded, Planned, dicom};
+use crate::provenance::Provenance;
 use crate::report::evaluation::{self, Assessed, Compared, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
 use crate::skeleton;
@@ -67,17 +66,17 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let mut folder = run_folder(&args.out, &planned_files(&files), &args.files())?;
     let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let limits = args.config.as_deref().map(limits).transpose()?.unwrap_or_default();
-    let mut ledger = Ledger::default();
-    let inputs = runtime.stage("read", || read(args, &mut ledger))?;
-    let common = ledger.warnings.len();
+    let mut provenance = Provenance::default();
+    let inputs = runtime.stage("read", || read(args, &mut provenance))?;
+    let common = provenance.warnings.len();
     let option = (!args.compare.is_empty()).then_some(InputRole::Compare);
     let mut first: Option<Compared> = None;
     let mut others = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
-        let before = ledger.warnings.len();
-        let (mut own, drawn) = one(n, file, option, &inputs, &limits, &mut ledger, &runtime)?;
-        own.field.warned(&[&ledger.warnings[..common], &ledger.warnings[before..]].concat());
+        let before = provenance.warnings.len();
+        let (mut own, drawn) = one(n, file, option, &inputs, &limits, &mut provenance, &runtime)?;
+        own.field.warned(&[&provenance.warnings[..common], &provenance.warnings[before..]].concat());
         pictures.extend(drawn);
         let Some(first) = &first else {
             first = Some(own);
@@ -92,9 +91,9 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
         command: command_line(),
-        inputs: ledger.inputs,
+        inputs: provenance.inputs,
         fields: assessed,
-        warnings: ledger.warnings,
+        warnings: provenance.warnings,
         stages: runtime.times(),
         threads: runtime.threads(),
         outputs: Vec::new(),
@@ -153,10 +152,18 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
+/// Reads labels of bones: names from the header where it has them, else from the JSON file, which is that of the structures.
+fn read_bones(path: &Path, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
+    match (io::read_labels(path, None), names) {
+        (Err(Error::Input { .. }), Some(names)) => io::read_labels(path, Some(names)),
+        (read, _) => read,
+    }
+}
+
 /// Reads everything but the fields.
-fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
+fn read(args: &EvaluateArgs, provenance: &mut Provenance) -> Result<Inputs> {
     let mut image = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
-        path.as_ref().map(|p| Ok(ledger.take_scan(role, io::read_image(p)?))).transpose()
+        path.as_ref().map(|p| Ok(provenance.take_scan(role, io::read_image(p)?))).transpose()
     };
     let planning = image(InputRole::Planning, &args.planning)?;
     let fraction = image(InputRole::Fraction, &args.fraction)?;
@@ -168,18 +175,18 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
         return Err(Error::input(path.display().to_string(), "no voxel of the mask is set", remedy));
     }
     let names = args.labels.as_deref();
-    let bones = args.bones.as_ref().map(|p| ledger.bones(InputRole::Bones, p, names)).transpose()?;
+    let bones = args.bones.as_deref().map(|p| read_bones(p, names)).transpose()?;
+    let bones = bones.map(|bones| provenance.take(InputRole::Bones, bones));
     let mut labels = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<LabelMap>> {
-        path.as_ref().map(|p| ledger.structures(role, p, names)).transpose()
+        path.as_ref().map(|p| Ok(provenance.take(role, io::read_structures(p, names)?))).transpose()
     };
     let structures = labels(InputRole::LabelsPlanning, &args.labels_planning)?;
     let structures_fraction = labels(InputRole::LabelsFraction, &args.labels_fraction)?;
     let landmarks = args.landmarks.as_ref().map(io::read_landmarks).transpose()?.unwrap_or_default();
     if let Some(path) = &args.landmarks {
-        let sha256 = io::checksum::sha256_file(path)?;
-        ledger.inputs.push(InputFile::new(InputRole::Landmarks, path.clone(), sha256));
+        provenance.note(InputRole::Landmarks, path)?;
     }
-    let rigid = bones.as_ref().map(|b| rigid(b, ledger)).unwrap_or_default();
+    let rigid = bones.as_ref().map(|b| rigid(b, provenance)).unwrap_or_default();
     let triangle = None;
     let files = [args.planning.clone(), args.fraction.clone()];
     let mut inputs =
@@ -189,7 +196,8 @@ fn read(args: &EvaluateArgs, ledger: &mut Ledger) -> Result<Inputs> {
         let known = inputs.known();
         let onward = FieldRole { given: InputRole::Then, from: "fraction", to: "third", remedy };
         let straight = FieldRole { given: InputRole::Direct, from: "planning", to: "third", remedy };
-        let triangle = [fields::take(then, &onward, &known, ledger)?, fields::take(direct, &straight, &known, ledger)?];
+        let triangle =
+            [fields::take(then, &onward, &known, provenance)?, fields::take(direct, &straight, &known, provenance)?];
         inputs.triangle = Some(triangle);
     }
     Ok(inputs)
@@ -237,12 +245,12 @@ impl Inputs {
 }
 
 /// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
-fn rigid(bones: &LabelMap, ledger: &mut Ledger) -> Vec<(u16, String)> {
+fn rigid(bones: &LabelMap, provenance: &mut Provenance) -> Vec<(u16, String)> {
     match skeleton::build(bones) {
         Ok(built) => built.skeleton.labels_and_names(),
         Err(_) => {
             let message = "no label of --bones has the name of a known bone: every label is taken as one rigid bone";
-            ledger.warnings.push(Warning::new(findings::BONES_BY_LABEL, message));
+            provenance.warnings.push(Warning::new(findings::BONES_BY_LABEL, message));
             bones.names.iter().map(|(label, name)| (*label, name.clone())).collect()
         }
     }
@@ -255,18 +263,20 @@ fn one(
     option: Option<InputRole>,
     inputs: &Inputs,
     limits: &Limits,
-    ledger: &mut Ledger,
+    provenance: &mut Provenance,
     runtime: &Runtime,
 ) -> Result<(Compared, Vec<EvaluationPicture>)> {
     let pair = runtime
-        .stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), option, inputs, ledger))?;
+        .stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), option, inputs, provenance))?;
     for direction in &pair.given {
         let grid = match direction {
             Direction::PlanningToFraction => pair.push.displacement.grid(),
             Direction::FractionToPlanning => pair.pull.displacement.grid(),
         };
         let share = inputs.outside(*direction, grid);
-        ledger.warnings.extend(share.and_then(|(what, share)| outside_field(what, name, share.amount_percent, WORTH)));
+        provenance
+            .warnings
+            .extend(share.and_then(|(what, share)| outside_field(what, name, share.amount_percent, WORTH)));
     }
     let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
     let subject = Subject {
@@ -296,12 +306,12 @@ fn read_pair(
     pull: Option<&Path>,
     option: Option<InputRole>,
     inputs: &Inputs,
-    ledger: &mut Ledger,
+    provenance: &mut Provenance,
 ) -> Result<FieldPair> {
     let planning = inputs.planning.as_ref().map(Volume::grid);
     let planning = planning.or(inputs.bones.as_ref().map(|b| b.volume.grid()));
     let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
     let fraction = inputs.fraction.as_ref().map(Volume::grid);
     let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
-    fields::pair(push, pull, option, [planning, fraction], &inputs.known(), ledger)
+    fields::pair(push, pull, option, [planning, fraction], &inputs.known(), provenance)
 }

@@ -74,7 +74,7 @@ pub fn make(
     if let Some(problem) = args.problem() {
         return Err(Error::usage(problem, "correct it"));
     }
-    let sources = Sources::load(args, config, recorded, runtime)?;
+    let sources = Sources::load(args, config, recorded, command, runtime)?;
     let total = sources.plan.postures.len() + args.sample.unwrap_or(0) as usize;
     if total == 0 {
         return Err(Error::usage(
@@ -88,8 +88,8 @@ pub fn make(
     // What an earlier run with the same settings has made is looked at again when its turn comes.
     let kept: Vec<&String> = names.iter().filter(|name| started(&args.out, name, &base)).collect();
     folder.go_on(|file| kept.iter().any(|name| file.starts_with(name)))?;
-    let Sources { planning, plan, config, carried, degrade, inputs, .. } = sources;
-    let posing = Posing::new(planning, args.margin, &config, runtime)?;
+    let Sources { planning, plan, config, carried, degrade, provenance, .. } = sources;
+    let posing = Posing::new(planning.into(), args.margin, &config, runtime)?;
     let mut maker = Maker {
         posing: &posing,
         plan: &plan,
@@ -121,9 +121,10 @@ pub fn make(
     let about = About {
         version: env!("CARGO_PKG_VERSION").into(),
         command: command.to_owned(),
-        inputs: inputs
+        inputs: provenance
+            .inputs
             .into_iter()
-            .map(|i| crate::pipeline::InputFile { path: relative_to(&args.out, &i.path), about: None, ..i })
+            .map(|i| crate::provenance::InputFile { path: relative_to(&args.out, &i.path), about: None, ..i })
             .collect(),
         settings: without_volumes(&config).value()?,
         degraded: degrade.as_ref().map(serde_json::to_value).transpose().map_err(|e| Error::Internal(e.to_string()))?,
@@ -132,7 +133,7 @@ pub fn make(
         seed: args.seed,
         dimensions: plan.dimensions(),
         rejected,
-        warnings: [posing.warnings(), carried.warnings].concat(),
+        warnings: [provenance.warnings.as_slice(), posing.warnings(), &carried.warnings].concat(),
     };
     let head = ["The plan of a library of postures, in full.".to_owned()];
     write_postures(args.out.join(PLAN), posing.skeleton(), &plan, &head)?;

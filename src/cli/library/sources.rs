@@ -1,9 +1,8 @@
 //! What a library is made from: files and flags, read and judged.
 
-use super::super::auto::{Ask, Bones};
+use super::super::args::PlanningArgs;
 use super::super::contours::of_planning;
-use super::super::headers::judge;
-use super::super::inputs::{Flags, Inputs, changed, either};
+use super::super::inputs::{either, planning_side};
 use super::super::phantom::cbct_options;
 use super::args::{LibraryArgs, problem};
 use crate::chainmail::VolumeChange;
@@ -15,9 +14,11 @@ use crate::io::checksum::sha256;
 use crate::io::dicom::{Role, check_frames};
 use crate::io::postures::read_postures;
 use crate::phantom::CbctOptions;
-use crate::pipeline::{InputFile, PlanningScan};
+use crate::pipeline::PlanningScan;
 use crate::postures::{PosturePlan, VolumeRange};
+use crate::provenance::Provenance;
 use crate::runtime::Runtime;
+use crate::session::{BonesBy, judge};
 use crate::skeleton;
 use crate::volume::Volume;
 use crate::volume::contour::Contours;
@@ -41,7 +42,7 @@ pub(super) struct Sources {
     pub(super) carried: Carried,
     pub(super) degrade: Option<CbctOptions>,
     /// All files with their checksums.
-    pub(super) inputs: Vec<InputFile>,
+    pub(super) provenance: Provenance,
 }
 
 impl Sources {
@@ -50,6 +51,7 @@ impl Sources {
         args: &LibraryArgs,
         mut config: Config,
         earlier: &[RecordedInput],
+        command: &str,
         runtime: &Runtime,
     ) -> Result<Self> {
         config.output.uncertainty = false;
@@ -60,26 +62,24 @@ impl Sources {
             ));
         }
         let mut recorded = earlier.to_vec();
-        let bones = bones_of(args, &mut recorded, runtime)?;
-        let flags = Flags {
-            planning: &args.planning,
-            bones: &bones.file,
-            labels: &args.labels,
-            organs: &args.organs,
-            skeleton: &args.skeleton,
-            landmarks: &None,
-            bone_landmarks: &None,
-            start: &None,
+        let side = PlanningArgs {
+            planning: args.planning.clone(),
+            bones: args.bones.clone(),
+            labels: args.labels.clone(),
+            skeleton: args.skeleton.clone(),
         };
-        let inputs = Inputs::new(&flags, &recorded)?;
-        judge(inputs.planning(), inputs.bones(), &[], &config)?;
+        let mut side = planning_side(&side, &args.organs, &mut recorded)?;
+        let needed: Vec<PathBuf> = [&args.plan, &args.structures, &args.dose].into_iter().flatten().cloned().collect();
+        let by = BonesBy { beside: &args.out, command, quiet: args.run.shown.quiet };
+        side.make_bones(&needed, by, runtime)?;
+        judge(&side, &[], &config)?;
+        let planning_file = side.ct.path().map(Path::to_owned).unwrap_or_default();
         let degrade = match (&args.cbct, args.noise) {
             (Some(file), _) => Some(cbct_options(file.as_deref())?),
             (None, Some(noise_hu)) => Some(CbctOptions { noise_hu, ..CbctOptions::off() }),
             (None, None) => None,
         };
-        let mut planning = inputs.load(&recorded, &config, runtime)?;
-        planning.warnings.extend(bones.warnings);
+        let (mut planning, mut provenance) = side.read(&recorded, &config, runtime)?;
         if planning.skeleton.is_none() {
             planning.skeleton = Some(skeleton::build(&planning.bones)?.skeleton);
         }
@@ -112,8 +112,7 @@ impl Sources {
         if let Some(problem) = config.problem() {
             return Err(Error::usage(problem, "correct the settings, or what the volumes ask of them"));
         }
-        let carried = Carried::read(structures.as_deref(), dose.as_deref(), inputs.planning())?;
-        let mut all = planning.inputs.clone();
+        let carried = Carried::read(structures.as_deref(), dose.as_deref(), &planning_file)?;
         let cbct = args.cbct.as_ref().and_then(Option::as_deref);
         let more = [
             (InputRole::Plan, plan_file.as_deref()),
@@ -122,23 +121,24 @@ impl Sources {
             (InputRole::Cbct, cbct),
         ];
         for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
-            let input = InputFile::read(role, path)?;
-            planning.warnings.extend(changed(std::slice::from_ref(&input), earlier));
-            all.push(input);
+            let mut one = Provenance::default();
+            one.note(role, path)?;
+            one.compare(earlier);
+            provenance.extend(one);
         }
-        Ok(Self { planning, plan, config, carried, degrade, inputs: all })
+        Ok(Self { planning, plan, config, carried, degrade, provenance })
     }
 
     /// The files, none of which may be overwritten.
     pub(super) fn files(&self) -> Vec<&Path> {
-        self.inputs.iter().map(|i| i.path.as_path()).collect()
+        self.provenance.inputs.iter().map(|i| i.path.as_path()).collect()
     }
 
     /// Everything but a posture's own motion that its files depend on, as a checksum.
     pub(super) fn key(&self, args: &LibraryArgs) -> Result<String> {
         // The plan counts by the motions that come of it.
         let inputs: Vec<&str> =
-            self.inputs.iter().filter(|i| i.role != InputRole::Plan).map(|i| i.sha256.as_str()).collect();
+            self.provenance.inputs.iter().filter(|i| i.role != InputRole::Plan).map(|i| i.sha256.as_str()).collect();
         let all = serde_json::json!([
             env!("CARGO_PKG_VERSION"),
             without_volumes(&self.config).value()?,
@@ -157,19 +157,6 @@ pub(super) fn without_volumes(config: &Config) -> Config {
     let mut out = config.clone();
     out.chainmail.volume_change.clear();
     out
-}
-
-/// The bones, by `--bones auto` where they are asked for so.
-fn bones_of(args: &LibraryArgs, recorded: &mut Vec<RecordedInput>, runtime: &Runtime) -> Result<Bones> {
-    let ask = Ask {
-        bones: args.bones.as_deref(),
-        labels: args.labels.as_deref(),
-        planning: either(&args.planning, InputRole::Planning, recorded),
-        needed: [&args.plan, &args.structures, &args.dose].into_iter().flatten().map(PathBuf::as_path).collect(),
-        beside: &args.out,
-        quiet: args.run.shown.quiet,
-    };
-    Bones::of(ask, recorded, runtime.progress())
 }
 
 impl Carried {

@@ -14,7 +14,7 @@ use crate::io::{self, Planned, RunFolder, Stored, WriteOptions};
 use crate::phantom::{
     Breathing, BreathingOptions, CbctOptions, Formula, Phantom, PhantomOptions, Posture, TestObject, degrade,
 };
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
 use crate::volume::{LabelMap, Volume};

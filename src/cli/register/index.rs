@@ -6,7 +6,7 @@ use super::super::{planned, run_folder};
 use crate::config::InputRole;
 use crate::error::Result;
 use crate::io::{self, RunFolder};
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::report::Fractions;
 use serde::Serialize;
 use std::path::{Path, PathBuf};

@@ -7,20 +7,17 @@ pub(super) use args::HELP;
 pub use args::{LandmarkUseName, RegisterArgs};
 
 use super::args::{PresetName, RunArgs, SpeedName};
-use super::auto::{Ask, Bones};
-use super::headers::{judge, within_memory};
-use super::inputs::{Flags, Inputs, config_file, either, missing};
+use super::inputs::{config_file, either, needed, planning_side};
+use super::run_folder;
 use super::terminal::{command_line, progress};
-use super::{run_folder, start};
-use crate::config::{Config, ConfigFile, InputRole, Preset, RecordedInput};
+use crate::config::{Config, ConfigFile, InputRole, Preset};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
-use crate::pipeline::{Case, FractionScan, Outcome, Planning, check_fraction, register_fraction};
 use crate::progress::Progress;
-use crate::report::{self, Clinic, More, Saving, planned};
+use crate::report::{self, Clinic};
 use crate::runtime::Runtime;
-use crate::volume::contour::Contours;
+use crate::session::{Beside, BonesBy, FractionSources, Registered, Request, Session, Source, within_memory};
 use crate::volume::region::RegionOptions;
 use index::Index;
 use serde::Serialize;
@@ -37,101 +34,55 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
 
 /// As [`run`], with another way to show progress; it is told whether to be quiet.
 pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
+    let (mut request, names) = asked(args)?;
+    let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet || args.estimate))?;
+    let beside = BonesBy { beside: &args.out, command: &request.command, quiet: args.run.shown.quiet };
+    let others = request.needed();
+    request.planning.make_bones(&others, beside, &runtime)?;
+    if args.estimate {
+        let memory_bytes = request.expected_memory()?;
+        return Estimate { memory_bytes, threads: runtime.threads() }.told(args.run.told.json);
+    }
+    let folder_of = |name: &str| if names.len() > 1 { args.out.join(name) } else { args.out.clone() };
+    let folders: Vec<PathBuf> = names.iter().map(|name| folder_of(name)).collect();
+    let (mut index, held) = hold(args, &request, &folders)?;
+    let expected = request.expected_memory()?;
+    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+    within_memory(expected, args.max_memory)?;
+    let mut waiting = folders.iter().zip(held);
+    let mut texts = Vec::new();
+    Session::open(request, &runtime)?.register_all(&runtime, |registered| {
+        index.iter_mut().filter(|_| texts.is_empty()).try_for_each(Index::begin)?;
+        let (out, folder) = waiting.next().ok_or_else(|| Error::Internal("no folder is held".into()))?;
+        texts.push(saved(registered, folder, out, &args.run, &[], &runtime)?);
+        Ok(())
+    })?;
+    all_told(texts, &names, index, args.run.told.json)
+}
+
+/// What the arguments and a run that is done again ask for, and what each fraction is called.
+fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
     let file = args.config.as_deref().map(config_file).transpose()?.unwrap_or_default();
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
-    either(&args.side.planning, InputRole::Planning, &file.inputs).ok_or_else(|| missing(InputRole::Planning))?;
-    let fractions = fractions(args, &file)?;
+    needed(&args.side.planning, InputRole::Planning, &file.inputs)?;
+    let (fractions, names) = fractions(args, &file)?;
     let mut recorded = file.inputs.clone();
-    let bones = bones_of(args, &mut recorded, &fractions)?;
-    let flags = Flags {
-        planning: &args.side.planning,
-        bones: &bones.file,
-        labels: &args.side.labels,
-        organs: &args.organs.organs,
-        skeleton: &args.side.skeleton,
-        // Read with their fraction.
-        landmarks: &None,
-        bone_landmarks: &args.bone_landmarks,
-        start: &args.start,
+    let request = Request {
+        planning: planning_side(&args.side, &args.organs.organs, &mut recorded)?,
+        fractions,
+        clinic: args.clinic.dicom.then(|| args.clinic.files()),
+        anonymous: args.clinic.anonymous,
+        recorded,
+        config,
+        command: command_line(),
     };
-    let inputs = Inputs::new(&flags, &without(&mut recorded, InputRole::Landmarks))?;
-    let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
-    if args.estimate {
-        let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
-        let threads = Runtime::new(args.run.work.threads, progress(true))?.threads();
-        return Estimate { memory_bytes, threads }.told(args.run.told.json);
-    }
-    let (mut index, folders) = hold(args, &config, &inputs, &fractions)?;
-    let mut folders = folders.into_iter();
-    let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
-    enough(args, &inputs, &scans, &config, &runtime)?;
-    for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
-        io::read_landmarks(path)?;
-    }
-    let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
-    let begin = inputs.start().zip(scans.first());
-    let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
-    let read = |one: &Fraction| {
-        let read = inputs.fraction(&one.file, one.landmarks.as_deref(), &file.inputs)?;
-        let mut fraction = FractionScan { start: begin, ..read };
-        args.clinic.name_patient(&mut fraction.inputs);
-        Ok(fraction)
-    };
-    let load = || inputs.load(&recorded, &config, &runtime);
-    let (loaded, mut ahead) = runtime.beside(load, || fractions.first().map(&read));
-    let mut scan = loaded?;
-    scan.warnings.extend(bones.warnings);
-    scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
-    args.clinic.name_patient(&mut scan.inputs);
-    let mut planning = None;
-    let mut texts = Vec::new();
-    for (n, one) in fractions.iter().enumerate() {
-        if planning.is_some() {
-            runtime.restart();
-        }
-        let fraction = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| read(one)))?;
-        check_fraction(&fraction.ct, &config)?;
-        let planning = match &planning {
-            Some(planning) => planning,
-            None => planning.insert(Planning::new(&scan, &config, &runtime)?),
-        };
-        let case = Case { planning: scan, fraction };
-        if fractions.len() > 1 {
-            runtime.progress().note(&format!("fraction {}", one.name));
-        }
-        let outcome = register_fraction(&case, planning, &config, &runtime)?;
-        let out = folder_of(args, &fractions, one);
-        index.iter_mut().filter(|_| n == 0).try_for_each(Index::begin)?;
-        let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
-        // The next one is read meanwhile: disks and networks take their time.
-        let text;
-        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, outcome, &config, &out));
-        let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
-        let more = more.as_ref().map(|m| m as &More<'_>);
-        let contours = clinic.as_ref().and_then(Clinic::contours);
-        let told = Told { contours, more, ..Told::of(&args.run) };
-        (text, ahead) = runtime.beside(
-            || write_run(&case, outcome, &config, &runtime, folder, &out, told),
-            || fractions.get(n + 1).map(&read),
-        );
-        texts.push(text?);
-        // For the next fraction.
-        scan = case.planning;
-    }
-    all_told(texts, &fractions, index, args.run.told.json)
-}
-
-/// Judges the files by their headers, and whether the memory that they will need may be had.
-fn enough(args: &RegisterArgs, inputs: &Inputs, scans: &[&Path], config: &Config, runtime: &Runtime) -> Result<()> {
-    let expected = judge(inputs.planning(), inputs.bones(), scans, config)?;
-    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
-    within_memory(expected, args.max_memory)
+    Ok((request, names))
 }
 
 /// What the terminal is told of all fractions, whose index is written where there are several.
-fn all_told(mut texts: Vec<String>, fractions: &[Fraction], index: Option<Index>, json: bool) -> Result<String> {
-    let names: Vec<&str> = fractions.iter().map(|one| one.name.as_str()).collect();
+fn all_told(mut texts: Vec<String>, names: &[String], index: Option<Index>, json: bool) -> Result<String> {
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let page = index.map(|index| index.write(&names)).transpose()?;
     Ok(match page {
         None => texts.swap_remove(0),
@@ -161,41 +112,13 @@ impl Estimate {
     }
 }
 
-/// The bones, by `--bones auto` once the fractions are known to be there.
-fn bones_of(args: &RegisterArgs, recorded: &mut Vec<RecordedInput>, fractions: &[Fraction]) -> Result<Bones> {
-    let ask = Ask {
-        bones: args.side.bones.as_deref(),
-        labels: args.side.labels.as_deref(),
-        planning: either(&args.side.planning, InputRole::Planning, recorded),
-        needed: fractions.iter().map(|one| one.file.as_path()).collect(),
-        beside: &args.out,
-        quiet: args.run.shown.quiet,
-    };
-    Bones::of(ask, recorded, &*progress(args.run.shown.quiet))
-}
-
-/// The folder of a fraction's results.
-fn folder_of(args: &RegisterArgs, all: &[Fraction], one: &Fraction) -> PathBuf {
-    if all.len() > 1 { args.out.join(&one.name) } else { args.out.clone() }
-}
-
 /// Takes hold of the folder of each fraction, and of the one above several, before anything is read.
-fn hold(
-    args: &RegisterArgs,
-    config: &Config,
-    inputs: &Inputs,
-    fractions: &[Fraction],
-) -> Result<(Option<Index>, Vec<RunFolder>)> {
-    let mut files = inputs.files();
-    files.extend(args.config.as_deref());
-    files.extend(fractions.iter().flat_map(|one| [Some(one.file.as_path()), one.landmarks.as_deref()]).flatten());
-    let clinic = args.clinic.files();
-    files.extend(clinic.paths());
-    let mut planned = planned(config);
-    planned.names.extend(args.clinic.names());
-    let index = (fractions.len() > 1).then(|| Index::hold(&args.out, &files)).transpose()?;
-    let folder = |one: &Fraction| run_folder(&folder_of(args, fractions, one), &planned, &files);
-    Ok((index, fractions.iter().map(folder).collect::<Result<_>>()?))
+fn hold(args: &RegisterArgs, request: &Request, folders: &[PathBuf]) -> Result<(Option<Index>, Vec<RunFolder>)> {
+    let files = request.files();
+    let files: Vec<&Path> = files.iter().map(PathBuf::as_path).chain(args.config.as_deref()).collect();
+    let planned = Registered::planned(&request.config, request.clinic.is_some());
+    let index = (folders.len() > 1).then(|| Index::hold(&args.out, &files)).transpose()?;
+    Ok((index, folders.iter().map(|folder| run_folder(folder, &planned, &files)).collect::<Result<_>>()?))
 }
 
 /// The settings of file and flags.
@@ -223,18 +146,10 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
     Ok(config)
 }
 
-/// One fraction of the run.
-struct Fraction {
-    /// Its folder inside the output folder.
-    name: String,
-    file: PathBuf,
-    landmarks: Option<PathBuf>,
-}
-
-/// The fractions that the arguments name, else the one of the recorded run.
-fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
+/// The fractions that the arguments name, else the one of the recorded run; and their names, which are those of their folders.
+fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSources>, Vec<String>)> {
     let files = match args.fraction.as_slice() {
-        [] => vec![either(&None, InputRole::Fraction, &file.inputs).ok_or_else(|| missing(InputRole::Fraction))?],
+        [] => vec![needed(&None, InputRole::Fraction, &file.inputs)?],
         files => files.to_vec(),
     };
     let landmarks: Vec<Option<PathBuf>> = match args.landmarks.as_slice() {
@@ -248,7 +163,8 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
             ));
         }
     };
-    if files.len() > 1 && (args.bone_landmarks.is_some() || args.start.is_some()) {
+    let several = files.len() > 1;
+    if several && (args.bone_landmarks.is_some() || args.start.is_some()) {
         return Err(Error::usage(
             "--bone-landmarks and --start belong to one fraction, and several are given",
             "register the fractions one by one",
@@ -263,54 +179,33 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<Vec<Fraction>> {
     if distinct.len() < names.len() || names.iter().any(String::is_empty) {
         names = (1..=files.len()).map(|n| n.to_string()).collect();
     }
-    let all = names.into_iter().zip(files).zip(landmarks);
-    Ok(all.map(|((name, file), landmarks)| Fraction { name, file, landmarks }).collect())
-}
-
-/// Takes a role out of recorded inputs.
-fn without(recorded: &mut Vec<RecordedInput>, role: InputRole) -> Vec<RecordedInput> {
-    recorded.retain(|i| i.role != role);
-    recorded.clone()
-}
-
-/// How a run is told.
-#[derive(Clone, Copy)]
-pub(super) struct Told<'a> {
-    /// As JSON on the terminal.
-    json: bool,
-    /// With the volumes in the page.
-    view: bool,
-    /// Structures of the planning CT, for the page.
-    contours: Option<&'a Contours>,
-    /// Files beyond fields, images and report.
-    more: Option<&'a More<'a>>,
-}
-
-impl<'a> Told<'a> {
-    /// As the arguments say, without structures and more files.
-    pub(super) fn of(args: &RunArgs) -> Self {
-        Self { json: args.told.json, view: !args.no_view, contours: None, more: None }
+    let recorded_start = || file.inputs.iter().find(|i| i.role == InputRole::Start).map(|i| i.given());
+    let one = |((file, landmarks), name): ((PathBuf, Option<PathBuf>), &String)| {
+        let mut one = FractionSources::new(Source::File(file));
+        one.landmarks = landmarks.map(Source::File);
+        one.name = if several { name.clone() } else { String::new() };
+        one
+    };
+    let mut all: Vec<FractionSources> = files.into_iter().zip(landmarks).zip(&names).map(one).collect();
+    if let [only] = all.as_mut_slice() {
+        let marks = either(&args.bone_landmarks, InputRole::BoneLandmarks, &file.inputs);
+        only.bone_landmarks = marks.map(Source::File);
+        only.start = args.start.clone().or_else(recorded_start).map(Source::File);
     }
-
-    /// With more files.
-    pub(super) fn with(self, more: &'a More<'a>) -> Self {
-        Self { more: Some(more), ..self }
-    }
+    Ok((all, names))
 }
 
-/// Writes an outcome with its report into `out`; shared with `pose` and `demo`.
-pub(super) fn write_run(
-    case: &Case,
-    mut outcome: Outcome,
-    config: &Config,
-    runtime: &Runtime,
+/// Saves a result into `out` and tells of it; shared with `pose` and `demo`. `files` lie there already.
+pub(super) fn saved(
+    mut registered: Registered,
     folder: RunFolder,
     out: &Path,
-    Told { json, view, contours, more }: Told<'_>,
+    run: &RunArgs,
+    files: &[(String, &str)],
+    runtime: &Runtime,
 ) -> Result<String> {
-    let saving = Saving { command: &command_line(), view, contours, more };
-    let report = report::save(case, &mut outcome, config, runtime, folder, out, saving)?;
-    if json {
+    let report = registered.save(folder, out, Beside { view: !run.no_view, files }, runtime)?;
+    if run.told.json {
         return report.json();
     }
     Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))

@@ -1,4 +1,4 @@
-//! Rank 6: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, skeletons, poses,
+//! Rank 8: files <-> domain types. NIfTI, MetaImage and NRRD images, label names, fields, landmarks, skeletons, poses,
 //! checksums.
 //!
 //! Inside the library every position is LPS mm; this room converts at the file boundary. Formats are told apart by

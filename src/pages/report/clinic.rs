@@ -14,7 +14,8 @@ use crate::io::dicom::{
     Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,
     read_structure_set,
 };
-use crate::pipeline::{InputFile, Outcome};
+use crate::pipeline::Outcome;
+use crate::provenance::InputFile;
 use crate::volume::contour::Contours;
 use crate::warning::Warning;
 use nalgebra::{Translation3, UnitQuaternion};

@@ -9,7 +9,8 @@ use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy, Stop};
 use crate::geometry::{Grid, Rigid, about};
-use crate::pipeline::{Case, InputFile, Outcome, VolumeReached};
+use crate::pipeline::{Case, Outcome, VolumeReached};
+use crate::provenance::InputFile;
 use crate::runtime::StageTime;
 use crate::skeleton::{Bone, Joint, Skeleton};
 use crate::stats::Summary;
@@ -102,7 +103,6 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     jacobian_report.contact = jacobians::stats(&[&contact]);
     jacobian_report.all = jacobians::stats(&[map.to_volume().data(), &contact]);
     let outcome = Outcome {
-        part: None,
         skeleton: Skeleton { bones: skeleton() },
         pose: Default::default(),
         couch_shift: offset,
@@ -156,17 +156,12 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         push,
         warnings: vec![Warning::new(findings::BONE_IN_PIECES, "skull: 2 pieces, <largest> 98 %; check the label map")],
         regions: None,
-        stages: [("read", 0.9), ("body", 1.4), ("fit skeleton", 12.5), ("propagate", 8.2), ("invert", 2.1)]
-            .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds, processor_seconds: None })
-            .into(),
     };
     let sha256 = "0123456789abcdef".repeat(4);
     let inputs = [InputRole::Planning, InputRole::Bones, InputRole::Fraction]
         .map(|role| InputFile::new(role, format!("case/{role}.nii.gz").into(), sha256.clone()));
     let mut case = Case::new(planning, bones, fraction);
     case.fraction.landmarks = landmarks;
-    let [planning, bones, fraction] = inputs;
-    (case.planning.inputs, case.fraction.inputs) = (vec![planning, bones], vec![fraction]);
     let outputs = vec![OutputFile {
         name: "planning_to_fraction.nii.gz".into(),
         what: "push field on the planning grid, LPS mm".into(),
@@ -175,7 +170,11 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let run = Run {
         command: "aventail register --planning case/planning.nii.gz".into(),
         settings: json!({"fit": {"levels": 3}}),
+        inputs: inputs.into(),
         threads: 2,
+        stages: [("read", 0.9), ("body", 1.4), ("fit skeleton", 12.5), ("propagate", 8.2), ("invert", 2.1)]
+            .map(|(stage, seconds)| StageTime { stage: stage.into(), seconds, processor_seconds: None })
+            .into(),
         outputs,
         limits: Default::default(),
     };

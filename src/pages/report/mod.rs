@@ -1,4 +1,4 @@
-//! Rank 8: from an outcome to the files that people read.
+//! Rank 10: from an outcome to the files that people read.
 //!
 //! [`write()`] puts the evidence of a run into a folder: `report.html`, one page that a physicist reads top to bottom;
 //! `report.json`, its numbers with everything needed to run again; `landmarks.csv`; `bone_transforms.json`; and the

@@ -11,7 +11,8 @@ use crate::evaluate::verdict::{Limits, Mark, Verdict, overall};
 use crate::field::{ConsistencyReport, InverseReport};
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::Grid;
-use crate::pipeline::{Case, FractionKind, InputFile, Outcome, VolumeReached, judge, moves_most};
+use crate::pipeline::{Case, FractionKind, Outcome, VolumeReached, judge, moves_most};
+use crate::provenance::InputFile;
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
 use crate::warning::Warning;
@@ -27,8 +28,12 @@ pub struct Run {
     pub command: String,
     /// The settings it ran with, defaults resolved.
     pub settings: serde_json::Value,
+    /// Input files with checksums.
+    pub inputs: Vec<InputFile>,
     /// Number of threads.
     pub threads: usize,
+    /// Wall time of each stage.
+    pub stages: Vec<StageTime>,
     /// Files that were written beside the report.
     pub outputs: Vec<OutputFile>,
     /// By which limits it is judged.
@@ -157,7 +162,7 @@ impl Report {
             created: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
             command: run.command.clone(),
             folder: String::new(),
-            inputs: case.inputs().cloned().collect(),
+            inputs: run.inputs.clone(),
             settings: run.settings.clone(),
             verdict: Some(overall(&verdicts)),
             verdicts,
@@ -179,7 +184,7 @@ impl Report {
             consistency: outcome.consistency,
             landmarks: outcome.landmarks.clone(),
             warnings: outcome.warnings.clone(),
-            stages: outcome.stages.clone(),
+            stages: run.stages.clone(),
             threads: run.threads,
             peak_memory: peak_memory(),
             outputs: run.outputs.clone(),

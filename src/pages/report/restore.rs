@@ -55,8 +55,6 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
         landmarks: report.landmarks.clone(),
         warnings: report.warnings.clone(),
         regions: None,
-        part: None,
-        stages: report.stages.clone(),
     })
 }
 

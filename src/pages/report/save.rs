@@ -6,6 +6,7 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::io::RunFolder;
 use crate::pipeline::{Case, Outcome};
+use crate::provenance::InputFile;
 use crate::runtime::Runtime;
 use crate::volume::contour::Contours;
 use crate::warning::Warning;
@@ -19,6 +20,10 @@ pub type More<'a> = dyn Fn(&Outcome) -> Result<(Vec<OutputFile>, Vec<Warning>)> 
 pub struct Saving<'a> {
     /// The command line, for the report.
     pub command: &'a str,
+    /// The settings it ran with.
+    pub config: &'a Config,
+    /// The files that it has read.
+    pub inputs: &'a [InputFile],
     /// With the volumes in the page, to look through.
     pub view: bool,
     /// Structures of the planning CT, for the page.
@@ -27,27 +32,21 @@ pub struct Saving<'a> {
     pub more: Option<&'a More<'a>>,
 }
 
-/// Writes an outcome, of a case or of the part of it that [`Outcome::part`] is, with its report into `out`, which `folder`
-/// holds: fields, images, masks, pictures, `report.html`, `report.json` (docs/formats.md lists them). Returns the report's
-/// numbers. The outcome takes up what writing found and the times so far.
+/// Writes an outcome with its report into `out`, which `folder` holds: fields, images, masks, pictures, `report.html`,
+/// `report.json` (docs/formats.md lists them). Returns the report's numbers. The outcome takes up what writing found.
 ///
 /// # Errors
 /// [`Error::Write`](crate::error::Error::Write) when a file cannot be written; what [`Saving::more`] reports.
 pub fn save(
-    whole: &Case,
+    case: &Case,
     outcome: &mut Outcome,
-    config: &Config,
-    runtime: &Runtime,
+    saving: Saving<'_>,
     mut folder: RunFolder,
     out: &Path,
-    saving: Saving<'_>,
+    runtime: &Runtime,
 ) -> Result<Report> {
     folder.begin()?;
-    let part = outcome.part.take();
-    let case = part.as_deref().unwrap_or(whole);
-    let written = fill(case, outcome, config, runtime, out, saving);
-    outcome.part = part;
-    let report = written?;
+    let report = fill(case, outcome, saving, out, runtime)?;
     folder.finish();
     Ok(report)
 }
@@ -56,12 +55,10 @@ pub fn save(
 fn fill(
     case: &Case,
     outcome: &mut Outcome,
-    config: &Config,
-    runtime: &Runtime,
+    Saving { command, config, inputs, view, contours, more }: Saving<'_>,
     out: &Path,
-    Saving { command, view, contours, more }: Saving<'_>,
+    runtime: &Runtime,
 ) -> Result<Report> {
-    let settings = config.value()?;
     let found = &*outcome;
     let draw = || rayon::join(|| draw(case, found), || view.then(|| embed(case, found, contours)).transpose());
     let (outputs, (pictures, view)) =
@@ -72,9 +69,15 @@ fn fill(
         outputs.extend(files);
         outcome.warnings.extend(warnings);
     }
-    let limits = config.verdict.clone();
-    let run = Run { command: command.to_owned(), settings, threads: runtime.threads(), outputs, limits };
-    outcome.stages = runtime.times();
+    let run = Run {
+        command: command.to_owned(),
+        settings: config.value()?,
+        inputs: inputs.to_vec(),
+        threads: runtime.threads(),
+        stages: runtime.times(),
+        outputs,
+        limits: config.verdict.clone(),
+    };
     let (pictures, view) = (pictures?, view?);
     runtime.stage("report", || write(out, case, outcome, &run, pictures, view))
 }

@@ -10,14 +10,20 @@ use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::chainmail::{
-    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, Propagation, Tissue, Variant, VolumeChange,
-    check_links,
+    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, LinkReport, Propagation, Tissue, Variant,
+    VolumeChange, check_links,
 };
 use crate::comparator::{nearest_bone, thin_plate};
 use crate::config::{Config, SoftTissue};
 use crate::error::{Error, Result};
-use crate::evaluate::{self, landmark::Landmark};
-use crate::field::{self, Beside, ConsistencyOptions, ConsistencyReport, MovedBones, PullField, PushField, Resampling};
+use crate::evaluate;
+use crate::evaluate::contact::ContactReport;
+use crate::evaluate::jacobian::JacobianReport;
+use crate::evaluate::landmark::{Landmark, LandmarkReport};
+use crate::evaluate::rigidity::BoneRigidity;
+use crate::field::{
+    self, Beside, ConsistencyOptions, ConsistencyReport, InverseReport, MovedBones, PullField, PushField, Resampling,
+};
 use crate::findings;
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
@@ -27,7 +33,7 @@ use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Mask, Spans, Volume, trilinear_vector};
 use crate::warning::Warning;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// HU of what lies outside the planning scan when it is shown on the fraction grid.
 pub(super) const OUTSIDE_HU: f32 = -1000.0;
@@ -54,6 +60,18 @@ pub(super) struct Moved<'a> {
 impl<'a> Moved<'a> {
     fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
         tissue(self.scan, self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref(), bone_of_label, options)
+    }
+
+    /// The links of the chain mail as the bones have left them.
+    fn links(&self, propagation: &Propagation) -> LinkReport {
+        check_links(&propagation.lattice, &propagation.displacement, &rotation_matrices(self.transforms))
+    }
+
+    /// The inverse of its field on a grid of the fraction.
+    fn inverted(&self, push: &PushField, there: &Grid) -> Result<(PullField, InverseReport)> {
+        let motions = self.skeleton.bones.iter().map(|b| b.label).zip(self.transforms.iter().copied());
+        let bones = MovedBones::new(&self.scan.bones, motions, there);
+        field::invert(push, there, Some(&bones), &self.config.invert)
     }
 
     /// Makes both directions of its field agree.
@@ -157,92 +175,124 @@ impl<'a> Through<'a> {
     }
 }
 
-/// Carries the motion to every voxel of the planning grid, and the planning CT onto the target.
+/// Carries the motion to every voxel of the planning grid, and the planning CT onto the target: one line per stage.
+///
+/// All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
 pub(super) fn carry_out(
     through: Through<'_>,
     fitted: Fitted,
-    mut warnings: Vec<Warning>,
+    warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Carried> {
-    let Through { scan, resting, landmarks, target, fraction } = through;
-    let Fitted { skeleton, body, fit } = fitted;
-    // All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
-    let couch = Couch::of(&fit, scan.ct.grid(), config.chainmail.variant.carry);
-    let (transforms, there) = (couch.transforms(&fit.transforms), couch.grid(target));
-    let moved = Moved { scan, skeleton: &skeleton, body: &body, transforms: &transforms, resting, config };
-    let Propagated { propagation, regions, alone, misled, kind } =
+    let Through { scan, resting, target, fraction, .. } = through;
+    let Fitted { skeleton, body, fit } = &fitted;
+    let couch = Couch::of(fit, scan.ct.grid(), config.chainmail.variant.carry);
+    let transforms = couch.transforms(&fit.transforms);
+    let moved = Moved { scan, skeleton, body, transforms: &transforms, resting, config };
+    let mut propagated =
         runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
-    let turns = rotation_matrices(&transforms);
-    let links = runtime.stage("check links", || check_links(&propagation.lattice, &propagation.displacement, &turns));
-    let (mut push, pruning) = (propagation.push, propagation.pruning);
-    let (mut pull, mut inverse) = runtime.stage("invert", || {
-        let motions = skeleton.bones.iter().map(|b| b.label).zip(transforms.iter().copied());
-        let bones = MovedBones::new(&scan.bones, motions, &there);
-        field::invert(&push, &there, Some(&bones), &config.invert)
-    })?;
+    let links = runtime.stage("check links", || moved.links(&propagated.propagation));
+    let mut push = propagated.propagation.push;
+    let (mut pull, mut inverse) = runtime.stage("invert", || moved.inverted(&push, &couch.grid(target)))?;
     let consistency = runtime.stage("make consistent", || moved.agree(&mut push, &mut pull));
     let (push, pull) = (couch.push(push), couch.pull(pull));
-    let alone = alone.map(|alone| couch.added(alone));
-    let (planning_on_fraction, bones_on_fraction) = runtime.stage("resample", || {
-        let image = match config.resampling {
-            Resampling::PullBack => field::warp_image(&pull, &scan.ct, OUTSIDE_HU)?,
-            Resampling::FiveTetrahedra => field::scatter_image(&push, &scan.ct, target, OUTSIDE_HU)?.0,
-        };
-        Ok::<_, Error>((image, field::warp_labels(&pull, &scan.bones)?))
-    })?;
-    let rigid = skeleton.labels_and_names();
-    let figures = || {
-        let (map, report) = evaluate::jacobian::evaluate(&push, &resting.cells);
-        let rigidity = evaluate::rigidity::evaluate(&push, &scan.bones, &rigid);
-        let residuals = (!landmarks.is_empty()).then(|| evaluate::landmark::evaluate(&push, landmarks));
-        let multiple = field::multiple_preimages(&push, &map, target);
-        (map, report, rigidity, residuals, multiple)
-    };
-    let meeting = || contact::measure(&resting.bones, &fit.transforms, &push, &body, target);
-    // Both have parts that one thread does alone.
-    let (figures, (contact, skin_contact)) = runtime.stage("evaluate", || rayon::join(figures, meeting));
-    let (jacobian, jacobian_report, rigidity, residuals, multiple) = figures;
-    inverse.multiple = multiple.count();
-    warnings.extend(kind.iter().flat_map(FractionKind::warnings));
-    warnings.extend(field_warnings(&push, &jacobian_report, &inverse));
-    let voxel = scan.ct.grid().spacing().into_iter().fold(0.0, f64::max);
-    warnings.extend(contact::warnings(&contact, voxel));
-    let volume_changes = reached(&scan.bones, &jacobian, config);
-    warnings.extend(volume_changes.iter().filter_map(missed));
-    let couch_shift = couch_shift(&fit, scan.ct.grid());
-    if let Some(report) = &residuals {
-        warnings.extend(super::landmarks::warnings(landmarks, &push, report, &couch_shift));
-    }
+    let carried = runtime.stage("resample", || resampled(scan, &push, &pull, config))?;
+    let judged = runtime.stage("evaluate", || Judged::of(through, &fitted, &push));
+    inverse.multiple = judged.multiple.count();
+    propagated.alone = propagated.alone.map(|alone| couch.added(alone));
+    let couch_shift = couch_shift(fit, scan.ct.grid());
+    let volume_changes = reached(&scan.bones, &judged.jacobian, config);
+    let found = [
+        propagated.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
+        field_warnings(&push, &judged.jacobian_report, &inverse),
+        contact::warnings(&judged.contact, coarsest(scan.ct.grid())),
+        volume_changes.iter().filter_map(missed).collect(),
+        judged.of_landmarks(through.landmarks, &push, &couch_shift),
+    ];
     let outcome = Outcome {
-        skeleton,
-        pose: fit.pose,
+        pose: fitted.fit.pose,
         couch_shift,
-        bone_fits: fit.bones,
-        body,
+        bone_fits: fitted.fit.bones,
+        skeleton: fitted.skeleton,
+        body: fitted.body,
         push,
         pull,
-        planning_on_fraction,
-        bones_on_fraction,
-        jacobian,
-        jacobian_report,
-        rigidity,
-        contact,
-        skin_contact,
+        planning_on_fraction: carried.0,
+        bones_on_fraction: carried.1,
+        jacobian: judged.jacobian,
+        jacobian_report: judged.jacobian_report,
+        rigidity: judged.rigidity,
+        contact: judged.contact,
+        skin_contact: judged.skin_contact,
         volume_changes,
-        kind,
+        kind: propagated.kind,
         uncertainty: None,
-        pruning,
+        pruning: propagated.propagation.pruning,
         links,
         inverse,
         consistency,
-        landmarks: residuals.map(|report| report.with_shift(&couch_shift)),
-        regions,
-        warnings,
-        stages: runtime.times(),
-        part: None,
+        landmarks: judged.residuals.map(|report| report.with_shift(&couch_shift)),
+        regions: propagated.regions,
+        warnings: warnings.into_iter().chain(found.into_iter().flatten()).collect(),
     };
-    Ok(Carried { outcome, alone, misled })
+    Ok(Carried { outcome, alone: propagated.alone, misled: propagated.misled })
+}
+
+/// The largest edge of a voxel, mm.
+fn coarsest(grid: &Grid) -> f64 {
+    grid.spacing().into_iter().fold(0.0, f64::max)
+}
+
+/// The planning CT and its bones on the fraction's grid.
+fn resampled(
+    scan: &PlanningScan,
+    push: &PushField,
+    pull: &PullField,
+    config: &Config,
+) -> Result<(Volume<f32>, LabelMap)> {
+    let image = match config.resampling {
+        Resampling::PullBack => field::warp_image(pull, &scan.ct, OUTSIDE_HU)?,
+        Resampling::FiveTetrahedra => field::scatter_image(push, &scan.ct, pull.displacement.grid(), OUTSIDE_HU)?.0,
+    };
+    Ok((image, field::warp_labels(pull, &scan.bones)?))
+}
+
+/// What is measured of a field.
+struct Judged {
+    jacobian: Spans<f32>,
+    jacobian_report: JacobianReport,
+    rigidity: Vec<BoneRigidity>,
+    residuals: Option<LandmarkReport>,
+    /// Fraction voxels with more than one place in planning.
+    multiple: Mask,
+    contact: ContactReport,
+    skin_contact: Option<Mask>,
+}
+
+impl Judged {
+    fn of(through: Through<'_>, fitted: &Fitted, push: &PushField) -> Self {
+        let Through { scan, resting, landmarks, target, .. } = through;
+        let Fitted { skeleton, body, fit } = fitted;
+        let figures = || {
+            let (jacobian, report) = evaluate::jacobian::evaluate(push, &resting.cells);
+            let rigidity = evaluate::rigidity::evaluate(push, &scan.bones, &skeleton.labels_and_names());
+            let residuals = (!landmarks.is_empty()).then(|| evaluate::landmark::evaluate(push, landmarks));
+            let multiple = field::multiple_preimages(push, &jacobian, target);
+            (jacobian, report, rigidity, residuals, multiple)
+        };
+        let meeting = || contact::measure(&resting.bones, &fit.transforms, push, body, target);
+        // Both have parts that one thread does alone.
+        let (figures, (contact, skin_contact)) = rayon::join(figures, meeting);
+        let (jacobian, jacobian_report, rigidity, residuals, multiple) = figures;
+        Self { jacobian, jacobian_report, rigidity, residuals, multiple, contact, skin_contact }
+    }
+
+    /// What is to be said of landmarks.
+    fn of_landmarks(&self, landmarks: &[Landmark], push: &PushField, couch_shift: &Vector3<f64>) -> Vec<Warning> {
+        let told = |report| super::landmarks::warnings(landmarks, push, report, couch_shift);
+        self.residuals.as_ref().map(told).unwrap_or_default()
+    }
 }
 
 /// How well the fields have to agree: what the chain mail is compared with stays as it is.

@@ -22,9 +22,9 @@ mod register;
 mod study;
 mod uncertainty;
 
-pub use case::{Case, FractionScan, InputFile, PlanningScan};
+pub use case::{Case, FractionScan, PlanningScan};
 pub use checks::{check_fraction, check_grids, check_size};
-pub use curve::{CurvePoint, measure, phantom_case};
+pub use curve::{CurvePoint, measure};
 pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use judge::judge;
 pub use kind::{FractionKind, MisledTissue};

@@ -1,6 +1,6 @@
 //! What a registration found.
 
-use super::{Case, FractionKind};
+use super::FractionKind;
 use crate::chainmail::{LinkReport, Pruning};
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
@@ -9,7 +9,6 @@ use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::{BoneFit, DeterminedBy};
-use crate::runtime::StageTime;
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
 use crate::warning::Warning;
@@ -103,10 +102,6 @@ pub struct Outcome {
     pub warnings: Vec<Warning>,
     /// Regions of influence, when the settings ask for them: the label of the bone that reaches each voxel first.
     pub regions: Option<LabelMap>,
-    /// The part of the case that was carried on, when the settings name a region: everything on a grid lies on its grids.
-    pub part: Option<Box<Case>>,
-    /// Wall time of each stage.
-    pub stages: Vec<StageTime>,
 }
 
 impl Outcome {

@@ -7,6 +7,7 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::runtime::Runtime;
+use std::sync::Arc;
 
 /// The patient in another posture, on the planning grid grown by `margin_mm` on all sides. Landmarks, known in both postures,
 /// evaluate the result.
@@ -16,7 +17,7 @@ use crate::runtime::Runtime;
 /// # Errors
 /// [`crate::error::Error::Input`] when the inputs do not fit each other or name bones that the skeleton does not have.
 pub fn pose(
-    planning: PlanningScan,
+    planning: Arc<PlanningScan>,
     motion: &BoneMotion,
     landmarks: Vec<Landmark>,
     margin_mm: f64,
@@ -28,7 +29,7 @@ pub fn pose(
     known(&patient.skeleton, motion)?;
     let posing = Posing::of(planning, patient, margin_mm, config, runtime)?;
     let mut outcome = posing.posed(motion, &landmarks, config, runtime)?;
-    outcome.warnings = [posing.warnings(), outcome.warnings].concat();
+    outcome.warnings = [posing.warnings(), &outcome.warnings].concat();
     let fraction = FractionScan { landmarks, ..FractionScan::new(outcome.planning_on_fraction.clone()) };
     Ok((Case { planning: posing.planning, fraction }, outcome))
 }

@@ -18,6 +18,7 @@ use crate::skeleton::{Pose, Skeleton};
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// How the bones are told to move.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +33,7 @@ pub enum BoneMotion {
 
 /// A patient who can be put into any posture.
 pub struct Posing {
-    pub(super) planning: PlanningScan,
+    pub(super) planning: Arc<PlanningScan>,
     patient: Patient,
     resting: Resting,
     target: Grid,
@@ -43,14 +44,14 @@ impl Posing {
     ///
     /// # Errors
     /// As [`super::pose`].
-    pub fn new(planning: PlanningScan, margin_mm: f64, config: &Config, runtime: &Runtime) -> Result<Self> {
+    pub fn new(planning: Arc<PlanningScan>, margin_mm: f64, config: &Config, runtime: &Runtime) -> Result<Self> {
         let patient = Patient::new(&planning, config, runtime)?;
         Self::of(planning, patient, margin_mm, config, runtime)
     }
 
     /// Of a patient who was found.
     pub(super) fn of(
-        planning: PlanningScan,
+        planning: Arc<PlanningScan>,
         patient: Patient,
         margin_mm: f64,
         config: &Config,
@@ -72,8 +73,8 @@ impl Posing {
     }
 
     /// What was found of the planning side.
-    pub fn warnings(&self) -> Vec<Warning> {
-        [self.planning.warnings.as_slice(), &self.patient.warnings].concat()
+    pub fn warnings(&self) -> &[Warning] {
+        &self.patient.warnings
     }
 
     /// The bones' contact in a pose, before anything else is made of it.

@@ -56,16 +56,9 @@ pub(super) fn cut(
         volume: only(&case.planning.bones.volume, &kept, &around)?,
         names: case.planning.bones.names.clone(),
     };
-    let planning = PlanningScan {
-        inputs: case.planning.inputs.clone(),
-        ..PlanningScan::new(part(&case.planning.ct, &around)?, bones)
-    };
-    let fraction = FractionScan {
-        landmarks,
-        inputs: case.fraction.inputs.clone(),
-        ..FractionScan::new(part(&case.fraction.ct, &there)?)
-    };
-    Ok((Case { planning, fraction }, only(body, &kept, &around)?))
+    let planning = PlanningScan::new(part(&case.planning.ct, &around)?, bones);
+    let fraction = FractionScan { landmarks, ..FractionScan::new(part(&case.fraction.ct, &there)?) };
+    Ok((Case { planning: planning.into(), fraction }, only(body, &kept, &around)?))
 }
 
 /// A range of voxels and those less than `mm` from it, as far as the grid goes.

@@ -16,20 +16,26 @@ use crate::view::View;
 use crate::warning::Warning;
 use std::borrow::Cow;
 
-/// Registers a case.
+/// Registers a case. Of a region of interest the outcome lies on the grids of that part; [`register_fraction`] returns it.
 ///
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
     check_fraction(&case.fraction.ct, config)?;
-    register_fraction(case, &Planning::new(&case.planning, config, runtime)?, config, runtime)
+    Ok(register_fraction(case, &Planning::new(&case.planning, config, runtime)?, config, runtime)?.0)
 }
 
-/// Registers a case whose planning side is prepared, by itself or for another fraction, with the same settings.
+/// Registers a case whose planning side is prepared, by itself or for another fraction, with the same settings; where they name a
+/// region, also returns the part of the case that was carried on, on whose grids everything lies.
 ///
 /// # Errors
 /// As [`register`].
-pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runtime: &Runtime) -> Result<Outcome> {
+pub fn register_fraction(
+    case: &Case,
+    planning: &Planning,
+    config: &Config,
+    runtime: &Runtime,
+) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
     let placed = match case.fraction.bone_landmarks.as_slice() {
@@ -63,20 +69,19 @@ pub fn register_fraction(case: &Case, planning: &Planning, config: &Config, runt
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let (fit, fraction) = (fit?, fraction.transpose()?);
-    let warnings =
-        [&case.warnings(), warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    let warnings = [warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
         let resting = Resting::new(&part.planning, skeleton, &body, true, config, runtime)?;
         let moved = Fitted { skeleton: skeleton.clone(), body, fit };
         let outcome = carried(&part, moved, &resting, fraction.as_ref(), warnings, config, runtime)?;
-        return Ok(Outcome { part: Some(Box::new(part)), ..outcome });
+        return Ok((outcome, Some(part)));
     }
     let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
     let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
-    carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)
+    Ok((carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)?, None))
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
@@ -98,7 +103,6 @@ fn carried(
             uncertainty::of(&case.planning, &outcome, side, &resting.tissue, images)
         })?;
         outcome.uncertainty = Some(map);
-        outcome.stages = runtime.times();
     }
     Ok(outcome)
 }

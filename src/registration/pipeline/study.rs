@@ -5,19 +5,19 @@ use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
 use super::{Case, Outcome};
-use crate::config::{Config, InputRole};
+use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::fit::FitResult;
 use crate::runtime::Runtime;
 use crate::view::View;
 
-/// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction.ct`.
+/// Carries a motion that is already known (of a registration, or made) onto the grid of `case.fraction.ct`, which is a scan that
+/// was `seen`, or stands for the artificial one of a posture that was made.
 ///
 /// # Errors
 /// [`Error::Input`] when the case does not fit the motion.
-pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runtime) -> Result<Outcome> {
+pub fn carry_again(case: &Case, fit: &FitResult, seen: bool, config: &Config, runtime: &Runtime) -> Result<Outcome> {
     let Patient { skeleton, body, warnings } = Patient::new(&case.planning, config, runtime)?;
-    let warnings = [case.warnings().as_slice(), &warnings].concat();
     let same =
         skeleton.bones.len() == fit.bones.len() && skeleton.bones.iter().zip(&fit.bones).all(|(a, b)| a.name == b.name);
     if !same {
@@ -27,7 +27,6 @@ pub fn carry_again(case: &Case, fit: &FitResult, config: &Config, runtime: &Runt
             "study a run of these very files and this version",
         ));
     }
-    let seen = case.inputs().any(|i| i.role == InputRole::Fraction);
     let find = || {
         let view = View::of(&case.fraction.ct);
         Fraction::new(view.known(&case.fraction.ct), view.report, config)

@@ -1,4 +1,4 @@
-//! Rank 5: analytic head, neck and shoulders with known truth, for the demo and for tests.
+//! Rank 8: analytic head, neck and shoulders with known truth, for the demo and for tests.
 //!
 //! [`Anatomy`] is a function of position: signed-distance solids for 42 named bones, soft tissue,
 //! airway and couch; its two sides differ by some millimetres, as people's do. [`TrueMotion`]
@@ -11,6 +11,7 @@ mod anatomy;
 mod asymmetry;
 mod breathing;
 mod build;
+mod case;
 mod cbct;
 mod cells;
 mod head_bones;
@@ -34,6 +35,7 @@ mod trunk_tissue;
 
 pub use anatomy::{Anatomy, Sample};
 pub use breathing::{Breathing, BreathingMotion, BreathingOptions, Part};
+pub use case::phantom_case;
 pub use cbct::{CbctOptions, degrade};
 pub use motion::{INVERSE_TOLERANCE, PreImage, TrueMotion};
 pub use options::PhantomOptions;

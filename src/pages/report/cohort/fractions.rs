@@ -13,7 +13,7 @@ use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::verdict::Mark;
 use crate::io::write_file;
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use maud::{DOCTYPE, Markup, html};
 use serde::Serialize;
 use std::path::Path;

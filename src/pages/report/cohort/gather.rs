@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::checksum::{Output, outputs};
 use crate::io::{Planned, RunFolder, at_work, relative_to, whole_path, write_json};
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::report::Report;
 use serde::Serialize;
 use std::path::{Path, PathBuf};

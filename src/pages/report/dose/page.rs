@@ -6,7 +6,7 @@ use super::super::html::{data_url, head, inputs, warnings};
 use super::super::viewer::policy;
 use crate::error::Result;
 use crate::io::write_file;
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::warning::Warning;
 use maud::{DOCTYPE, Markup, html};
 use std::path::Path;

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::verdict::{Mark, of_warnings, overall};
 use crate::evaluate::{Assessment, Maps, Subject};
 use crate::io::{relative_to, write_file, write_json};
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::runtime::StageTime;
 use crate::warning::Warning;
 use serde::{Deserialize, Serialize};

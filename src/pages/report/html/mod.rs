@@ -11,7 +11,7 @@ mod view;
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::warning::Warning;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};

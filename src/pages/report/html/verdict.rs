@@ -3,7 +3,7 @@
 use super::paper::more;
 use crate::evaluate::verdict::{Mark, Verdict, against, overall};
 use crate::io::dicom::About;
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use maud::{Markup, html};
 
 /// Reasons that the first screen tells; the table has all.

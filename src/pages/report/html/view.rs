@@ -5,6 +5,7 @@ use super::head;
 use crate::config::InputRole;
 use crate::error::Result;
 use crate::pipeline::{Case, Outcome};
+use crate::provenance::Provenance;
 use crate::volume::contour::Contours;
 use maud::{DOCTYPE, html};
 use std::path::Path;
@@ -13,11 +14,15 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`crate::Error::Internal`] when a volume cannot be packed.
-pub fn view_page(case: &Case, outcome: &Outcome, contours: Option<&Contours>) -> Result<String> {
+pub fn view_page(
+    case: &Case,
+    outcome: &Outcome,
+    provenance: &Provenance,
+    contours: Option<&Contours>,
+) -> Result<String> {
     let view = embed_whole(case, outcome, contours)?;
     let name = |role: InputRole| {
-        let path = case.inputs().find(|i| i.role == role).map(|i| i.path.as_path());
-        path.and_then(Path::file_name).map_or(role.to_string(), |n| n.to_string_lossy().into_owned())
+        provenance.file(role).and_then(Path::file_name).map_or(role.to_string(), |n| n.to_string_lossy().into_owned())
     };
     let title = format!("{} \u{2192} {}", name(InputRole::Planning), name(InputRole::Fraction));
     let page = html! {

@@ -1,7 +1,7 @@
 //! `library.json`: a datalist as MONAI reads it (`load_decathlon_datalist`), with what the library was made from.
 
 use super::PostureRecord;
-use crate::pipeline::InputFile;
+use crate::provenance::InputFile;
 use crate::report::OutputFile;
 use crate::warning::Warning;
 use serde::Serialize;

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::jacobian::JacobianReport;
 use crate::io::{write_file, write_json};
 use crate::pipeline::{CARRYING, Case, LINKING, Outcome};
+use crate::runtime::Runtime;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -45,17 +46,17 @@ const SHOWN: [&str; 3] = ["displacement.png", "jacobian.png", "fusion_after.png"
 
 impl StageRecord {
     /// Gathers a stage's numbers.
-    pub fn new(outcome: &Outcome, settings: serde_json::Value, key: String, threads: usize) -> Self {
+    pub fn new(outcome: &Outcome, settings: serde_json::Value, key: String, runtime: &Runtime) -> Self {
         Self {
             key,
             settings,
-            seconds: outcome
-                .stages
+            seconds: runtime
+                .times()
                 .iter()
                 .filter(|s| [LINKING, CARRYING].contains(&s.stage.as_str()))
                 .map(|s| s.seconds)
                 .sum(),
-            threads,
+            threads: runtime.threads(),
             jacobian: outcome.jacobian_report.clone(),
             links_violated_percent: outcome.links.violated_percent,
             rigid_rms_mm: outcome.rigidity.iter().map(|r| r.rms_mm).fold(0.0, f64::max),

@@ -176,7 +176,7 @@ mod tests {
     fn names_cannot_leave_the_data() {
         let (mut case, mut outcome, _) = example::small();
         let evil = "</script><img src=x onerror=alert(1)><!--";
-        case.planning.bones.names.insert(1, evil.into());
+        case.planning_mut().bones.names.insert(1, evil.into());
         outcome.skeleton.bones[0].name = evil.into();
         outcome.landmarks.as_mut().unwrap().each[0].landmark.name = evil.into();
         outcome.contact.overlaps[0].bones[0] = evil.into();

@@ -1,4 +1,4 @@
-//! Rank 7: how long the hot paths take on this machine, on a scene of the size of the thesis's, beside what its memory allows.
+//! Rank 11: how long the hot paths take on this machine, on a scene of the size of the thesis's, beside what its memory allows.
 
 mod exact;
 mod floor;
@@ -116,7 +116,7 @@ pub fn run(options: &BenchmarkOptions, runtime: &Runtime) -> Result<BenchmarkRep
                 task.run(&scene)?;
                 seconds.push(start.elapsed().as_secs_f64());
             }
-            Ok::<_, crate::Error>(())
+            Ok::<_, crate::error::Error>(())
         })?;
         let peak = peak_memory();
         let spent = processor_seconds_since(before).map(|s| s / options.repeat.max(1) as f64);

@@ -1,15 +1,14 @@
-//! `register --start`: a motion of all bones that is known from elsewhere, planning to fraction.
+//! The start of a fit: a motion of all bones that is known from elsewhere, planning to fraction.
 
-use super::frames::{Uids, uid_of};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Rigid;
-use crate::io::dicom::Role;
+use crate::io::dicom::{Role, frame_of};
 use crate::io::transform;
 use std::path::{Path, PathBuf};
 
 /// The file, and the name of its entry: `FILE`, `FILE#NAME`.
-pub(super) fn split(path: &Path) -> (PathBuf, Option<&str>) {
+pub fn split(path: &Path) -> (PathBuf, Option<&str>) {
     let parts = path.to_str().filter(|_| !path.exists()).and_then(|text| text.rsplit_once('#'));
     parts.map_or((path.to_owned(), None), |(file, entry)| (file.into(), Some(entry)))
 }
@@ -20,7 +19,7 @@ pub(super) fn split(path: &Path) -> (PathBuf, Option<&str>) {
 /// # Errors
 /// [`Error::Input`] when a registration joins other frames of reference than those of the scans; else as
 /// [`transform::read_rigid`].
-pub(super) fn read(path: &Path, planning: &Path, fraction: &Path) -> Result<Rigid> {
+pub(super) fn read(path: &Path, planning: Option<&Path>, fraction: Option<&Path>) -> Result<Rigid> {
     let (file, entry) = split(path);
     if !transform::is_transform(&file) {
         let problem = "it is no rigid transform by its extension, and no Spatial Registration";
@@ -29,12 +28,13 @@ pub(super) fn read(path: &Path, planning: &Path, fraction: &Path) -> Result<Rigi
     }
     let (rigid, uids) = transform::read_rigid_between(&file, entry, None)?;
     let Some(uids) = uids else { return Ok(rigid) };
-    let frames = [uid_of(Some(Role::Image.at(planning)))?, uid_of(Some(Role::Image.at(fraction)))?];
+    let frame = |scan: Option<&Path>| scan.map_or(Ok(None), |scan| frame_of(Role::Image.at(scan)));
+    let frames = [frame(planning)?, frame(fraction)?];
     Ok(if turned(&file, &uids, &frames)? { rigid.inverse() } else { rigid })
 }
 
 /// Whether a registration takes the fraction to planning.
-fn turned(file: &Path, [a, b]: &Uids, frames: &[Option<String>; 2]) -> Result<bool> {
+fn turned(file: &Path, [a, b]: &[String; 2], frames: &[Option<String>; 2]) -> Result<bool> {
     let fits = |own: &Option<String>, uid: &String| own.as_ref().is_none_or(|own| own == uid);
     let [planning, fraction] = frames;
     if fits(planning, a) && fits(fraction, b) {

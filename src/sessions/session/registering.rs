@@ -1,0 +1,187 @@
+//! Several fractions of one patient: what depends on planning alone is read and made once.
+
+use super::fraction::FractionSources;
+use super::headers;
+use super::planning::PlanningSources;
+use super::registered::{Made, Registered};
+use crate::config::{Config, RecordedInput};
+use crate::error::{Error, Result};
+use crate::pipeline::{Case, FractionScan, Planning, PlanningScan, check_fraction, register_fraction};
+use crate::provenance::Provenance;
+use crate::report::{Clinic, ClinicFiles};
+use crate::runtime::Runtime;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// What is to be registered, and how.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// The planning side.
+    pub planning: PlanningSources,
+    /// The fractions, in the order in which they are registered.
+    pub fractions: Vec<FractionSources>,
+    /// What goes back to a planning system, where DICOM is asked for.
+    pub clinic: Option<ClinicFiles>,
+    /// Leaves the patient's identity out of reports.
+    pub anonymous: bool,
+    /// Inputs of an earlier run, whose checksums are compared with those of the files that are read.
+    pub recorded: Vec<RecordedInput>,
+    /// Complete settings.
+    pub config: Config,
+    /// What is run, as reports and locks name it.
+    pub command: String,
+}
+
+impl Request {
+    /// All files that will be read.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut all: Vec<PathBuf> = self.planning.files().collect();
+        all.extend(self.needed());
+        all
+    }
+
+    /// The files beside those of the planning side.
+    pub fn needed(&self) -> Vec<PathBuf> {
+        let clinic = self.clinic.iter().flat_map(ClinicFiles::paths).map(Path::to_owned);
+        self.fractions.iter().flat_map(FractionSources::files).chain(clinic).collect()
+    }
+
+    /// Refuses what headers tell; returns the memory that the greediest fraction is expected to need, bytes.
+    ///
+    /// # Errors
+    /// As [`headers::judge`].
+    pub fn expected_memory(&self) -> Result<u64> {
+        headers::judge(&self.planning, &self.fractions, &self.config)
+    }
+
+    /// What is read for DICOM.
+    fn clinic(&self) -> Result<Option<Arc<Clinic>>> {
+        let Some(files) = &self.clinic else { return Ok(None) };
+        Clinic::check(&self.config)?;
+        let planning = on_disk(self.planning.ct.path())?;
+        let fractions = self.fractions.iter().map(|one| on_disk(one.ct.path())).collect::<Result<Vec<_>>>()?;
+        Ok(Some(Arc::new(Clinic::read(files, planning, &fractions)?)))
+    }
+}
+
+fn on_disk(path: Option<&Path>) -> Result<&Path> {
+    path.ok_or_else(|| {
+        let problem = "only DICOM can go back as DICOM, and a scan is given in memory";
+        Error::usage(problem, "give the folders of both CT series, or leave dicom out")
+    })
+}
+
+/// A fraction that was read.
+type Read = Result<(FractionScan, Provenance)>;
+
+/// A planning side that was read, and fractions that are still to be.
+pub struct Session {
+    scan: Arc<PlanningScan>,
+    provenance: Provenance,
+    fractions: std::vec::IntoIter<FractionSources>,
+    /// The first of them, read beside the planning side, and its name.
+    ahead: Option<Read>,
+    first: String,
+    clinic: Option<Arc<Clinic>>,
+    anonymous: bool,
+    recorded: Vec<RecordedInput>,
+    config: Arc<Config>,
+    command: Arc<str>,
+}
+
+impl Session {
+    /// Reads what is small, then the planning side beside the first fraction.
+    ///
+    /// # Errors
+    /// When a file cannot be read or used; what is asked for as DICOM must be there as DICOM.
+    pub fn open(mut request: Request, runtime: &Runtime) -> Result<Self> {
+        let planning_file = request.planning.ct.path().map(Path::to_owned);
+        request.fractions.iter_mut().try_for_each(|one| one.settle(planning_file.as_deref()))?;
+        let clinic = match &request.clinic {
+            Some(_) => runtime.stage("read for DICOM", || request.clinic())?,
+            None => None,
+        };
+        let Request { planning, fractions, anonymous, recorded, config, command, .. } = request;
+        let mut fractions = fractions.into_iter();
+        let mut one = fractions.next();
+        let first = one.as_mut().map(|one| std::mem::take(&mut one.name)).unwrap_or_default();
+        let (read, ahead) =
+            runtime.beside(|| planning.read(&recorded, &config, runtime), || one.map(|one| one.read(&recorded)));
+        let (scan, mut provenance) = read?;
+        provenance.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
+        Ok(Self {
+            scan: Arc::new(scan),
+            provenance,
+            fractions,
+            ahead,
+            first,
+            clinic,
+            anonymous,
+            recorded,
+            config: Arc::new(config),
+            command: command.into(),
+        })
+    }
+
+    /// Registers one fraction after the other and hands each result on; the next fraction is read while `each` works, for disks
+    /// and networks take their time.
+    ///
+    /// # Errors
+    /// When a file cannot be read, inputs do not fit each other, or the images share no anatomy; what `each` reports.
+    pub fn register_all(
+        mut self,
+        runtime: &Runtime,
+        mut each: impl FnMut(Registered) -> Result<()> + Send,
+    ) -> Result<()> {
+        let mut planning = None;
+        let mut name = std::mem::take(&mut self.first);
+        let mut next = self.ahead.take();
+        let mut n = 0;
+        while let Some(read) = next {
+            if n > 0 {
+                runtime.restart();
+            }
+            if !name.is_empty() {
+                runtime.progress().note(&format!("fraction {name}"));
+            }
+            let (fraction, of_fraction) = runtime.stage("read the fraction", || read)?;
+            check_fraction(&fraction.ct, &self.config)?;
+            let planning = match &planning {
+                Some(planning) => planning,
+                None => planning.insert(Planning::new(&self.scan, &self.config, runtime)?),
+            };
+            let case = Case { planning: Arc::clone(&self.scan), fraction };
+            let (outcome, part) = register_fraction(&case, planning, &self.config, runtime)?;
+            let mut provenance = self.provenance.clone();
+            provenance.extend(of_fraction);
+            if self.anonymous {
+                provenance.forget_patient();
+            }
+            let back = self.clinic.clone().map(|clinic| (clinic, n));
+            let made = Made { case: part.unwrap_or(case), outcome, provenance, back };
+            let registered = Registered::new(made, &self.config, &self.command, runtime);
+            let mut following = self.fractions.next();
+            name = following.as_mut().map(|one| std::mem::take(&mut one.name)).unwrap_or_default();
+            let recorded = &self.recorded;
+            let (done, ahead) =
+                runtime.beside(|| each(registered), || following.map(|following| following.read(recorded)));
+            done?;
+            next = ahead;
+            n += 1;
+        }
+        Ok(())
+    }
+
+    /// Registers a single fraction.
+    ///
+    /// # Errors
+    /// As [`Session::register_all`].
+    pub fn register(self, runtime: &Runtime) -> Result<Registered> {
+        let mut only = None;
+        self.register_all(runtime, |registered| {
+            only = Some(registered);
+            Ok(())
+        })?;
+        only.ok_or_else(|| Error::Internal("a session without a fraction".into()))
+    }
+}
