@@ -66,8 +66,8 @@ fn a_patient_who_raised_both_arms_is_found() {
     let scan = PlanningScan::new(phantom.planning.clone(), phantom.bones.clone());
     let runtime = Runtime::silent().expect("threads start");
     let posing = Preset::Fast.config();
-    let (case, _) =
-        pose(scan.into(), &BoneMotion::Pose(raised), Vec::new(), 130.0, &posing, &runtime).expect("the arms are raised");
+    let (case, _) = pose(scan.into(), &BoneMotion::Pose(raised), Vec::new(), 130.0, &posing, &runtime)
+        .expect("the arms are raised");
     let found = register(&case, &bones_alone(), &runtime).expect("the patient is found");
     for (bone, t) in found.skeleton.bones.iter().zip(found.skeleton.transforms(&found.pose)) {
         let trunk = bone.name.starts_with("vertebrae") || bone.name == "skull" || bone.name == "mandible";
@@ -143,8 +143,8 @@ fn a_neck_bent_by_thirty_degrees_is_found() {
         let bent = Pose { joints: skeleton.bones.iter().map(|b| of(&b.name)).collect() };
         let scan = PlanningScan::new(planning.clone(), bones.clone());
         let posing = Preset::Fast.config();
-        let (case, _) =
-            pose(scan.into(), &BoneMotion::Pose(bent.clone()), Vec::new(), 60.0, &posing, &runtime).expect("the neck bends");
+        let (case, _) = pose(scan.into(), &BoneMotion::Pose(bent.clone()), Vec::new(), 60.0, &posing, &runtime)
+            .expect("the neck bends");
         let found = fitted(&skeleton, &planning, &bones, &case.fraction.ct);
         let corners = |c: Point3<f64>| [-20.0, 20.0].map(|d| c + Vector3::repeat(d));
         for ((bone, truth), got) in skeleton.bones.iter().zip(skeleton.transforms(&bent)).zip(&found.transforms) {

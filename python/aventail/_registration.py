@@ -21,7 +21,7 @@ from ._progress import Progress, told
 if TYPE_CHECKING:
     from .reports import Report
 
-Preset: TypeAlias = Literal["default", "fast", "accurate", "thesis"]
+Preset: TypeAlias = Literal["default", "fast", "thesis"]
 """Named settings; docs/settings.md says what each is."""
 Settings: TypeAlias = Union[Preset, Path, Mapping[str, Any], None]
 """A preset, a TOML file (or the report.json of a run), or a dict nested as the TOML is."""
@@ -32,7 +32,7 @@ BoneLandmarks: TypeAlias = Union[Path, Sequence["tuple[str, str, Sequence[float]
 Frame: TypeAlias = Literal["planning", "fraction"]
 """One of the two scans' worlds."""
 
-_PRESETS = ("default", "fast", "accurate", "thesis")
+_PRESETS = ("default", "fast", "thesis")
 
 
 class RunWarning(NamedTuple):

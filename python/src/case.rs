@@ -165,8 +165,7 @@ impl Settings {
         };
         let preset = |name: &String| {
             serde_json::from_value::<Preset>(name.as_str().into()).map_err(|_| {
-                let remedy =
-                    "take default, fast, accurate or thesis, a dict of settings, or the path of a file of them";
+                let remedy = "take default, fast or thesis, a dict of settings, or the path of a file of them";
                 Error::usage(format!("{name:?} is no preset"), remedy)
             })
         };

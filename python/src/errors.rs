@@ -1,7 +1,10 @@
 //! The library's errors as the exceptions of `aventail._errors`.
 
 use aventail::Error;
+use aventail::warning::Warning;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
+use std::ffi::CString;
 
 /// The exception of an error: message, what is at fault, cause, remedy, code and exit code.
 pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
@@ -17,6 +20,15 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
         module.getattr("made")?.call1(parts)
     });
     made.map_or_else(|failed| failed, PyErr::from_value)
+}
+
+/// Says what is to be known as warnings of Python, each with its code.
+pub(crate) fn warn(py: Python<'_>, warnings: &[Warning]) -> PyResult<()> {
+    let category = py.get_type::<PyUserWarning>();
+    warnings.iter().try_for_each(|warning| {
+        let text = CString::new(format!("{} ({})", warning.message, warning.code).replace('\0', " "))?;
+        PyErr::warn(py, &category, &text, 1)
+    })
 }
 
 /// A result of the library for Python.

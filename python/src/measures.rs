@@ -2,56 +2,40 @@
 
 use crate::arrays::{self, Given, Raster, raster};
 use crate::case::{self, Settings};
-use crate::errors::Raised;
+use crate::errors::{Raised, warn};
 use crate::runs::Runs;
 use crate::warp::Target;
 use aventail::config::InputRole;
 use aventail::dose::{self, DensityTable, EnergyMassOptions};
 use aventail::evaluate::{Direction, FieldPair, Subject, assess};
-use aventail::findings;
 use aventail::geometry::Grid;
+use aventail::io::dicom::Role;
 use aventail::pipeline::{self, DoseMethod};
 use aventail::plausibility::{CheckOptions, levels_by_landmarks, sides_and_levels};
 use aventail::provenance::Provenance;
-use aventail::session;
+use aventail::session::{
+    self,
+    fields::{self, Given as Field, Known},
+};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Error, Result, io, skeleton as bone_tree};
 use pyo3::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// A field of one direction as it was given.
-type GivenField = Given<Volume<[f32; 3]>>;
+/// Something with a grid in a frame, by the name that messages have for it.
+type Lying<'a> = (&'static str, &'static str, Option<&'a Grid>, Option<&'a Path>);
 
-/// The field of a file, whose header must not say that it points the other way, or of memory.
-fn field(given: GivenField, from: &str, to: &str) -> Result<Volume<[f32; 3]>> {
-    let path = match given {
-        Given::Memory(field) => return Ok(field),
-        Given::File(path) => path,
-    };
-    let file = io::read_field(&path)?;
-    let own = io::frames_of(&file.header.description);
-    match own.filter(|own| own.from == to || own.to == from) {
-        Some(own) => {
-            let problem =
-                format!("its header says that it takes {} points to {}, not {from} to {to}", own.from, own.to);
-            Err(Error::refused(
-                findings::FIELD_DIRECTION,
-                path.display().to_string(),
-                problem,
-                "give it the other way round",
-            ))
-        }
-        None => Ok(file.value),
+/// Both directions of a field; the one that is missing is made on the grid that is known of its frame. What is doubtful about a
+/// direction is noted.
+fn pair(both: [Field; 2], all: &[Lying<'_>], provenance: &mut Provenance) -> Result<FieldPair> {
+    let grid = |frame: &str| all.iter().find_map(|(own, _, grid, _)| grid.filter(|_| *own == frame));
+    let mut known = Vec::new();
+    for &(frame, name, grid, path) in all {
+        let place = path.map(|path| Role::Image.at(path));
+        let name = path.map_or(name.to_owned(), |path| path.display().to_string());
+        known.extend(grid.map(|grid| Known { frame, name, place, grid }));
     }
-}
-
-/// Both directions of a field; the one that is missing is made on the grid that is known of its frame.
-fn pair(push: Option<GivenField>, pull: Option<GivenField>, grids: [Option<&Grid>; 2]) -> Result<FieldPair> {
-    let push = push.map(|f| field(f, "planning", "fraction")).transpose()?;
-    let pull = pull.map(|f| field(f, "fraction", "planning")).transpose()?;
-    FieldPair::new(push, pull, grids[0], grids[1])?.ok_or_else(|| {
-        Error::usage("no field is given", "give planning_to_fraction, fraction_to_planning or a registration")
-    })
+    fields::pair(both, None, [grid("planning"), grid("fraction")], &known, provenance)
 }
 
 /// Inputs of an evaluation.
@@ -91,7 +75,8 @@ pub(crate) fn evaluate(
     let structures = [labels(&measured.structures)?, labels(&measured.structures_fraction)?];
     let structure_names = [names(&measured.structure_names)?, names(&measured.structure_names)?];
     let landmarks = measured.landmarks.as_ref().map(case::landmarks).transpose()?;
-    Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
+    let scans = [&planning, &fraction].map(|scan| scan.as_ref().and_then(Given::path).map(Path::to_owned));
+    let (json, warnings) = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
         let mut provenance = Provenance::default();
         let planning = planning.map(|p| session::image(InputRole::Planning, p, &mut provenance)).transpose()?;
         let fraction = fraction.map(|p| session::image(InputRole::Fraction, p, &mut provenance)).transpose()?;
@@ -105,13 +90,17 @@ pub(crate) fn evaluate(
         let own = own.map(|s| labelled(InputRole::LabelsPlanning, "structures", s, own_names)).transpose()?;
         let other =
             other.map(|s| labelled(InputRole::LabelsFraction, "structures_fraction", s, other_names)).transpose()?;
-        let labelled = |map: &Option<LabelMap>| map.as_ref().map(|m| m.volume.grid().clone());
-        let grids = [
-            planning.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&bones)).or_else(|| labelled(&own)),
-            fraction.as_ref().map(|p| p.grid().clone()).or_else(|| labelled(&other)),
+        let on = |map: &Option<LabelMap>| map.as_ref().map(|m| m.volume.grid().clone());
+        let grids = [planning.as_ref().map(|p| p.grid().clone()), on(&bones), on(&own)];
+        let there = [fraction.as_ref().map(|p| p.grid().clone()), on(&other)];
+        let all = [
+            ("planning", "planning", grids[0].as_ref(), scans[0].as_deref()),
+            ("planning", "bones", grids[1].as_ref(), None),
+            ("planning", "structures", grids[2].as_ref(), None),
+            ("fraction", "fraction", there[0].as_ref(), scans[1].as_deref()),
+            ("fraction", "structures_fraction", there[1].as_ref(), None),
         ];
-        let pair =
-            runtime.stage("read and invert the field", || pair(push, pull, grids.each_ref().map(Option::as_ref)))?;
+        let pair = runtime.stage("read and invert the field", || pair([push, pull], &all, &mut provenance))?;
         let rigid = bones.as_ref().map(rigid).unwrap_or_default();
         let sliding = bone_tree::SlidingOptions::default().pairs(&rigid);
         let landmarks =
@@ -129,8 +118,10 @@ pub(crate) fn evaluate(
             landmarks: &landmarks,
             triangle: None,
         };
-        io::json(&assess(&subject, &limits, runtime)?.0)
-    })
+        Ok((io::json(&assess(&subject, &limits, runtime)?.0)?, provenance.warnings))
+    })?;
+    warn(py, &warnings)?;
+    Ok(json)
 }
 
 /// Labels that move rigidly: the skeleton's bones; all labels when none has a known bone's name.
@@ -191,9 +182,10 @@ pub(crate) fn map_dose<'py>(
     let mapped = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
         let dose = gray("dose", given)?;
         let ct = ct.map(|ct| session::image(InputRole::Ct, ct, &mut Provenance::default())).transpose()?;
-        let (own, there) = (Some(dose.grid()), target.as_ref());
-        let grids = if to_fraction { [own, there] } else { [there, own] };
-        let pair = runtime.stage("read and invert the field", || pair(push, pull, grids))?;
+        let frames = if to_fraction { ["planning", "fraction"] } else { ["fraction", "planning"] };
+        let all = [(frames[0], "dose", Some(dose.grid()), None), (frames[1], "grid", target.as_ref(), None)];
+        let mut provenance = Provenance::default();
+        let pair = runtime.stage("read and invert the field", || pair([push, pull], &all, &mut provenance))?;
         let (direction, of_field) = if to_fraction {
             (Direction::PlanningToFraction, pair.pull.displacement.grid())
         } else {
@@ -203,8 +195,9 @@ pub(crate) fn map_dose<'py>(
         let map = || pipeline::map_dose(&dose, &pair, direction, to, &method, ct.as_ref());
         let (mapped, report) = runtime.stage("map dose", map)?;
         dose::judge_result("the mapped dose", &mapped)?;
-        Ok((mapped, io::json(&report)?))
+        Ok((mapped, io::json(&report)?, provenance.warnings))
     })?;
+    warn(py, &mapped.2)?;
     Ok((raster(py, &mapped.0.grid().clone(), mapped.0.into_data())?, mapped.1))
 }
 

@@ -106,8 +106,6 @@ pub enum SpeedName {
     Fast,
     /// What measures best for its time (preset default)
     Balanced,
-    /// More comparisons of the images (preset accurate)
-    Accurate,
 }
 
 /// Names of coordinate frames of files.

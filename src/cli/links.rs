@@ -3,11 +3,11 @@
 //! aventail's own fields tell their direction in the header; for every other file the command line must. Where both
 //! speak they must not contradict each other, so that no field is used the wrong way round unnoticed.
 
-use super::fields;
-use super::frames::Names;
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
 use crate::io::{FieldFrames, points::Space, transform};
+use crate::session::fields;
+use crate::session::frames::FrameNames;
 use crate::warning::Warning;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -109,7 +109,7 @@ impl LinkArg {
     /// # Errors
     /// [`Error::Usage`] when its direction is unknown or said twice and differently; [`Error::Input`] when the frames of reference
     /// of a registration are not those of the scans; else as [`io::read_field`] and [`transform::read_rigid`].
-    pub(super) fn read(&self, space: Option<Space>, names: &mut Names) -> Result<(Link, bool, Vec<Warning>)> {
+    pub(super) fn read(&self, space: Option<Space>, names: &mut FrameNames) -> Result<(Link, bool, Vec<Warning>)> {
         let (path, entry) = self.place();
         let (motion, own, uids, warnings) = if transform::is_transform(&path) {
             let (rigid, uids) = transform::read_rigid_between(&path, entry, space)?;

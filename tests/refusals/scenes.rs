@@ -113,7 +113,11 @@ pub const INPUTS: [Scene; 36] = [
     ),
     scene("labels for the fraction CT", |c| c.fraction.ct = c.planning.bones.volume.map(|v| f32::from(*v)), NO_HU),
     scene("fraction CT with slope 0.6", |c| c.fraction.ct = c.fraction.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
-    scene("planning CT with slope 0.6", |c| c.planning_mut().ct = c.planning.ct.map(|v| 0.6 * v), Warned("hu-doubtful")),
+    scene(
+        "planning CT with slope 0.6",
+        |c| c.planning_mut().ct = c.planning.ct.map(|v| 0.6 * v),
+        Warned("hu-doubtful"),
+    ),
     scene("padding of -1024", |c| pad(c, -1024.0), Silent),
     scene("padding of -2000", |c| pad(c, -2000.0), Silent),
     scene("padding of -3024", |c| pad(c, -3024.0), Silent),

@@ -5,7 +5,7 @@ mod build;
 mod centres;
 mod check;
 mod limits;
-mod reroot;
+mod order;
 mod shape;
 mod show;
 mod sliding;
@@ -15,8 +15,7 @@ mod tests;
 
 pub use build::{Built, build};
 pub use limits::Excess;
-pub use reroot::in_order;
-pub use reroot::reroot;
+pub use order::in_order;
 pub use show::tree;
 pub use sliding::{Sliding, SlidingOptions};
 

@@ -9,7 +9,6 @@ mod structures;
 pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName, PageArgs};
 
 use super::args::DirectionName;
-use super::fields::{self, Known};
 use super::record::Output;
 use super::terminal::command_line;
 use super::terminal::progress;
@@ -29,6 +28,7 @@ use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::{InputFile, Provenance};
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
+use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{Content, MOST_DRAWN, Part, Scenery};
@@ -219,7 +219,7 @@ impl<'a> Mapping<'a> {
             Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
             Direction::FractionToPlanning => [Some(to), Some(dose.grid())],
         };
-        let read = || fields::pair(self.push, self.pull, self.option, grids, &all, provenance);
+        let read = || fields::pair([self.push, self.pull].map(fields::file), self.option, grids, &all, provenance);
         let pair = runtime.stage("read and invert the field", read)?;
         runtime.stage("map dose", || map_dose(dose, &pair, direction, to, self.method, ct))
     }

@@ -6,8 +6,6 @@ pub(super) use args::AFTER;
 pub use args::EvaluateArgs;
 
 use super::args::DirectionName;
-use super::fields::{self, Known};
-use super::frames::{FieldRole, place};
 use super::inputs::config_file;
 use super::terminal::command_line;
 use super::terminal::progress;
@@ -24,6 +22,8 @@ use crate::io::{self, Loaded, Planned, dicom};
 use crate::provenance::Provenance;
 use crate::report::evaluation::{self, Assessed, Compared, Drawable, EvaluationPicture, EvaluationReport};
 use crate::runtime::Runtime;
+use crate::session::fields::{self, Known};
+use crate::session::frames::{FieldRole, place};
 use crate::skeleton;
 use crate::volume::{LabelMap, Mask, Volume};
 use crate::warning::Warning;
@@ -313,5 +313,5 @@ fn read_pair(
     let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
     let fraction = inputs.fraction.as_ref().map(Volume::grid);
     let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
-    fields::pair(push, pull, option, [planning, fraction], &inputs.known(), provenance)
+    fields::pair([push, pull].map(fields::file), option, [planning, fraction], &inputs.known(), provenance)
 }

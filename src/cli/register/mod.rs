@@ -220,7 +220,6 @@ pub(super) fn settings(file: &ConfigFile, args: &RunArgs) -> Result<Config> {
     let speed = args.speed.map(|s| match s {
         SpeedName::Fast => Preset::Fast,
         SpeedName::Balanced => Preset::Default,
-        SpeedName::Accurate => Preset::Accurate,
     });
     let mut config = file.resolve(preset.or(speed))?;
     if let Some(format) = args.field_format {

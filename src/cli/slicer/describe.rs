@@ -102,7 +102,7 @@ pub(super) const PANELS: [(&str, &str, &[Parameter]); 3] = [
         &[
             Parameter {
                 default: "balanced",
-                ..input("speed", "Speed", "Accuracy against run time", Tag::Choice(&["fast", "balanced", "accurate"]))
+                ..input("speed", "Speed", "Accuracy against run time", Tag::Choice(&["fast", "balanced"]))
             },
             input("landmarks", "Landmarks", "Points known in both scans (CSV); they only measure", Tag::File),
             input("config", "Settings", "Settings file (TOML) of aventail", Tag::File),

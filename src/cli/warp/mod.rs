@@ -7,7 +7,6 @@ mod report;
 pub(super) use args::HELP;
 pub use args::WarpArgs;
 
-use super::frames::{Names, role_of};
 use super::links::LinkArg;
 use super::terminal::progress;
 use crate::dose::{interpolate, judge};
@@ -22,6 +21,7 @@ use crate::io::dicom::like::Like;
 use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
+use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -94,7 +94,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
 }
 
 /// The names that the command line has for the frames of reference of what is DICOM.
-fn names(args: &WarpArgs) -> Result<Names> {
+fn names(args: &WarpArgs) -> Result<FrameNames> {
     let input = |path: &PathBuf| role_of(path, args.kind == Some(VolumeKind::Dose));
     let here = args.input.as_ref().map(|p| (args.from.as_str(), input(p).at(p)));
     let lies_in = if args.out_field.is_some() { &args.from } else { &args.to };
@@ -102,7 +102,7 @@ fn names(args: &WarpArgs) -> Result<Names> {
     let there = there.map(|p| (lies_in.as_str(), Role::Image.at(p)));
     let led_to = args.dicom_to.as_ref().map(|p| (args.to.as_str(), Role::Image.at(p)));
     let things: Vec<_> = here.into_iter().chain(there).chain(led_to).collect();
-    Names::new(&things, (args.field.len() == 1).then(|| FieldFrames::new(&args.from, &args.to)))
+    FrameNames::new(&things, (args.field.len() == 1).then(|| FieldFrames::new(&args.from, &args.to)))
 }
 
 /// Refuses results that would take the place of inputs or cannot be written, before anything is read.

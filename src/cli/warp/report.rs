@@ -1,10 +1,10 @@
 //! What a `warp` tells of itself.
 
-use super::super::fields::{self, Known};
 use super::args::WarpArgs;
 use crate::field::{Chain, ChainReport, Link, Motion, outside_field};
 use crate::findings;
 use crate::geometry::Grid;
+use crate::session::fields::{self, Known};
 use crate::warning::Warning;
 use serde::Serialize;
 use std::fmt::Write as _;

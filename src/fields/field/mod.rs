@@ -26,7 +26,7 @@ pub use mesh::{
 pub use outside::{Outside, WORTH, WORTH_OF_IMAGE, WORTH_OF_LABELS, covers, outside_field};
 pub use warp::{
     Interpolation, Scaled, push_point, resample, resample_contours, resample_labels, scale_by_volume, warp_image,
-    warp_labels, warp_mask,
+    warp_labels,
 };
 
 use crate::volume::{Mask, Volume};

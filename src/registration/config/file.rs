@@ -1,6 +1,5 @@
 //! A file of settings, or the report of an earlier run: a preset, overlaid with what it names.
 
-use super::earlier;
 use super::recorded::RecordedInput;
 use super::settings::{Config, Preset};
 use crate::error::{Error, Result};
@@ -86,7 +85,7 @@ impl ConfigFile {
             .map_err(|e| bad(e.to_string()))?;
         let preset = preset.or(named).unwrap_or_default();
         let mut value = preset.config().value()?;
-        overlay(&mut value, &Value::Object(earlier::current(self.settings.clone()).map_err(bad)?));
+        overlay(&mut value, &Value::Object(self.settings.clone()));
         value["preset"] = serde_json::to_value(preset).map_err(|e| Error::Internal(e.to_string()))?;
         let config: Config =
             serde_path_to_error::deserialize(value).map_err(|e| bad(format!("{}: {}", e.path(), e.inner())))?;

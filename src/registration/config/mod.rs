@@ -4,7 +4,6 @@
 //! `settings` has the complete settings, `presets` what they start from, `legal` what they may be, `file` how a file changes
 //! them, and `earlier` what files of earlier versions are read as. Plans of the study and the curve are `study`'s.
 
-mod earlier;
 mod file;
 mod legal;
 mod presets;

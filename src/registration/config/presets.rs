@@ -27,9 +27,6 @@ impl Preset {
                 output: OutputOptions { uncertainty: false, gzip_level: 0, ..OutputOptions::default() },
                 ..base
             },
-            Self::Accurate => {
-                Config { refine: RefineOptions { settled: 0.005, rounds: 5, ..RefineOptions::default() }, ..base }
-            }
             Self::Thesis => Config {
                 chainmail: ChainmailOptions::thesis(),
                 refine: RefineOptions { weight: 0.0, ..RefineOptions::default() },

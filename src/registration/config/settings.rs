@@ -70,8 +70,6 @@ pub enum Preset {
     /// Elements of 5 mm, fewer samples of the fit and comparisons of the images, no map of uncertainty, fields not made to agree
     /// between voxels.
     Fast,
-    /// More comparisons of the images and rounds of relaxation.
-    Accurate,
     /// The final model of the thesis (6.1.7): timestamps, linear decay, superposition t^-4, stiff, every voxel; nothing
     /// beyond it changes the field.
     Thesis,

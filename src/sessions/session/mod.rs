@@ -4,7 +4,9 @@
 //! fractions one after the other and hands each [`Registered`] on, which [`Registered::save`] writes. [`pose`] makes one of a
 //! motion that is given. Progress and interruption are the [`Runtime`](crate::runtime::Runtime)'s.
 
+pub mod fields;
 mod fraction;
+pub mod frames;
 mod headers;
 mod planning;
 mod posing;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub struct InvertOptions {
     /// A voxel has converged when |v + u(y + v)| is below this, mm.
+    #[serde(skip)]
     pub tolerance_mm: f64,
     /// Iteration limit per voxel.
     pub max_iterations: usize,

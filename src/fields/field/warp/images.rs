@@ -5,7 +5,7 @@ use super::super::PushField;
 use super::walk::{Corner, Hull, Places, pulled, walked};
 use crate::error::Result;
 use crate::geometry::LANES;
-use crate::volume::{LabelMap, Mask, Volume, cubic, trilinear_vector};
+use crate::volume::{LabelMap, Volume, cubic, trilinear_vector};
 use nalgebra::Point3;
 
 /// How values between voxels are found.
@@ -132,18 +132,6 @@ pub fn warp_image(pull: &PullField, image: &Volume<f32>, outside: f32) -> Result
 /// Only for internal inconsistency of grids.
 pub fn warp_labels(pull: &PullField, labels: &LabelMap) -> Result<LabelMap> {
     super::super::resample_labels(&pull.displacement, labels)
-}
-
-/// Fraction voxels whose pre-image is patient tissue: the voxel's nearest planning voxel is set in `mask`.
-///
-/// # Errors
-/// Only for internal inconsistency of grids.
-pub fn warp_mask(pull: &PullField, mask: &Mask) -> Result<Mask> {
-    let grid = mask.grid();
-    let values = pulled(&pull.displacement, grid, |index| {
-        grid.contains(index) && mask.data()[grid.linear([0, 1, 2].map(|a| index[a].round() as usize))]
-    });
-    Volume::new(pull.displacement.grid().clone(), values)
 }
 
 /// Where the push field takes a planning point; `None` outside the planning grid.

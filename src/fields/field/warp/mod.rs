@@ -11,5 +11,5 @@ mod walk;
 
 pub use contours::resample_contours;
 pub use density::{Scaled, scale_by_volume};
-pub use images::{Interpolation, push_point, resample, warp_image, warp_labels, warp_mask};
+pub use images::{Interpolation, push_point, resample, warp_image, warp_labels};
 pub use labels::resample_labels;

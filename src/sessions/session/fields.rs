@@ -5,6 +5,7 @@
 //! frames of reference that it joins, which scans in DICOM confirm or contradict.
 
 use super::frames::{FieldRole, NamedFrame, Uids, confirmed, uid_of};
+use super::source::Source;
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
@@ -25,7 +26,7 @@ const SAME_MM: f64 = 0.05;
 const SAME_BOX: f64 = 0.75;
 
 /// The role of a field of one case: by the option of its direction, or by another option and `--direction`.
-pub(super) fn role(direction: Direction, option: Option<InputRole>) -> FieldRole<'static> {
+pub fn role(direction: Direction, option: Option<InputRole>) -> FieldRole<'static> {
     let (from, to, own, remedy) = match (direction, option) {
         (Direction::PlanningToFraction, None) => {
             ("planning", "fraction", InputRole::PlanningToFraction, "give it as --fraction-to-planning")
@@ -44,7 +45,7 @@ pub(super) fn role(direction: Direction, option: Option<InputRole>) -> FieldRole
 }
 
 /// A grid that is known in a frame.
-pub(super) struct Known<'a> {
+pub struct Known<'a> {
     /// The frame.
     pub frame: &'a str,
     /// File or thing, for messages.
@@ -56,14 +57,14 @@ pub(super) struct Known<'a> {
 }
 
 /// A field from its file, with the frames that its header tells, and the frames of reference of a registration.
-pub(super) fn open(path: &Path) -> Result<(FieldFile, Option<FieldFrames>, Option<Uids>)> {
+pub fn open(path: &Path) -> Result<(FieldFile, Option<FieldFrames>, Option<Uids>)> {
     let (field, uids) = io::read_field_between(path)?;
     let own = io::frames_of(&field.header.description);
     Ok((field, own, uids))
 }
 
 /// Whether a header contradicts what is said of a field: names may differ, but none may stand at the other end.
-pub(super) fn contradicts(from: &str, to: &str, own: &FieldFrames) -> bool {
+pub fn contradicts(from: &str, to: &str, own: &FieldFrames) -> bool {
     from == own.to || to == own.from
 }
 
@@ -72,7 +73,7 @@ pub(super) fn contradicts(from: &str, to: &str, own: &FieldFrames) -> bool {
 /// # Errors
 /// [`Error::Input`] when its header tells the other direction, or it is a registration of other frames of reference; else as
 /// [`io::read_field`].
-pub(super) fn take(
+pub fn take(
     path: &Path,
     role: &FieldRole<'_>,
     known: &[Known<'_>],
@@ -152,7 +153,7 @@ fn fit(field: &Grid, image: &Grid) -> Fit {
 }
 
 /// A word about a field without a direction that lies on the grid of another frame than the one that it should start from.
-pub(super) fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Known<'_>]) -> Option<Warning> {
+pub fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Known<'_>]) -> Option<Warning> {
     let best = |own: bool| {
         let all = known.iter().filter(|k| (k.frame == from) == own);
         all.map(|k| (fit(field, k.grid), k)).min_by_key(|(fit, _)| *fit)
@@ -168,25 +169,38 @@ pub(super) fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Kno
     })
 }
 
-/// Reads the given direction or directions of a case's field and makes the missing one on the grid of its frame.
-pub(super) fn pair(
-    push: Option<&Path>,
-    pull: Option<&Path>,
+/// A displacement field that is given, or none.
+pub type Given = Option<Source<Volume<[f32; 3]>>>;
+
+/// A field that is given by its file.
+pub fn file(path: Option<&Path>) -> Given {
+    path.map(|path| Source::File(path.to_owned()))
+}
+
+/// The given direction or directions of a case's field, and the missing one, made on the grid of its frame. `option`: the
+/// option that names a single field, else that of its direction.
+///
+/// # Errors
+/// As [`take`]; [`Error::Usage`] when neither direction is given.
+pub fn pair(
+    [push, pull]: [Given; 2],
     option: Option<InputRole>,
     [planning, fraction]: [Option<&Grid>; 2],
     known: &[Known<'_>],
     provenance: &mut Provenance,
 ) -> Result<FieldPair> {
-    let mut field =
-        |direction, path: Option<&Path>| path.map(|p| take(p, &role(direction, option), known, provenance)).transpose();
+    let mut field = |direction, given: Given| match given {
+        None => Ok(None),
+        Some(Source::Memory(field)) => Ok(Some(field)),
+        Some(Source::File(path)) => take(&path, &role(direction, option), known, provenance).map(Some),
+    };
     let (push, pull) = (field(Direction::PlanningToFraction, push)?, field(Direction::FractionToPlanning, pull)?);
-    FieldPair::new(push, pull, planning, fraction)?.ok_or_else(|| {
-        Error::usage("no field is given", "add --planning-to-fraction FILE or --fraction-to-planning FILE")
-    })
+    FieldPair::new(push, pull, planning, fraction)?
+        .ok_or_else(|| Error::usage("no field is given", "give planning_to_fraction or fraction_to_planning, or both"))
 }
 
 /// Share of what the voxels of a grid weigh that a chain from there does not cover with all its fields, percent.
-pub(super) fn missed(chain: &Chain<'_>, grid: &Grid, weight: impl Fn(usize) -> f64 + Sync) -> f64 {
+pub fn missed(chain: &Chain<'_>, grid: &Grid, weight: impl Fn(usize) -> f64 + Sync) -> f64 {
     let slice = grid.strides()[2];
     let planes: Vec<[f64; 2]> = (0..grid.size()[2])
         .into_par_iter()

@@ -9,7 +9,7 @@ use crate::io::dicom::{Framed, Role, frame_of};
 use std::path::{Path, PathBuf};
 
 /// What a field is given for.
-pub(super) struct FieldRole<'a> {
+pub struct FieldRole<'a> {
     /// The file; its option has the role's name.
     pub given: InputRole,
     /// Frame whose points it takes.
@@ -21,16 +21,16 @@ pub(super) struct FieldRole<'a> {
 }
 
 /// UIDs of the frames of reference whose points a field takes, and where they arrive.
-pub(super) type Uids = [String; 2];
+pub type Uids = [String; 2];
 
 /// Frame of reference of a thing, if it is DICOM.
-pub(super) fn uid_of(place: Option<Framed<'_>>) -> Result<Option<String>> {
+pub fn uid_of(place: Option<Framed<'_>>) -> Result<Option<String>> {
     place.map_or(Ok(None), frame_of)
 }
 
 /// A frame of reference that has a name.
 #[derive(Debug, Clone)]
-pub(super) struct NamedFrame {
+pub struct NamedFrame {
     /// Its name here.
     pub name: String,
     /// Its UID.
@@ -43,7 +43,7 @@ pub(super) struct NamedFrame {
 ///
 /// # Errors
 /// [`Error::Input`] when it points the other way, or joins other frames of reference.
-pub(super) fn confirmed(
+pub fn confirmed(
     file: &str,
     uids: &Uids,
     role: &FieldRole<'_>,
@@ -82,7 +82,7 @@ fn strange(file: &str, [a, b]: &Uids, what: &str, frame: &str, uid: &str) -> Err
 
 /// The names of a registration's frames.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Confirmed {
+pub struct Confirmed {
     /// The names.
     pub frames: FieldFrames,
     /// Whether they are more than the user's word.
@@ -91,15 +91,15 @@ pub(super) struct Confirmed {
 
 /// Names of frames of reference: what `--field FROM:TO=FILE`, `--from` and `--to` say of them.
 #[derive(Default)]
-pub(super) struct Names {
+pub struct FrameNames {
     known: Vec<NamedFrame>,
     /// The names of both ends of a lone field.
     ends: Option<FieldFrames>,
 }
 
-impl Names {
+impl FrameNames {
     /// Of the things that lie in named frames. `ends` are the frames that a lone field must join.
-    pub(super) fn new(things: &[(&str, Framed<'_>)], ends: Option<FieldFrames>) -> Result<Self> {
+    pub fn new(things: &[(&str, Framed<'_>)], ends: Option<FieldFrames>) -> Result<Self> {
         let mut known: Vec<NamedFrame> = Vec::new();
         for (name, thing) in things {
             if let Some(uid) = frame_of(*thing)? {
@@ -122,7 +122,7 @@ impl Names {
     ///
     /// # Errors
     /// [`Error::Input`] when what is `said` contradicts what is known.
-    pub(super) fn of(&mut self, file: &str, uids: &Uids, said: Option<&FieldFrames>) -> Result<Option<Confirmed>> {
+    pub fn of(&mut self, file: &str, uids: &Uids, said: Option<&FieldFrames>) -> Result<Option<Confirmed>> {
         let [a, b] = uids;
         if a == b {
             return Ok(said.map(|s| Confirmed { frames: s.clone(), sure: false }));
@@ -156,7 +156,7 @@ impl Names {
 }
 
 /// What a path is read as, for its frame of reference.
-pub(super) fn role_of(input: &Path, dose: bool) -> Role {
+pub fn role_of(input: &Path, dose: bool) -> Role {
     match (crate::io::dicom::is_structure_set(input), dose) {
         (true, _) => Role::Structures,
         (_, true) => Role::Dose,
@@ -165,7 +165,7 @@ pub(super) fn role_of(input: &Path, dose: bool) -> Role {
 }
 
 /// The file of an option, as DICOM of a role.
-pub(super) fn place(path: &Option<PathBuf>, role: Role) -> Option<Framed<'_>> {
+pub fn place(path: &Option<PathBuf>, role: Role) -> Option<Framed<'_>> {
     path.as_deref().map(|p| role.at(p))
 }
 
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn a_frame_of_reference_has_one_name() {
-        let names = |known: &[(&str, &str)], ends: bool| Names {
+        let names = |known: &[(&str, &str)], ends: bool| FrameNames {
             known: known
                 .iter()
                 .map(|(uid, name)| NamedFrame { name: (*name).into(), uid: (*uid).into(), what: "a scan".into() })
