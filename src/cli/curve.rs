@@ -152,7 +152,7 @@ fn load(args: &CurveArgs, runtime: &Runtime) -> Result<(String, Case, Provenance
 
 /// A row of the table of peers.
 #[derive(Deserialize)]
-struct Row {
+struct PeerRow {
     name: String,
     seconds: f64,
     error_mm: f64,
@@ -161,7 +161,7 @@ struct Row {
 fn read_peers(path: &Path) -> Result<Vec<Peer>> {
     let remedy = "give a CSV table with the columns name, seconds, error_mm";
     let mut reader = csv::Reader::from_path(path).map_err(|e| Error::read(path, e.to_string(), remedy))?;
-    let rows: Vec<Row> = reader
+    let rows: Vec<PeerRow> = reader
         .deserialize()
         .collect::<std::result::Result<_, _>>()
         .map_err(|e: csv::Error| Error::read(path, e.to_string(), remedy))?;

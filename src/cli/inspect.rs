@@ -28,7 +28,7 @@ pub struct InspectArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report<'a> {
+struct InspectedReport<'a> {
     files: &'a [Inspection],
     grids: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -38,26 +38,28 @@ struct Report<'a> {
 }
 
 /// What a path is described as.
-enum Kind {
+enum InspectedKind {
     Run(Vec<FolderCheck>),
     Dicom(Summary),
     File,
 }
 
 /// A folder of runs is one, whatever else it holds; other folders are described by their DICOM.
-fn kind(path: &Path, anonymous: bool) -> Result<Kind> {
+fn kind(path: &Path, anonymous: bool) -> Result<InspectedKind> {
     if is_record(path) {
-        return check_folder(path).map(Kind::Run);
+        return check_folder(path).map(InspectedKind::Run);
     }
     if is_structure_set(path) {
-        return summary(path, anonymous).map(Kind::Dicom);
+        return summary(path, anonymous).map(InspectedKind::Dicom);
     }
     if !path.is_dir() {
-        return Ok(Kind::File);
+        return Ok(InspectedKind::File);
     }
     match check_folder(path) {
-        Err(error) if error.is(findings::NO_RUN) => summary(path, anonymous).map(Kind::Dicom).map_err(|_| error),
-        checked => checked.map(Kind::Run),
+        Err(error) if error.is(findings::NO_RUN) => {
+            summary(path, anonymous).map(InspectedKind::Dicom).map_err(|_| error)
+        }
+        checked => checked.map(InspectedKind::Run),
     }
 }
 
@@ -74,16 +76,16 @@ pub fn run(files: &[PathBuf], json: bool, anonymous: bool) -> Result<String> {
     let (mut folders, mut dicom, mut plain) = (Vec::new(), Vec::new(), Vec::new());
     for path in files {
         match kind(path, anonymous)? {
-            Kind::Run(checks) => folders.extend(checks),
-            Kind::Dicom(summary) => dicom.push(summary),
-            Kind::File => plain.push(path),
+            InspectedKind::Run(checks) => folders.extend(checks),
+            InspectedKind::Dicom(summary) => dicom.push(summary),
+            InspectedKind::File => plain.push(path),
         }
     }
     folders.iter().try_for_each(FolderCheck::require)?;
     let files = plain.into_iter().map(inspect).collect::<Result<Vec<_>>>()?;
     let grids = compare_grids(&files);
     if json {
-        let report = Report { files: &files, grids, folders, dicom };
+        let report = InspectedReport { files: &files, grids, folders, dicom };
         return crate::io::json(&report);
     }
     let shown = folders.iter().map(ToString::to_string).chain(dicom.iter().map(ToString::to_string));

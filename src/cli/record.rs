@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// The record of a run.
 #[derive(Serialize)]
-struct Record {
+struct RunRecord {
     version: &'static str,
     command: String,
     inputs: Vec<InputFile>,
@@ -33,6 +33,6 @@ pub(super) fn write(folder: &RunFolder, out: &Path, name: &str, inputs: Vec<Inpu
 pub(super) fn write_of(names: &[PathBuf], out: &Path, name: &str, mut inputs: Vec<InputFile>) -> Result<()> {
     inputs.iter_mut().for_each(|input| input.path = relative_to(out, &input.path));
     let outputs = outputs(out, names)?;
-    let record = Record { version: env!("CARGO_PKG_VERSION"), command: command_line(), inputs, outputs };
+    let record = RunRecord { version: env!("CARGO_PKG_VERSION"), command: command_line(), inputs, outputs };
     write_json(out.join(name), &record)
 }

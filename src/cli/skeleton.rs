@@ -46,7 +46,7 @@ pub struct SkeletonArgs {
 
 /// What the verb shows, besides what it writes.
 #[derive(Debug, Clone, Serialize)]
-struct Shown {
+struct SkeletonShown {
     /// The skeleton, with overrides laid over.
     #[serde(flatten)]
     skeleton: Skeleton,
@@ -109,7 +109,7 @@ fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
 
 /// Builds the skeleton of a label map, lays a `skeleton.toml` over it where given, and writes the result to `out`
 /// where given.
-fn show(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Result<Shown> {
+fn show(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Result<SkeletonShown> {
     let built = build(labels)?;
     let counted: Vec<(String, usize)> =
         built.skeleton.bones.iter().map(|b| b.name.clone()).zip(built.voxels.iter().copied()).collect();
@@ -122,10 +122,10 @@ fn show(labels: &LabelMap, overrides: Option<&Path>, out: Option<&Path>) -> Resu
     }
     let count = |name: &str| counted.iter().find(|(n, _)| n == name).map_or(0, |(_, c)| *c);
     let voxels = skeleton.bones.iter().map(|b| count(&b.name)).collect();
-    Ok(Shown { skeleton, voxels, ignored: built.ignored, warnings: built.warnings })
+    Ok(SkeletonShown { skeleton, voxels, ignored: built.ignored, warnings: built.warnings })
 }
 
-impl Shown {
+impl SkeletonShown {
     /// The tree, the ignored labels and the warnings as text.
     fn text(&self) -> String {
         let mut out = tree(&self.skeleton, &self.voxels);

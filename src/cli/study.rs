@@ -91,7 +91,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     let mut files: Vec<&Path> = args.plan.as_deref().into_iter().collect();
     files.extend(recorded.iter().map(|i| i.path.as_path()).filter(|p| p.exists()));
     let mut folder = run_folder(&args.out, &planned(&["study.json"], &TABLES), &files)?;
-    let moved = Moved::load(case)?;
+    let moved = StudiedMotion::load(case)?;
     // Stages that are finished stay, whatever becomes of the study.
     let ids: Vec<&str> = stages.iter().map(|(stage, _)| stage.id.as_str()).collect();
     let own: Vec<PathBuf> =
@@ -121,7 +121,7 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
 }
 
 fn run_stage(
-    moved: &Moved,
+    moved: &StudiedMotion,
     config: &Config,
     out: &Path,
     id: &str,
@@ -136,7 +136,7 @@ fn run_stage(
 }
 
 /// A case whose bones' motion is known from a finished run.
-struct Moved {
+struct StudiedMotion {
     title: String,
     case: Case,
     /// Whether its fraction is a scan.
@@ -148,7 +148,7 @@ struct Moved {
     motion: String,
 }
 
-impl Moved {
+impl StudiedMotion {
     /// Reads a folder that `register` or `pose` has written, and the files that it was made from.
     fn load(folder: &Path) -> Result<Self> {
         let path = folder.join("report.json");

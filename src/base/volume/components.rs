@@ -41,7 +41,7 @@ impl<T: Copy + PartialEq> Components<T> {
         let (mut runs, rows) = runs(volume, background);
         let value = |r: &Run| volume.data()[r.start];
         let [ni, nj, nk] = volume.grid().size();
-        // Rows (j, k) that come earlier in storage, as steps back in k and in j.
+        // ComponentRows (j, k) that come earlier in storage, as steps back in k and in j.
         let (slack, earlier) = match connectivity {
             Connectivity::Face => (0, &[(0, 1), (1, 0)][..]),
             Connectivity::Corner => (1, &[(0, 1), (1, 0), (1, 1), (1, -1)][..]),
@@ -51,7 +51,7 @@ impl<T: Copy + PartialEq> Components<T> {
                 let other_j = j.wrapping_add_signed(-dj);
                 if k >= dk && other_j < nj {
                     let (row, other) = (j + nj * k, other_j + nj * (k - dk));
-                    let pair = Rows { shift: (row - other) * ni, slack };
+                    let pair = ComponentRows { shift: (row - other) * ni, slack };
                     pair.join(&mut runs, rows[other]..rows[other + 1], rows[row]..rows[row + 1], value);
                 }
             }
@@ -121,12 +121,12 @@ fn runs<T: Copy + PartialEq>(volume: &Volume<T>, background: T) -> (Vec<Run>, Ve
 }
 
 /// Two rows: their distance in storage, and the number of voxels by which touching runs may miss each other.
-struct Rows {
+struct ComponentRows {
     shift: usize,
     slack: usize,
 }
 
-impl Rows {
+impl ComponentRows {
     /// Joins the runs `a` of the earlier and `b` of the later row that touch and have the same value.
     fn join<T: PartialEq>(
         &self,

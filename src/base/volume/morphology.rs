@@ -1,6 +1,6 @@
 //! Masks that grow and shrink by a ball of millimetres on anisotropic grids, 64 voxels of a row at a time.
 //!
-//! A ball is a stack of rows of voxels, each as long as the ball is wide there. Rows of bits are widened voxel by voxel, and each
+//! A ball is a stack of rows of voxels, each as long as the ball is wide there. MorphologyRows of bits are widened voxel by voxel, and each
 //! width goes to the rows at whose distance the ball has it.
 //!
 //! Nothing is known outside the image: its edge is neither foreground nor background, so that a patient who is
@@ -22,8 +22,8 @@ pub fn erode(mask: &Mask, radius: f64) -> Mask {
     grown(mask, false, radius).unpacked(mask, false)
 }
 
-/// Rows of voxels, row after row in storage, each from a word of its own on.
-struct Rows {
+/// MorphologyRows of voxels, row after row in storage, each from a word of its own on.
+struct MorphologyRows {
     words: Vec<u64>,
     /// Words of a row.
     length: usize,
@@ -31,7 +31,7 @@ struct Rows {
     tail: u64,
 }
 
-impl Rows {
+impl MorphologyRows {
     /// The voxels whose value is `target`.
     fn packed(mask: &Mask, target: bool) -> Self {
         let ni = mask.grid().size()[0];
@@ -77,14 +77,14 @@ impl Rows {
 }
 
 /// The voxels within `radius` mm of one whose value is `target`.
-fn grown(mask: &Mask, target: bool, radius: f64) -> Rows {
+fn grown(mask: &Mask, target: bool, radius: f64) -> MorphologyRows {
     let [ni, nj, nk] = mask.grid().size();
     let [si, sj, sk] = mask.grid().spacing();
     // With room for rounding, so that a radius of whole voxels counts as reached.
     let limit = radius * radius * (1.0 + 1e-5);
     let reach = |n: usize, step: f64| ((limit.sqrt() / step) as usize).min(n - 1) as isize;
     let (reach_j, reach_k) = (reach(nj, sj), reach(nk, sk));
-    // Rows at which the ball has each half width, in voxels.
+    // MorphologyRows at which the ball has each half width, in voxels.
     let mut of_width: Vec<Vec<[isize; 2]>> = Vec::new();
     for k in -reach_k..=reach_k {
         for j in -reach_j..=reach_j {
@@ -97,9 +97,9 @@ fn grown(mask: &Mask, target: bool, radius: f64) -> Rows {
             }
         }
     }
-    let mut wide = Rows::packed(mask, target);
+    let mut wide = MorphologyRows::packed(mask, target);
     let (length, plane) = (wide.length, nj * wide.length);
-    let mut out = Rows { words: vec![0; wide.words.len()], ..wide };
+    let mut out = MorphologyRows { words: vec![0; wide.words.len()], ..wide };
     for (width, rows) in of_width.iter().enumerate() {
         if width > 0 {
             wide.widen();
@@ -107,7 +107,7 @@ fn grown(mask: &Mask, target: bool, radius: f64) -> Rows {
         out.words.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
             for &[dj, dk] in rows {
                 let Some(from) = k.checked_add_signed(dk).filter(|k| *k < nk) else { continue };
-                // Rows that lie in the image at both ends of the way.
+                // MorphologyRows that lie in the image at both ends of the way.
                 let (first, last) = ((-dj).max(0) as usize, nj - dj.max(0) as usize);
                 let source = &wide.words[from * plane + first.saturating_add_signed(dj) * length..];
                 for (o, w) in out[first * length..last * length].iter_mut().zip(source) {

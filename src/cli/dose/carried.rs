@@ -52,7 +52,7 @@ impl Scenery {
     }
 
     /// Histograms and figures of a dose; nothing without structures.
-    fn histograms(&self, name: &str, dose: &Volume<f32>, page: &mut Content) -> Result<()> {
+    fn histograms(&self, name: &str, dose: &Volume<f32>, page: &mut PageContent) -> Result<()> {
         let Some(structures) = &self.structures else { return Ok(()) };
         let counted = structures.histograms(dose, &[], BIN);
         page.warnings.extend(doubts(&counted));
@@ -64,7 +64,7 @@ impl Scenery {
 }
 
 /// What the page of a carried dose says.
-pub(super) struct Content {
+pub(super) struct PageContent {
     pub(super) title: String,
     pub(super) pictures: Vec<DosePicture>,
     pub(super) tables: Vec<DoseTable>,
@@ -73,7 +73,7 @@ pub(super) struct Content {
 }
 
 /// One of several doses that were carried.
-pub(super) struct Part {
+pub(super) struct CarriedPart {
     name: String,
     weight: f64,
     /// Of one fraction, Gy.
@@ -84,7 +84,7 @@ pub(super) struct Part {
     pub(super) share: Option<Volume<f32>>,
 }
 
-impl Part {
+impl CarriedPart {
     /// The dose of a file, carried, that counts `weight` times; `drawn` keeps its share for a picture.
     pub(super) fn new(path: &Path, weight: f64, mapped: &Volume<f32>, drawn: bool) -> Self {
         let total = weight * mapped.data().iter().map(|d| f64::from(*d)).sum::<f64>();
@@ -102,10 +102,10 @@ pub(super) fn map(
     ct: Option<&Volume<f32>>,
     mapped: &Volume<f32>,
     report: &DoseReport,
-) -> Result<Content> {
+) -> Result<PageContent> {
     let (levels, steep) = (Levels::of(dose), steep(mapped));
     let after = Levels { through: Levels::of(mapped).through, ..levels };
-    let mut page = Content {
+    let mut page = PageContent {
         title: format!("{} carried to {frame}", stem(name)),
         pictures: vec![
             isodoses("Before, where it was computed", dose, ct, &levels, None)?,
@@ -119,7 +119,12 @@ pub(super) fn map(
 }
 
 /// The page of a sum of `parts`.
-pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], reports: &[DoseReport]) -> Result<Content> {
+pub(super) fn sum(
+    scenery: &Scenery,
+    total: &Volume<f32>,
+    parts: &[CarriedPart],
+    reports: &[DoseReport],
+) -> Result<PageContent> {
     let (levels, steep) = (Levels::of(total), steep(total));
     let ct = scenery.ct.as_ref();
     let mut pictures = vec![isodoses("The sum", total, ct, &levels, Some(&steep))?];
@@ -128,7 +133,7 @@ pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], report
         pictures.push(isodoses(&format!("Share of {}, times {}", part.name, part.weight), share, ct, &levels, None)?);
     }
     let whole = parts.iter().map(|p| p.total).sum::<f64>().max(f64::MIN_POSITIVE);
-    let row = |(part, report): (&Part, &DoseReport)| {
+    let row = |(part, report): (&CarriedPart, &DoseReport)| {
         let numbers = [
             format!("{}", part.weight),
             format!("{:.2}", part.greatest),
@@ -148,7 +153,7 @@ pub(super) fn sum(scenery: &Scenery, total: &Volume<f32>, parts: &[Part], report
             .into(),
         rows: parts.iter().zip(reports).map(row).collect(),
     };
-    let mut page = Content {
+    let mut page = PageContent {
         title: format!("dose accumulated over {} doses", parts.len()),
         pictures,
         tables: vec![shares, steep_table(total, &steep, reports)],

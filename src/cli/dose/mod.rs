@@ -31,7 +31,7 @@ use crate::runtime::Runtime;
 use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
-use carried::{Content, MOST_DRAWN, Part, Scenery};
+use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
 use out::{GiveBack, beside, check_out, gone, page_beside, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -167,7 +167,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
         });
         if scenery.is_some() {
-            shares.push(Part::new(path, weights[k], &mapped, k < MOST_DRAWN));
+            shares.push(CarriedPart::new(path, weights[k], &mapped, k < MOST_DRAWN));
         }
         reports.push(report);
     }
@@ -239,7 +239,7 @@ fn finish(
     back: &GiveBack<'_>,
     Carried { dose, weights, parts, sources }: Carried<'_>,
     mut provenance: Provenance,
-    page: Option<Content>,
+    page: Option<PageContent>,
     fields: &[&Path],
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
@@ -386,7 +386,7 @@ fn compare(args: &CompareArgs) -> Result<String> {
     let path = args.out.join("distance_to_dose_difference.nii.gz");
     io::write_image(path, &distance, Stored::Float32, &options("aventail: distance to dose difference, mm"))?;
     let (dose, reference) = (&dose, &reference);
-    let found = pages::Found { dose, reference, difference: &map, figures: &figures, cts: &cts };
+    let found = pages::DosesCompared { dose, reference, difference: &map, figures: &figures, cts: &cts };
     pages::write_compare(&args.out, &found, &provenance)?;
     let json = serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"), "command": command_line(),

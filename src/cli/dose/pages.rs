@@ -22,7 +22,7 @@ pub(super) fn read_cts(args: &CompareArgs, provenance: &mut Provenance) -> Resul
 }
 
 /// What a comparison has found.
-pub(super) struct Found<'a> {
+pub(super) struct DosesCompared<'a> {
     pub(super) dose: &'a Volume<f32>,
     pub(super) reference: &'a Volume<f32>,
     /// Dose minus reference on the reference's grid.
@@ -32,8 +32,8 @@ pub(super) struct Found<'a> {
 }
 
 /// Writes `compare.html`.
-pub(super) fn write_compare(folder: &Path, found: &Found<'_>, provenance: &Provenance) -> Result<()> {
-    let Found { dose, reference, difference, figures, cts: [ct, dose_ct] } = found;
+pub(super) fn write_compare(folder: &Path, found: &DosesCompared<'_>, provenance: &Provenance) -> Result<()> {
+    let DosesCompared { dose, reference, difference, figures, cts: [ct, dose_ct] } = found;
     let (levels, steep) = (Levels::of(reference), steep(reference));
     let pictures = vec![
         isodoses("Reference", reference, ct.as_ref(), &levels, None)?,

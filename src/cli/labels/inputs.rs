@@ -13,20 +13,20 @@ const IMAGES: [&str; 4] = [".nii.gz", ".nii", ".mha", ".nrrd"];
 
 /// One file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Source {
+pub(super) struct LabelSource {
     pub(super) path: PathBuf,
     /// The name that the command line gives.
     pub(super) given: Option<String>,
 }
 
 /// All files, in the order in which they keep voxels.
-pub(super) struct Sources {
-    pub(super) all: Vec<Source>,
+pub(super) struct LabelSources {
+    pub(super) all: Vec<LabelSource>,
     /// Files of folders that are no images.
     pub(super) passed_over: Vec<String>,
 }
 
-impl Sources {
+impl LabelSources {
     /// Of arguments: `FILE`, `NAME=FILE`, or a folder.
     ///
     /// # Errors
@@ -34,7 +34,7 @@ impl Sources {
     pub(super) fn of(arguments: &[PathBuf]) -> Result<Self> {
         let mut sources = Self { all: Vec::new(), passed_over: Vec::new() };
         for argument in arguments {
-            let source = Source::of(argument)?;
+            let source = LabelSource::of(argument)?;
             if source.given.is_none() && source.path.is_dir() {
                 sources.folder(&source.path)?;
             } else {
@@ -55,14 +55,14 @@ impl Sources {
         let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| is_image(f));
         if images.is_empty() {
             if others.iter().any(|f| is_structure_set(f)) {
-                self.all.push(Source { path: folder.to_owned(), given: None });
+                self.all.push(LabelSource { path: folder.to_owned(), given: None });
                 return Ok(());
             }
             let remedy =
                 "name a folder of masks (.nii.gz, .nii, .mha, .nrrd), as TotalSegmentator writes it without --ml";
             return Err(Error::read(folder, "it holds no image and no structure set", remedy));
         }
-        self.all.extend(images.into_iter().map(|path| Source { path, given: None }));
+        self.all.extend(images.into_iter().map(|path| LabelSource { path, given: None }));
         self.passed_over.extend(others.iter().map(|f| f.display().to_string()));
         Ok(())
     }
@@ -74,7 +74,7 @@ fn is_image(file: &Path) -> bool {
     !name.starts_with('.') && IMAGES.iter().any(|end| name.ends_with(end))
 }
 
-impl Source {
+impl LabelSource {
     fn of(argument: &Path) -> Result<Self> {
         let plain = || Self { path: argument.to_owned(), given: None };
         let Some((name, file)) = argument.to_str().and_then(|t| t.split_once('=')).filter(|_| !argument.exists())
@@ -180,15 +180,15 @@ mod tests {
 
     #[test]
     fn masks_are_named_by_argument_or_file() {
-        let name = |text: &str| Source::of(Path::new(text)).unwrap().name().unwrap();
+        let name = |text: &str| LabelSource::of(Path::new(text)).unwrap().name().unwrap();
         assert_eq!(name("a/vertebrae_C1.nii.gz"), "vertebrae_C1");
         assert_eq!(name("Bone.left.NII.GZ"), "Bone.left");
         assert_eq!(name("jaw.seg.nrrd"), "jaw");
         assert_eq!(name("skull=a/b=c.mha"), "skull");
-        assert_eq!(Source::of(Path::new("skull=a/b=c.mha")).unwrap().path, Path::new("a/b=c.mha"));
+        assert_eq!(LabelSource::of(Path::new("skull=a/b=c.mha")).unwrap().path, Path::new("a/b=c.mha"));
         for wrong in ["=a.nii", "skull=", "a/b=c.nii", " skull=a.nii"] {
-            assert_eq!(Source::of(Path::new(wrong)).unwrap_err().exit_code(), 2, "{wrong}");
+            assert_eq!(LabelSource::of(Path::new(wrong)).unwrap_err().exit_code(), 2, "{wrong}");
         }
-        assert_eq!(Source::of(Path::new("a/.nii")).unwrap().name().unwrap_err().exit_code(), 4);
+        assert_eq!(LabelSource::of(Path::new("a/.nii")).unwrap().name().unwrap_err().exit_code(), 4);
     }
 }

@@ -8,7 +8,7 @@ use crate::io::merge::{Merged, Merging};
 use crate::io::{WriteOptions, check_files, check_place, json, read_grid, write_labels};
 use crate::warning::Warning;
 use clap::{Args, Subcommand};
-use inputs::Sources;
+use inputs::LabelSources;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,7 @@ pub(super) fn run(verb: &LabelsVerb) -> Result<String> {
 
 /// What is told of a merged label map.
 #[derive(Serialize)]
-struct Told<'a> {
+struct LabelsTold<'a> {
     out: String,
     #[serde(flatten)]
     merged: &'a Merged,
@@ -88,7 +88,7 @@ struct Told<'a> {
 
 fn merge(args: &MergeArgs) -> Result<String> {
     require_names(&args.out)?;
-    let sources = Sources::of(&args.files)?;
+    let sources = LabelSources::of(&args.files)?;
     let more = [&args.grid, &args.labels].into_iter().flatten().map(PathBuf::as_path);
     let files: Vec<&Path> = sources.all.iter().map(|s| s.path.as_path()).chain(more).collect();
     check_files(&files, std::slice::from_ref(&args.out))?;
@@ -112,7 +112,7 @@ fn merge(args: &MergeArgs) -> Result<String> {
     warnings.dedup();
     let description = "label map, names in the header".into();
     write_labels(&args.out, &map, &WriteOptions { description, ..WriteOptions::default() })?;
-    let told = Told {
+    let told = LabelsTold {
         out: args.out.display().to_string(),
         merged: &merged,
         empty: &empty,
@@ -132,7 +132,7 @@ fn require_names(out: &Path) -> Result<()> {
     Err(Error::usage(problem, "name a file that ends in .nii.gz or .nii"))
 }
 
-impl Told<'_> {
+impl LabelsTold<'_> {
     fn text(&self) -> String {
         let mut text = String::new();
         let mut line = |l: String| writeln!(text, "{l}").expect("writing to a String cannot fail");

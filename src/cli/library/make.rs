@@ -2,7 +2,7 @@
 
 use super::args::LibraryArgs;
 use super::sources::Carried;
-use super::write::Written;
+use super::write::PostureWritten;
 use crate::body;
 use crate::chainmail::VolumeChange;
 use crate::config::Config;
@@ -39,7 +39,7 @@ pub(super) struct Maker<'a> {
 }
 
 /// A posture to be made.
-struct Wanted {
+struct PostureWanted {
     pose: Pose,
     changes: Vec<VolumeChange>,
     held: usize,
@@ -60,7 +60,7 @@ impl Maker<'_> {
             // Volumes that are no range hold for every posture.
             let fixed = self.plan.volumes.iter().filter(|v| v.range[0].to_bits() == v.range[1].to_bits());
             let change = |v: &VolumeRange| VolumeChange { organ: v.organ.clone(), factor: v.range[0] };
-            let wanted = Wanted {
+            let wanted = PostureWanted {
                 pose: own.pose.clone(),
                 changes: fixed.map(change).collect(),
                 held: 0,
@@ -93,14 +93,14 @@ impl Maker<'_> {
     }
 
     /// The next draw.
-    fn drawn(&mut self) -> Wanted {
+    fn drawn(&mut self) -> PostureWanted {
         let draw = self.draws;
         self.draws += 1;
         let Drawn { pose, factors, held } = self.plan.draw(draw, self.args.seed);
         let change =
             |(v, factor): (&crate::postures::VolumeRange, f64)| VolumeChange { organ: v.organ.clone(), factor };
         let changes = self.plan.volumes.iter().zip(factors).map(change).collect();
-        Wanted { pose, changes, held, chosen: None, draw: Some(draw) }
+        PostureWanted { pose, changes, held, chosen: None, draw: Some(draw) }
     }
 
     fn bones(&self, pose: &Pose) -> Vec<String> {
@@ -110,7 +110,13 @@ impl Maker<'_> {
 
     /// A posture with its files, those of an earlier run where they are as they would be made; and whether it is to be kept.
     /// What is not kept is not written.
-    fn made(&self, wanted: &Wanted, n: usize, name: &str, gallery: &mut Gallery) -> Result<(PostureRecord, bool)> {
+    fn made(
+        &self,
+        wanted: &PostureWanted,
+        n: usize,
+        name: &str,
+        gallery: &mut Gallery,
+    ) -> Result<(PostureRecord, bool)> {
         let key = self.key(wanted, n);
         let out = &self.args.out;
         if let Some(record) = PostureRecord::finished(out, name, &key) {
@@ -138,20 +144,20 @@ impl Maker<'_> {
         Ok((record, true))
     }
 
-    fn rejects(&self, wanted: &Wanted) -> bool {
+    fn rejects(&self, wanted: &PostureWanted) -> bool {
         self.args.reject && wanted.draw.is_some()
     }
 
     fn write(
         &self,
         outcome: &Outcome,
-        wanted: &Wanted,
+        wanted: &PostureWanted,
         n: usize,
         record: &mut PostureRecord,
         gallery: &mut Gallery,
         start: Instant,
     ) -> Result<()> {
-        let written = Written::of(outcome, self.degrade, self.seed(n))?;
+        let written = PostureWritten::of(outcome, self.degrade, self.seed(n))?;
         let (files, drawn) = self.runtime.beside(
             || written.write(self.args, self.config, &wanted.pose, self.carried, record),
             || gallery.add(&record.name, &written.ct, &written.labels),
@@ -161,7 +167,7 @@ impl Maker<'_> {
         (record.files, record.outputs) = (names, outputs);
         record.warnings.extend(warnings);
         record.seconds = start.elapsed().as_secs_f64();
-        Written::record(&self.args.out, record)
+        PostureWritten::record(&self.args.out, record)
     }
 
     /// Seed of the noise of posture `n`.
@@ -170,7 +176,7 @@ impl Maker<'_> {
     }
 
     /// What a posture depends on.
-    fn key(&self, wanted: &Wanted, n: usize) -> String {
+    fn key(&self, wanted: &PostureWanted, n: usize) -> String {
         // Noise differs from posture to posture, by its place.
         let noise = self.degrade.map(|_| self.seed(n));
         let own = serde_json::json!([sixes(&wanted.pose), wanted.changes, wanted.chosen, wanted.draw, noise]);

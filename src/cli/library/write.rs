@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What is to be written of a posture: all of it on one grid, which a degraded image may have made shorter.
-pub(super) struct Written<'a> {
+pub(super) struct PostureWritten<'a> {
     outcome: &'a Outcome,
     pub(super) ct: Cow<'a, Volume<f32>>,
     pub(super) labels: Cow<'a, LabelMap>,
@@ -30,7 +30,7 @@ pub(super) struct Written<'a> {
 }
 
 /// Names of files by what they are for, the same with checksums, and what writing them found.
-type Found = (BTreeMap<String, String>, Vec<OutputFile>, Vec<Warning>);
+type PostureFound = (BTreeMap<String, String>, Vec<OutputFile>, Vec<Warning>);
 
 /// The part of a volume on a part of its grid.
 fn part<T: Copy + Default + Send + Sync>(volume: &Volume<T>, grid: &Grid) -> Volume<T> {
@@ -39,7 +39,7 @@ fn part<T: Copy + Default + Send + Sync>(volume: &Volume<T>, grid: &Grid) -> Vol
     Volume::from_fn(grid.clone(), value)
 }
 
-impl<'a> Written<'a> {
+impl<'a> PostureWritten<'a> {
     /// Degrades the image where that is asked for.
     pub(super) fn of(outcome: &'a Outcome, options: Option<&CbctOptions>, seed: u64) -> Result<Self> {
         let ct = &outcome.planning_on_fraction;
@@ -68,7 +68,7 @@ impl<'a> Written<'a> {
         pose: &Pose,
         carried: &Carried,
         record: &PostureRecord,
-    ) -> Result<Found> {
+    ) -> Result<PostureFound> {
         let (out, name) = (&args.out, &record.name);
         let own = out.join(name);
         std::fs::create_dir_all(&own)

@@ -23,7 +23,7 @@ pub(super) struct Index {
 }
 
 #[derive(Serialize)]
-struct Written<'a> {
+struct IndexWritten<'a> {
     #[serde(flatten)]
     fractions: &'a Fractions,
     inputs: Vec<InputFile>,
@@ -63,7 +63,7 @@ impl Index {
         };
         let inputs = names.iter().map(report).collect::<Result<_>>()?;
         let outputs = record::outputs(&self.out, &[PAGE.into()])?;
-        io::write_json(self.out.join(JSON), &Written { fractions: &fractions, inputs, outputs })?;
+        io::write_json(self.out.join(JSON), &IndexWritten { fractions: &fractions, inputs, outputs })?;
         self.folder.finish();
         Ok(self.out.join(PAGE))
     }

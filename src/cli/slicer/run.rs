@@ -67,7 +67,7 @@ struct Own {
 }
 
 /// A result that was asked for: where Slicer reads it, and what `register` calls it.
-type Wanted<'a> = (&'a Path, &'static str);
+type SlicerWanted<'a> = (&'a Path, &'static str);
 
 impl ModuleArgs {
     /// What Slicer has no node for, it leaves out or gives as an empty text.
@@ -75,7 +75,7 @@ impl ModuleArgs {
         path.as_deref().filter(|p| !p.as_os_str().is_empty())
     }
 
-    fn wanted(&self) -> Vec<Wanted<'_>> {
+    fn wanted(&self) -> Vec<SlicerWanted<'_>> {
         let all = [
             (&self.transform, "fraction_to_planning.nrrd"),
             (&self.inverse, "planning_to_fraction.nrrd"),

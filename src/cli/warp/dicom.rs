@@ -2,7 +2,7 @@
 
 use super::super::links::LinkArg;
 use super::args::{VolumeKind, WarpArgs};
-use super::report::Report;
+use super::report::WarpReport;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io::dicom::like::{self, Like};
@@ -107,7 +107,7 @@ pub(super) fn write_volume(
     warped: &Volume<f32>,
     input: &Path,
     out: &Path,
-    report: &mut Report,
+    report: &mut WarpReport,
 ) -> Result<()> {
     if args.kind != Some(VolumeKind::Dose) {
         return like.image(out, warped, Some(input));

@@ -27,7 +27,7 @@ use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use args::{InterpolationName, VolumeKind};
 use nalgebra::Point3;
-use report::Report;
+use report::WarpReport;
 use std::path::{Path, PathBuf};
 
 /// Carries the input to its new frame, or writes the chain as one field; returns what was done.
@@ -51,7 +51,7 @@ pub fn run(args: &WarpArgs) -> Result<String> {
     })?;
     let options = InvertOptions::default();
     let chain = |from: &str, to: &str| runtime.stage("compose", || Chain::between(&links, from, to, &options));
-    let mut report = Report {
+    let mut report = WarpReport {
         from: args.from.clone(),
         to: args.to.clone(),
         kind: "field",
@@ -153,7 +153,7 @@ fn refuse_volume_options(args: &WarpArgs, input: &Path) -> Result<()> {
 }
 
 /// The chain as one field.
-fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut Report) -> Result<()> {
+fn export(args: &WarpArgs, chain: &Chain<'_>, out: &Path, report: &mut WarpReport) -> Result<()> {
     let ends = dicom::ends(args)?;
     let grid = match ends.as_ref().filter(|_| args.grid.is_none()) {
         Some([from, _]) => from.grid.clone(),
@@ -190,7 +190,7 @@ fn target(args: &WarpArgs, chain: &Chain<'_>, frame: &str, warnings: &mut Vec<Wa
     })
 }
 
-fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, report: &mut Report) -> Result<()> {
+fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, report: &mut WarpReport) -> Result<()> {
     let space = args.space.map(Into::into);
     let file = if args.field.iter().any(LinkArg::needs_space) {
         // --space speaks of the matrices; the points' own word on themselves contradicts nothing.
@@ -229,7 +229,7 @@ fn map_contours(
     back: &Chain<'_>,
     input: &Path,
     out: &Path,
-    report: &mut Report,
+    report: &mut WarpReport,
 ) -> Result<()> {
     let refuse = |problem: String, remedy: &str| Err(Error::usage(problem, remedy));
     let like = dicom::like(args)?;
@@ -285,7 +285,7 @@ fn map_volume(
     input: &Path,
     out: &Path,
     runtime: &Runtime,
-    report: &mut Report,
+    report: &mut WarpReport,
 ) -> Result<()> {
     let Some(kind) = args.kind else {
         return Err(Error::usage(
@@ -377,7 +377,7 @@ fn scalar(
     v: &Volume<[f32; 3]>,
     image: &Volume<f32>,
     greatest_dose: Option<f32>,
-    report: &mut Report,
+    report: &mut WarpReport,
 ) -> Result<Volume<f32>> {
     let interpolation = match args.interpolation {
         Some(InterpolationName::Cubic) => Interpolation::Cubic,

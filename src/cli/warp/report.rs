@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// What was done: the JSON that `--json` prints.
 #[derive(Debug, Serialize)]
-pub(super) struct Report {
+pub(super) struct WarpReport {
     pub(super) from: String,
     pub(super) to: String,
     /// Kind of the input.
@@ -28,7 +28,7 @@ pub(super) struct Report {
     pub(super) out: String,
 }
 
-impl Report {
+impl WarpReport {
     /// A word about fields of unknown direction that lie on the grid of the wrong frame.
     pub(super) fn doubt(&mut self, args: &WarpArgs, unsure: &[&Link], input: &Grid, target: &Grid) {
         let Some(path) = &args.grid else { return };

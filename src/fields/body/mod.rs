@@ -109,7 +109,7 @@ impl<'a> Hint<'a> {
 
 /// What a core is made of, in voxels.
 #[derive(Debug, Clone, Copy, Default)]
-struct Content {
+struct BodyContent {
     labelled: usize,
     soft: usize,
     bone: usize,
@@ -118,7 +118,7 @@ struct Content {
 /// Sorts the connected cores into patient and device; `None` without any core.
 fn sort_cores(ct: &Volume<f32>, hint: &Hint, cores: &Mask) -> Option<(Mask, Mask)> {
     let parts = Components::of(cores, false, Connectivity::Face);
-    let mut content = vec![Content::default(); parts.len()];
+    let mut content = vec![BodyContent::default(); parts.len()];
     for run in &parts.runs {
         let c = &mut content[run.component];
         for l in run.start..run.end {

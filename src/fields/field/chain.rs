@@ -82,12 +82,12 @@ pub struct ChainReport {
 impl ChainReport {
     /// The report of mapped points.
     pub fn of(mapped: &[Mapped]) -> Self {
-        let mut tally = Tally::default();
+        let mut tally = ChainTally::default();
         mapped.iter().for_each(|m| tally.add(m));
         Self::sum(vec![tally])
     }
 
-    fn sum(tallies: Vec<Tally>) -> Self {
+    fn sum(tallies: Vec<ChainTally>) -> Self {
         let inverted = tallies.iter().any(|t| t.inverted);
         let residuals: Vec<f64> = tallies.iter().flat_map(|t| t.residuals.iter().map(|&r| f64::from(r))).collect();
         Self {
@@ -101,7 +101,7 @@ impl ChainReport {
 }
 
 #[derive(Default)]
-struct Tally {
+struct ChainTally {
     residuals: Vec<f32>,
     points: usize,
     outside: usize,
@@ -110,7 +110,7 @@ struct Tally {
     worst: f64,
 }
 
-impl Tally {
+impl ChainTally {
     fn add(&mut self, m: &Mapped) {
         self.points += 1;
         self.outside += usize::from(!m.covered);
@@ -261,7 +261,7 @@ impl<'a> Chain<'a> {
             .par_chunks_mut(nx * ny)
             .enumerate()
             .map(|(k, plane)| {
-                let mut tally = Tally::default();
+                let mut tally = ChainTally::default();
                 for (n, u) in plane.iter_mut().enumerate() {
                     let x = grid.centre([n % nx, n / nx, k]);
                     let mapped = self.map(&x);

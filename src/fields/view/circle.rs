@@ -20,7 +20,7 @@ struct Round {
 }
 
 /// The circle of the slices across one axis.
-pub(super) struct Found {
+pub(super) struct CircleFound {
     /// In world coordinates, its rim not yet known.
     pub(super) circle: Circle,
     round: Round,
@@ -28,7 +28,7 @@ pub(super) struct Found {
     axes: [usize; 2],
 }
 
-impl Found {
+impl CircleFound {
     /// Depth of a voxel inside the circle, mm: negative beyond it.
     pub(super) fn depth(&self, grid: &Grid, at: [usize; 3]) -> f64 {
         let spacing = grid.spacing();
@@ -47,19 +47,19 @@ impl Found {
 }
 
 /// The circle that the padding leaves, if it is one about some axis.
-pub(super) fn find(padding: &Mask) -> Option<Found> {
+pub(super) fn find(padding: &Mask) -> Option<CircleFound> {
     [2, 1, 0].into_iter().find_map(|along| across(padding, along))
 }
 
 /// What any slice shows is looked at at once: air that is cut off at the padding's value frays each single one.
-fn across(padding: &Mask, along: usize) -> Option<Found> {
+fn across(padding: &Mask, along: usize) -> Option<CircleFound> {
     let grid = padding.grid();
     let axes = match along {
         0 => [1, 2],
         1 => [0, 2],
         _ => [0, 1],
     };
-    let shown = Shown::new(padding, axes);
+    let shown = CircleShown::new(padding, axes);
     let tolerance = ON_CIRCLE * axes.map(|a| grid.spacing()[a]).into_iter().fold(0.0, f64::max);
     let points = shown.border();
     let round = fitted(&points, tolerance)?;
@@ -72,17 +72,17 @@ fn across(padding: &Mask, along: usize) -> Option<Found> {
     (0..2).for_each(|n| index[axes[n]] = round.centre[n] / grid.spacing()[axes[n]]);
     let world = grid.world(&index);
     let circle = Circle { centre_mm: [world.x, world.y, world.z], along, radius_mm: round.radius, rim_mm: 0.0 };
-    Some(Found { circle, round, axes })
+    Some(CircleFound { circle, round, axes })
 }
 
 /// The pixels in which any slice shows more than padding, and the plane's pixels.
-struct Shown {
+struct CircleShown {
     any: Vec<bool>,
     size: [usize; 2],
     spacing: [f64; 2],
 }
 
-impl Shown {
+impl CircleShown {
     fn new(padding: &Mask, axes: [usize; 2]) -> Self {
         let grid = padding.grid();
         let size = axes.map(|a| grid.size()[a]);

@@ -1,6 +1,6 @@
 //! The bright ring that truncated projections leave just inside a reconstruction's circle.
 
-use super::circle::Found;
+use super::circle::CircleFound;
 use crate::volume::Volume;
 
 /// Rings of this width are compared, mm.
@@ -15,7 +15,7 @@ const TISSUE: std::ops::Range<f32> = -300.0..2000.0;
 const FEWEST: usize = 200;
 
 /// Depth below the circle to which tissue is too bright, mm.
-pub(super) fn width(ct: &Volume<f32>, circle: &Found) -> f64 {
+pub(super) fn width(ct: &Volume<f32>, circle: &CircleFound) -> f64 {
     let rings = (DEEPEST_MM / RING_MM) as usize;
     let mut values: Vec<Vec<f32>> = vec![Vec::new(); 2 * rings];
     let grid = ct.grid();

@@ -34,14 +34,14 @@ const MOST_MEMORY: i32 = 9;
 const EACH: usize = 8;
 
 /// The content of a file in memory, inflated as far as asked when it is gzip.
-pub(super) enum Content<'a> {
+pub(super) enum GzipContent<'a> {
     /// Not gzip.
     Plain(&'a [u8]),
     /// Gzip: what is inflated so far, and the rest.
     Packed(Vec<u8>, Box<Members<'a>>),
 }
 
-impl<'a> Content<'a> {
+impl<'a> GzipContent<'a> {
     /// The content of a file with these raw bytes.
     pub(super) fn new(raw: &'a [u8]) -> Self {
         if raw.starts_with(&MAGIC) {
@@ -330,7 +330,7 @@ mod tests {
         let mut file = compress(b"", b"abc", 1, true, 1);
         file.extend(compress(b"", b"defgh", 6, false, 1));
         file.extend([0; 20]);
-        let mut content = Content::new(&file);
+        let mut content = GzipContent::new(&file);
         assert_eq!(content.first(4).unwrap(), b"abcd");
         assert_eq!(content.first(7).unwrap(), b"abcdefg");
         assert_eq!(content.first(100).unwrap(), b"abcdefgh");
@@ -341,13 +341,13 @@ mod tests {
     fn damage_is_found_even_after_the_wanted_bytes() {
         let good = compress(b"", &payload_bytes(1, 5000), 1, false, 1);
         for cut in [good.len() - 1, good.len() - 8, good.len() / 2, 12, 5] {
-            let mut content = Content::new(&good[..cut]);
+            let mut content = GzipContent::new(&good[..cut]);
             assert!(content.first(5000).is_err() || content.checked().is_err(), "cut at {cut}");
         }
         let mut bad = good.clone();
         let at = bad.len() - 6;
         bad[at] ^= 1;
-        let mut content = Content::new(&bad);
+        let mut content = GzipContent::new(&bad);
         assert!(content.first(5000).is_err() || content.checked().is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! The headers of image files, for what must be known before values are read.
 
 use super::dicom;
-use super::gzip::Content;
+use super::gzip::GzipContent;
 use super::load::{load, parse};
 use crate::error::Result;
 use crate::findings;
@@ -53,8 +53,8 @@ fn head(path: &Path) -> Option<(Grid, Vec<Warning>)> {
 
 /// The same header before values that are not compressed, so that it is parsed without them.
 fn plain(raw: &[u8]) -> Option<Cow<'_, [u8]>> {
-    let mut content = Content::new(raw);
-    if let Content::Packed(..) = content {
+    let mut content = GzipContent::new(raw);
+    if let GzipContent::Packed(..) = content {
         return content.first(1 << 12).ok().map(|bytes| Cow::Owned(bytes.to_vec()));
     }
     for (packed, plain) in PACKED {

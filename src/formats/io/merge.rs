@@ -25,7 +25,7 @@ pub struct Merging {
     grid: Option<(Grid, PathBuf)>,
     /// Numbers in the order of coming, from 1.
     labels: Vec<u16>,
-    parts: Vec<Part>,
+    parts: Vec<MergedPart>,
     /// Voxels that a later structure (second) has in common with an earlier one.
     overlaps: BTreeMap<(u16, u16), usize>,
     left_out: Vec<String>,
@@ -33,7 +33,7 @@ pub struct Merging {
 }
 
 /// A structure that came.
-struct Part {
+struct MergedPart {
     name: String,
     file: PathBuf,
     /// Voxels that it keeps.
@@ -137,7 +137,7 @@ impl Merging {
             if name != *own {
                 self.renamed.push(Renamed { from: own.clone(), to: name.clone() });
             }
-            self.parts.push(Part { name, file: file.to_owned(), kept: 0 });
+            self.parts.push(MergedPart { name, file: file.to_owned(), kept: 0 });
             numbers[usize::from(label)] = u16::try_from(self.parts.len())
                 .map_err(|_| Error::input(file.display().to_string(), "no label number is left", "give fewer files"))?;
         }

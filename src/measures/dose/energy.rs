@@ -69,10 +69,10 @@ pub fn energy_mass(
         return Err(Error::input("energy/mass mapping", problem, "give 1 to 8 parts of a voxel along each axis"));
     }
     let planes = dose.grid().size()[2];
-    let chunks: Vec<Tally> = (0..CHUNKS)
+    let chunks: Vec<EnergyTally> = (0..CHUNKS)
         .into_par_iter()
         .map(|c| {
-            let mut tally = Tally::new(to);
+            let mut tally = EnergyTally::new(to);
             for k in planes * c / CHUNKS..planes * (c + 1) / CHUNKS {
                 tally.plane(k, dose, ct, field, options);
             }
@@ -101,14 +101,14 @@ pub fn energy_mass(
 }
 
 /// Energy (Gy g) and mass (g) of each target voxel from a part of the source.
-struct Tally<'a> {
+struct EnergyTally<'a> {
     to: &'a Grid,
     cells: Vec<[f64; 2]>,
     source: [f64; 2],
     outside: [f64; 2],
 }
 
-impl<'a> Tally<'a> {
+impl<'a> EnergyTally<'a> {
     fn new(to: &'a Grid) -> Self {
         Self { to, cells: vec![[0.0; 2]; to.len()], source: [0.0; 2], outside: [0.0; 2] }
     }
@@ -158,10 +158,10 @@ impl<'a> Tally<'a> {
         Vector3::new(edges.row(0).norm(), edges.row(1).norm(), edges.row(2).norm())
     }
 
-    /// Shares energy and mass among the voxels that a box overlaps.
+    /// EnergyShares energy and mass among the voxels that a box overlaps.
     fn lay(&mut self, centre: &Vector3<f64>, width: &Vector3<f64>, what: [f64; 2]) {
         let size = self.to.size();
-        let shares: [Shares; 3] = std::array::from_fn(|a| Shares::new(centre[a], width[a].max(1e-9)));
+        let shares: [EnergyShares; 3] = std::array::from_fn(|a| EnergyShares::new(centre[a], width[a].max(1e-9)));
         for (k, wk) in shares[2].each() {
             for (j, wj) in shares[1].each() {
                 for (i, wi) in shares[0].each() {
@@ -181,12 +181,12 @@ impl<'a> Tally<'a> {
 }
 
 /// Voxels along one axis that an interval overlaps, with their shares of it.
-struct Shares {
+struct EnergyShares {
     low: f64,
     high: f64,
 }
 
-impl Shares {
+impl EnergyShares {
     /// Voxel `i` reaches from `i - 1/2` to `i + 1/2`.
     fn new(centre: f64, width: f64) -> Self {
         Self { low: centre - width / 2.0 + 0.5, high: centre + width / 2.0 + 0.5 }

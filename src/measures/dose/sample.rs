@@ -16,7 +16,7 @@ const MOST: f64 = 8e6;
 const SOFT_MM: f64 = 0.5;
 
 /// Dose at one place, and the volume that it stands for in units of the structure's samples.
-pub(super) struct Sample {
+pub(super) struct DoseSample {
     pub gy: f32,
     pub weight: f32,
 }
@@ -24,7 +24,7 @@ pub(super) struct Sample {
 /// A structure's samples.
 pub(super) struct Sampled {
     pub name: String,
-    pub samples: Vec<Sample>,
+    pub samples: Vec<DoseSample>,
     /// Volume of a sample of weight 1, ml.
     pub unit_ml: f64,
     /// Volume of the structure itself, ml.
@@ -73,7 +73,7 @@ pub(super) fn labels(dose: &Volume<f32>, structures: &LabelMap) -> Vec<Sampled> 
                 out.samples.extend(middles.iter().map(|m| {
                     let gy = at(dose, &grid.world(&(voxel + m)));
                     out.outside += f64::from(u8::from(gy.is_none()));
-                    Sample { gy: gy.unwrap_or_default(), weight: 1.0 }
+                    DoseSample { gy: gy.unwrap_or_default(), weight: 1.0 }
                 }));
             }
             out
@@ -101,7 +101,7 @@ pub(super) fn contours(dose: &Volume<f32>, all: &Contours, structure: &Structure
         let part = Vector3::new(i as f64, j as f64, k as f64);
         (first + part).zip_map(&step, |m, s| (m + 0.5) * s - 0.5)
     };
-    let planes: Vec<(Vec<Sample>, f64)> = (0..count[2])
+    let planes: Vec<(Vec<DoseSample>, f64)> = (0..count[2])
         .into_par_iter()
         .map(|k| {
             let (mut samples, mut outside) = (Vec::new(), 0.0);
@@ -112,7 +112,7 @@ pub(super) fn contours(dose: &Volume<f32>, all: &Contours, structure: &Structure
                     if weight > 0.0 {
                         let gy = at(dose, &point);
                         outside += if gy.is_none() { f64::from(weight as f32) } else { 0.0 };
-                        samples.push(Sample { gy: gy.unwrap_or_default(), weight: weight as f32 });
+                        samples.push(DoseSample { gy: gy.unwrap_or_default(), weight: weight as f32 });
                     }
                 }
             }

@@ -39,14 +39,14 @@ pub struct CellKinds {
     /// Names of the bones, by index.
     pub(super) names: Vec<String>,
     /// Runs of the rows, in storage order; cells between them lie outside.
-    runs: Vec<Run>,
+    runs: Vec<CellRun>,
     /// Where each row of cells begins in `runs`, and the end.
     rows: Vec<usize>,
 }
 
 /// Neighbouring cells of a row that hold the same.
 #[derive(Debug, Clone, Copy)]
-struct Run {
+struct CellRun {
     /// Along the row.
     first: u32,
     end: u32,
@@ -75,7 +75,7 @@ impl CellKinds {
         let [_, nj, nk] = grid.size();
         let look =
             Look { grid: &grid, tissue: tissue.data(), labels: bones.volume.data(), bone_of: &bone_of, interfaces };
-        let planes: Vec<(Vec<Run>, Vec<usize>)> = (0..nk).into_par_iter().map(|k| look.plane(k)).collect();
+        let planes: Vec<(Vec<CellRun>, Vec<usize>)> = (0..nk).into_par_iter().map(|k| look.plane(k)).collect();
         let (mut runs, mut rows) =
             (Vec::with_capacity(planes.iter().map(|p| p.0.len()).sum()), Vec::with_capacity(nj * nk + 1));
         for (of_plane, begins) in planes {
@@ -91,7 +91,7 @@ impl CellKinds {
         self.of_row(row).iter().map(|r| (r.first as usize..r.end as usize, r.kind))
     }
 
-    fn of_row(&self, row: usize) -> &[Run] {
+    fn of_row(&self, row: usize) -> &[CellRun] {
         &self.runs[self.rows[row]..self.rows[row + 1]]
     }
 
@@ -148,7 +148,7 @@ struct Look<'a> {
 
 impl Look<'_> {
     /// The runs of the cells between planes `k` and `k + 1`, and where each row begins in them.
-    fn plane(&self, k: usize) -> (Vec<Run>, Vec<usize>) {
+    fn plane(&self, k: usize) -> (Vec<CellRun>, Vec<usize>) {
         let [ni, nj, nk] = self.grid.size();
         let (mut runs, mut rows) = (Vec::new(), Vec::with_capacity(nj));
         if k + 1 == nk {
@@ -177,8 +177,8 @@ impl Look<'_> {
     }
 
     /// Adds the runs of a row of cells.
-    fn row(&self, [j, k]: [usize; 2], solid: &[bool], labelled: &[u16], runs: &mut Vec<Run>) {
-        let mut open: Option<Run> = None;
+    fn row(&self, [j, k]: [usize; 2], solid: &[bool], labelled: &[u16], runs: &mut Vec<CellRun>) {
+        let mut open: Option<CellRun> = None;
         let pairs = solid.iter().zip(&solid[1..]).zip(labelled.iter().zip(&labelled[1..])).enumerate();
         for (i, ((a, b), (p, q))) in pairs {
             let kind = match a & b {
@@ -189,10 +189,10 @@ impl Look<'_> {
             if open.is_some_and(|run| run.kind == kind) {
                 continue;
             }
-            runs.extend(open.take().map(|run| Run { end: i as u32, ..run }));
-            open = (kind != Cell::Outside).then_some(Run { first: i as u32, end: 0, kind });
+            runs.extend(open.take().map(|run| CellRun { end: i as u32, ..run }));
+            open = (kind != Cell::Outside).then_some(CellRun { first: i as u32, end: 0, kind });
         }
-        runs.extend(open.map(|run| Run { end: solid.len() as u32 - 1, ..run }));
+        runs.extend(open.map(|run| CellRun { end: solid.len() as u32 - 1, ..run }));
     }
 
     /// The kind of a cell of tissue.

@@ -34,18 +34,18 @@ pub struct JacobianStats {
 
 /// The five characteristics of the Jacobians in `parts`, of which folded ones are negative.
 pub fn stats(parts: &[&[f32]]) -> JacobianStats {
-    Tally::of(parts).stats(parts)
+    CharacteristicTally::of(parts).stats(parts)
 }
 
 /// What the first pass finds of values: the positive ones' bins, and sums.
-pub(super) struct Tally {
-    sums: Sums,
+pub(super) struct CharacteristicTally {
+    sums: CharacteristicSums,
     positive: Bins,
 }
 
 /// What is counted and added.
 #[derive(Clone, Copy)]
-struct Sums {
+struct CharacteristicSums {
     cells: usize,
     above: usize,
     below: usize,
@@ -55,7 +55,7 @@ struct Sums {
     max: f32,
 }
 
-impl Sums {
+impl CharacteristicSums {
     const NONE: Self = Self { cells: 0, above: 0, below: 0, sum: 0.0, min: f32::INFINITY, max: 0.0 };
 
     fn of(parts: &[&[f32]]) -> Self {
@@ -80,7 +80,7 @@ impl Sums {
     }
 }
 
-/// [`Sums`] of values in turn: one sum would wait for itself from value to value.
+/// [`CharacteristicSums`] of values in turn: one sum would wait for itself from value to value.
 struct Lanes {
     above: [u32; LANES],
     below: [u32; LANES],
@@ -123,20 +123,23 @@ impl Lanes {
     }
 
     /// What was found in one of them.
-    fn lane(&self, l: usize) -> Sums {
+    fn lane(&self, l: usize) -> CharacteristicSums {
         let [above, below] = [self.above[l], self.below[l]].map(|n| n as usize);
-        Sums { cells: 0, above, below, sum: self.sum[l], min: self.min[l], max: self.max[l] }
+        CharacteristicSums { cells: 0, above, below, sum: self.sum[l], min: self.min[l], max: self.max[l] }
     }
 }
 
 /// Runs of values that one task adds up; their number decides in which order sums are added.
 const TASK: usize = 2048;
 
-impl Tally {
+impl CharacteristicTally {
     /// Of the values in `parts`.
     pub(super) fn of(parts: &[&[f32]]) -> Self {
-        let sums: Vec<Sums> = parts.par_chunks(TASK).map(Sums::of).collect();
-        Self { sums: sums.into_iter().fold(Sums::NONE, Sums::with), positive: Bins::of(parts, |j| j > 0.0) }
+        let sums: Vec<CharacteristicSums> = parts.par_chunks(TASK).map(CharacteristicSums::of).collect();
+        Self {
+            sums: sums.into_iter().fold(CharacteristicSums::NONE, CharacteristicSums::with),
+            positive: Bins::of(parts, |j| j > 0.0),
+        }
     }
 
     /// Of the values of both.
@@ -146,7 +149,7 @@ impl Tally {
 
     /// The characteristics; `parts` are the values that were counted.
     pub(super) fn stats(&self, parts: &[&[f32]]) -> JacobianStats {
-        let Sums { cells, above, below, sum, min, max } = self.sums;
+        let CharacteristicSums { cells, above, below, sum, min, max } = self.sums;
         let n = self.positive.count();
         let percent = |count: usize, of: usize| if of == 0 { 0.0 } else { 100.0 * count as f64 / of as f64 };
         let at = |share: f64| (share * n.saturating_sub(1) as f64).round() as usize;

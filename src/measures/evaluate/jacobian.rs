@@ -1,7 +1,7 @@
 //! Characteristics of a Jacobian map (thesis Tab. 2).
 
 use super::cell::{Cell, CellKinds};
-use super::characteristics::Tally;
+use super::characteristics::CharacteristicTally;
 pub use super::characteristics::{JacobianStats, stats};
 use crate::field::{FOLDED, PushField, RowOfCells, folded_anywhere, jacobian_by_rows};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
@@ -81,14 +81,14 @@ pub fn evaluate(push: &PushField, cells: &CellKinds) -> (Spans<f32>, JacobianRep
 /// As [`evaluate`], and where digital folds lie.
 pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, JacobianReport, DigitalFolds) {
     let at_least = |row: usize| cells.extent(row);
-    let (map, found) = jacobian_by_rows(push, at_least, |found: &mut Found, row| found.take(row, cells));
-    let Runs { soft, bony, inside, contact, interface } = Runs::of(&map, cells);
-    let of_soft = Tally::of(&soft);
+    let (map, found) = jacobian_by_rows(push, at_least, |found: &mut CellsFound, row| found.take(row, cells));
+    let CellRuns { soft, bony, inside, contact, interface } = CellRuns::of(&map, cells);
+    let of_soft = CharacteristicTally::of(&soft);
     let soft_tissue = of_soft.stats(&soft);
-    let (of_body, body_runs) = (of_soft.with(&Tally::of(&bony)), [soft, bony].concat());
+    let (of_body, body_runs) = (of_soft.with(&CharacteristicTally::of(&bony)), [soft, bony].concat());
     let body = of_body.stats(&body_runs);
     let apart = [contact.as_slice(), &interface].concat();
-    let of_all = of_body.with(&Tally::of(&apart));
+    let of_all = of_body.with(&CharacteristicTally::of(&apart));
     let all = of_all.stats(&[body_runs, apart].concat());
     let of_bones: Vec<JacobianStats> = inside.par_iter().map(|runs| stats(runs)).collect();
     let folds = |part: fn(&DigitalFolds) -> usize| found.iter().map(|f| part(&f.folds)).sum();
@@ -145,13 +145,13 @@ fn place_of(map: &Spans<f32>, cells: &CellKinds, folded: usize) -> Option<Point3
 
 /// What a plane of cells holds that is not in the map.
 #[derive(Default)]
-struct Found {
+struct CellsFound {
     folds: DigitalFolds,
     /// Lowest corners of body cells whose Jacobian is large enough to differ from another by more than [`JUMP`].
     high: Vec<[usize; 3]>,
 }
 
-impl Found {
+impl CellsFound {
     /// Takes up a row of cells.
     fn take(&mut self, of: RowOfCells<'_, f32, bool>, cells: &CellKinds) {
         for (run, kind) in cells.row(of.row) {
@@ -176,7 +176,7 @@ impl Found {
 
 /// The values of a map by what its cells hold, in runs where they lie.
 #[derive(Default)]
-struct Runs<'a> {
+struct CellRuns<'a> {
     soft: Vec<&'a [f32]>,
     /// Partly or wholly one bone.
     bony: Vec<&'a [f32]>,
@@ -186,7 +186,7 @@ struct Runs<'a> {
     interface: Vec<&'a [f32]>,
 }
 
-impl<'a> Runs<'a> {
+impl<'a> CellRuns<'a> {
     fn of(map: &'a Spans<f32>, cells: &CellKinds) -> Self {
         let mut all = Self { inside: vec![Vec::new(); cells.names.len()], ..Self::default() };
         for row in cells.rows() {

@@ -44,10 +44,10 @@ pub fn evaluate(
 ) -> SimilarityReport {
     let grid = fraction.grid();
     let plane = grid.strides()[2];
-    let sums: Vec<[Sums; 2]> = (0..grid.size()[2])
+    let sums: Vec<[SimilaritySums; 2]> = (0..grid.size()[2])
         .into_par_iter()
         .map(|k| {
-            let mut sums = [Sums::default(), Sums::default()];
+            let mut sums = [SimilaritySums::default(), SimilaritySums::default()];
             for l in k * plane..(k + 1) * plane {
                 let y = grid.centre(grid.voxel(l));
                 let Some(x) = displacement(pull, &y).map(|v| y + v).filter(|x| nearest(mask, x)) else { continue };
@@ -61,29 +61,29 @@ pub fn evaluate(
             sums
         })
         .collect();
-    let mut all = [Sums::default(), Sums::default()];
+    let mut all = [SimilaritySums::default(), SimilaritySums::default()];
     for plane in &sums {
         all.iter_mut().zip(plane).for_each(|(a, p)| a.join(p));
     }
     SimilarityReport { before: all[0].result(), after: all[1].result() }
 }
 
-/// Sums over voxel pairs.
+/// SimilaritySums over voxel pairs.
 #[derive(Clone)]
-struct Sums {
+struct SimilaritySums {
     n: usize,
     /// a, b, aa, bb, ab, (a - b)^2, |a - b|.
     of: [f64; 7],
     joint: Vec<u32>,
 }
 
-impl Default for Sums {
+impl Default for SimilaritySums {
     fn default() -> Self {
         Self { n: 0, of: [0.0; 7], joint: vec![0; BINS * BINS] }
     }
 }
 
-impl Sums {
+impl SimilaritySums {
     fn add(&mut self, a: f64, b: f64) {
         self.n += 1;
         let d = a - b;

@@ -16,12 +16,12 @@ pub struct Surface {
     /// Area that each vertex stands for, mm^2.
     pub areas: Vec<f64>,
     triangles: Vec<[u32; 3]>,
-    nodes: Vec<Node>,
+    nodes: Vec<SurfaceNode>,
 }
 
 /// A box of the search tree: a leaf holds triangles `from..to`, an inner box the children `from` and `to`.
 #[derive(Debug, Clone)]
-struct Node {
+struct SurfaceNode {
     low: Point3<f64>,
     high: Point3<f64>,
     from: u32,
@@ -110,7 +110,7 @@ impl Surface {
         let [low, high] =
             (from..to).flat_map(|t| self.corners(t)).fold(start, |[low, high], p| [low.inf(&p), high.sup(&p)]);
         let at = self.nodes.len() as u32;
-        self.nodes.push(Node { low, high, from: from as u32, to: to as u32, leaf: true });
+        self.nodes.push(SurfaceNode { low, high, from: from as u32, to: to as u32, leaf: true });
         if to - from > LEAF {
             let axis = (high - low).imax();
             let vertices = &self.vertices;
@@ -126,7 +126,7 @@ impl Surface {
     }
 }
 
-impl Node {
+impl SurfaceNode {
     fn squared_distance(&self, p: &Point3<f64>) -> f64 {
         (0..3).map(|a| (self.low[a] - p[a]).max(p[a] - self.high[a]).max(0.0).powi(2)).sum()
     }

@@ -14,14 +14,14 @@ struct Alike {
 }
 
 /// A group of colours, which becomes one.
-struct Group {
+struct ColourGroup {
     colours: Vec<Alike>,
     mean: [f64; 3],
     /// Sum of squared differences from the mean, by channel.
     spread: [f64; 3],
 }
 
-impl Group {
+impl ColourGroup {
     fn of(colours: Vec<Alike>) -> Self {
         let count: f64 = colours.iter().map(|c| c.count).sum();
         let sum = |f: &dyn Fn(&Alike) -> f64| colours.iter().map(|c| c.count * f(c)).sum::<f64>();
@@ -65,7 +65,7 @@ impl Palette {
             Alike { key, count: f64::from(*n), mean }
         };
         let all: Vec<Alike> = counts.iter().enumerate().filter(|(_, bin)| bin[0] > 0).map(alike).collect();
-        let mut groups = vec![Group::of(all)];
+        let mut groups = vec![ColourGroup::of(all)];
         while groups.len() < most.min(256) {
             let widest = (0..groups.len()).max_by(|&a, &b| groups[a].total().total_cmp(&groups[b].total()));
             let Some(widest) = widest.filter(|&n| groups[n].colours.len() > 1 && groups[n].total() > 0.0) else {

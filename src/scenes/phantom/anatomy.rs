@@ -2,9 +2,9 @@
 
 use super::asymmetry::drawn_at;
 use super::cells::Cells;
-use super::outline::{self, Couch};
+use super::outline::{self, OutlineCouch};
 use super::shape::{Bounds, Shape, V3};
-use super::solid::{BoneSolid, Fill, Gather, Role, Solid, Tissue};
+use super::solid::{BoneSolid, Fill, Gather, Solid, SolidRole, SolidTissue};
 use super::texture::smoothstep;
 use super::{head_bones, head_tissue, spine, trunk_bones, trunk_tissue};
 use nalgebra::Point3;
@@ -26,22 +26,22 @@ const MOST_NEAR: usize = 16;
 #[derive(Debug, Clone)]
 pub struct Anatomy {
     bones: Vec<BoneSolid>,
-    bone_parts: Vec<Part>,
+    bone_parts: Vec<AnatomyPart>,
     bone_cells: Cells,
-    tissues: Vec<Tissue>,
-    tissue_parts: Vec<Part>,
+    tissues: Vec<SolidTissue>,
+    tissue_parts: Vec<AnatomyPart>,
     tissue_cells: Cells,
     skin: Vec<(f64, Shape)>,
     skin_cells: Cells,
     depth: Vec<Depth>,
-    couch: Couch,
+    couch: OutlineCouch,
     edge: f64,
     fat: f64,
 }
 
 /// A shape of a solid, by position.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct AnatomyPart {
     owner: u16,
     index: u16,
 }
@@ -82,8 +82,8 @@ impl Near {
     }
 }
 
-fn parts<'a>(solids: impl Iterator<Item = &'a Solid>) -> Vec<Part> {
-    let of = |(owner, s): (u16, &Solid)| (0..s.parts.len() as u16).map(move |index| Part { owner, index });
+fn parts<'a>(solids: impl Iterator<Item = &'a Solid>) -> Vec<AnatomyPart> {
+    let of = |(owner, s): (u16, &Solid)| (0..s.parts.len() as u16).map(move |index| AnatomyPart { owner, index });
     (0u16..).zip(solids).flat_map(of).collect()
 }
 
@@ -119,7 +119,7 @@ impl Anatomy {
             skin,
             depth: Vec::new(),
             skin_cells,
-            couch: Couch::new(fat),
+            couch: OutlineCouch::new(fat),
             edge,
             fat,
         };
@@ -208,7 +208,7 @@ impl Anatomy {
         let mut end = list.len();
         while end > 0 && paint.through > 0.0 {
             let (owner, from) = group(&self.tissue_parts, list, end);
-            let Tissue { fill, solid } = &self.tissues[owner];
+            let SolidTissue { fill, solid } = &self.tissues[owner];
             let d = gather(p, &self.tissue_parts, &list[from..end], solid).distance();
             end = from;
             if *fill == Fill::Muscle {
@@ -284,7 +284,7 @@ impl Paint {
 }
 
 /// The solid that owns the entry before `end` of a cell's list, and where its entries begin.
-fn group(parts: &[Part], list: &[u32], end: usize) -> (usize, usize) {
+fn group(parts: &[AnatomyPart], list: &[u32], end: usize) -> (usize, usize) {
     let owner = |n: usize| parts[list[n] as usize].owner;
     let last = owner(end - 1);
     let from = (0..end).rev().take_while(|&n| owner(n) == last).last().unwrap_or(end - 1);
@@ -292,10 +292,10 @@ fn group(parts: &[Part], list: &[u32], end: usize) -> (usize, usize) {
 }
 
 /// Distances of those shapes of a solid that a cell lists.
-fn gather(p: &V3, parts: &[Part], list: &[u32], solid: &Solid) -> Gather {
+fn gather(p: &V3, parts: &[AnatomyPart], list: &[u32], solid: &Solid) -> Gather {
     let mut out = Gather::default();
     for n in list {
-        let (role, shape): &(Role, Shape) = &solid.parts[usize::from(parts[*n as usize].index)];
+        let (role, shape): &(SolidRole, Shape) = &solid.parts[usize::from(parts[*n as usize].index)];
         out.visit(*role, shape.distance(p));
     }
     out

@@ -15,7 +15,7 @@ pub(super) struct Cells {
 }
 
 /// Least and greatest cell of a box along each axis.
-type Span = [[usize; 3]; 2];
+type CellSpan = [[usize; 3]; 2];
 
 impl Cells {
     /// Lists the shapes that come within `margin` mm of each cell of the box. Numbers ascend in each list.
@@ -45,7 +45,7 @@ impl Cells {
     fn touched(&self, shape: &Shape, margin: f64) -> Vec<usize> {
         let [lo, hi] = shape.bounds();
         let index = |v: f64, a: usize| (((v - self.low[a]) / CELL).floor().max(0.0) as usize).min(self.size[a] - 1);
-        let [from, to]: Span =
+        let [from, to]: CellSpan =
             [std::array::from_fn(|a| index(lo[a] - margin, a)), std::array::from_fn(|a| index(hi[a] + margin, a))];
         let reach = margin + CELL * 0.5 * 3.0f64.sqrt() + 1e-6;
         let mut out = Vec::new();

@@ -2,7 +2,7 @@
 
 use super::build::{block, both, cap, chain, ell, ell_turned, plate};
 use super::shape::Shape;
-use super::solid::{BoneSolid, Role, Solid};
+use super::solid::{BoneSolid, Solid, SolidRole};
 
 /// Tilt of the cranium, degrees: forehead up.
 const TILT: [f64; 3] = [-13.0, 0.0, 0.0];
@@ -90,11 +90,11 @@ pub(super) fn skull() -> BoneSolid {
     ]);
     let extra = [block([0.0, -56.0, 18.0], [0.35, 18.0, 16.0], 0.3), block([0.0, -58.0, 2.6], [20.0, 24.0, 1.3], 1.2)];
     let solid = Solid::default()
-        .with(Role::Add, cavity(6.5))
-        .with(Role::Add, face())
-        .with(Role::Cut, cut)
-        .with(Role::Extra, extra)
-        .with(Role::Tooth, teeth(1.0, -4.0, -9.6));
+        .with(SolidRole::Add, cavity(6.5))
+        .with(SolidRole::Add, face())
+        .with(SolidRole::Cut, cut)
+        .with(SolidRole::Extra, extra)
+        .with(SolidRole::Tooth, teeth(1.0, -4.0, -9.6));
     BoneSolid::new("skull", solid).filled(2.0, 1250.0, 520.0)
 }
 
@@ -130,7 +130,7 @@ pub(super) fn mandible() -> BoneSolid {
         half.push(plate([xyz(low[n]), xyz(low[n + 1]), xyz(high[n])], 4.6));
         half.push(plate([xyz(high[n]), xyz(high[n + 1]), xyz(low[n + 1])], 4.6));
     }
-    let solid = Solid::of(both(half)).with(Role::Tooth, teeth(0.97, -22.0, -15.4));
+    let solid = Solid::of(both(half)).with(SolidRole::Tooth, teeth(0.97, -22.0, -15.4));
     BoneSolid::new("mandible", solid).filled(2.2, 1350.0, 380.0)
 }
 

@@ -3,15 +3,15 @@
 use super::build::{block, both, cap, chain, ell, ell_turned, plate};
 use super::head_bones::cavity;
 use super::shape::Shape;
-use super::solid::{Fill, Role, Solid, Tissue};
+use super::solid::{Fill, Solid, SolidRole, SolidTissue};
 use super::spine;
 
-fn part(fill: Fill, shapes: impl IntoIterator<Item = Shape>) -> Tissue {
-    Tissue { fill, solid: Solid::of(shapes) }
+fn part(fill: Fill, shapes: impl IntoIterator<Item = Shape>) -> SolidTissue {
+    SolidTissue { fill, solid: Solid::of(shapes) }
 }
 
 /// Muscles of head and neck, one tissue per muscle and side.
-pub(super) fn muscles() -> Vec<Tissue> {
+pub(super) fn muscles() -> Vec<SolidTissue> {
     let left: Vec<Vec<Shape>> = vec![
         // Sternocleidomastoid, levator scapulae, scalenes, longus colli.
         chain(&[
@@ -67,7 +67,7 @@ pub(super) fn muscles() -> Vec<Tissue> {
         ]),
         vec![ell([13.0, -36.0, -42.0], [8.0, 12.0, 20.0]), cap([16.0, -24.0, 4.0], [19.0, -26.0, -70.0], 6.0, 6.0)],
     ];
-    let mut out: Vec<Tissue> = Vec::new();
+    let mut out: Vec<SolidTissue> = Vec::new();
     for shapes in left {
         out.push(part(Fill::Muscle, shapes.iter().map(Shape::mirrored)));
         out.push(part(Fill::Muscle, shapes));
@@ -80,7 +80,7 @@ pub(super) fn muscles() -> Vec<Tissue> {
 }
 
 /// Glands, eyes, brain, cord, larynx and vessels.
-pub(super) fn organs() -> Vec<Tissue> {
+pub(super) fn organs() -> Vec<SolidTissue> {
     let canal = |r: f64| {
         let knots: Vec<[f64; 4]> = spine::canal().iter().map(|&[x, y, z]| [x, y, z, r]).collect();
         chain(&knots)
@@ -139,17 +139,17 @@ pub(super) fn organs() -> Vec<Tissue> {
     out
 }
 
-fn throat() -> Vec<Tissue> {
+fn throat() -> Vec<SolidTissue> {
     let shield = both([
         plate([[0.0, -58.0, -76.0], [0.0, -56.0, -96.0], [21.0, -30.0, -78.0]], 1.8),
         plate([[0.0, -56.0, -96.0], [21.0, -30.0, -78.0], [19.0, -30.0, -100.0]], 1.8),
     ]);
     let ring = Solid::of([cap([0.0, -37.0, -104.0], [0.0, -36.0, -110.0], 12.5, 12.5)])
-        .with(Role::Cut, [cap([0.0, -37.0, -90.0], [0.0, -36.0, -130.0], 9.0, 9.0)]);
+        .with(SolidRole::Cut, [cap([0.0, -37.0, -90.0], [0.0, -36.0, -130.0], 9.0, 9.0)]);
     vec![
         part(Fill::Muscle, [cap([0.0, -40.0, -74.0], [0.0, -38.0, -100.0], 15.0, 13.0)]),
         part(Fill::Even(170.0), shield),
-        Tissue { fill: Fill::Even(190.0), solid: ring },
+        SolidTissue { fill: Fill::Even(190.0), solid: ring },
         part(
             Fill::Even(90.0),
             [
@@ -165,7 +165,7 @@ fn throat() -> Vec<Tissue> {
 }
 
 /// Carotid arteries and jugular veins with contrast.
-fn vessels() -> Vec<Tissue> {
+fn vessels() -> Vec<SolidTissue> {
     let artery = [
         [23.0, -18.0, -158.0, 3.6],
         [25.0, -22.0, -120.0, 3.6],
@@ -185,7 +185,7 @@ fn vessels() -> Vec<Tissue> {
 }
 
 /// Airway and sinuses, with what stands in them.
-pub(super) fn airway() -> Vec<Tissue> {
+pub(super) fn airway() -> Vec<SolidTissue> {
     let nose =
         both([cap([6.0, -108.0, 11.0], [6.0, -88.0, 18.0], 3.4, 4.0), ell([7.0, -62.0, 19.0], [5.5, 26.0, 15.0])]);
     let mut air = nose;

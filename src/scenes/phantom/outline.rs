@@ -73,13 +73,13 @@ const COUCH_TOP: f64 = 123.0;
 
 /// The treatment couch and head support: HU of each part with its solid, in painting order.
 #[derive(Debug, Clone)]
-pub(super) struct Couch {
+pub(super) struct OutlineCouch {
     top: f64,
     parts: Vec<(f64, Shape)>,
     support: Shape,
 }
 
-impl Couch {
+impl OutlineCouch {
     /// The couch below a patient with so thick a layer of fat, mm.
     pub(super) fn new(fat: f64) -> Self {
         let y = COUCH_TOP + fat;

@@ -12,15 +12,15 @@ use crate::volume::{Mask, Volume};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// Planning CT, bone labels and patient mask.
-pub(super) struct Planning {
+/// PlanningRender CT, bone labels and patient mask.
+pub(super) struct PlanningRender {
     pub(super) ct: Volume<f32>,
     pub(super) labels: Volume<u16>,
     pub(super) body: Mask,
 }
 
 /// Draws the anatomy on the planning grid.
-pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions) -> Result<Planning> {
+pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions) -> Result<PlanningRender> {
     let slice = grid.strides()[2];
     let mut ct = vec![0.0f32; grid.len()];
     let mut labels = vec![0u16; grid.len()];
@@ -38,7 +38,7 @@ pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions)
             body[n] = cover >= 0.5;
         }
     });
-    Ok(Planning {
+    Ok(PlanningRender {
         ct: Volume::new(grid.clone(), ct)?,
         labels: Volume::new(grid.clone(), labels)?,
         body: Volume::new(grid.clone(), body)?,

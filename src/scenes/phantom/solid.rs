@@ -5,7 +5,7 @@ use super::texture::{self, smoothstep};
 
 /// What a shape does in its solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Role {
+pub(super) enum SolidRole {
     /// Joined to the solid.
     Add,
     /// Taken out of what was added.
@@ -20,7 +20,7 @@ pub(super) enum Role {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Solid {
     /// Shapes with their roles.
-    pub(super) parts: Vec<(Role, Shape)>,
+    pub(super) parts: Vec<(SolidRole, Shape)>,
 }
 
 /// Distances of one solid while its shapes are visited.
@@ -40,12 +40,12 @@ impl Default for Gather {
 
 impl Gather {
     /// Takes in one shape's distance.
-    pub(super) fn visit(&mut self, role: Role, d: f64) {
+    pub(super) fn visit(&mut self, role: SolidRole, d: f64) {
         let slot = match role {
-            Role::Add => &mut self.add,
-            Role::Cut => &mut self.cut,
-            Role::Extra => &mut self.extra,
-            Role::Tooth => &mut self.tooth,
+            SolidRole::Add => &mut self.add,
+            SolidRole::Cut => &mut self.cut,
+            SolidRole::Extra => &mut self.extra,
+            SolidRole::Tooth => &mut self.tooth,
         };
         *slot = slot.min(d);
     }
@@ -61,14 +61,14 @@ impl Gather {
 
 impl Solid {
     /// The solid with more shapes in a role.
-    pub(super) fn with(mut self, role: Role, shapes: impl IntoIterator<Item = Shape>) -> Self {
+    pub(super) fn with(mut self, role: SolidRole, shapes: impl IntoIterator<Item = Shape>) -> Self {
         self.parts.extend(shapes.into_iter().map(|s| (role, s)));
         self
     }
 
     /// A plain union.
     pub(super) fn of(shapes: impl IntoIterator<Item = Shape>) -> Self {
-        Self::default().with(Role::Add, shapes)
+        Self::default().with(SolidRole::Add, shapes)
     }
 
     /// Signed distance over all shapes, mm.
@@ -83,7 +83,7 @@ impl Solid {
     /// A box that holds the solid.
     pub(super) fn bounds(&self) -> Bounds {
         let start = [V3::repeat(f64::MAX), V3::repeat(f64::MIN)];
-        self.parts.iter().filter(|(r, _)| *r != Role::Cut).fold(start, |[lo, hi], (_, s)| {
+        self.parts.iter().filter(|(r, _)| *r != SolidRole::Cut).fold(start, |[lo, hi], (_, s)| {
             let [a, b] = s.bounds();
             [lo.inf(&a), hi.sup(&b)]
         })
@@ -149,7 +149,7 @@ pub(super) enum Fill {
 
 /// One soft part.
 #[derive(Debug, Clone)]
-pub(super) struct Tissue {
+pub(super) struct SolidTissue {
     /// What it is filled with.
     pub(super) fill: Fill,
     /// Its shape.

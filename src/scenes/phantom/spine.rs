@@ -2,7 +2,7 @@
 
 use super::build::{both, cap, chain, ell};
 use super::shape::{Shape, V3};
-use super::solid::{BoneSolid, Role, Solid};
+use super::solid::{BoneSolid, Solid, SolidRole};
 use nalgebra::Matrix3;
 
 /// Disc centres (y, z) from C2-C3 down to T7-T8.
@@ -27,7 +27,7 @@ const NAMES: [&str; 12] = ["C3", "C4", "C5", "C6", "C7", "T1", "T2", "T3", "T4",
 
 /// Size and place of one vertebra.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Level {
+pub(super) struct SpineLevel {
     /// Centre of the body.
     pub(super) centre: V3,
     /// Unit vector upwards along the spine.
@@ -44,7 +44,7 @@ pub(super) struct Level {
     spinous: [f64; 2],
 }
 
-impl Level {
+impl SpineLevel {
     /// Point at `x` to the left, `back` behind and `up` above the body's centre.
     pub(super) fn at(&self, x: f64, back: f64, up: f64) -> [f64; 3] {
         let behind = V3::x().cross(&self.up) * -1.0;
@@ -53,7 +53,7 @@ impl Level {
 }
 
 /// The levels C3 to T7.
-pub(super) fn levels() -> Vec<Level> {
+pub(super) fn levels() -> Vec<SpineLevel> {
     let widths = [10.5, 11.0, 11.5, 12.5, 13.5, 14.5, 14.0, 13.5, 13.5, 14.0, 14.5, 15.0];
     let depths = [7.8, 7.8, 8.0, 8.3, 8.6, 9.0, 9.5, 10.5, 11.5, 12.0, 12.5, 13.0];
     let spinous = [
@@ -74,7 +74,7 @@ pub(super) fn levels() -> Vec<Level> {
         .map(|n| {
             let [upper, lower] = [DISCS[n], DISCS[n + 1]].map(|[y, z]| V3::new(0.0, y, z));
             let disc = if n < 5 { 5.0 } else { 4.2 };
-            Level {
+            SpineLevel {
                 centre: (upper + lower) / 2.0,
                 up: (upper - lower).normalize(),
                 half_width: widths[n],
@@ -97,13 +97,13 @@ pub(super) fn canal() -> Vec<[f64; 3]> {
 }
 
 /// A body: elliptic cylinder standing on the spine's curve.
-fn body(l: &Level) -> Shape {
+fn body(l: &SpineLevel) -> Shape {
     let behind = V3::from(l.at(0.0, 1.0, 0.0)) - l.centre;
     let frame = Matrix3::from_rows(&[V3::x().transpose(), behind.transpose(), l.up.transpose()]);
     Shape::Cylinder { centre: l.centre, frame, radii: [l.half_width, l.half_depth], half: l.half_height }
 }
 
-fn cervical(l: &Level) -> (Vec<Shape>, Vec<Shape>) {
+fn cervical(l: &SpineLevel) -> (Vec<Shape>, Vec<Shape>) {
     let (w, d, h) = (l.half_width, l.half_depth, l.half_height);
     let [length, drop] = l.spinous;
     let half = vec![
@@ -118,7 +118,7 @@ fn cervical(l: &Level) -> (Vec<Shape>, Vec<Shape>) {
     (both(half), both(foramen))
 }
 
-fn thoracic(l: &Level) -> (Vec<Shape>, Vec<Shape>) {
+fn thoracic(l: &SpineLevel) -> (Vec<Shape>, Vec<Shape>) {
     let (d, h) = (l.half_depth, l.half_height);
     let [length, drop] = l.spinous;
     let mut half = vec![
@@ -142,7 +142,7 @@ fn atlas() -> BoneSolid {
         [0.0, 34.0, -12.0, 4.2],
     ]));
     let foramen = both([cap([28.0, 3.0, -30.0], [28.0, 3.0, 0.0], 2.8, 2.8)]);
-    BoneSolid::new("vertebrae_C1", Solid::of(both(half)).with(Role::Cut, foramen))
+    BoneSolid::new("vertebrae_C1", Solid::of(both(half)).with(SolidRole::Cut, foramen))
 }
 
 fn axis() -> BoneSolid {
@@ -166,7 +166,7 @@ pub(super) fn vertebrae() -> Vec<BoneSolid> {
     for (l, name) in levels().iter().zip(NAMES) {
         let (mut add, cut) = if l.thoracic { thoracic(l) } else { cervical(l) };
         add.push(body(l));
-        let solid = Solid::of(add).with(Role::Cut, cut);
+        let solid = Solid::of(add).with(SolidRole::Cut, cut);
         out.push(BoneSolid::new(format!("vertebrae_{name}"), solid).filled(1.5, 800.0, 290.0));
     }
     out

@@ -2,7 +2,7 @@
 
 use super::build::{both, cap, chain, ell, ell_turned, loft_of, plate};
 use super::shape::Shape;
-use super::solid::{Fill, Role, Solid, Tissue};
+use super::solid::{Fill, Solid, SolidRole, SolidTissue};
 use super::spine;
 use super::trunk_bones::{ELBOW, WRIST, cartilages};
 
@@ -29,12 +29,12 @@ const MEDIASTINUM: [[f64; 6]; 6] = [
     [-350.0, -25.0, 66.0, -110.0, 70.0, 2.0],
 ];
 
-fn part(fill: Fill, shapes: impl IntoIterator<Item = Shape>) -> Tissue {
-    Tissue { fill, solid: Solid::of(shapes) }
+fn part(fill: Fill, shapes: impl IntoIterator<Item = Shape>) -> SolidTissue {
+    SolidTissue { fill, solid: Solid::of(shapes) }
 }
 
 /// Muscles of chest wall, shoulder and arm, one tissue per muscle and side.
-pub(super) fn muscles() -> Vec<Tissue> {
+pub(super) fn muscles() -> Vec<SolidTissue> {
     let left: Vec<Vec<Shape>> = vec![
         // Pectoralis major and minor.
         vec![
@@ -70,7 +70,7 @@ pub(super) fn muscles() -> Vec<Tissue> {
         vec![cap(ELBOW, [128.0, -92.0, -272.0], 30.0, 17.0), cap([128.0, -92.0, -272.0], WRIST, 17.0, 11.0)],
         vec![ell_turned([86.0, -98.0, -200.0], [27.0, 7.0, 38.0], [-8.0, 28.0, 0.0])],
     ];
-    let mut out: Vec<Tissue> = Vec::new();
+    let mut out: Vec<SolidTissue> = Vec::new();
     for shapes in left {
         out.push(part(Fill::Muscle, shapes.iter().map(Shape::mirrored)));
         out.push(part(Fill::Muscle, shapes));
@@ -79,7 +79,7 @@ pub(super) fn muscles() -> Vec<Tissue> {
 }
 
 /// Chest wall, lungs, mediastinum with vessels, trachea, cartilages. They cover the muscles.
-pub(super) fn organs() -> Vec<Tissue> {
+pub(super) fn organs() -> Vec<SolidTissue> {
     let column: Vec<[f64; 4]> = spine::levels()
         .iter()
         .map(|l| [0.0, l.centre.y + 4.0, l.centre.z, 22.0])
@@ -89,12 +89,12 @@ pub(super) fn organs() -> Vec<Tissue> {
     let inside = Solid::of([loft_of(&CHEST, 0.0)]);
     let lungs = inside
         .clone()
-        .with(Role::Cut, chain(&column))
-        .with(Role::Cut, chain(&arches))
-        .with(Role::Cut, [loft_of(&MEDIASTINUM, 0.0)]);
+        .with(SolidRole::Cut, chain(&column))
+        .with(SolidRole::Cut, chain(&arches))
+        .with(SolidRole::Cut, [loft_of(&MEDIASTINUM, 0.0)]);
     let mut out = vec![
-        Tissue { fill: Fill::Fat, solid: inside },
-        Tissue { fill: Fill::Lung, solid: lungs },
+        SolidTissue { fill: Fill::Fat, solid: inside },
+        SolidTissue { fill: Fill::Lung, solid: lungs },
         part(Fill::Even(110.0), both(cartilages())),
     ];
     out.extend(vessels());
@@ -122,7 +122,7 @@ fn windpipe(wall: f64) -> Vec<Shape> {
 }
 
 /// Great vessels and the upper heart, with contrast.
-fn vessels() -> Vec<Tissue> {
+fn vessels() -> Vec<SolidTissue> {
     let veins = [
         chain(&[[-25.0, -36.0, -184.0, 8.0], [-27.0, -36.0, -225.0, 9.0], [-27.0, -34.0, -300.0, 10.0]]),
         chain(&[[28.0, -36.0, -166.0, 6.5], [0.0, -40.0, -182.0, 6.0], [-25.0, -37.0, -188.0, 7.0]]),
@@ -176,6 +176,6 @@ fn vessels() -> Vec<Tissue> {
 }
 
 /// The chest wall between the ribs: muscle, but under the shoulder's muscles.
-pub(super) fn chest_wall() -> Tissue {
+pub(super) fn chest_wall() -> SolidTissue {
     part(Fill::Muscle, [loft_of(&CHEST, 10.5)])
 }

@@ -21,11 +21,11 @@ pub struct ChainMail {
     pub(super) organs: Organs,
     /// The voxels that take part.
     pub(super) computed: Mask,
-    levels: Vec<Level>,
+    levels: Vec<MailLevel>,
 }
 
 /// The elements at one spacing.
-pub(super) struct Level {
+pub(super) struct MailLevel {
     /// mm.
     spacing: f64,
     pub(super) lattice: Arc<Lattice>,
@@ -52,7 +52,7 @@ impl ChainMail {
         let level = |spacing| {
             let lattice = Lattice::new(tissue, &options.material, &organs, spacing);
             let kept = usual(&options.variant) && (spacing - waves).abs() < f64::EPSILON;
-            Level {
+            MailLevel {
                 spacing,
                 waves: if kept { Waves::new(&lattice, bones, &options.variant) } else { None },
                 resting: options
@@ -69,7 +69,7 @@ impl ChainMail {
     ///
     /// # Errors
     /// [`Error::Internal`] when it was not asked for.
-    pub(super) fn at(&self, spacing: f64) -> Result<&Level> {
+    pub(super) fn at(&self, spacing: f64) -> Result<&MailLevel> {
         let found = self.levels.iter().find(|l| (l.spacing - spacing).abs() < f64::EPSILON);
         found.ok_or_else(|| Error::Internal(format!("no elements of {spacing} mm were made")))
     }
@@ -94,7 +94,7 @@ impl ChainMail {
     }
 }
 
-impl Level {
+impl MailLevel {
     /// The links of its elements, and which of these images have no hold on.
     ///
     /// # Errors

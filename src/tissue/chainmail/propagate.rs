@@ -1,6 +1,6 @@
 //! From bone transforms to the push field on the planning grid.
 
-use super::chain_mail::{ChainMail, Level};
+use super::chain_mail::{ChainMail, MailLevel};
 use super::extend::{extend, fill};
 use super::lattice::Node;
 use super::lattice::{Lattice, Tissue};
@@ -95,7 +95,7 @@ impl ChainMail {
     ) -> Result<Elements> {
         let turns = rotation_matrices(bones.transforms);
         let mut growth = Growth::new(&options.volume_change, tissue)?;
-        let mut relaxed = |level: &Level, from: &[[f32; 3]], rounds| {
+        let mut relaxed = |level: &MailLevel, from: &[[f32; 3]], rounds| {
             let lattice = &*level.lattice;
             growth.enter(lattice, tissue);
             let (rest, loose) = level.resting()?;

@@ -73,7 +73,7 @@ impl ThinPlate {
     }
 
     /// Displacements at `out.len()` points from `start`, `step` apart, in single precision.
-    fn along(&self, start: &Point3<f64>, step: &Vector3<f64>, row: &mut Row) {
+    fn along(&self, start: &Point3<f64>, step: &Vector3<f64>, row: &mut KernelRow) {
         let n = self.centres.len();
         let w = |r: usize, c: usize| self.weights[(r, c)];
         for a in 0..3 {
@@ -102,13 +102,13 @@ impl ThinPlate {
 }
 
 /// Working space for one row of voxels.
-struct Row {
+struct KernelRow {
     position: Vec<f32>,
     distance: Vec<f32>,
     sum: [Vec<f32>; 3],
 }
 
-impl Row {
+impl KernelRow {
     fn new(n: usize) -> Self {
         Self {
             position: (0..n).map(|i| i as f32).collect(),
@@ -134,7 +134,7 @@ pub fn thin_plate(tissue: &Tissue<'_>, bones: &Initiators<'_>) -> Result<PushFie
     let step: Vector3<f64> = grid.step().column(0).into_owned();
     let mut out = vec![[0f32; 3]; grid.len()];
     out.par_chunks_mut(ni * nj).enumerate().for_each(|(k, plane)| {
-        let mut row = Row::new(ni);
+        let mut row = KernelRow::new(ni);
         for (j, line) in plane.chunks_mut(ni).enumerate() {
             spline.along(&grid.centre([0, j, k]), &step, &mut row);
             for (i, o) in line.iter_mut().enumerate() {
@@ -174,7 +174,7 @@ mod tests {
         let spline = ThinPlate::new(&moves).unwrap();
         assert!(moves.iter().all(|(p, u)| (spline.at(p) - u).norm() < 1e-6));
         let (start, step) = (Point3::new(-250.0, -210.0, -650.0), Vector3::new(0.7, 0.7, 0.1));
-        let mut row = Row::new(500);
+        let mut row = KernelRow::new(500);
         spline.along(&start, &step, &mut row);
         let off = (0..500).map(|i| {
             let exact = spline.at(&(start + step * f64::from(i as u32)));

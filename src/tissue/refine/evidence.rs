@@ -54,7 +54,7 @@ pub struct Misled {
 
 /// What both scans show around an element: how many points, and the sums of grey values and their products (planning, fraction
 /// where tissue was drawn, fraction where the bones alone carry it).
-type Sums = [f32; 9];
+type EvidenceSums = [f32; 9];
 
 impl Images<'_> {
     /// Where the images have drawn the elements of a lattice, at the displacements `u` (mm), without agreeing better than by bones
@@ -63,7 +63,7 @@ impl Images<'_> {
         let (fraction, alone) = (self.fraction.as_ref()?, self.alone?);
         let soft: Vec<u32> = lattice.soft().collect();
         let planning = self.planning.windowed();
-        let seen: Vec<(f32, Sums)> =
+        let seen: Vec<(f32, EvidenceSums)> =
             soft.par_iter().map(|&n| compared(lattice, planning, fraction, u, alone, n as usize)).collect();
         let near = NEAR_MM.max(lattice.grid.mean_edge());
         let around = |q: usize| spread(lattice, &soft, near, |s| seen[s].1[q]);
@@ -72,7 +72,7 @@ impl Images<'_> {
             .par_iter()
             .zip(&seen)
             .map(|(&n, (drawn, _))| {
-                let around: Sums = std::array::from_fn(|q| sums[q].data()[n as usize]);
+                let around: EvidenceSums = std::array::from_fn(|q| sums[q].data()[n as usize]);
                 gain(&around).map_or((0.0, 0.0), |gain| (gain * drawn, *drawn))
             })
             .collect();
@@ -102,7 +102,7 @@ fn compared(
     u: &[[f32; 3]],
     alone: &Volume<[f32; 3]>,
     n: usize,
-) -> (f32, Sums) {
+) -> (f32, EvidenceSums) {
     let rest = lattice.rest(n);
     let Some(by_bones) = trilinear_vector(alone, &alone.grid().index(&rest)) else { return (0.0, [0.0; 9]) };
     let drawn = Vector3::from(u[n].map(f64::from));
@@ -115,14 +115,14 @@ fn compared(
     (far.clamp(0.0, FARTHEST_MM), summed(POINTS.iter().filter_map(shown)))
 }
 
-/// What a point adds to [`Sums`].
+/// What a point adds to [`EvidenceSums`].
 fn products([p, f, b]: [f64; 3]) -> [f64; 9] {
     [1.0, p, f, b, p * p, f * f, b * b, p * f, p * b]
 }
 
 /// 1 where the correlation with planning gains by what tissue was drawn, -1 where it loses, 0 where it hardly changes; `None` where
 /// too little is seen.
-fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &Sums) -> Option<f32> {
+fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &EvidenceSums) -> Option<f32> {
     if n < LEAST_SEEN {
         return None;
     }
@@ -139,8 +139,8 @@ fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &Sums) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// Sums over points of planning, fraction as drawn, fraction by bones alone, HU.
-    fn sums(points: &[[f64; 3]]) -> Sums {
+    /// EvidenceSums over points of planning, fraction as drawn, fraction by bones alone, HU.
+    fn sums(points: &[[f64; 3]]) -> EvidenceSums {
         summed(points.iter().map(|hu| products(hu.map(|hu| hu / UNIT_HU))))
     }
 

@@ -7,7 +7,7 @@
 
 use super::RefineOptions;
 use super::local::{self, Grey};
-use super::planning::{Planning, Shown, Windowed, sample};
+use super::planning::{ElementShown, Planning, Windowed, sample};
 use crate::chainmail::{Lattice, Pull, Quadratic};
 use crate::geometry::vectorised;
 use crate::stats::gain_and_offset;
@@ -36,7 +36,7 @@ pub(super) struct Level<'a> {
     misled: Vec<bool>,
     /// Points per element.
     offsets: [Vector3<f64>; 8],
-    planning: Shown,
+    planning: ElementShown,
     weight: f64,
     robust: f64,
     /// Farthest that one comparison may ask an element to move, mm: beyond the blur the linear model says nothing.

@@ -8,13 +8,13 @@ use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Value and gradient (HU, HU/mm) at each point of each soft element; no number outside the image.
-pub(super) type Shown = Arc<[[f32; 4]]>;
+pub(super) type ElementShown = Arc<[[f32; 4]]>;
 
 /// What the points of a planning CT's elements show, kept from one fraction to the next.
 ///
 /// For one planning CT with its patient, one chain mail and one set of options.
 #[derive(Debug, Default)]
-pub struct PlanningSamples(Mutex<Vec<(Key, Shown)>>);
+pub struct PlanningSamples(Mutex<Vec<(Key, ElementShown)>>);
 
 /// Spacing of the elements and blur, mm, bit by bit.
 type Key = [u64; 4];
@@ -94,7 +94,7 @@ impl<'a> Planning<'a> {
     }
 
     /// What the soft elements of a lattice show of it, blurred by `sigma` mm.
-    pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64) -> Shown {
+    pub(super) fn shown(&self, lattice: &Lattice, soft: &[u32], sigma: f64) -> ElementShown {
         let [x, y, z] = lattice.grid.spacing();
         let key: Key = [x, y, z, sigma].map(f64::to_bits);
         // A thread that panicked leaves the list as it was.
@@ -112,7 +112,7 @@ impl<'a> Planning<'a> {
                 None => [f32::NAN; 4],
             })
         });
-        let shown: Shown = points.collect::<Vec<_>>().into();
+        let shown: ElementShown = points.collect::<Vec<_>>().into();
         if let Some(kept) = self.kept {
             list(kept).push((key, shown.clone()));
         }

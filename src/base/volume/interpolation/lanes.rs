@@ -251,14 +251,14 @@ fn each<T>(of: [usize; 4], make: impl Fn(usize) -> Option<T>) -> Option<[T; 4]> 
 }
 
 /// Three components of nine voxels in a row, as they lie in storage.
-type Run<'a> = &'a [f32; 3 * (LANES + 1)];
+type LaneRun<'a> = &'a [f32; 3 * (LANES + 1)];
 
 /// Values in cells that follow each other in storage, whose edges along the first axis are these: interpolated as they lie in
 /// storage, and sorted by component at the end.
 #[inline(always)]
-fn in_line(runs: [Run<'_>; 4], t: &WideVector) -> WideVector {
+fn in_line(runs: [LaneRun<'_>; 4], t: &WideVector) -> WideVector {
     // Eight numbers at a time of the run from `first` on.
-    let part = |run: Run<'_>, first: usize| {
+    let part = |run: LaneRun<'_>, first: usize| {
         let mut out = [Wide::default(); 3];
         for (c, out) in out.iter_mut().enumerate() {
             for l in 0..LANES {
@@ -283,7 +283,7 @@ fn in_line(runs: [Run<'_>; 4], t: &WideVector) -> WideVector {
         [a[0] + t[0] * d[0], a[1] + t[1] * d[1], a[2] + t[2] * d[2]]
     };
     let [tx, ty, tz] = [thrice(t[0]), thrice(t[1]), thrice(t[2])];
-    let edge = |run: Run<'_>| mix(&part(run, 0), &tx, &part(run, 3));
+    let edge = |run: LaneRun<'_>| mix(&part(run, 0), &tx, &part(run, 3));
     let low = mix(&edge(runs[0]), &ty, &edge(runs[1]));
     let high = mix(&edge(runs[2]), &ty, &edge(runs[3]));
     let mixed = mix(&low, &tz, &high);

@@ -8,12 +8,12 @@ use crate::volume::{Mask, Volume};
 use rayon::prelude::*;
 
 /// Voxels that were met, by position in storage.
-pub(super) struct Marks {
+pub(super) struct BallMarks {
     met: Vec<bool>,
     list: Vec<usize>,
 }
 
-impl Marks {
+impl BallMarks {
     pub(super) fn new(voxels: usize) -> Self {
         Self { met: vec![false; voxels], list: Vec::new() }
     }
@@ -39,13 +39,13 @@ impl Marks {
 pub(super) struct Balls {
     grid: Grid,
     radii: [f64; 3],
-    marks: Marks,
+    marks: BallMarks,
 }
 
 impl Balls {
     /// Nothing yet; `radii` along the grid's axes, mm.
     pub(super) fn new(grid: &Grid, radii: [f64; 3]) -> Self {
-        Self { grid: grid.clone(), radii, marks: Marks::new(grid.len()) }
+        Self { grid: grid.clone(), radii, marks: BallMarks::new(grid.len()) }
     }
 
     /// Takes in the voxels around `centres` (positions in storage); returns those that were not in yet.

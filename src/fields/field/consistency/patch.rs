@@ -1,6 +1,6 @@
 //! What is moved and what follows: soft voxels, the fraction voxels whose pre-image lies among them, cells that must not fold.
 
-use super::ball::{Balls, Marks};
+use super::ball::{BallMarks, Balls};
 use super::inverse_error::InverseError;
 use super::{Beside, BoneOf, REACH_MM};
 use crate::field::inverse::pre_image::{Continued, InvertOptions, solve};
@@ -16,8 +16,8 @@ pub(super) const FIXED: u32 = 0;
 /// Distance within which voxels no longer move where moving folded a cell or lost a pre-image, mm.
 const BARRED_MM: f64 = 6.0;
 
-/// Values of voxels, by position in storage.
-type Values = Vec<(usize, [f32; 3])>;
+/// PatchValues of voxels, by position in storage.
+type PatchValues = Vec<(usize, [f32; 3])>;
 
 /// The movable voxels and what depends on them.
 pub(super) struct Patch {
@@ -34,14 +34,14 @@ pub(super) struct Patch {
     grid: Grid,
     /// Fraction voxels that are inverted anew.
     inverted: Vec<usize>,
-    asked: Marks,
+    asked: BallMarks,
     /// Cells that hold a movable voxel and were not folded.
     upright: Vec<usize>,
-    cells: Marks,
+    cells: BallMarks,
     /// Both fields before anything moved.
-    before: [Values; 2],
+    before: [PatchValues; 2],
     /// The same after the best step.
-    best: [Values; 2],
+    best: [PatchValues; 2],
 }
 
 impl Patch {
@@ -56,9 +56,9 @@ impl Patch {
             around: Balls::new(planning, planning.spacing().map(|h| REACH_MM + 2.0 * h)),
             grid: planning.clone(),
             inverted: Vec::new(),
-            asked: Marks::new(fraction.len()),
+            asked: BallMarks::new(fraction.len()),
             upright: Vec::new(),
-            cells: Marks::new(planning.len()),
+            cells: BallMarks::new(planning.len()),
             before: Default::default(),
             best: Default::default(),
         }

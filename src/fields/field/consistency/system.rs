@@ -17,7 +17,7 @@ const MOST_ITERATIONS: usize = 200;
 
 /// Minimises over moves `d` of voxels, by their numbers in the patch: weighted squares of the errors, linear in `d`, plus the roughness of `d`.
 pub(super) struct System {
-    rows: Vec<Row>,
+    rows: Vec<SystemRow>,
     inverse: Vec<Answer>,
     /// The neighbours of each voxel by number, two along each axis.
     neighbours: Vec<[u32; 6]>,
@@ -28,7 +28,7 @@ pub(super) struct System {
 }
 
 /// One miss.
-struct Row {
+struct SystemRow {
     miss: Vector3<f64>,
     /// Square of its weight: a large error counts more.
     weight: f64,
@@ -39,7 +39,7 @@ struct Row {
     around: [(u32, f64); 8],
 }
 
-impl Row {
+impl SystemRow {
     /// By how much the miss changes when voxels move by `x`, to first order.
     fn change(&self, x: &[Vector3<f64>], pulled: &[Vector3<f64>]) -> Vector3<f64> {
         let back: Vector3<f64> = self.around.iter().map(|&(n, w)| pulled[n as usize] * w).sum();
@@ -74,7 +74,7 @@ impl System {
                 let next = known.len() as u32;
                 (*known.entry(around.voxels[c]).or_insert(next), around.weights[c])
             };
-            rows.push(Row {
+            rows.push(SystemRow {
                 miss: m.by,
                 weight: (m.length() / limit).powi(POWER - 2),
                 own: patch.number[m.voxel],
@@ -172,7 +172,7 @@ impl System {
     }
 
     /// `out = J' e`, where `e` is what each row has.
-    fn gather(&self, e: impl Fn(&Row) -> Vector3<f64>, scratch: &mut [Vector3<f64>], out: &mut [Vector3<f64>]) {
+    fn gather(&self, e: impl Fn(&SystemRow) -> Vector3<f64>, scratch: &mut [Vector3<f64>], out: &mut [Vector3<f64>]) {
         scratch.fill(Vector3::zeros());
         out.fill(Vector3::zeros());
         for row in &self.rows {

@@ -14,11 +14,11 @@ type Corners = [[usize; 3]; 2];
 pub struct MovedBones<'a> {
     labels: &'a Volume<u16>,
     fraction: &'a Grid,
-    bones: Vec<Moved>,
+    bones: Vec<BoneMoved>,
 }
 
 /// One bone.
-struct Moved {
+struct BoneMoved {
     label: u16,
     back: Rigid,
     /// Where it can lie in the fraction grid.
@@ -31,7 +31,7 @@ impl<'a> MovedBones<'a> {
         let boxes = boxes(&labels.volume);
         let of = |(label, motion): (u16, Rigid)| {
             let range = landed(boxes.get(usize::from(label))?.as_ref()?, &motion, labels.volume.grid(), fraction)?;
-            Some(Moved { label, back: motion.inverse(), range })
+            Some(BoneMoved { label, back: motion.inverse(), range })
         };
         Self { labels: &labels.volume, fraction, bones: motions.filter_map(of).collect() }
     }

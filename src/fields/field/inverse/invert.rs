@@ -7,12 +7,12 @@
 
 use super::super::PullField;
 use super::super::PushField;
-use super::super::mesh::tetrahedra::{Drop, Mesh};
+use super::super::mesh::tetrahedra::{Drop, FieldMesh};
 use super::bones::MovedBones;
 use super::newton::thinned;
 use super::pre_image::{Continued, InvertOptions, Solved, solve};
 use super::reach::Reach;
-use super::search::{Found, Painted, Search, Tally};
+use super::search::{FoundPlace, Painted, Search, SearchTally};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::stats::Summary;
@@ -174,7 +174,7 @@ pub fn invert(
         quick: Sampler::new(&push.displacement),
         reach: Reach::new(push),
         guess: Continued::new(&guess),
-        mesh: Mesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
+        mesh: FieldMesh::new(&thin, |v| thin.displacement.data()[v], true, fraction),
         bones,
         fraction,
         options,
@@ -182,7 +182,7 @@ pub fn invert(
     let plane = fraction.size()[0] * fraction.size()[1];
     let mut v = vec![[0f32; 3]; fraction.len()];
     let mut inside = vec![false; fraction.len()];
-    let tallies: Vec<Tally> = v
+    let tallies: Vec<SearchTally> = v
         .par_chunks_mut(SLAB * plane)
         .zip(inside.par_chunks_mut(SLAB * plane))
         .enumerate()
@@ -195,7 +195,7 @@ pub fn invert(
             if let Some(bones) = bones {
                 bones.paint(slab * SLAB, owner);
             }
-            search.slab(slab * SLAB, Painted { drawn, owner }, Found { v, inside })
+            search.slab(slab * SLAB, Painted { drawn, owner }, FoundPlace { v, inside })
         })
         .collect();
     let report = InverseReport {

@@ -3,7 +3,7 @@
 use super::super::PushField;
 use super::super::extent::{extent, union};
 use super::super::in_steps;
-use super::super::mesh::tetrahedra::{Drop, Mesh};
+use super::super::mesh::tetrahedra::{Drop, FieldMesh};
 use super::bones::MovedBones;
 use super::newton::newton;
 use super::pre_image::{Continued, InvertOptions, solve};
@@ -19,7 +19,7 @@ const QUICK_ITERATIONS: usize = 10;
 
 /// What was found in a slab.
 #[derive(Default)]
-pub(in crate::field) struct Tally {
+pub(in crate::field) struct SearchTally {
     pub(in crate::field) residuals: Vec<f32>,
     pub(in crate::field) unconverged: usize,
     pub(in crate::field) tissue: usize,
@@ -35,7 +35,7 @@ pub(in crate::field) struct Search<'a, V> {
     pub(in crate::field) quick: Sampler<'a>,
     pub(in crate::field) reach: Reach,
     pub(in crate::field) guess: Continued<'a>,
-    pub(in crate::field) mesh: Mesh<'a, V>,
+    pub(in crate::field) mesh: FieldMesh<'a, V>,
     pub(in crate::field) bones: Option<&'a MovedBones<'a>>,
     pub(in crate::field) fraction: &'a Grid,
     pub(in crate::field) options: &'a InvertOptions,
@@ -51,7 +51,7 @@ pub(in crate::field) struct Painted<'a> {
 }
 
 /// Where the search leaves what it finds for fraction voxels.
-pub(in crate::field) struct Found<'a> {
+pub(in crate::field) struct FoundPlace<'a> {
     /// Ways to the pre-images, mm.
     pub(in crate::field) v: &'a mut [[f32; 3]],
     /// Whether they lie inside the planning scan.
@@ -60,10 +60,10 @@ pub(in crate::field) struct Found<'a> {
 
 impl<V> Search<'_, V> {
     /// Inverts the planes from `first` on.
-    pub(in crate::field) fn slab(&self, first: usize, painted: Painted<'_>, found: Found<'_>) -> Tally {
+    pub(in crate::field) fn slab(&self, first: usize, painted: Painted<'_>, found: FoundPlace<'_>) -> SearchTally {
         let [nx, ny, _] = self.fraction.size();
-        let mut t = Tally::default();
-        let mut rows = Rows::new(nx);
+        let mut t = SearchTally::default();
+        let mut rows = SearchRows::new(nx);
         let painted = painted.drawn.chunks(nx).zip(painted.owner.chunks(nx));
         let found = found.v.chunks_mut(nx).zip(found.inside.chunks_mut(nx));
         for (row, ((drawn, owner), (v, inside))) in painted.zip(found).enumerate() {
@@ -77,7 +77,7 @@ impl<V> Search<'_, V> {
             self.leave(&y, &open, inside, &mut t);
             self.starts(&y, drawn, open.clone(), &mut rows);
             self.row(&y, drawn, open.clone(), &mut rows);
-            self.settle(&y, Painted { drawn, owner }, open, Found { v, inside }, &mut rows, &mut t);
+            self.settle(&y, Painted { drawn, owner }, open, FoundPlace { v, inside }, &mut rows, &mut t);
             rows.advance();
         }
         t
@@ -95,7 +95,7 @@ impl<V> Search<'_, V> {
     }
 
     /// What lies beside the `open` voxels of a row that begins at `y`: it stays, inside the planning scan or not.
-    fn leave(&self, y: &Vector3<f64>, open: &Range<usize>, inside: &mut [bool], t: &mut Tally) {
+    fn leave(&self, y: &Vector3<f64>, open: &Range<usize>, inside: &mut [bool], t: &mut SearchTally) {
         let planning = self.push.displacement.grid();
         let first = planning.index(&Point3::from(*y));
         let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
@@ -116,7 +116,7 @@ impl<V> Search<'_, V> {
     }
 
     /// Where the search starts in a row that begins at `y`.
-    fn starts(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut Rows) {
+    fn starts(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut SearchRows) {
         let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
         let [before, last] = &rows.before;
         // What the rows lead to expect: the third is nearly in line.
@@ -141,7 +141,7 @@ impl<V> Search<'_, V> {
     }
 
     /// The quick search of a row, from where its voxels start.
-    fn row(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut Rows) {
+    fn row(&self, y: &Vector3<f64>, drawn: &[Drop<3>], open: Range<usize>, rows: &mut SearchRows) {
         let planning = self.push.displacement.grid();
         let first = planning.index(&Point3::from(*y));
         let along: Vector3<f64> = planning.inverse_step() * self.fraction.step().column(0);
@@ -177,9 +177,9 @@ impl<V> Search<'_, V> {
         y: &Vector3<f64>,
         Painted { drawn, owner }: Painted<'_>,
         open: Range<usize>,
-        Found { v, inside }: Found<'_>,
-        rows: &mut Rows,
-        t: &mut Tally,
+        FoundPlace { v, inside }: FoundPlace<'_>,
+        rows: &mut SearchRows,
+        t: &mut SearchTally,
     ) {
         let along: Vector3<f64> = self.fraction.step().column(0).into_owned();
         let arrived = |residual: f32| f64::from(residual) < self.options.tolerance_mm;
@@ -207,7 +207,15 @@ impl<V> Search<'_, V> {
     }
 
     /// As [`Search::settle`], of one voxel that may lie in a bone or that the quick search failed at.
-    fn settle_one(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, i: usize, rows: &mut Rows, t: &mut Tally) {
+    fn settle_one(
+        &self,
+        y: &Vector3<f64>,
+        drawn: &Drop<3>,
+        owner: u16,
+        i: usize,
+        rows: &mut SearchRows,
+        t: &mut SearchTally,
+    ) {
         let tolerance_mm = self.options.tolerance_mm;
         let quick = One { v: rows.now.v.each_ref().map(|v| v[i]), residual: rows.residual[i], place: rows.place[i] };
         if owner == 0 && f64::from(quick.residual) < tolerance_mm {
@@ -252,7 +260,7 @@ impl<V> Search<'_, V> {
     }
 
     /// What becomes of a voxel that may lie in a bone, or that the quick search failed at.
-    fn patiently(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, quick: &One, t: &mut Tally) -> One {
+    fn patiently(&self, y: &Vector3<f64>, drawn: &Drop<3>, owner: u16, quick: &One, t: &mut SearchTally) -> One {
         let tolerance_mm = self.options.tolerance_mm;
         let planning = self.push.displacement.grid();
         let (mut v, mut residual) = (Vector3::from(quick.v.map(f64::from)), f64::from(quick.residual));
@@ -293,9 +301,9 @@ struct One {
 }
 
 /// The rows that a search goes through: what it has found in the last two, and the one at hand.
-struct Rows {
-    before: [Row; 2],
-    now: Row,
+struct SearchRows {
+    before: [SearchRow; 2],
+    now: SearchRow,
     /// |v + u(y + v)| in the row at hand, mm.
     residual: Vec<f32>,
     /// The planning voxels that its displacements lead to.
@@ -303,14 +311,14 @@ struct Rows {
 }
 
 /// A row, with room for whole blocks.
-struct Row {
+struct SearchRow {
     /// Displacements component by component, mm.
     v: [Vec<f32>; 3],
     /// Where they are solutions.
     solved: Vec<bool>,
 }
 
-impl Row {
+impl SearchRow {
     /// What is not open stays where it is.
     fn rest(&mut self, open: &Range<usize>) {
         for v in &mut self.v {
@@ -322,10 +330,10 @@ impl Row {
     }
 }
 
-impl Rows {
+impl SearchRows {
     fn new(voxels: usize) -> Self {
         let room = voxels.next_multiple_of(LANES);
-        let row = || Row { v: std::array::from_fn(|_| vec![0.0; room]), solved: vec![false; room] };
+        let row = || SearchRow { v: std::array::from_fn(|_| vec![0.0; room]), solved: vec![false; room] };
         Self { before: [row(), row()], now: row(), residual: vec![0.0; room], place: vec![NOWHERE; room] }
     }
 

@@ -1,6 +1,6 @@
 //! The deformed cells of a push field, each cut into 5 tetrahedra in both ways.
 //!
-//! Rows of cells are computed tetrahedron by tetrahedron in flat arrays of one component each. Both ways to cut are computed for
+//! CellRows of cells are computed tetrahedron by tetrahedron in flat arrays of one component each. Both ways to cut are computed for
 //! every cell: that costs less than sorting cells by their way.
 
 use super::super::PushField;
@@ -15,7 +15,7 @@ use std::ops::Range;
 /// `value(total, least, least_of_ten)` of every cell with a computed corner, `beyond` elsewhere: six times the volume of
 /// the cell, mm^3, that of its least tetrahedron, and that of the least by either way to cut it. The least is not positive
 /// where a tetrahedron is turned inside out.
-pub(in crate::field) fn each_cell<A: Value>(
+pub(in crate::field) fn each_cell<A: CellValue>(
     push: &PushField,
     beyond: A,
     value: impl Fn(f32, f32, f32) -> A + Sync,
@@ -46,7 +46,7 @@ pub struct RowOfCells<'a, A, B> {
 
 /// Two values of each cell with a corner that counts, as [`each_cell`] gives one, in a span of each row that holds `at_least` the
 /// cells given for it. The first are kept; `then` takes each row while it is at hand, into one result for each plane.
-pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
+pub(in crate::field) fn each_row<A: CellValue, B: CellValue, R: Default + Send>(
     displacement: &Volume<[f32; 3]>,
     counts: &Mask,
     at_least: impl Fn(usize) -> Range<usize>,
@@ -57,7 +57,7 @@ pub(in crate::field) fn each_row<A: Value, B: Value, R: Default + Send>(
     let grid = displacement.grid();
     let [ni, nj, nk] = grid.size();
     let spans = spans(counts, at_least);
-    let room = || (Rows::new(ni, grid.step()), vec![beyond.1; ni]);
+    let room = || (CellRows::new(ni, grid.step()), vec![beyond.1; ni]);
     Spans::by_planes(grid.clone(), beyond.0, &spans, room, |(rows, other), k, kept| {
         let mut found = R::default();
         if k + 1 == nk {
@@ -118,29 +118,29 @@ fn spans(computed: &Mask, at_least: impl Fn(usize) -> Range<usize>) -> Vec<Range
 }
 
 /// What is found of a cell; `()` for nothing.
-pub(in crate::field) trait Value: Copy + Default + Send + Sync {}
+pub(in crate::field) trait CellValue: Copy + Default + Send + Sync {}
 
-impl<T: Copy + Default + Send + Sync> Value for T {}
+impl<T: Copy + Default + Send + Sync> CellValue for T {}
 
 /// A vector at each place of a row, component by component.
-type Line = [Vec<f32>; 3];
+type CellLine = [Vec<f32>; 3];
 
 /// A row of cells, between four rows of voxels: low or high along `j` (bit 0) and `k` (bit 1).
 ///
 /// There is room for whole blocks at the end of lines.
-struct Rows {
+struct CellRows {
     /// The voxels that are corners of the cells looked at.
     span: Range<usize>,
     /// Whether any of the four voxels at each place of the span counts.
     computed: Vec<bool>,
     /// Displacements, mm.
-    u: [Line; 4],
+    u: [CellLine; 4],
     /// Deformed edges, mm, all in the sense of growing index: along `i`, in the four rows.
-    ex: [Line; 4],
+    ex: [CellLine; 4],
     /// Along `j`, low and high in `k`.
-    ey: [Line; 2],
+    ey: [CellLine; 2],
     /// Along `k`, low and high in `j`.
-    ez: [Line; 2],
+    ez: [CellLine; 2],
     /// Along the span: six times the volume of the cells, of their least tetrahedra, and of the least by either way to cut them.
     total: Vec<f32>,
     least: Vec<f32>,
@@ -152,7 +152,7 @@ struct Rows {
     sense: f32,
 }
 
-impl Rows {
+impl CellRows {
     fn new(ni: usize, step: &Matrix3<f64>) -> Self {
         let padded = ni + LANES;
         let line = |_| std::array::from_fn(|_| vec![0.0; padded]);
@@ -270,7 +270,7 @@ impl Rows {
 
     /// Values of the cells of the span.
     #[inline(always)]
-    fn each<A: Value, B: Value>(
+    fn each<A: CellValue, B: CellValue>(
         &self,
         kept: &mut [A],
         other: &mut [B],
@@ -311,16 +311,16 @@ fn edges(out: &mut [f32], step: f32, from: &[f32], to: &[f32]) {
 }
 
 /// Blocks of consecutive places, component by component.
-type Run<'a> = [&'a [[f32; LANES]]; 3];
+type CellRun<'a> = [&'a [[f32; LANES]]; 3];
 
 /// `blocks` blocks from `first` on.
 #[inline(always)]
-fn run(line: &Line, first: usize, blocks: usize) -> Run<'_> {
+fn run(line: &CellLine, first: usize, blocks: usize) -> CellRun<'_> {
     line.each_ref().map(|l| l[first..][..blocks * LANES].as_chunks().0)
 }
 
 #[inline(always)]
-fn at([x, y, z]: Run<'_>, n: usize) -> WideVector {
+fn at([x, y, z]: CellRun<'_>, n: usize) -> WideVector {
     [Wide(x[n]), Wide(y[n]), Wide(z[n])]
 }
 

@@ -5,7 +5,7 @@
 
 use super::super::PushField;
 use super::jacobian::FOLDED;
-use super::tetrahedra::{Side, cover};
+use super::tetrahedra::{CellSide, cover};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Spans, Volume};
 
@@ -17,7 +17,7 @@ pub fn multiple_preimages(push: &PushField, map: &Spans<f32>, fraction: &Grid) -
     for row in 0..nj * nk {
         let (cells, values) = map.row(row);
         for (i, _) in cells.zip(values).filter(|(_, j)| **j <= FOLDED) {
-            cover(push, [i, row % nj, row / nj], fraction, Side::Inverted, |voxel| out.data_mut()[voxel] = true);
+            cover(push, [i, row % nj, row / nj], fraction, CellSide::Inverted, |voxel| out.data_mut()[voxel] = true);
         }
     }
     out

@@ -3,7 +3,7 @@
 //! ([`super::super::multiple_preimages`]).
 
 use super::super::PushField;
-use super::tetrahedra::{Side, cover};
+use super::tetrahedra::{CellSide, cover};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Volume};
 use nalgebra::{Point3, Vector3};
@@ -34,7 +34,7 @@ pub fn overlaps(push: &PushField, body: &Mask, fraction: &Grid) -> Option<Mask> 
                     let l = grid.linear([i, j, k]);
                     let near = || nearest(&rough, &moved(push, l)).is_some_and(|at| suspects.data()[at]);
                     if corners.iter().all(|c| body.data()[l + c]) && near() {
-                        cover(push, [i, j, k], fraction, Side::Upright, |voxel| hits.push((voxel, l)));
+                        cover(push, [i, j, k], fraction, CellSide::Upright, |voxel| hits.push((voxel, l)));
                     }
                 }
             }

@@ -5,7 +5,7 @@
 //! of equals the last in storage.
 
 use super::super::PushField;
-use super::tetrahedra::{Drop, Mesh};
+use super::tetrahedra::{Drop, FieldMesh};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::volume::Volume;
@@ -44,7 +44,7 @@ pub fn scatter_image(
     grid: &Grid,
     outside: f32,
 ) -> Result<(Volume<f32>, ScatterReport)> {
-    let drops = Mesh::new(push, |v| [image.data()[v]], false, grid).draw();
+    let drops = FieldMesh::new(push, |v| [image.data()[v]], false, grid).draw();
     let count = |f: fn(&Drop<1>) -> bool| drops.par_iter().filter(|d| f(d)).count();
     let report = ScatterReport {
         drawn: count(|d| d.rank > 0),

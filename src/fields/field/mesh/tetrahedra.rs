@@ -43,7 +43,7 @@ fn voxels_inside(grid: &Grid, corners: &[Vector3<f64>; 4], edges: &Matrix3<f64>,
 
 /// Which tetrahedra of a moved cell are meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::field) enum Side {
+pub(in crate::field) enum CellSide {
     /// Those that kept their orientation.
     Upright,
     /// Those turned inside out.
@@ -55,7 +55,7 @@ pub(in crate::field) fn cover(
     push: &PushField,
     at: [usize; 3],
     fraction: &Grid,
-    side: Side,
+    side: CellSide,
     mut hit: impl FnMut(usize),
 ) {
     let grid = push.displacement.grid();
@@ -70,7 +70,7 @@ pub(in crate::field) fn cover(
         let rest = Matrix3::from_columns(&[p[1].0 - p[0].0, p[2].0 - p[0].0, p[3].0 - p[0].0]).determinant();
         let edges = Matrix3::from_columns(&[p[1].1 - p[0].1, p[2].1 - p[0].1, p[3].1 - p[0].1]);
         let sense = edges.determinant() * handed * rest.signum();
-        if (sense > 0.0 && side == Side::Upright) || (sense < 0.0 && side == Side::Inverted) {
+        if (sense > 0.0 && side == CellSide::Upright) || (sense < 0.0 && side == CellSide::Inverted) {
             voxels_inside(fraction, &p.map(|c| c.1), &edges, &mut hit);
         }
     }
@@ -101,7 +101,7 @@ impl<const N: usize> Default for Drop<N> {
 }
 
 /// The mesh in indices of a target grid.
-pub(in crate::field) struct Mesh<'a, V> {
+pub(in crate::field) struct FieldMesh<'a, V> {
     push: &'a PushField,
     /// Value of a planning voxel by its storage position.
     value: V,
@@ -117,7 +117,7 @@ pub(in crate::field) struct Mesh<'a, V> {
     sense: f64,
 }
 
-impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> Mesh<'a, V> {
+impl<'a, const N: usize, V: Fn(usize) -> [f32; N] + Sync> FieldMesh<'a, V> {
     pub(in crate::field) fn new(push: &'a PushField, value: V, only_computed: bool, target: &'a Grid) -> Self {
         let own = push.displacement.grid();
         let [_, nj, nk] = own.size();
@@ -283,7 +283,9 @@ mod tests {
 
     #[test]
     fn a_cell_covers_the_voxels_within_its_moved_corners() {
-        for (stretch, side, other) in [(1.5, Side::Upright, Side::Inverted), (-1.5, Side::Inverted, Side::Upright)] {
+        for (stretch, side, other) in
+            [(1.5, CellSide::Upright, CellSide::Inverted), (-1.5, CellSide::Inverted, CellSide::Upright)]
+        {
             let push = cells(stretch);
             for handed in [1.0, -1.0] {
                 let direction = Matrix3::from_diagonal(&Vector3::new(handed, 1.0, 1.0));

@@ -2,7 +2,7 @@
 
 use super::super::PullField;
 use super::super::PushField;
-use super::walk::{Corner, Hull, Places, pulled, walked};
+use super::walk::{WalkCorner, WalkHull, WalkPlaces, pulled, walked};
 use crate::error::Result;
 use crate::geometry::LANES;
 use crate::volume::{LabelMap, Volume, cubic, trilinear_vector};
@@ -46,18 +46,18 @@ pub fn resample(
 /// Trilinear values with single-precision weights: the inner loop of a warp.
 struct Linear<'a> {
     data: &'a [f32],
-    hull: Hull,
+    hull: WalkHull,
 }
 
 impl<'a> Linear<'a> {
     fn new(image: &'a Volume<f32>) -> Self {
-        Self { data: image.data(), hull: Hull::new(image.grid()) }
+        Self { data: image.data(), hull: WalkHull::new(image.grid()) }
     }
 
     /// The values at places; `outside` where they have none.
     #[inline(always)]
-    fn fill(&self, places: &Places, outside: f32, out: &mut [f32]) {
-        let Places { low, t } = places;
+    fn fill(&self, places: &WalkPlaces, outside: f32, out: &mut [f32]) {
+        let WalkPlaces { low, t } = places;
         let (pairs, strides) = (&self.hull.quick, &self.hull.strides);
         let mut base = [0i32; LANES];
         let (mut within, mut in_line) = (true, self.hull.up[0] == 1);
@@ -80,7 +80,7 @@ impl<'a> Linear<'a> {
         for (l, o) in out.iter_mut().enumerate() {
             let place = places.at(l);
             let corner =
-                if within { Some(Corner { base: base[l] as usize, t: place.t }) } else { self.hull.corner(place) };
+                if within { Some(WalkCorner { base: base[l] as usize, t: place.t }) } else { self.hull.corner(place) };
             *o = corner.and_then(|corner| self.between(corner)).unwrap_or(outside);
         }
     }
@@ -103,7 +103,7 @@ impl<'a> Linear<'a> {
 
     /// The value between the voxels around a corner.
     #[inline(always)]
-    fn between(&self, Corner { base, t }: Corner) -> Option<f32> {
+    fn between(&self, WalkCorner { base, t }: WalkCorner) -> Option<f32> {
         let [right, up, above] = self.hull.up;
         let line = |n: usize| -> Option<f32> {
             let (a, b) = (*self.data.get(n)?, *self.data.get(n + right)?);
@@ -143,7 +143,7 @@ pub fn push_point(push: &PushField, point: &Point3<f64>) -> Option<Point3<f64>> 
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "values that are exact by construction")]
 mod tests {
-    use super::super::walk::Place;
+    use super::super::walk::WalkPlace;
     use super::*;
     use crate::geometry::Grid;
     use crate::volume::trilinear;
@@ -166,9 +166,9 @@ mod tests {
         assert_eq!(*out.at([3, 4, 0]), -1.0);
     }
 
-    fn place(at: &Vector3<f64>) -> Place {
+    fn place(at: &Vector3<f64>) -> WalkPlace {
         let low = at.map(f64::floor);
-        Place { low: [0, 1, 2].map(|a| low[a] as i32), t: [0, 1, 2].map(|a| (at[a] - low[a]) as f32) }
+        WalkPlace { low: [0, 1, 2].map(|a| low[a] as i32), t: [0, 1, 2].map(|a| (at[a] - low[a]) as f32) }
     }
 
     #[test]

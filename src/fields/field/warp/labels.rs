@@ -4,7 +4,7 @@
 //! wins nowhere, because it is smaller than a voxel or falls between voxels, takes the voxels where its share is
 //! greatest, as many as its shares add up to and at least one: small structures survive.
 
-use super::walk::{Corner, Hull, Place, pulled, walked};
+use super::walk::{WalkCorner, WalkHull, WalkPlace, pulled, walked};
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::volume::interpolation::weights;
@@ -27,8 +27,8 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
     let greatest =
         |shares: &[(u16, f64)]| shares.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |s| s.0);
     let values = if offsets.len() == 1 {
-        let hull = Hull::new(map.grid());
-        let winner = |place: Place| {
+        let hull = WalkHull::new(map.grid());
+        let winner = |place: WalkPlace| {
             let Some(corner) = hull.corner(place) else { return 0 };
             let labels = around(map, &corner, &hull);
             if labels.iter().all(|l| *l == labels[0]) {
@@ -105,8 +105,8 @@ fn corners(map: &Volume<u16>, index: &Vector3<f64>) -> ([(u16, f64); 8], usize) 
         return (votes, 0);
     }
     let low = index.map(f64::floor);
-    let place = Place { low: [0, 1, 2].map(|a| low[a] as i32), t: [0, 1, 2].map(|a| (index[a] - low[a]) as f32) };
-    let hull = Hull::new(grid);
+    let place = WalkPlace { low: [0, 1, 2].map(|a| low[a] as i32), t: [0, 1, 2].map(|a| (index[a] - low[a]) as f32) };
+    let hull = WalkHull::new(grid);
     let Some(corner) = hull.corner(place) else { return (votes, 0) };
     let labels = around(map, &corner, &hull);
     if labels.iter().all(|l| *l == labels[0]) {
@@ -118,7 +118,7 @@ fn corners(map: &Volume<u16>, index: &Vector3<f64>) -> ([(u16, f64); 8], usize) 
 
 /// The labels at the eight corners.
 #[inline(always)]
-fn around(map: &Volume<u16>, corner: &Corner, hull: &Hull) -> [u16; 8] {
+fn around(map: &Volume<u16>, corner: &WalkCorner, hull: &WalkHull) -> [u16; 8] {
     let [x, y, z] = hull.up;
     let at = |n: usize| map.data().get(corner.base + n).copied().unwrap_or_default();
     [at(0), at(x), at(y), at(x + y), at(z), at(x + z), at(y + z), at(x + y + z)]

@@ -12,33 +12,33 @@ const ROUNDING: f64 = 1e-3;
 
 /// A place between voxels: the lower ones along each axis, which may lie outside the grid, and the way to the upper ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct WalkPlace {
     pub(super) low: [i32; 3],
     pub(super) t: [f32; 3],
 }
 
 /// [`LANES`] places, axis by axis.
-pub(super) struct Places {
+pub(super) struct WalkPlaces {
     pub(super) low: [[i32; LANES]; 3],
     pub(super) t: [[f32; LANES]; 3],
 }
 
-impl Places {
+impl WalkPlaces {
     #[inline(always)]
-    pub(super) fn at(&self, l: usize) -> Place {
+    pub(super) fn at(&self, l: usize) -> WalkPlace {
         let (low, t) = (&self.low, &self.t);
-        Place { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] }
+        WalkPlace { low: [low[0][l], low[1][l], low[2][l]], t: [t[0][l], t[1][l], t[2][l]] }
     }
 }
 
 /// A place inside a grid: storage position of the lower corner, and the way to the upper ones.
-pub(super) struct Corner {
+pub(super) struct WalkCorner {
     pub(super) base: usize,
     pub(super) t: [f32; 3],
 }
 
 /// How places lie in a grid.
-pub(super) struct Hull {
+pub(super) struct WalkHull {
     size: [usize; 3],
     pub(super) strides: [usize; 3],
     /// Pairs of voxels along each axis.
@@ -49,7 +49,7 @@ pub(super) struct Hull {
     pub(super) up: [usize; 3],
 }
 
-impl Hull {
+impl WalkHull {
     pub(super) fn new(grid: &Grid) -> Self {
         let (size, strides) = (grid.size(), grid.strides());
         let up = std::array::from_fn(|a| if size[a] > 1 { strides[a] } else { 0 });
@@ -61,17 +61,17 @@ impl Hull {
 
     /// The corner of a place; `None` outside the hull of the voxel centres.
     #[inline(always)]
-    pub(super) fn corner(&self, Place { low: [i, j, k], t }: Place) -> Option<Corner> {
+    pub(super) fn corner(&self, WalkPlace { low: [i, j, k], t }: WalkPlace) -> Option<WalkCorner> {
         if (i as u32) < self.pairs[0] && (j as u32) < self.pairs[1] && (k as u32) < self.pairs[2] {
             let base = i as usize + j as usize * self.strides[1] + k as usize * self.strides[2];
-            return Some(Corner { base, t });
+            return Some(WalkCorner { base, t });
         }
-        self.edge(Place { low: [i, j, k], t })
+        self.edge(WalkPlace { low: [i, j, k], t })
     }
 
-    /// As [`Hull::corner`] where a coordinate may lie on the last voxel, or beyond the hull by rounding.
+    /// As [`WalkHull::corner`] where a coordinate may lie on the last voxel, or beyond the hull by rounding.
     #[cold]
-    fn edge(&self, Place { low, mut t }: Place) -> Option<Corner> {
+    fn edge(&self, WalkPlace { low, mut t }: WalkPlace) -> Option<WalkCorner> {
         let mut base = 0;
         for a in 0..3 {
             let last = self.size[a] as i64 - 1;
@@ -89,7 +89,7 @@ impl Hull {
             };
             base += lower as usize * self.strides[a];
         }
-        Some(Corner { base, t })
+        Some(WalkCorner { base, t })
     }
 }
 
@@ -131,7 +131,7 @@ pub(super) fn pulled<T: Send + Default + Clone>(
 pub(super) fn walked<T: Send + Default + Clone>(
     v: &Volume<[f32; 3]>,
     source: &Grid,
-    value: impl Fn(&Places, &mut [T]) + Sync,
+    value: impl Fn(&WalkPlaces, &mut [T]) + Sync,
 ) -> Vec<T> {
     let grid = v.grid();
     let [nx, ny, _] = grid.size();
@@ -145,11 +145,11 @@ pub(super) fn walked<T: Send + Default + Clone>(
             #[inline(always)]
             || {
                 // Filled anew for each block: arrays that are returned would be copied more often than computed.
-                let mut places = Places { low: [[0; LANES]; 3], t: [[0.0; LANES]; 3] };
+                let mut places = WalkPlaces { low: [[0; LANES]; 3], t: [[0.0; LANES]; 3] };
                 for (n, (out, v)) in out.chunks_mut(SPAN).zip(v.chunks(SPAN)).enumerate() {
                     let index = Vector3::new((n * SPAN) as f64, (row % ny) as f64, (row / ny) as f64);
                     let start = (base + step * index).map(|x| x.clamp(-1e8, 1e8));
-                    let span = Span {
+                    let span = WalkSpan {
                         whole: std::array::from_fn(|a| start[a].floor() as i32),
                         rest: std::array::from_fn(|a| (start[a] - start[a].floor()) as f32),
                         along,
@@ -175,7 +175,7 @@ pub(super) fn walked<T: Send + Default + Clone>(
 }
 
 /// Voxels that follow each other along a row.
-struct Span {
+struct WalkSpan {
     /// Index of the first without displacement: whole part and rest.
     whole: [i32; 3],
     rest: [f32; 3],
@@ -185,10 +185,10 @@ struct Span {
     turn: [[f32; 3]; 3],
 }
 
-impl Span {
+impl WalkSpan {
     /// Where the voxels from `first` on lie, given their displacements.
     #[inline(always)]
-    fn places(&self, first: usize, v: &[[f32; 3]; LANES], places: &mut Places) {
+    fn places(&self, first: usize, v: &[[f32; 3]; LANES], places: &mut WalkPlaces) {
         for a in 0..3 {
             let by = self.turn[a];
             for (l, v) in v.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Labels are made: tasks of TotalSegmentator, joined to one map.
 
 use super::Ask;
-use super::place::Place;
-use super::record::{Failed, Record};
+use super::place::LabelsPlace;
+use super::record::{Failed, LabelsRecord};
 use super::segmentator::{Segmentator, arguments};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -64,7 +64,7 @@ impl Drop for Work {
 ///
 /// # Errors
 /// As [`AutoBones::of`](super::AutoBones::of).
-pub(super) fn make(ask: Ask<'_>, place: &Place, progress: &dyn Progress) -> Result<Record> {
+pub(super) fn make(ask: Ask<'_>, place: &LabelsPlace, progress: &dyn Progress) -> Result<LabelsRecord> {
     let program = Segmentator::find(ask.quiet)?;
     let folder = if place.folder.as_os_str().is_empty() { Path::new(".") } else { &place.folder };
     open_folder(folder)?;
@@ -107,7 +107,7 @@ pub(super) fn make(ask: Ask<'_>, place: &Place, progress: &dyn Progress) -> Resu
     let description = "bones by TotalSegmentator".into();
     write_labels(&place.labels, &map, &WriteOptions { description, ..WriteOptions::default() })?;
     let bones = merged.structures.into_iter().map(|s| s.name).collect();
-    let record = Record::new(place, &program, commands, bones, failed)?;
+    let record = LabelsRecord::new(place, &program, commands, bones, failed)?;
     write_json(&place.record, &record)?;
     progress.note(&format!("bones: {}", place.labels.display()));
     Ok(record)
@@ -135,7 +135,7 @@ struct Tasks<'a> {
     program: &'a Segmentator,
     ct: &'a Path,
     work: &'a Path,
-    place: &'a Place,
+    place: &'a LabelsPlace,
     progress: &'a dyn Progress,
     commands: Vec<String>,
 }

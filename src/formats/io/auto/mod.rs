@@ -9,8 +9,8 @@ use super::check_files;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::warning::Warning;
-use place::Place;
-use record::Record;
+use place::LabelsPlace;
+use record::LabelsRecord;
 use std::path::{Path, PathBuf};
 
 /// What stands for these labels where a file of bones is asked for; a file of this name is `./auto`.
@@ -51,8 +51,8 @@ impl AutoBones {
     pub fn of(ask: Ask<'_>, progress: &dyn Progress) -> Result<Self> {
         let files: Vec<&Path> = std::iter::once(ask.planning).chain(ask.needed.iter().copied()).collect();
         check_files(&files, &[])?;
-        let place = Place::of(ask.beside, ask.planning)?;
-        let record = match Record::read(&place)? {
+        let place = LabelsPlace::of(ask.beside, ask.planning)?;
+        let record = match LabelsRecord::read(&place)? {
             Some(record) => {
                 progress.note(&format!("bones: {}, made of this planning CT before", place.labels.display()));
                 record

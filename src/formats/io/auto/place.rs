@@ -6,7 +6,7 @@ use crate::io::checksum::sha256_file;
 use std::path::{Path, PathBuf};
 
 /// Where the labels of a planning CT are kept.
-pub(super) struct Place {
+pub(super) struct LabelsPlace {
     /// SHA-256 of the planning CT.
     pub planning_sha256: String,
     /// The folder.
@@ -17,7 +17,7 @@ pub(super) struct Place {
     pub record: PathBuf,
 }
 
-impl Place {
+impl LabelsPlace {
     /// In the folder that holds `beside`, so that all fractions of a patient find them.
     pub(super) fn of(beside: &Path, planning: &Path) -> Result<Self> {
         let whole = std::path::absolute(beside).map_err(|e| Error::read(beside, e.to_string(), "name a folder"))?;
@@ -45,7 +45,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let ct = dir.path().join("ct.nii");
         std::fs::write(&ct, b"abc").unwrap();
-        let at = |beside: &str| Place::of(Path::new(beside), &ct).unwrap().labels;
+        let at = |beside: &str| LabelsPlace::of(Path::new(beside), &ct).unwrap().labels;
         // SHA-256 of "abc".
         assert_eq!(at("out"), Path::new("bones_auto_ba7816bf8f01.nii.gz"));
         assert_eq!(at("a/out/"), Path::new("a/bones_auto_ba7816bf8f01.nii.gz"));

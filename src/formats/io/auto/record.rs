@@ -1,6 +1,6 @@
 //! What lies beside labels that `auto` made: of which planning CT, by which commands.
 
-use super::place::Place;
+use super::place::LabelsPlace;
 use super::segmentator::{LICENCE, Segmentator};
 use crate::error::{Error, Result};
 use crate::findings;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// The record of labels.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Record {
+pub(super) struct LabelsRecord {
     /// SHA-256 of the planning CT that was labelled.
     planning_sha256: String,
     /// SHA-256 of the label map as it was written.
@@ -40,10 +40,10 @@ pub(super) struct Failed {
     pub problem: String,
 }
 
-impl Record {
+impl LabelsRecord {
     /// Of labels that were just written.
     pub(super) fn new(
-        place: &Place,
+        place: &LabelsPlace,
         program: &Segmentator,
         commands: Vec<String>,
         bones: Vec<String>,
@@ -65,7 +65,7 @@ impl Record {
     ///
     /// # Errors
     /// [`Error::Input`] when labels and record are not those of this planning CT, or not of each other.
-    pub(super) fn read(place: &Place) -> Result<Option<Self>> {
+    pub(super) fn read(place: &LabelsPlace) -> Result<Option<Self>> {
         if !place.labels.exists() && !place.record.exists() {
             return Ok(None);
         }
@@ -98,7 +98,7 @@ impl Record {
     }
 
     /// What is to be known of the labels, now and whenever they are used.
-    pub(super) fn warnings(&self, place: &Place) -> Vec<Warning> {
+    pub(super) fn warnings(&self, place: &LabelsPlace) -> Vec<Warning> {
         let file = place.labels.display();
         let made = Warning::new(
             findings::BONES_AUTO,

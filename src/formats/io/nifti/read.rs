@@ -3,7 +3,7 @@
 //! The crate's own way from file to array is not used: it stops after the first gzip member, trusts lengths in the
 //! header, and converts in three passes on one thread. Values are decoded by `voxels`, as for the other formats.
 
-use super::super::gzip::{Content, problem};
+use super::super::gzip::{GzipContent, problem};
 use super::super::kinds;
 use super::super::raster::{ExtensionNote, HeaderNotes, Raster, VectorKind};
 use super::super::text::plain_text;
@@ -33,7 +33,7 @@ const VECTOR: i16 = 1007;
 pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'a>> {
     let damaged = |e: io::Error| Error::read(path, problem(&e), "copy or export the file again");
     let compressed = raw.starts_with(&[0x1f, 0x8b]);
-    let mut content = Content::new(raw);
+    let mut content = GzipContent::new(raw);
     let header = header(path, content.first(HEADER).map_err(damaged)?)?;
     let sizes = sizes(path, &header)?;
     let element = element(path, &header)?;
@@ -89,7 +89,7 @@ pub(in super::super) fn parse<'a>(path: &Path, raw: &'a [u8]) -> Result<Raster<'
 
 /// The most bytes of a file that its header accounts for, compression that fails included.
 pub(in super::super) fn promised(path: &Path, raw: &[u8]) -> Result<u64> {
-    let mut content = Content::new(raw);
+    let mut content = GzipContent::new(raw);
     let head = content.first(HEADER).map_err(|e| Error::read(path, problem(&e), "copy or export the file again"))?;
     let header = header(path, head)?;
     let need = sizes(path, &header)?.iter().fold(8u64, |n, &s| n.saturating_mul(s as u64));

@@ -8,7 +8,7 @@ mod geometry;
 #[cfg(test)]
 mod tests;
 
-use super::gzip::{Content, problem};
+use super::gzip::{GzipContent, problem};
 use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::text::{BYTE_ORDER_MARK, plain_text};
 use super::values::Contents;
@@ -270,7 +270,7 @@ fn values_of<'a>(fields: &Fields<'_>, raw: &'a [u8], need: usize) -> Result<(Cow
         // These are bytes of what was compressed.
         (Some("gzip" | "gz"), Ok(skip)) => {
             let damaged = |e: std::io::Error| Error::read(fields.path, problem(&e), "copy or export the file again");
-            let mut content = Content::new(values);
+            let mut content = GzipContent::new(values);
             content.first(need.saturating_add(skip)).map_err(damaged)?;
             Ok((content.checked().map_err(damaged)?, skip, true))
         }

@@ -1,6 +1,6 @@
 //! elastix's and transformix's input points: `point`, their number, then one position per line, LPS mm.
 
-use super::{Content, File, PointFile, Space};
+use super::{File, PointContent, PointFile, Space};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 use std::fmt::Write as _;
@@ -36,7 +36,7 @@ pub(super) fn read(file: &File<'_>) -> Result<PointFile> {
     };
     let points = numbers.as_chunks::<3>().0.iter().map(|&p| Point3::from(p)).collect();
     let names = (1..=count).map(|n| n.to_string()).collect();
-    Ok(PointFile { names, points, space: file.space(Some(Space::Lps))?, content: Content::Elastix })
+    Ok(PointFile { names, points, space: file.space(Some(Space::Lps))?, content: PointContent::Elastix })
 }
 
 pub(super) fn write(points: &[Point3<f64>]) -> Result<Vec<u8>, String> {

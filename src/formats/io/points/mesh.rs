@@ -1,7 +1,7 @@
 //! Surface meshes: Wavefront OBJ as text whose vertices are replaced, STL through `stl_io`. Both may carry Slicer's
 //! `SPACE=LPS` or `SPACE=RAS` in their comments. Normals are left out or computed again, since they turn.
 
-use super::{Content, File, PointFile, Space, digits};
+use super::{File, PointContent, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use nalgebra::{Point3, Vector3};
 use std::io::Cursor;
@@ -20,10 +20,10 @@ fn noted_space(text: &str) -> Option<Space> {
 
 /// An OBJ file: its lines; those of vertices hold what follows the position.
 pub(super) struct Obj {
-    lines: Vec<Line>,
+    lines: Vec<MeshLine>,
 }
 
-enum Line {
+enum MeshLine {
     Vertex(String),
     Other(String),
 }
@@ -44,21 +44,21 @@ pub(super) fn read_obj(file: &File<'_>) -> Result<PointFile> {
                     let problem = format!("line {}: its vertex has the weight {weight}", n + 1);
                     return Err(file.refuse(problem, "export the mesh with plain vertices"));
                 }
-                lines.push(Line::Vertex(rest.iter().map(|w| format!(" {w}")).collect()));
+                lines.push(MeshLine::Vertex(rest.iter().map(|w| format!(" {w}")).collect()));
             }
             Some("vn") => {}
-            Some("f") => lines.push(Line::Other(format!("f{}", words.map(without_normal).collect::<String>()))),
+            Some("f") => lines.push(MeshLine::Other(format!("f{}", words.map(without_normal).collect::<String>()))),
             _ => {
                 if text.starts_with('#') {
                     own = own.or(noted_space(text));
                 }
-                lines.push(Line::Other(text.into()));
+                lines.push(MeshLine::Other(text.into()));
             }
         }
     }
     let space = file.space(own)?;
     let points = points.into_iter().map(|p| space.convert(p)).collect();
-    Ok(PointFile { names: Vec::new(), points, space, content: Content::Obj(Obj { lines }) })
+    Ok(PointFile { names: Vec::new(), points, space, content: PointContent::Obj(Obj { lines }) })
 }
 
 /// A corner of a face, `vertex/texture/normal`, without its normal.
@@ -77,8 +77,8 @@ impl Obj {
         let mut out = String::new();
         for line in &self.lines {
             match line {
-                Line::Other(text) => out.push_str(text),
-                Line::Vertex(rest) => {
+                MeshLine::Other(text) => out.push_str(text),
+                MeshLine::Vertex(rest) => {
                     let p = points.next().ok_or("a vertex is missing")?;
                     out.push_str(&format!("v {} {} {}{rest}", digits(p.x), digits(p.y), digits(p.z)));
                 }
@@ -108,7 +108,7 @@ pub(super) fn read_stl(file: &File<'_>) -> Result<PointFile> {
     let space = file.space(noted_space(&String::from_utf8_lossy(&header)))?;
     let points =
         mesh.vertices.iter().map(|v| space.convert(Point3::new(v[0].into(), v[1].into(), v[2].into()))).collect();
-    Ok(PointFile { names: Vec::new(), points, space, content: Content::Stl(Stl { mesh, header }) })
+    Ok(PointFile { names: Vec::new(), points, space, content: PointContent::Stl(Stl { mesh, header }) })
 }
 
 /// Refuses a binary STL whose number of triangles is not what the file holds.

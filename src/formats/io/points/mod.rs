@@ -56,10 +56,10 @@ pub struct PointFile {
     /// Positions, LPS mm.
     pub points: Vec<Point3<f64>>,
     space: Space,
-    content: Content,
+    content: PointContent,
 }
 
-enum Content {
+enum PointContent {
     Table(table::Table),
     Markups(slicer::Markups),
     Fiducials(slicer::Fiducials),
@@ -134,19 +134,19 @@ impl PointFile {
         }
         let stored: Vec<Point3<f64>> = moved.iter().map(|p| self.space.convert(*p)).collect();
         let bytes = match &self.content {
-            Content::Table(table) => table.write(&self.names, &stored),
-            Content::Markups(markups) => markups.write(&stored),
-            Content::Fiducials(fiducials) => fiducials.write(&stored),
-            Content::Elastix => elastix::write(&stored),
-            Content::Obj(obj) => obj.write(&stored),
-            Content::Stl(stl) => stl.write(&stored),
+            PointContent::Table(table) => table.write(&self.names, &stored),
+            PointContent::Markups(markups) => markups.write(&stored),
+            PointContent::Fiducials(fiducials) => fiducials.write(&stored),
+            PointContent::Elastix => elastix::write(&stored),
+            PointContent::Obj(obj) => obj.write(&stored),
+            PointContent::Stl(stl) => stl.write(&stored),
         }
         .map_err(|problem| Error::write(path, problem, "report this with the input file"))?;
         super::write_file(path, |out| out.write_all(&bytes))
     }
 }
 
-impl Content {
+impl PointContent {
     fn extension(&self) -> &'static str {
         match self {
             Self::Table(_) => ".csv",

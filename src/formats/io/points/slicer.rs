@@ -3,7 +3,7 @@
 //! Source: Slicer's markups schema 1.0.3 and `vtkMRMLMarkupsFiducialStorageNode`.
 
 use super::super::sheet::require_length;
-use super::{Content, File, PointFile, Space, digits};
+use super::{File, PointContent, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 use serde_json::{Value, json};
@@ -69,7 +69,7 @@ pub(super) fn read_markups(file: &File<'_>) -> Result<PointFile> {
         }
     }
     // Each list keeps its own space; positions reach `write` as LPS.
-    Ok(PointFile { names, points, space: Space::Lps, content: Content::Markups(Markups { document, places }) })
+    Ok(PointFile { names, points, space: Space::Lps, content: PointContent::Markups(Markups { document, places }) })
 }
 
 impl Markups {
@@ -85,11 +85,11 @@ impl Markups {
 
 /// An `.fcsv` file: its lines, with the positions cut out.
 pub(super) struct Fiducials {
-    lines: Vec<Line>,
+    lines: Vec<MarkupLine>,
     columns: [usize; 3],
 }
 
-enum Line {
+enum MarkupLine {
     Comment(String),
     Point(Vec<String>),
 }
@@ -120,9 +120,9 @@ pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
                     _ => {}
                 }
             }
-            lines.push(Line::Comment(text.into()));
+            lines.push(MarkupLine::Comment(text.into()));
         } else if text.trim().is_empty() {
-            lines.push(Line::Comment(String::new()));
+            lines.push(MarkupLine::Comment(String::new()));
         } else {
             if let Some(width) = width {
                 let cells =
@@ -134,12 +134,12 @@ pub(super) fn read_fiducials(file: &File<'_>) -> Result<PointFile> {
             points.push(Point3::new(x?, y?, z?));
             let name = label.and_then(|c| cells.get(c)).filter(|l| !l.is_empty());
             names.push(name.cloned().unwrap_or_else(|| points.len().to_string()));
-            lines.push(Line::Point(cells));
+            lines.push(MarkupLine::Point(cells));
         }
     }
     let space = file.space(own)?;
     let points = points.into_iter().map(|p| space.convert(p)).collect();
-    Ok(PointFile { names, points, space, content: Content::Fiducials(Fiducials { lines, columns }) })
+    Ok(PointFile { names, points, space, content: PointContent::Fiducials(Fiducials { lines, columns }) })
 }
 
 /// How many cells a line has; commas within quotation marks part none.
@@ -154,8 +154,8 @@ impl Fiducials {
         let mut out = String::new();
         for line in &self.lines {
             match line {
-                Line::Comment(text) => out.push_str(text),
-                Line::Point(cells) => {
+                MarkupLine::Comment(text) => out.push_str(text),
+                MarkupLine::Point(cells) => {
                     let p = points.next().ok_or("a position is missing")?;
                     let cells = cells.iter().enumerate().map(|(n, cell)| {
                         self.columns.iter().position(|c| *c == n).map_or_else(|| cell.clone(), |a| digits(p[a]))

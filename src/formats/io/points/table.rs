@@ -1,7 +1,7 @@
 //! Points as CSV, LPS mm: columns `x`, `y`, `z` and whatever else; or landmarks with `FRAME_x`, `FRAME_y`, `FRAME_z`.
 
 use super::super::sheet::{Sheet, plain_cell, require_length};
-use super::{Content, File, PointFile, Space, digits};
+use super::{File, PointContent, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use csv::{ReaderBuilder, StringRecord, Trim};
 use nalgebra::Point3;
@@ -47,7 +47,7 @@ pub(super) fn read(file: &File<'_>, frame: &str) -> Result<PointFile> {
         records.push(record);
     }
     let space = file.space(Some(Space::Lps))?;
-    Ok(PointFile { names, points, space, content: Content::Table(Table { header, records, columns: own }) })
+    Ok(PointFile { names, points, space, content: PointContent::Table(Table { header, records, columns: own }) })
 }
 
 impl Table {

@@ -13,7 +13,7 @@ pub(super) enum Worse {
 }
 
 /// One figure of a run.
-pub(super) struct Kind {
+pub(super) struct FigureOfRuns {
     /// Its column in tables and key in JSON, with its unit.
     pub(super) key: &'static str,
     /// Heading of its column on the page.
@@ -28,7 +28,7 @@ pub(super) struct Kind {
     of: fn(&Report) -> Option<f64>,
 }
 
-impl Kind {
+impl FigureOfRuns {
     /// The figure of a run; nothing where the run has none or it is no number.
     pub(super) fn of(&self, report: &Report) -> Option<f64> {
         (self.of)(report).filter(|v| v.is_finite())
@@ -36,12 +36,20 @@ impl Kind {
 }
 
 /// A figure without a course, which is worse where it is higher.
-const PLAIN: Kind =
-    Kind { key: "", title: "", unit: "mm", digits: 2, worse: Worse::High, least: 0.0, course: false, of: |_| None };
+const PLAIN: FigureOfRuns = FigureOfRuns {
+    key: "",
+    title: "",
+    unit: "mm",
+    digits: 2,
+    worse: Worse::High,
+    least: 0.0,
+    course: false,
+    of: |_| None,
+};
 
 /// All figures, in the order of the columns.
-pub(super) const KINDS: [Kind; 16] = [
-    Kind {
+pub(super) const KINDS: [FigureOfRuns; 16] = [
+    FigureOfRuns {
         key: "couch_shift_mm",
         title: "couch shift",
         digits: 1,
@@ -51,7 +59,7 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| Some(r.couch_shift.norm()),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "bones_by_image",
         title: "bones found",
         unit: "",
@@ -61,7 +69,7 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| Some(r.bones_by_image() as f64),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "least_similarity",
         title: "least similarity of a bone",
         unit: "",
@@ -72,7 +80,7 @@ pub(super) const KINDS: [Kind; 16] = [
         },
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "largest_bone_motion_mm",
         title: "largest motion of a bone",
         digits: 1,
@@ -82,14 +90,14 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| most(r.bones.iter().filter(|b| b.determined_by != DeterminedBy::Joint).map(|b| b.motion_mm)),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "bone_position_sd_mm",
         title: "SD of a bone's position",
         least: 0.2,
         of: |r| most(r.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).map(|b| b.position_sd_mm)),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "joint_beyond_range_deg",
         title: "joint beyond its range",
         unit: "degrees",
@@ -98,7 +106,7 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| most(r.bones.iter().map(|b| b.beyond_range.rotation_deg)),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "landmarks_mean_mm",
         title: "landmarks, mean",
         least: 0.2,
@@ -106,14 +114,14 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| r.landmarks.as_ref().filter(|l| l.after.n > 0).map(|l| l.after.mean),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "landmarks_worst_mm",
         title: "landmarks, worst",
         least: 0.5,
         of: |r| r.landmarks.as_ref().filter(|l| l.after.n > 0).map(|l| l.after.max),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "there_and_back_mean_mm",
         title: "there and back, mean",
         digits: 3,
@@ -121,14 +129,14 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| Some(r.consistency.there_and_back_mm.mean),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "there_and_back_worst_mm",
         title: "there and back, worst",
         least: 0.5,
         of: |r| Some(r.consistency.there_and_back_mm.max),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "folded_percent",
         title: "folded tissue",
         unit: "%",
@@ -138,7 +146,7 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| Some(r.jacobian.body.folded_percent),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "departure_from_rigid_mm",
         title: "bones' departure from rigid, worst rms",
         digits: 3,
@@ -146,7 +154,7 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| r.least_rigid().map(|b| b.rms_mm),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "uncertainty_median_mm",
         title: "uncertainty, median",
         least: 0.2,
@@ -154,14 +162,14 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.median),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "uncertainty_p95_mm",
         title: "uncertainty, 95th percentile",
         least: 0.5,
         of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.p95),
         ..PLAIN
     },
-    Kind {
+    FigureOfRuns {
         key: "uncertainty_unknown_percent",
         title: "tissue of which nothing is known",
         unit: "%",
@@ -170,7 +178,15 @@ pub(super) const KINDS: [Kind; 16] = [
         of: |r| r.uncertainty.map(|u| u.unknown_percent),
         ..PLAIN
     },
-    Kind { key: "seconds", title: "time", unit: "s", digits: 1, least: 5.0, of: |r| Some(r.seconds()), ..PLAIN },
+    FigureOfRuns {
+        key: "seconds",
+        title: "time",
+        unit: "s",
+        digits: 1,
+        least: 5.0,
+        of: |r| Some(r.seconds()),
+        ..PLAIN
+    },
 ];
 
 fn most(values: impl Iterator<Item = f64>) -> Option<f64> {

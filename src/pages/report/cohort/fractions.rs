@@ -6,7 +6,7 @@ use super::super::numbers::{Report, utc};
 use super::super::thumbnail::thumbnail;
 use super::super::viewer::policy;
 use super::Member;
-use super::figures::{KINDS, Kind};
+use super::figures::{FigureOfRuns, KINDS};
 use super::page::{STYLE, course, number, report_link};
 use super::text::of_verdicts;
 use crate::config::InputRole;
@@ -20,19 +20,19 @@ use std::path::Path;
 
 /// The bone that moves most apart from the couch shift.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct Moved {
+struct FractionMoved {
     bone: String,
     mm: f64,
 }
 
 /// One fraction of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct Fraction {
+struct FractionRow {
     #[serde(flatten)]
     run: Member,
     /// File or series of its image.
     image: String,
-    moves_most: Option<Moved>,
+    moves_most: Option<FractionMoved>,
     /// Number of its warnings.
     warned: usize,
     /// A small picture of what its registration made.
@@ -49,7 +49,7 @@ pub struct Fractions {
     pub created: u64,
     /// The command line.
     pub command: String,
-    fractions: Vec<Fraction>,
+    fractions: Vec<FractionRow>,
     #[serde(skip)]
     planning: Option<InputFile>,
 }
@@ -97,9 +97,9 @@ impl Fractions {
             let report = Report::read(&folder.join("report.json"), REMEDY)?;
             let image = report.inputs.iter().find(|i| i.role == InputRole::Fraction);
             planning = planning.or_else(|| report.inputs.iter().find(|i| i.role == InputRole::Planning).cloned());
-            fractions.push(Fraction {
+            fractions.push(FractionRow {
                 image: image.map_or(String::new(), |i| ending(&i.path)),
-                moves_most: report.moves_most().map(|(bone, mm)| Moved { bone: bone.name.clone(), mm }),
+                moves_most: report.moves_most().map(|(bone, mm)| FractionMoved { bone: bone.name.clone(), mm }),
                 warned: report.warnings.len(),
                 picture: std::fs::read(folder.join("report/fusion_after.png")).ok().and_then(|png| thumbnail(&png)),
                 run: Member::new(String::new(), (*name).to_owned(), name.into(), &report),
@@ -118,7 +118,7 @@ impl Fractions {
 
     fn page(&self) -> String {
         let runs: Vec<&Member> = self.fractions.iter().map(|f| &f.run).collect();
-        let kinds: Vec<&Kind> = SHOWN
+        let kinds: Vec<&FigureOfRuns> = SHOWN
             .iter()
             .filter_map(|key| KINDS.iter().find(|k| k.key == *key))
             .filter(|k| runs.iter().any(|m| m.figure(k.key).is_some()))
@@ -151,7 +151,7 @@ impl Fractions {
         .into_string()
     }
 
-    fn table(&self, kinds: &[&Kind]) -> Markup {
+    fn table(&self, kinds: &[&FigureOfRuns]) -> Markup {
         html! {
             table.index {
                 thead {
@@ -174,7 +174,7 @@ fn ending(path: &Path) -> String {
 }
 
 /// The line of one fraction.
-fn line(f: &Fraction, kinds: &[&Kind]) -> Markup {
+fn line(f: &FractionRow, kinds: &[&FigureOfRuns]) -> Markup {
     let mark = f.run.verdict.map_or("", Mark::name);
     html! {
         tr {
@@ -201,7 +201,7 @@ fn line(f: &Fraction, kinds: &[&Kind]) -> Markup {
 }
 
 /// The course of each figure over the fractions.
-fn courses(runs: &[&Member], kinds: &[&Kind]) -> Markup {
+fn courses(runs: &[&Member], kinds: &[&FigureOfRuns]) -> Markup {
     html! {
         table {
             thead { tr { @for k in kinds { th { (k.title) } } } }

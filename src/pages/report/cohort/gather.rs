@@ -40,7 +40,7 @@ impl Summary {
     /// # Errors
     /// [`Error::Input`] where a folder holds no run; [`Error::Read`] when a report cannot be read; [`Error::Write`].
     pub fn of(folders: &[PathBuf], anonymous: bool, out: Option<&Path>, command: &str) -> Result<Self> {
-        let found = Found::in_folders(folders)?;
+        let found = RunFound::in_folders(folders)?;
         let files: Vec<&Path> = found.reports.iter().map(PathBuf::as_path).collect();
         let held = out.map(|out| RunFolder::open(out, &planned(), &files, command)).transpose()?;
         let seen_from = out.unwrap_or(Path::new("."));
@@ -73,12 +73,12 @@ fn planned() -> Planned {
 
 /// Reports, and folders of runs without one.
 #[derive(Default)]
-struct Found {
+struct RunFound {
     reports: Vec<PathBuf>,
     unfinished: Vec<PathBuf>,
 }
 
-impl Found {
+impl RunFound {
     fn in_folders(folders: &[PathBuf]) -> Result<Self> {
         let mut found = Self::default();
         for path in folders {

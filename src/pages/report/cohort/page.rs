@@ -3,7 +3,7 @@
 use super::super::html::head;
 use super::super::numbers::utc;
 use super::super::viewer::policy;
-use super::figures::{KINDS, Kind};
+use super::figures::{FigureOfRuns, KINDS};
 use super::text::{counts, stands_out, value, why};
 use super::{Cohort, Member};
 use crate::evaluate::verdict::Mark;
@@ -29,7 +29,8 @@ const RIM: f64 = 5.0;
 
 /// The page; everything it needs is inside but the reports, to which it links.
 pub(super) fn page(cohort: &Cohort) -> String {
-    let shown: Vec<&Kind> = KINDS.iter().filter(|k| cohort.runs.iter().any(|m| m.figure(k.key).is_some())).collect();
+    let shown: Vec<&FigureOfRuns> =
+        KINDS.iter().filter(|k| cohort.runs.iter().any(|m| m.figure(k.key).is_some())).collect();
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -84,7 +85,7 @@ fn first(cohort: &Cohort) -> Markup {
     }
 }
 
-fn runs(cohort: &Cohort, shown: &[&Kind]) -> Markup {
+fn runs(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
     // Said once: they tell one run from another as little as the planning CT does.
     let mut common: Vec<&String> = cohort.runs.first().iter().flat_map(|m| &m.warnings).collect();
     common.retain(|w| cohort.runs.len() > 1 && cohort.runs.iter().all(|m| m.warnings.contains(w)));
@@ -124,13 +125,13 @@ fn runs(cohort: &Cohort, shown: &[&Kind]) -> Markup {
     }
 }
 
-pub(super) fn number(kind: &Kind, v: Option<f64>) -> String {
+pub(super) fn number(kind: &FigureOfRuns, v: Option<f64>) -> String {
     v.map_or("\u{2013}".into(), |v| format!("{v:.*}", kind.digits))
 }
 
 /// A small picture of each figure that has a course, patient by patient.
-fn courses(cohort: &Cohort, shown: &[&Kind]) -> Markup {
-    let shown: Vec<&Kind> = shown.iter().copied().filter(|k| k.course).collect();
+fn courses(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
+    let shown: Vec<&FigureOfRuns> = shown.iter().copied().filter(|k| k.course).collect();
     let all: Vec<&Member> = cohort.runs.iter().collect();
     html! {
         table {
@@ -152,7 +153,7 @@ fn courses(cohort: &Cohort, shown: &[&Kind]) -> Markup {
 pub(super) fn course<'a>(
     all: &[&'a Member],
     patient: impl IntoIterator<Item = &'a Member>,
-    kind: &Kind,
+    kind: &FigureOfRuns,
     median: Option<f64>,
 ) -> Markup {
     let patient: Vec<&Member> = patient.into_iter().collect();

@@ -1,6 +1,6 @@
 //! A cohort as text: a table for programs, and what matters for the terminal.
 
-use super::figures::{KINDS, Kind};
+use super::figures::{FigureOfRuns, KINDS};
 use super::{Cohort, Member};
 use crate::evaluate::verdict::Mark;
 use crate::io::Sheet;
@@ -25,7 +25,7 @@ pub(super) fn csv(cohort: &Cohort) -> io::Result<Vec<u8>> {
 }
 
 /// A figure with its unit.
-pub(super) fn value(kind: &Kind, v: f64) -> String {
+pub(super) fn value(kind: &FigureOfRuns, v: f64) -> String {
     let space = if kind.unit.is_empty() { "" } else { " " };
     format!("{v:.*}{space}{}", kind.digits, kind.unit)
 }

@@ -147,14 +147,14 @@ fn bones(list: &mut List, a: &Assessment) {
 }
 
 /// A row of a table: what it is, and its value for each field.
-pub(super) struct Row {
+pub(super) struct FigureRow {
     pub(super) item: String,
     pub(super) metric: String,
     pub(super) values: Vec<String>,
 }
 
 /// The rows of one part, fields side by side.
-pub(super) fn rows(report: &EvaluationReport, part: &str) -> Vec<Row> {
+pub(super) fn rows(report: &EvaluationReport, part: &str) -> Vec<FigureRow> {
     let lists: Vec<Vec<Figure>> = report.fields.iter().map(|f| figures(&f.assessment)).collect();
     let mut keys: Vec<(&str, &str, &str)> = Vec::new();
     for f in lists.iter().flatten().filter(|f| f.part == part) {
@@ -167,7 +167,7 @@ pub(super) fn rows(report: &EvaluationReport, part: &str) -> Vec<Row> {
         found.map_or("\u{2013}".to_owned(), |f| number(f.value, unit))
     };
     keys.iter()
-        .map(|key| Row {
+        .map(|key| FigureRow {
             item: key.0.to_owned(),
             metric: if key.2.is_empty() { key.1.to_owned() } else { format!("{}, {}", key.1, key.2) },
             values: lists.iter().map(|list| value(list, *key)).collect(),

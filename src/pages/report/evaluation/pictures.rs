@@ -167,9 +167,9 @@ fn fusion(Scans { planning, fraction }: Scans<'_>, from: impl Fn(&Point3<f64>) -
 }
 
 /// Pictures of the three planes, before they become a sheet.
-type Rows = [(Plane, Canvas); 3];
+type PictureRows = [(Plane, Canvas); 3];
 
-fn jacobians(planning: &Volume<f32>, maps: &Maps) -> Rows {
+fn jacobians(planning: &Volume<f32>, maps: &Maps) -> PictureRows {
     middle_planes(planning).map(|plane| {
         let hu = plane.hu(planning);
         let picture = plane.paint(|p, n| {
@@ -188,7 +188,7 @@ fn jacobians(planning: &Volume<f32>, maps: &Maps) -> Rows {
     })
 }
 
-fn sheet_of(rows: Rows) -> Canvas {
+fn sheet_of(rows: PictureRows) -> Canvas {
     let rows = rows.map(|(plane, picture)| plane.row(&picture, BACKDROP, INK, BACKDROP));
     let ticks: Vec<_> =
         ["1/2", "0.7", "1", "1.4", "2"].iter().enumerate().map(|(i, t)| (i as f64 / 4.0, (*t).to_owned())).collect();
@@ -200,7 +200,7 @@ fn sheet_of(rows: Rows) -> Canvas {
 }
 
 /// Outlines of labels over pictures of their frame.
-fn outlined(rows: Rows, labels: &Volume<u16>) -> Rows {
+fn outlined(rows: PictureRows, labels: &Volume<u16>) -> PictureRows {
     rows.map(|(plane, mut picture)| {
         outline(&mut picture, &plane, labels, mix(INK, [255; 3], 0.25));
         (plane, picture)

@@ -18,7 +18,7 @@ const FAINTEST: f64 = 0.2;
 
 /// The pictures while they are made.
 pub struct Gallery {
-    views: Vec<View>,
+    views: Vec<GalleryView>,
     /// Labels of bones.
     bones: Vec<bool>,
     count: usize,
@@ -28,7 +28,7 @@ pub struct Gallery {
 }
 
 /// One plane.
-struct View {
+struct GalleryView {
     plane: Plane,
     small: Plane,
     /// The planning CT, dimmed, under all outlines.
@@ -39,7 +39,7 @@ struct View {
 }
 
 /// A finished picture.
-pub(super) struct Shown {
+pub(super) struct GalleryShown {
     pub(super) title: &'static str,
     pub(super) caption: &'static str,
     pub(super) png: Vec<u8>,
@@ -79,7 +79,7 @@ impl Gallery {
             let planning = labels(&plane, map, &bones);
             outline(&mut overlay, &plane, &planning, BLUE, 1.0);
             let sums = vec![[0.0; 2]; hu.len()];
-            View { small: plane.scaled(SMALLER), overlay, planning, sums, plane }
+            GalleryView { small: plane.scaled(SMALLER), overlay, planning, sums, plane }
         };
         let views = [sagittal, coronal].map(view).into();
         let opacity = (1.4 / (total as f64).max(1.0).sqrt()).clamp(FAINTEST, 0.9);
@@ -112,7 +112,7 @@ impl Gallery {
     }
 
     /// The large pictures: outlines, mean, standard deviation.
-    pub(super) fn shown(&self) -> Result<Vec<Shown>> {
+    pub(super) fn shown(&self) -> Result<Vec<GalleryShown>> {
         let n = (self.count as f64).max(1.0);
         let mut overlays = Vec::new();
         let (mut means, mut deviations) = (Vec::new(), Vec::new());
@@ -127,7 +127,7 @@ impl Gallery {
                 mix(grey(0.5 * tone(mean(k))), heat(sd / GREATEST_SD), (sd / 60.0).min(1.0))
             }));
         }
-        let shown = |title, caption, parts: &[Canvas]| Ok(Shown { title, caption, png: full(&beside(parts))? });
+        let shown = |title, caption, parts: &[Canvas]| Ok(GalleryShown { title, caption, png: full(&beside(parts))? });
         Ok(vec![
             shown(
                 "Bones of all postures",

@@ -3,7 +3,7 @@
 use super::super::canvas::Canvas;
 use super::super::html::{data_url, head};
 use super::super::viewer::policy;
-use super::gallery::Shown;
+use super::gallery::GalleryShown;
 use super::{About, Gallery, PostureRecord, histogram};
 use crate::error::{Error, Result};
 use crate::postures::sources;
@@ -86,7 +86,7 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
     .into_string())
 }
 
-fn plate(picture: &Shown) -> Markup {
+fn plate(picture: &GalleryShown) -> Markup {
     html! {
         figure {
             h3 { (picture.title) }

@@ -2,7 +2,7 @@
 
 use super::super::canvas::{Canvas, Rgb};
 use super::super::plane::Plane;
-use super::Scene;
+use super::PictureScene;
 use super::legend::Legend;
 use crate::volume::Volume;
 use nalgebra::Vector3;
@@ -18,19 +18,19 @@ const FINEST_MM: f64 = 1.0;
 
 /// Planning's bones before (thin, white) and after the registration (yellow) on a plane of the
 /// fraction.
-pub(super) fn outlines(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
+pub(super) fn outlines(scene: &PictureScene<'_>, plane: &Plane, picture: &mut Canvas) {
     outlines_at(scene, plane, &scene.shift_before.unwrap_or_default(), picture);
 }
 
 /// The same with planning's bones moved by `shift` before.
-pub(super) fn outlines_at(scene: &Scene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
-    outline(&scene.case.planning.bones.volume, plane, shift, picture, Pen { colour: BEFORE, width: WIDTHS[0] });
+pub(super) fn outlines_at(scene: &PictureScene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
+    outline(&scene.case.planning.bones.volume, plane, shift, picture, BonePen { colour: BEFORE, width: WIDTHS[0] });
     outline(
         &scene.outcome.bones_on_fraction.volume,
         plane,
         &Vector3::zeros(),
         picture,
-        Pen { colour: AFTER, width: WIDTHS[1] },
+        BonePen { colour: AFTER, width: WIDTHS[1] },
     );
 }
 
@@ -42,7 +42,7 @@ pub(super) fn legend(legend: &mut Legend<'_>) {
 
 /// How a border is drawn.
 #[derive(Clone, Copy)]
-struct Pen {
+struct BonePen {
     colour: Rgb,
     /// Dots.
     width: f64,
@@ -50,7 +50,7 @@ struct Pen {
 
 /// The borders between labels, with corners cut: from the middles between unequal neighbours of a
 /// lattice.
-fn outline(labels: &Volume<u16>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas, pen: Pen) {
+fn outline(labels: &Volume<u16>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas, pen: BonePen) {
     let spacing = labels.grid().spacing().into_iter().fold(f64::INFINITY, f64::min).max(FINEST_MM);
     let step = spacing * plane.scale;
     let [wide, high] = [plane.width, plane.height].map(|n| (n as f64 / step) as usize + 1);
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn bones_are_outlined_where_they_were_and_where_they_are() {
         let (case, outcome, _) = example::small();
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let plane = &scene.fraction[2];
         let mut picture = Canvas::new(plane.width, plane.height, [0; 3]);
         outlines(&scene, plane, &mut picture);

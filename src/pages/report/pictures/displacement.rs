@@ -4,7 +4,7 @@ use super::super::canvas::{Canvas, mix};
 use super::super::colour::{grey, magnitude, stepped, tone};
 use super::super::plane::{Plane, hu_at, nearest};
 use super::legend::sheet;
-use super::{Plate, Scene};
+use super::{PictureScene, Plate};
 use crate::evaluate::jacobian::TISSUE_HU;
 use crate::stats::percentile;
 use crate::volume::trilinear_vector;
@@ -19,7 +19,7 @@ const REACH: f64 = 1.6;
 type Arrow = ([f64; 2], Vector3<f64>);
 
 /// The in-plane part of the push field as arrows at the planning positions.
-pub(super) fn draw(scene: &Scene<'_>) -> Plate {
+pub(super) fn draw(scene: &PictureScene<'_>) -> Plate {
     let arrows: Vec<Vec<Arrow>> = scene.planning.iter().map(|plane| arrows(scene, plane)).collect();
     let scale = scene.planning[0].scale;
     let top = ceil_nice(high_percentile(arrows.iter().flatten().map(|(_, u)| u.norm()), 99.0));
@@ -66,7 +66,7 @@ pub(super) fn draw(scene: &Scene<'_>) -> Plate {
 }
 
 /// Arrows on a regular raster, in tissue only.
-fn arrows(scene: &Scene<'_>, plane: &Plane) -> Vec<Arrow> {
+fn arrows(scene: &PictureScene<'_>, plane: &Plane) -> Vec<Arrow> {
     let field = &scene.outcome.push.displacement;
     let mut out = Vec::new();
     for y in (SPACING / 2..plane.height).step_by(SPACING) {
@@ -130,7 +130,7 @@ mod tests {
     fn arrows_stand_in_tissue_and_carry_the_field() {
         let (case, mut outcome, _) = example::small();
         outcome.push.displacement = outcome.push.displacement.map(|_| [3.0, 4.0, 12.0]);
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let axial = &scene.planning[0];
         let arrows = arrows(&scene, axial);
         assert!(arrows.len() > 50);

@@ -3,7 +3,7 @@
 use super::super::canvas::Canvas;
 use super::super::plane::{Kind, Region};
 use super::super::svg::svg;
-use super::{Scene, displacement, fusion, jacobian, uncertainty};
+use super::{PictureScene, displacement, fusion, jacobian, uncertainty};
 use crate::error::{Error, Result};
 use crate::pipeline::{Case, Outcome};
 
@@ -48,7 +48,7 @@ pub fn figure(case: &Case, outcome: &Outcome, kind: FigureKind, plane: Kind, at:
             format!("give a coordinate from {:.1} to {:.1} mm (LPS)", region.low[axis], region.high[axis]),
         ));
     }
-    let scene = Scene::single(case, outcome, plane, at);
+    let scene = PictureScene::single(case, outcome, plane, at);
     let plate = match (kind, &outcome.uncertainty) {
         (FigureKind::Fusion, _) => fusion::after(&scene),
         (FigureKind::Displacement, _) => displacement::draw(&scene),

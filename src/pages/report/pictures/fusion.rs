@@ -4,14 +4,14 @@ use super::super::canvas::{Canvas, Rgb};
 use super::super::colour::{BLUE, ORANGE, fuse, tone};
 use super::super::plane::Plane;
 use super::legend::{Legend, sheet};
-use super::{Plate, Scene, bones};
+use super::{PictureScene, Plate, bones};
 use crate::view::ViewReport;
 use crate::volume::Volume;
 use nalgebra::Vector3;
 use std::ops::RangeInclusive;
 
 /// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
-pub(super) fn before(scene: &Scene<'_>) -> Plate {
+pub(super) fn before(scene: &PictureScene<'_>) -> Plate {
     let shift = scene.shift_before.unwrap_or_default();
     let how = match scene.shift_before {
         None => "Both scans at their scanner positions, nothing moved.".to_owned(),
@@ -30,7 +30,7 @@ pub(super) fn before(scene: &Scene<'_>) -> Plate {
 }
 
 /// The planning CT moved by the couch shift alone; nothing where that is the picture before already, or hardly a shift.
-pub(super) fn couch(scene: &Scene<'_>) -> Option<Plate> {
+pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
     let s = scene.outcome.couch_shift;
     if scene.shift_before.is_some() || s.norm() < LEAST_SHIFT_MM {
         return None;
@@ -51,7 +51,7 @@ pub(super) fn couch(scene: &Scene<'_>) -> Option<Plate> {
 pub(in crate::report) const LEAST_SHIFT_MM: f64 = 0.5;
 
 /// The deformed planning CT over the fraction CT.
-pub(super) fn after(scene: &Scene<'_>) -> Plate {
+pub(super) fn after(scene: &PictureScene<'_>) -> Plate {
     Plate {
         file: "fusion_after.png",
         title: "After registration",
@@ -70,7 +70,7 @@ pub(super) fn after(scene: &Scene<'_>) -> Plate {
 
 /// The planes of the fraction CT fused with a planning CT moved by `shift`; the outlines of planning's bones are moved by
 /// `before`.
-fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>, before: &Vector3<f64>) -> Canvas {
+fn panels(scene: &PictureScene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>, before: &Vector3<f64>) -> Canvas {
     let planes = scene.fraction.iter().zip(&scene.fraction_hu);
     let rows: Vec<Canvas> = planes
         .map(|(plane, fraction)| {
@@ -95,13 +95,13 @@ fn panels(scene: &Scene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>, befor
 const EDGE: Rgb = [94, 224, 142];
 
 /// What limits the fraction's view inside its grid, if anything.
-fn limited<'a>(scene: &'a Scene<'_>) -> Option<&'a ViewReport> {
+fn limited<'a>(scene: &'a PictureScene<'_>) -> Option<&'a ViewReport> {
     let view = &scene.outcome.kind.as_ref()?.view;
     (view.circle.is_some() || view.blank != [[0; 2]; 3]).then_some(view)
 }
 
 /// Draws where the fraction's view ends.
-fn outline(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
+fn outline(scene: &PictureScene<'_>, plane: &Plane, picture: &mut Canvas) {
     let Some(view) = limited(scene) else { return };
     let grid = scene.case.fraction.ct.grid();
     let shown = |x: usize, y: usize| view.shows(grid, &plane.world(x as f64, y as f64));
@@ -119,7 +119,7 @@ fn outline(scene: &Scene<'_>, plane: &Plane, picture: &mut Canvas) {
 const DASH: (usize, usize) = (8, 12);
 
 /// The same in a window for lung: where planning's planes show some.
-pub(super) fn lung(scene: &Scene<'_>) -> Option<Plate> {
+pub(super) fn lung(scene: &PictureScene<'_>) -> Option<Plate> {
     let planning: Vec<Vec<f32>> =
         scene.fraction.iter().map(|plane| plane.hu(&scene.outcome.planning_on_fraction)).collect();
     let all = planning.iter().flatten();
@@ -184,7 +184,7 @@ mod tests {
     fn equal_scans_fuse_to_grey_everywhere() {
         let (mut case, outcome, _) = example::small();
         case.fraction.ct = case.planning.ct.clone();
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         for plane in &scene.fraction {
             let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| plane.hu(ct));
             let panel = fused(plane, &hu[0], &hu[1]);
@@ -208,7 +208,7 @@ mod tests {
             .map(|l| if l % ni >= 2 { case.planning.ct.data()[l - 2] } else { -1000.0 })
             .collect();
         case.fraction.ct = crate::volume::Volume::new(case.planning.ct.grid().clone(), shifted).unwrap();
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
         let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| axial.hu(ct));
         let panel = fused(axial, &hu[0], &hu[1]);
@@ -224,13 +224,13 @@ mod tests {
         let layout = |offset| Layout { size: [40, 32, 20], spacing: [6.0, 6.0, 9.0], offset };
         let (case, outcome, _) = example::scene(layout([500.0, -20.0, 300.0]));
         let (near_case, near_outcome, _) = example::scene(layout([0.0; 3]));
-        let (far, near) = (Scene::new(&case, &outcome), Scene::new(&near_case, &near_outcome));
+        let (far, near) = (PictureScene::new(&case, &outcome), PictureScene::new(&near_case, &near_outcome));
         assert_eq!(far.shift_before, Some(outcome.couch_shift));
         assert_eq!(near.shift_before, None);
         assert!(before(&far).caption.contains("couch shift alone (500.0, -20.0, 300.0 mm)"));
         assert!(before(&near).caption.contains("scanner positions"));
         // Apart from the numbers written on it, the picture is the same, but for a step of brightness.
-        let panel = |s: &Scene<'_>| {
+        let panel = |s: &PictureScene<'_>| {
             let shift = s.shift_before.unwrap_or_default();
             fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning.ct, &shift), &s.fraction_hu[0])
         };
@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn registration_turns_colour_to_grey() {
         let (case, outcome, _) = example::small();
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let colour = |planning: &crate::volume::Volume<f32>| {
             let plane = &scene.fraction[2];
             let panel = fused(plane, &plane.hu(planning), &scene.fraction_hu[2]);

@@ -4,7 +4,7 @@ use super::super::canvas::Rgb;
 use super::super::colour::{BLACK, jacobian, shaded, tone};
 use super::super::plane::{cell_at, nearest};
 use super::legend::sheet;
-use super::{Plate, Scene};
+use super::{PictureScene, Plate};
 use crate::evaluate::jacobian::TISSUE_HU;
 use nalgebra::Point3;
 
@@ -14,7 +14,7 @@ const BACKDROP: Rgb = [198, 203, 210];
 const SHADE: f64 = 0.86;
 
 /// The Jacobian map in the planes of the planning CT.
-pub(super) fn draw(scene: &Scene<'_>) -> Plate {
+pub(super) fn draw(scene: &PictureScene<'_>) -> Plate {
     let outcome = scene.outcome;
     let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&outcome.body, &p).unwrap_or(false) {
@@ -63,7 +63,7 @@ mod tests {
             p if p.x > 0.0 => 1.8,
             _ => 0.6,
         }));
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let picture = draw(&scene).canvas;
         // The coronal row lies below the axial one.
         let coronal = &scene.planning[1];

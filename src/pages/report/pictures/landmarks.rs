@@ -4,7 +4,7 @@ use super::super::canvas::{Align, Canvas, Pen, Rgb, text_width};
 use super::super::plane::{KINDS, Plane};
 use super::fusion::{colours, fused};
 use super::legend::sheet;
-use super::{Plate, Scene, bones};
+use super::{PictureScene, Plate, bones};
 use crate::evaluate::landmark::{LandmarkReport, LandmarkResidual};
 use nalgebra::Point3;
 
@@ -14,7 +14,7 @@ const TRUE: Rgb = [60, 255, 80];
 const MAPPED: Rgb = [255, 60, 200];
 
 /// Planes that pass the most landmarks, with true and mapped positions.
-pub(super) fn draw(scene: &Scene<'_>, report: &LandmarkReport) -> Plate {
+pub(super) fn draw(scene: &PictureScene<'_>, report: &LandmarkReport) -> Plate {
     let known: Vec<(usize, &LandmarkResidual)> =
         report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
     let through = densest(&known);

@@ -24,7 +24,7 @@ pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
 pub(super) use fusion::LEAST_SHIFT_MM;
 use rayon::prelude::*;
-use scene::Scene;
+use scene::PictureScene;
 pub(super) use scene::shift_before;
 use std::path::Path;
 
@@ -46,7 +46,7 @@ pub struct Picture {
 /// # Errors
 /// [`crate::error::Error::Internal`] when a picture cannot be encoded.
 pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
-    let scene = Scene::new(case, outcome);
+    let scene = PictureScene::new(case, outcome);
     let mut kinds: Vec<Draw<'_>> =
         vec![Box::new(fusion::before), Box::new(fusion::after), Box::new(displacement::draw), Box::new(jacobian::draw)];
     if let Some((map, _)) = &outcome.uncertainty {
@@ -56,7 +56,7 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
         kinds.push(Box::new(|scene| landmarks::draw(scene, report)));
         kinds.push(Box::new(|_| residuals::draw(report)));
     }
-    let sometimes = |draw: fn(&Scene<'_>) -> Option<Plate>| draw(&scene).map(Plate::encoded).transpose();
+    let sometimes = |draw: fn(&PictureScene<'_>) -> Option<Plate>| draw(&scene).map(Plate::encoded).transpose();
     let (pictures, (couch, lung)) = rayon::join(
         || kinds.par_iter().map(|draw| draw(&scene).encoded()).collect::<Result<Vec<_>>>(),
         || rayon::join(|| sometimes(fusion::couch), || sometimes(fusion::lung)),
@@ -96,7 +96,7 @@ pub(super) fn write(folder: &Path, pictures: &[Picture]) -> Result<()> {
 const MOST_BYTES: usize = 450_000;
 
 /// Draws one kind of picture.
-type Draw<'a> = Box<dyn Fn(&Scene<'_>) -> Plate + Sync + 'a>;
+type Draw<'a> = Box<dyn Fn(&PictureScene<'_>) -> Plate + Sync + 'a>;
 
 /// A picture before encoding.
 pub(super) struct Plate {

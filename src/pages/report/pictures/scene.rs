@@ -9,7 +9,7 @@ use crate::pipeline::{Case, Outcome};
 use nalgebra::{Point3, Vector3};
 
 /// A run with the planes that matter.
-pub(super) struct Scene<'a> {
+pub(super) struct PictureScene<'a> {
     pub(super) case: &'a Case,
     pub(super) outcome: &'a Outcome,
     /// Planes in the planning CT.
@@ -37,7 +37,7 @@ const POINTS_MM: f64 = 4.0;
 /// What lies this close to a plane decides what it shows, mm.
 const SLAB_MM: f64 = 8.0;
 
-impl<'a> Scene<'a> {
+impl<'a> PictureScene<'a> {
     pub(super) fn new(case: &'a Case, outcome: &'a Outcome) -> Self {
         let shift_before = shift_before(case, outcome);
         let (body, moved) = patient(outcome, shift_before.unwrap_or_default());

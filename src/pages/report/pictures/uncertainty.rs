@@ -5,7 +5,7 @@ use super::super::colour::{heat, shaded, tone};
 use super::super::plane::nearest;
 use super::displacement::{ceil_nice, short};
 use super::legend::sheet;
-use super::{Plate, Scene};
+use super::{PictureScene, Plate};
 use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::Point3;
@@ -33,7 +33,7 @@ pub(in crate::report) fn scale(map: &Volume<f32>) -> [f64; 2] {
 }
 
 /// The map in the planes of the planning CT.
-pub(super) fn draw(scene: &Scene<'_>, map: &Volume<f32>) -> Plate {
+pub(super) fn draw(scene: &PictureScene<'_>, map: &Volume<f32>) -> Plate {
     let [top, greatest] = scale(map);
     let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&scene.outcome.body, &p).unwrap_or(false) {
@@ -84,7 +84,7 @@ mod tests {
         let (case, outcome, _) = example::small();
         let grid = outcome.jacobian.grid().clone();
         let map = Volume::from_fn(grid.clone(), |l| if grid.centre(grid.voxel(l)).x > 0.0 { 2.8 } else { 0.2 });
-        let scene = Scene::new(&case, &outcome);
+        let scene = PictureScene::new(&case, &outcome);
         let plate = draw(&scene, &map);
         let axial = &scene.planning[0];
         let left = (super::super::super::plane::WIDTH - axial.width) / 2;

@@ -19,7 +19,7 @@ pub(super) const COLUMNS: [&str; 10] = [
 ];
 
 /// A row: whose numbers, and the numbers in the order of [`COLUMNS`].
-pub(super) struct Row {
+pub(super) struct StudyRow {
     pub(super) name: String,
     /// Printed elsewhere, not measured here.
     pub(super) published: bool,
@@ -27,12 +27,12 @@ pub(super) struct Row {
 }
 
 /// Rows of one table: each finished stage's, followed by what is published of it.
-pub(super) fn rows(table: &StudyTable, records: &BTreeMap<String, StageRecord>) -> Vec<Row> {
+pub(super) fn rows(table: &StudyTable, records: &BTreeMap<String, StageRecord>) -> Vec<StudyRow> {
     let mut out = Vec::new();
     for stage in &table.stages {
         let Some(record) = records.get(&stage.id) else { continue };
-        out.push(Row { name: stage.name.clone(), published: false, values: measured(record) });
-        out.extend(stage.published.iter().map(|p| Row {
+        out.push(StudyRow { name: stage.name.clone(), published: false, values: measured(record) });
+        out.extend(stage.published.iter().map(|p| StudyRow {
             name: p.patient.clone(),
             published: true,
             values: published(p),

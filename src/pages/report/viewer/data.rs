@@ -2,7 +2,7 @@
 
 use super::super::pictures::uncertainty;
 use super::super::plane::{cell_at, nearest};
-use super::places::{Place, bones, landmarks, places, start};
+use super::places::{ViewerPlace, bones, landmarks, places, start};
 use super::structures;
 use crate::error::Result;
 use crate::geometry::Grid;
@@ -56,7 +56,7 @@ impl View {
 }
 
 /// Makes the numbers of a volume.
-type Values<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
+type ViewerValues<'a> = Box<dyn Fn() -> Vec<i32> + Sync + 'a>;
 
 /// What [`View`] holds, of a finished run. All volumes lie on voxels of the fraction, as many as
 /// [`PageGrid::of`] takes; the planning CT also as it was scanned, or with the couch shift alone where the
@@ -114,7 +114,7 @@ fn embed_on(
 ) -> Result<View> {
     let shift_before = super::super::pictures::shift_before(case, outcome);
     let shift = shift_before.unwrap_or_default();
-    let whole: [(&'static str, Values<'_>); 5] = [
+    let whole: [(&'static str, ViewerValues<'_>); 5] = [
         ("fraction", Box::new(|| page.hu(&case.fraction.ct))),
         ("deformed", Box::new(|| page.hu(&outcome.planning_on_fraction))),
         ("planning", Box::new(|| page.hu_between(&case.planning.ct, &shift))),
@@ -123,7 +123,8 @@ fn embed_on(
     ];
     let (volumes, (maps, top)) = rayon::join(
         || {
-            let one = |(name, values): &(&'static str, Values<'_>)| Ok((*name, pack(&values(), page.grid().size())?));
+            let one =
+                |(name, values): &(&'static str, ViewerValues<'_>)| Ok((*name, pack(&values(), page.grid().size())?));
             whole.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>>>()
         },
         || maps(outcome, coarse, &shift, steps),
@@ -140,7 +141,7 @@ fn embed_on(
     let HuScale { first, step } = page.hu_scale();
     let scale = |hu: f32| outcome.kind.as_ref().map_or(hu, |kind| kind.on_plannings_scale(hu));
     let offset = f64::from(scale(0.0));
-    let all = |list: Vec<Place>| list.into_iter().map(Place::json).collect::<Vec<_>>();
+    let all = |list: Vec<ViewerPlace>| list.into_iter().map(ViewerPlace::json).collect::<Vec<_>>();
     let about = json!({
         "grid": grid(page.grid()),
         "coarse": grid(coarse.grid()),

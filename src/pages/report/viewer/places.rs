@@ -11,14 +11,14 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 /// A place in the fraction to look at, and why.
-pub(super) struct Place {
+pub(super) struct ViewerPlace {
     what: String,
     more: String,
     /// LPS mm.
     at: Point3<f64>,
 }
 
-impl Place {
+impl ViewerPlace {
     pub(super) fn json(self) -> Value {
         json!({ "what": self.what, "more": self.more, "at": self.at.coords.as_slice() })
     }
@@ -31,22 +31,22 @@ const MOST: usize = 8;
 
 /// Where warnings and figures have a place: overlapping bones, folded cells, skin on skin, the
 /// least certain tissue.
-pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<Place> {
+pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
     let mut places = Vec::new();
     for o in outcome.contact.overlaps.iter().take(MOST) {
         let more = format!("{:.1} mm", o.depth_mm);
-        places.push(Place { what: format!("{} in {}", o.bones[0], o.bones[1]), more, at: o.at });
+        places.push(ViewerPlace { what: format!("{} in {}", o.bones[0], o.bones[1]), more, at: o.at });
     }
     places.extend(folds(case, outcome));
     if let Some(at) = outcome.skin_contact.as_ref().and_then(middle_voxel) {
-        places.push(Place {
+        places.push(ViewerPlace {
             what: "skin passes through skin".into(),
             more: format!("{:.1} ml", outcome.contact.skin_ml),
             at,
         });
     }
     if let Some((mm, at)) = least_certain(outcome) {
-        places.push(Place { what: "least certain".into(), more: format!("{mm:.1} mm"), at });
+        places.push(ViewerPlace { what: "least certain".into(), more: format!("{mm:.1} mm"), at });
     }
     places
 }
@@ -59,7 +59,7 @@ fn pushed(outcome: &Outcome, p: &Point3<f64>) -> Option<Point3<f64>> {
 
 /// Folded cells in the fraction, those of one kind that lie close to each other as one place with
 /// their number: first those of tissue, then those between bones, the largest places first.
-fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
+fn folds(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
     let (map, grid) = (&outcome.jacobian, outcome.jacobian.grid());
     let [_, nj, nk] = grid.size();
     let mut found: Vec<(Point3<f64>, BTreeSet<u16>, usize)> = Vec::new();
@@ -82,7 +82,7 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<Place> {
         let names: Vec<&str> = bones.iter().map(name).collect();
         let what = if names.is_empty() { "folded".into() } else { format!("folded: {}", names.join(", ")) };
         let more = if cells == 1 { "1 cell".into() } else { format!("{cells} cells") };
-        Some(Place { what, more, at: pushed(outcome, &p)? })
+        Some(ViewerPlace { what, more, at: pushed(outcome, &p)? })
     };
     found.into_iter().take(MOST).filter_map(place).collect()
 }

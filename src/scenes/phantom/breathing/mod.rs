@@ -21,7 +21,7 @@ use crate::volume::{LabelMap, Mask, Volume};
 use motion::{Inner, TUBES};
 use nalgebra::Point3;
 use rayon::prelude::*;
-use scene::Scene;
+use scene::ChestScene;
 
 /// Places in the disc where points of known motion lie.
 const PLACES: [[f64; 2]; 6] = [[0.0, 0.0], [0.6, 0.0], [-0.5, 0.3], [0.2, -0.6], [-0.2, 0.7], [0.5, 0.5]];
@@ -61,7 +61,7 @@ impl Breathing {
     pub fn new(options: &BreathingOptions) -> Result<Self> {
         options.check()?;
         let (grid, fraction_grid) = (options.planning_grid()?, options.fraction_grid()?);
-        let (scene, motion) = (Scene::new(options.edge_mm), BreathingMotion::new(options));
+        let (scene, motion) = (ChestScene::new(options.edge_mm), BreathingMotion::new(options));
         let at_rest = |p: &V3| scene.sample(p, |_| (*p, 1.0));
         let samples: Vec<(f32, u16, bool)> = (0..grid.len())
             .into_par_iter()
@@ -131,7 +131,7 @@ fn organs(body: &Mask, motion: &BreathingMotion) -> LabelMap {
 }
 
 /// Points of known motion in the lungs and the organs below, and pairs of points across the pleura.
-fn landmarks(scene: &Scene, motion: &BreathingMotion) -> Vec<Landmark> {
+fn landmarks(scene: &ChestScene, motion: &BreathingMotion) -> Vec<Landmark> {
     let mut out = Vec::new();
     let mut add = |name: String, x: V3| {
         let planning = Point3::from(x);
@@ -203,7 +203,7 @@ mod tests {
     fn the_fraction_shows_the_planning_anatomy_through_the_inverse() {
         let p = Breathing::new(&BreathingOptions { keep_mass: false, ..plain_options() }).unwrap();
         let grid = p.fraction.grid();
-        let scene = Scene::new(plain_options().edge_mm);
+        let scene = ChestScene::new(plain_options().edge_mm);
         let (mut seen, mut in_lung) = (0, 0);
         for n in (0..grid.len()).step_by(5) {
             let y = grid.centre(grid.voxel(n));

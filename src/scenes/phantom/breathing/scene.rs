@@ -27,7 +27,7 @@ const SQUARE: f64 = 3.0;
 
 /// HU and bone label of any planning point, and of a moved one.
 #[derive(Debug, Clone)]
-pub(super) struct Scene {
+pub(super) struct ChestScene {
     bones: Vec<BoneSolid>,
     owners: Vec<u16>,
     shapes: Vec<Shape>,
@@ -38,7 +38,7 @@ pub(super) struct Scene {
 }
 
 /// What is at a point.
-pub(super) struct Sample {
+pub(super) struct ChestSample {
     /// HU.
     pub(super) hu: f64,
     /// Share of patient.
@@ -107,7 +107,7 @@ fn sternum() -> BoneSolid {
     BoneSolid::new("sternum", Solid::of(shapes)).filled(1.5, 700.0, 180.0)
 }
 
-impl Scene {
+impl ChestScene {
     pub(super) fn new(edge: f64) -> Self {
         let mut bones: Vec<BoneSolid> = (0..VERTEBRAE).map(vertebra).collect();
         bones.extend((0..RIBS).flat_map(|n| [rib(n, 1.0), rib(n, -1.0)]));
@@ -146,10 +146,10 @@ impl Scene {
 
     /// What is at a point at rest. `before` gives, for a part that breathes, where the point was
     /// and how much its tissue has grown since.
-    pub(super) fn sample(&self, p: &V3, before: impl Fn(Part) -> (V3, f64)) -> Sample {
+    pub(super) fn sample(&self, p: &V3, before: impl Fn(Part) -> (V3, f64)) -> ChestSample {
         let cover = self.cover(self.skin.distance(p));
         if cover <= 0.0 {
-            return Sample { hu: -1000.0, cover, label: 0 };
+            return ChestSample { hu: -1000.0, cover, label: 0 };
         }
         let nearest = TUBES.iter().map(|t| (t, t.distance(p))).min_by(|a, b| a.1.total_cmp(&b.1));
         let inside = nearest.map_or(0.0, |(_, d)| self.cover(d));
@@ -163,7 +163,7 @@ impl Scene {
             let (was, growth) = before(tube.part);
             hu += inside * tube.inner(&was).map_or(40.0, |at| self.organ(tube, &at, &was, growth));
         }
-        Sample { hu: -1000.0 + (hu + 1000.0) * cover, cover, label }
+        ChestSample { hu: -1000.0 + (hu + 1000.0) * cover, cover, label }
     }
 
     /// Share covered by a part whose surface is `d` mm away.

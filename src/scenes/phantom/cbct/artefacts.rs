@@ -3,7 +3,7 @@
 use super::super::shape::V3;
 use super::super::texture::uniform;
 use super::options::CbctOptions;
-use super::view::Seen;
+use super::view::CircleSeen;
 use std::f64::consts::TAU;
 
 /// Thickness of the slabs that share their streaks, mm.
@@ -51,7 +51,7 @@ impl Streaks {
         Self { hu: options.streak_hu, seed: seed ^ 0x57EA, reach: 0.6 * reach }
     }
 
-    pub(super) fn at(&self, seen: &Seen) -> f64 {
+    pub(super) fn at(&self, seen: &CircleSeen) -> f64 {
         if self.hu == 0.0 {
             return 0.0;
         }

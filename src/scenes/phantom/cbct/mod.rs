@@ -20,7 +20,7 @@ use crate::volume::Volume;
 use crate::volume::region::part;
 use artefacts::{Shading, Streaks};
 use rayon::prelude::*;
-use view::{View, kept};
+use view::{CircleView, kept};
 
 /// The image, in HU, as a cone-beam machine shows it; slices lie across the storage axis that runs
 /// most along the body. The same seed gives the same bits at any number of threads, and noise does
@@ -34,7 +34,8 @@ pub fn degrade(image: &Volume<f32>, options: &CbctOptions, seed: u64) -> Result<
     let kept = kept(options, whole)?;
     let image = part(image, &kept)?;
     let grid = image.grid();
-    let (view, shading, streaks) = (View::new(options, grid), Shading::new(options, seed), Streaks::new(options, seed));
+    let (view, shading, streaks) =
+        (CircleView::new(options, grid), Shading::new(options, seed), Streaks::new(options, seed));
     let value = |n: usize, hu: f64| {
         let Some(seen) = view.measured(grid, n) else { return options.padding_hu as f32 };
         let water = ((hu + 1000.0) / 1000.0).clamp(0.0, 1.0);

@@ -11,7 +11,7 @@ impl CbctOptions {
     /// Where a scan of this grid was measured: within the circle, blank slices left out. `grid` is
     /// that of the degraded image.
     pub fn measured(&self, grid: &Grid) -> Mask {
-        let view = View::new(self, grid);
+        let view = CircleView::new(self, grid);
         Volume::from_fn(grid.clone(), |n| view.measured(grid, n).is_some())
     }
 }
@@ -41,7 +41,7 @@ pub(super) fn kept(options: &CbctOptions, grid: &Grid) -> Result<[Range<usize>; 
 }
 
 /// Where a voxel lies in the scanner.
-pub(super) struct Seen {
+pub(super) struct CircleSeen {
     /// Across the axis, mm.
     pub(super) from_axis: V3,
     /// Distance to the axis, mm.
@@ -51,7 +51,7 @@ pub(super) struct Seen {
 }
 
 /// The field of view.
-pub(super) struct View {
+pub(super) struct CircleView {
     axis: usize,
     along: V3,
     middle: V3,
@@ -59,7 +59,7 @@ pub(super) struct View {
     filled: Range<usize>,
 }
 
-impl View {
+impl CircleView {
     pub(super) fn new(options: &CbctOptions, grid: &Grid) -> Self {
         let axis = long_axis(grid);
         let [left, back] = options.circle_offset_mm;
@@ -79,13 +79,13 @@ impl View {
     }
 
     /// Where a voxel lies, or `None` for one that was not measured.
-    pub(super) fn measured(&self, grid: &Grid, n: usize) -> Option<Seen> {
+    pub(super) fn measured(&self, grid: &Grid, n: usize) -> Option<CircleSeen> {
         let at = grid.voxel(n);
         let x = grid.centre(at).coords;
         let across = x - self.middle;
         let from_axis = across - self.along * self.along.dot(&across);
         let radius = from_axis.norm();
-        (radius <= self.radius && self.filled.contains(&at[self.axis])).then_some(Seen {
+        (radius <= self.radius && self.filled.contains(&at[self.axis])).then_some(CircleSeen {
             from_axis,
             radius,
             height: x.z,

@@ -129,7 +129,7 @@ impl Waves {
         bones: &Initiators<'_>,
         variant: &Variant,
     ) -> (Vec<Option<[f32; 3]>>, usize) {
-        let mut sums = Sums::new(&self.medium, lattice, variant.exponent);
+        let mut sums = WaveSums::new(&self.medium, lattice, variant.exponent);
         sums.add(&bones.transforms.iter().zip(&self.each).collect::<Vec<_>>());
         (sums.blended(bones), self.each.iter().filter(|wave| wave.pruned).count())
     }
@@ -157,7 +157,7 @@ fn superpose(
 ) -> (Vec<Option<[f32; 3]>>, usize) {
     let latest = latest(medium, variant);
     let mut pruned = 0;
-    let mut sums = Sums::new(medium, lattice, variant.exponent);
+    let mut sums = WaveSums::new(medium, lattice, variant.exponent);
     let present: Vec<u16> = (0..bones.transforms.len() as u16).collect();
     let mut waves: Vec<Arrival> = Vec::new();
     for group in present.chunks(ABREAST * rayon::current_num_threads()) {
@@ -182,7 +182,7 @@ struct Sum {
 }
 
 /// The sums of the waves so far, in the bricks that hold soft tissue.
-struct Sums<'a> {
+struct WaveSums<'a> {
     medium: &'a Medium,
     lattice: &'a Lattice,
     exponent: f64,
@@ -191,7 +191,7 @@ struct Sums<'a> {
     sums: Vec<Sum>,
 }
 
-impl<'a> Sums<'a> {
+impl<'a> WaveSums<'a> {
     fn new(medium: &'a Medium, lattice: &'a Lattice, exponent: f64) -> Self {
         let bricks = medium.soft_bricks();
         let sums = bricks.par_iter().map(|_| Sum::default()).collect();
@@ -201,7 +201,7 @@ impl<'a> Sums<'a> {
     /// Adds waves in their order, whatever the number of threads.
     fn add(&mut self, waves: &[(&Rigid, &impl Times)]) {
         let (medium, lattice, exponent) = (self.medium, self.lattice, self.exponent);
-        let lines: Vec<Motion> = waves.iter().map(|(motion, _)| Motion::of(motion, medium, lattice)).collect();
+        let lines: Vec<WaveMotion> = waves.iter().map(|(motion, _)| WaveMotion::of(motion, medium, lattice)).collect();
         let parts = self.bricks.par_chunks(PART).zip(self.sums.par_chunks_mut(PART));
         parts.enumerate().for_each(|(part, (bricks, mut sums))| {
             let mut first = part * PART;
@@ -248,14 +248,14 @@ impl<'a> Sums<'a> {
 const PART: usize = 4096;
 
 /// A bone's motion, whose displacement is linear in a cell's place.
-struct Motion {
+struct WaveMotion {
     /// Displacement of the first cell of the medium.
     first: Vector3<f64>,
     /// What is added to it from a cell to the next along each axis.
     step: [Vector3<f64>; 3],
 }
 
-impl Motion {
+impl WaveMotion {
     fn of(motion: &Rigid, medium: &Medium, lattice: &Lattice) -> Self {
         let x = lattice.grid.centre(medium.low());
         let step = [0, 1, 2].map(|a| lattice.grid.step().column(a).into_owned());
@@ -263,26 +263,26 @@ impl Motion {
     }
 
     /// Along the row of bricks that begins at this cell.
-    fn along(&self, [i, j, k]: [usize; 3]) -> Line {
+    fn along(&self, [i, j, k]: [usize; 3]) -> WaveLine {
         let mut first = [Brick::default(); 3];
         for at in 0..CELLS {
             let cell = [i + at % 2, j + at / 2 % 2, k + at / 4].map(|c| c as f64);
             let u = self.first + self.step[0] * cell[0] + self.step[1] * cell[1] + self.step[2] * cell[2];
             (0..3).for_each(|a| first[a].0[at] = u[a]);
         }
-        Line { first, step: self.step[0] * 2.0 }
+        WaveLine { first, step: self.step[0] * 2.0 }
     }
 }
 
 /// A bone's motion along a row of bricks.
-struct Line {
+struct WaveLine {
     /// Displacement of the cells of the first brick.
     first: [Brick<f64>; 3],
     /// What is added to it from a brick to the next.
     step: Vector3<f64>,
 }
 
-impl Line {
+impl WaveLine {
     /// Adds a wave's weights and weighted displacements to bricks at some places in the row, by its times there.
     #[inline(always)]
     fn add<'s>(
