@@ -41,8 +41,8 @@
 //!
 //! ```text
 //! 12 cli       arguments, terminal           11 session benchmark  given -> saved
-//! 10 report    outcome -> files               9 provenance  files behind a case
-//! 8 io phantom concepts                       7 pipeline   case -> outcome
+//! 10 report    outcome -> files               9 provenance concepts
+//! 8 io phantom                                7 pipeline   case -> outcome
 //! 6 config                                    5 fit plausibility postures refine comparator
 //! 4 skeleton chainmail evaluate dose
 //! 3 field body view                           2 volume     voxels on a grid

@@ -19,8 +19,8 @@ const RANKS: [&[&str]; 13] = [
     &["fit", "plausibility", "postures", "refine", "comparator"],
     &["config"],
     &["pipeline"],
-    &["io", "phantom", "concepts"],
-    &["provenance"],
+    &["io", "phantom"],
+    &["provenance", "concepts"],
     &["report"],
     &["session", "benchmark"],
     &["cli"],
@@ -540,7 +540,7 @@ fn the_checker_sees_what_it_should() {
     assert_eq!((code.unwraps, code.test_modules, code.test_lines), (vec![8], vec!["outside".to_owned()], 7));
     let found = violations("field", &code.rooms);
     assert_eq!(found.len(), 5, "{found:?}");
-    assert!(found.contains(&"field (rank 3) imports cli (rank 9)".to_owned()));
+    assert!(found.contains(&"field (rank 3) imports cli (rank 12)".to_owned()));
     assert!(violations("runtime", &["progress".to_owned()].into()).is_empty());
     assert_eq!(violations("progress", &["runtime".to_owned()].into()).len(), 1);
     assert_eq!(violations("skeleton", &["chainmail".to_owned()].into()).len(), 1, "equal ranks");

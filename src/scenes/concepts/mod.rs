@@ -1,4 +1,4 @@
-//! Rank 8: the concept figures of the thesis (chapter 5), as numbers: 2-D scenes that the chain mail itself deforms, on
+//! Rank 9: the concept figures of the thesis (chapter 5), as numbers: 2-D scenes that the chain mail itself deforms, on
 //! lattices one element thick. `report` draws them.
 
 mod initiators;
