@@ -15,7 +15,7 @@ pub(crate) struct GiveBack {
 impl GiveBack {
     /// Of the keywords; without `dicom` nothing but the report is written.
     pub(crate) fn new(dicom: bool, [structures, dose]: [Option<PathBuf>; 2], anonymous: bool) -> Self {
-        Self { files: dicom.then_some(ClinicFiles { structures, dose, anonymous }), anonymous }
+        Self { files: dicom.then_some(ClinicFiles { structures, dose, anonymous, same_frame: false }), anonymous }
     }
 
     /// Files that will be read.

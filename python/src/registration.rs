@@ -126,7 +126,7 @@ impl Registration {
         self.runs.run(py, progress, move |runtime| {
             let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
             let Found { case, config, outcome } = &mut *found;
-            let config = &*config;
+            let (config, case) = (&*config, &*case);
             let inputs: Vec<_> = case.inputs().map(|input| input.path.clone()).collect();
             let inputs: Vec<_> = inputs.iter().map(PathBuf::as_path).collect();
             let mut planned = planned(config);
@@ -134,7 +134,7 @@ impl Registration {
             let held = RunFolder::open(&folder, &planned, &inputs, COMMAND)?;
             let out = folder.as_path();
             let write = clinic.as_ref().map(|(clinic, n)| {
-                move |outcome: &Outcome| runtime.stage("write DICOM", || clinic.write(*n, outcome, config, out))
+                move |outcome: &Outcome| runtime.stage("write DICOM", || clinic.write(*n, case, outcome, config, out))
             });
             let more = write.as_ref().map(|write| write as &report::More<'_>);
             let contours = clinic.as_ref().and_then(|(clinic, _)| clinic.contours());

@@ -70,6 +70,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         io::read_landmarks(path)?;
     }
     let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
+    clinic.iter().flat_map(Clinic::warnings).for_each(|w| runtime.progress().note(&w.message));
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let read = |one: &Fraction| {
@@ -96,7 +97,12 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
             Some(planning) => planning,
             None => planning.insert(Planning::new(&scan, &config, &runtime)?),
         };
-        let case = Case { planning: scan, fraction };
+        let mut case = Case { planning: scan, fraction };
+        if clinic.is_none() && !args.clinic.same_frame {
+            let odd = report::one_frame(&case);
+            odd.iter().for_each(|w| runtime.progress().note(&w.message));
+            case.fraction.warnings.extend(odd);
+        }
         if fractions.len() > 1 {
             runtime.progress().note(&format!("fraction {}", one.name));
         }
@@ -106,7 +112,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         // The next one is read meanwhile: disks and networks take their time.
         let text;
-        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, outcome, &config, &out));
+        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, &case, outcome, &config, &out));
         let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
         let contours = clinic.as_ref().and_then(Clinic::contours);

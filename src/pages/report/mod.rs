@@ -17,6 +17,7 @@ pub mod evaluation;
 #[cfg(test)]
 mod example;
 mod html;
+mod identity;
 mod library;
 mod numbers;
 mod outputs;
@@ -34,7 +35,7 @@ mod thumbnail;
 mod transforms;
 mod viewer;
 
-pub use clinic::{Clinic, ClinicFiles};
+pub use clinic::{Clinic, ClinicFiles, one_frame};
 pub use cohort::{Cohort, Fractions, Member, Summary};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
