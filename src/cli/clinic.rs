@@ -30,7 +30,12 @@ pub struct ClinicArgs {
 impl ClinicArgs {
     /// What is to go back beside the images.
     pub(super) fn files(&self) -> ClinicFiles {
-        ClinicFiles { structures: self.structures.clone(), dose: self.dose.clone(), anonymous: self.anonymous, same_frame: self.same_frame }
+        ClinicFiles {
+            structures: self.structures.clone(),
+            dose: self.dose.clone(),
+            anonymous: self.anonymous,
+            same_frame: self.same_frame,
+        }
     }
 
     /// What the objects are made of; `None` where nobody asks for DICOM.

@@ -112,7 +112,8 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
         // The next one is read meanwhile: disks and networks take their time.
         let text;
-        let write = |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, &case, outcome, &config, &out));
+        let write =
+            |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, &case, outcome, &config, &out));
         let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
         let contours = clinic.as_ref().and_then(Clinic::contours);

@@ -5,12 +5,13 @@ use super::identity::decided_by;
 use crate::config::{Config, InputRole};
 use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
-use crate::findings;
 use crate::field::{Chain, WORTH_OF_LABELS, outside_field, resample_contours};
+use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::io::dicom::registration::{DerivedRegistration, Written, write_pull, write_push, write_rigid};
 use crate::io::dicom::write::{
-    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, ct_series, no_plan, write_ct, write_dose, write_structures,
+    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, ct_series, no_plan, write_ct, write_dose,
+    write_structures,
 };
 use crate::io::dicom::{
     Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,

@@ -107,7 +107,9 @@ fn misfit(read: &[Loaded<Dose>]) -> Option<String> {
         return Some("its doses of single beams were not computed by one program in one way".into());
     }
     if any(&|d| d.beams.is_empty()) {
-        return Some("doses of single beams do not say of which beam they are, so that one may be counted twice".into());
+        return Some(
+            "doses of single beams do not say of which beam they are, so that one may be counted twice".into(),
+        );
     }
     let mut beams = BTreeSet::new();
     if read.iter().flat_map(|d| &d.value.beams).any(|b| !beams.insert(b[1])) {
@@ -120,7 +122,8 @@ fn misfit(read: &[Loaded<Dose>]) -> Option<String> {
     if any(&|d| !d.volume.grid().matches(first.volume.grid(), SAME_GRID_MM)) {
         return Some("its doses of single beams lie on several grids".into());
     }
-    let twin = |(n, d): (usize, &Loaded<Dose>)| read[..n].iter().any(|o| o.value.volume.data() == d.value.volume.data());
+    let twin =
+        |(n, d): (usize, &Loaded<Dose>)| read[..n].iter().any(|o| o.value.volume.data() == d.value.volume.data());
     let same = read.iter().enumerate().any(twin);
     same.then(|| "two beams have the same dose in every voxel, as of one that was computed twice".into())
 }
@@ -133,7 +136,6 @@ fn refusal(path: &Path, read: &[Loaded<Dose>], problem: &str) -> Error {
         format!("\n    {}: {}, {plan}, {beams}", d.path.display(), d.value.summation)
     };
     let list: String = read.iter().map(one).collect();
-    let remedy =
-        "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan, each of another beam";
+    let remedy = "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan, each of another beam";
     Error::refused(findings::DOSE_SUM, path.display().to_string(), format!("{problem}:{list}"), remedy)
 }

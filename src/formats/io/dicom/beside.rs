@@ -40,12 +40,18 @@ pub(super) fn beside(
     }
     let alike = |file: &Path| {
         let extension = extension(file);
-        extension == "dcm" || names.contains(&pattern(file)) || extension.is_empty() && names.iter().all(|n| !n.contains('.'))
+        extension == "dcm"
+            || names.contains(&pattern(file))
+            || extension.is_empty() && names.iter().all(|n| !n.contains('.'))
     };
     for file in found.others.iter().filter(|file| near(file) && !is_hidden(file)) {
         let Some(why) = strange(file) else { continue };
         let told = format!("{}: {why}", file.display());
-        if alike(file) { lost.push(told) } else if why == EMPTY { odd.push(told) }
+        if alike(file) {
+            lost.push(told)
+        } else if why == EMPTY {
+            odd.push(told)
+        }
     }
     if !lost.is_empty() {
         let problem = format!("files beside what is read cannot be read, and may be a part of it: {}", list(&lost));

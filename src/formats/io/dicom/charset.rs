@@ -68,7 +68,9 @@ impl Charset {
         match self.0 {
             High::Whole(all) => return all.decode_without_bom_handling(bytes).0.into_owned(),
             // Single bytes in the standard, pairs of bytes in practice.
-            High::Part(own) if !bytes.contains(&ESCAPE) => return own.decode_without_bom_handling(bytes).0.into_owned(),
+            High::Part(own) if !bytes.contains(&ESCAPE) => {
+                return own.decode_without_bom_handling(bytes).0.into_owned();
+            }
             _ => {}
         }
         let (mut low, mut high) = (Low::Ascii, self.0);
@@ -107,7 +109,11 @@ impl Charset {
             let same = |b: &&u8| (**b >= 0x80) == upper && **b != ESCAPE && (upper || !ends(**b, low, person));
             let length = rest.iter().take_while(same).count().max(1);
             let (run, after) = rest.split_at(length);
-            if upper { above(run, high, &mut text) } else { below(run, low, &mut text) }
+            if upper {
+                above(run, high, &mut text)
+            } else {
+                below(run, low, &mut text)
+            }
             rest = after;
         }
         text
@@ -197,7 +203,8 @@ mod tests {
         // PS3.5 H.3.1, H.3.2, I.2, K.2; J.3 by pydicom's tests.
         let yamada = b"Yamada^Tarou=\x1b$B;3ED\x1b(B^\x1b$BB@O:\x1b(B=\x1b$B$d$^$@\x1b(B^\x1b$B$?$m$&\x1b(B";
         assert_eq!(name("\\ISO 2022 IR 87", yamada), "Yamada^Tarou=山田^太郎=やまだ^たろう");
-        let half = b"\xd4\xcf\xc0\xde^\xc0\xdb\xb3=\x1b$B;3ED\x1b(J^\x1b$BB@O:\x1b(J=\x1b$B$d$^$@\x1b(J^\x1b$B$?$m$&\x1b(J";
+        let half =
+            b"\xd4\xcf\xc0\xde^\xc0\xdb\xb3=\x1b$B;3ED\x1b(J^\x1b$BB@O:\x1b(J=\x1b$B$d$^$@\x1b(J^\x1b$B$?$m$&\x1b(J";
         assert_eq!(name("ISO 2022 IR 13\\ISO 2022 IR 87", half), "ﾔﾏﾀﾞ^ﾀﾛｳ=山田^太郎=やまだ^たろう");
         let hong = b"Hong^Gildong=\x1b$)C\xfb\xf3^\x1b$)C\xd1\xce\xd4\xd7=\x1b$)C\xc8\xab^\x1b$)C\xb1\xe6\xb5\xbf";
         assert_eq!(name("\\ISO 2022 IR 149", hong), "Hong^Gildong=洪^吉洞=홍^길동");

@@ -56,10 +56,16 @@ fn concatenations(what: &str, objects: &[Object]) -> Result<()> {
         *total = (*total).max(told).max(number);
         numbers.insert(number);
     }
-    let Some((uid, (total, numbers))) = parts.iter().find(|(_, (total, numbers))| (numbers.len() as i64) < *total) else {
+    let Some((uid, (total, numbers))) = parts.iter().find(|(_, (total, numbers))| (numbers.len() as i64) < *total)
+    else {
         return Ok(());
     };
     let there = numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     let problem = format!("of the {total} parts of the concatenation {uid} only {there} is there");
-    Err(Error::refused(findings::DICOM_FEWER, what, problem, "put all parts into one folder, or export the series again"))
+    Err(Error::refused(
+        findings::DICOM_FEWER,
+        what,
+        problem,
+        "put all parts into one folder, or export the series again",
+    ))
 }

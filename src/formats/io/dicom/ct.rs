@@ -8,7 +8,7 @@ use super::elements::{Item, text, whole};
 use super::find::Object;
 use super::frames::{Frame, frames};
 use super::open;
-use super::pixels::Pixels;
+use super::pixels::{Pixels, believable};
 use super::place::{CT, Chosen, choose};
 use super::series::{Series, Slice};
 use super::stack::{Stack, stack};
@@ -192,6 +192,10 @@ pub(super) fn read(path: &Path, objects: Vec<Object>, beside: Vec<Warning>) -> R
     let Planned { files, stack, series, mut warnings, header } = plan(path, objects, beside)?;
     let Stack { grid, frames, .. } = stack;
     let slice = grid.strides()[2];
+    for (n, file) in files.iter().enumerate() {
+        let own = frames.iter().filter(|f| f.object == n).map(|f| (f.size[0] * f.size[1]) as u64).sum::<u64>();
+        believable(file, own.saturating_mul(2), std::fs::metadata(file).map_or(0, |about| about.len()))?;
+    }
     let mut data = vec![0.0f32; grid.len()];
     let mut parts: Vec<Vec<(&Frame, &mut [f32])>> = files.iter().map(|_| Vec::new()).collect();
     for (frame, part) in frames.iter().zip(data.chunks_mut(slice)) {

@@ -153,11 +153,7 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
         uid,
         summation: text(set, tags::DOSE_SUMMATION_TYPE),
         kind,
-        plans: plans
-            .iter()
-            .map(|p| text(p, tags::REFERENCED_SOP_INSTANCE_UID))
-            .filter(|uid| !uid.is_empty())
-            .collect(),
+        plans: plans.iter().map(|p| text(p, tags::REFERENCED_SOP_INSTANCE_UID)).filter(|uid| !uid.is_empty()).collect(),
         beams: beams.collect(),
         computed: computed.map(|tag| texts(set, tag).join("/")).join(" "),
         volume: Volume::new(planes.grid.clone(), data)?,

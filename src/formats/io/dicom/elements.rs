@@ -40,7 +40,8 @@ pub(super) fn number(item: &Item, tag: Tag) -> Option<f64> {
 /// One integer; a decimal string where it is one.
 pub(super) fn whole(item: &Item, tag: Tag) -> Option<i64> {
     let element = item.get(tag)?;
-    let decimal = || element.to_float64().ok().filter(|v| v.fract() == 0.0 && v.abs() < 2f64.powi(53)).map(|v| v as i64);
+    let decimal =
+        || element.to_float64().ok().filter(|v| v.fract() == 0.0 && v.abs() < 2f64.powi(53)).map(|v| v as i64);
     element.to_int().ok().or_else(decimal)
 }
 

@@ -210,7 +210,11 @@ pub(super) fn medium(path: &Path) -> PathBuf {
     };
     match path.parent() {
         Some(parent) if path.is_file() && directory() => {
-            if parent.as_os_str().is_empty() { PathBuf::from(".") } else { parent.to_owned() }
+            if parent.as_os_str().is_empty() {
+                PathBuf::from(".")
+            } else {
+                parent.to_owned()
+            }
         }
         _ => path.to_owned(),
     }

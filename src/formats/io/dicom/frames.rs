@@ -186,6 +186,10 @@ fn origin(places: Places<'_>) -> Vec<(&'static str, String)> {
         ("diameter", own(tags::RECONSTRUCTION_DIAMETER)),
         ("protocol", own(tags::PROTOCOL_NAME)),
         ("date", own(tags::ACQUISITION_DATE)),
+        ("series time", own(tags::SERIES_TIME)),
+        ("tube voltage", own(tags::KVP)),
+        ("tilt", own(tags::GANTRY_DETECTOR_TILT)),
+        ("device", own(tags::DEVICE_SERIAL_NUMBER)),
     ]
 }
 
@@ -195,7 +199,8 @@ fn time(places: Places<'_>) -> Option<f64> {
     let whole = [framed, text(places.set, tags::ACQUISITION_DATE_TIME)].into_iter().find(|t| t.len() > 8);
     let clock = whole.and_then(|t| t.get(8..).map(str::to_owned));
     let clock = clock.or_else(|| {
-        let all = [tags::ACQUISITION_TIME, tags::CONTENT_TIME].map(|tag| text(places.set, tag));
+        let all =
+            [tags::ACQUISITION_TIME, tags::CONTENT_TIME, tags::INSTANCE_CREATION_TIME].map(|tag| text(places.set, tag));
         all.into_iter().find(|t| !t.is_empty())
     })?;
     let two = |at: usize| clock.get(at..at + 2).and_then(|t| t.parse::<f64>().ok());

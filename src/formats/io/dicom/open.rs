@@ -166,7 +166,8 @@ impl Meta {
         let mut head = Vec::new();
         all.by_ref().take(8).read_to_end(&mut head).map_err(|e| e.to_string())?;
         let coding = Coding::of(&head).filter(|coding| !coding.big).unwrap_or(Coding::EXPLICIT);
-        let Walked { bytes, over, trouble, .. } = walk(head.chain_with(all.by_ref()), length, coding, Some(BEHIND_META));
+        let Walked { bytes, over, trouble, .. } =
+            walk(head.chain_with(all.by_ref()), length, coding, Some(BEHIND_META));
         if let Some(why) = trouble {
             return Err(why.into());
         }
@@ -254,7 +255,10 @@ fn inflated(from: impl Read, length: u64) -> Result<Vec<u8>, Damage> {
     let [least, times] = INFLATED;
     let most = least + times * length;
     let mut bytes = Vec::new();
-    DeflateDecoder::new(from).take(most + 1).read_to_end(&mut bytes).map_err(|e| format!("it cannot be inflated: {e}"))?;
+    DeflateDecoder::new(from)
+        .take(most + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| format!("it cannot be inflated: {e}"))?;
     if bytes.len() as u64 > most {
         return Err(format!("it inflates to more than {most} bytes; `dcmconv +te IN OUT` unpacks it").into());
     }

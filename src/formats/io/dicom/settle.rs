@@ -15,7 +15,8 @@ pub(super) type Parse<'a> = &'a dyn Fn(&[u8]) -> Option<Item>;
 pub(super) fn settle(set: &mut Item, above: Charset, parse: Parse<'_>) {
     let own = set.get(tags::SPECIFIC_CHARACTER_SET).and_then(|e| e.to_multi_str().ok().map(|v| Charset::of(&v)));
     let charset = own.unwrap_or(above);
-    let unknown: Vec<Tag> = set.iter().filter(|e| e.vr() == VR::UN && known(e.tag()).is_some()).map(|e| e.tag()).collect();
+    let unknown: Vec<Tag> =
+        set.iter().filter(|e| e.vr() == VR::UN && known(e.tag()).is_some()).map(|e| e.tag()).collect();
     for tag in unknown {
         let Some(bytes) = set.get(tag).and_then(|e| e.to_bytes().ok().map(|b| b.into_owned())) else { continue };
         if let Some(mut parsed) = parse(&alone(tag, &bytes))
@@ -24,9 +25,12 @@ pub(super) fn settle(set: &mut Item, above: Charset, parse: Parse<'_>) {
             set.put(element);
         }
     }
-    let odd: Vec<(Tag, VR)> = set.iter().filter(|e| is_odd(e.vr(), e.value().primitive())).map(|e| (e.tag(), e.vr())).collect();
+    let odd: Vec<(Tag, VR)> =
+        set.iter().filter(|e| is_odd(e.vr(), e.value().primitive())).map(|e| (e.tag(), e.vr())).collect();
     for (tag, vr) in odd {
-        let Some(text) = set.get(tag).and_then(|e| e.value().primitive()).map(|v| decoded(v, vr, charset)) else { continue };
+        let Some(text) = set.get(tag).and_then(|e| e.value().primitive()).map(|v| decoded(v, vr, charset)) else {
+            continue;
+        };
         set.put(DataElement::new(tag, vr, text));
     }
     let sequences: Vec<Tag> = set.iter().filter(|e| e.items().is_some()).map(|e| e.tag()).collect();

@@ -174,7 +174,9 @@ fn numbers_once(what: &str, set: &Item) -> Result<()> {
     let twice = twice.or_else(|| {
         let (number, count) = drawn.into_iter().find(|(_, count)| *count > 1)?;
         let name = named.get(&number).and_then(|names| names.first()).map_or("", String::as_str);
-        Some(format!("contours stand in {count} places for the ROI Number {number} ({name:?}), as if of several structures"))
+        Some(format!(
+            "contours stand in {count} places for the ROI Number {number} ({name:?}), as if of several structures"
+        ))
     });
     let Some(problem) = twice else { return Ok(()) };
     let remedy = "export the structure set again, each structure with a number of its own";

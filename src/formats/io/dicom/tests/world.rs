@@ -245,7 +245,10 @@ fn lengths_are_not_believed_beyond_the_file() {
     let (_, text) = refusal(dir.path());
     assert!(text.contains("(7FE0,0010) says 4294967280 bytes") && text.contains(&name(3)), "{text}");
     // Sequences in sequences without end.
-    let deep = [[0x08, 0, 0x40, 0x11, b'S', b'Q', 0, 0, 255, 255, 255, 255], [0xfe, 0xff, 0, 0xe0, 255, 255, 255, 255, 0, 0, 0, 0]];
+    let deep = [
+        [0x08, 0, 0x40, 0x11, b'S', b'Q', 0, 0, 255, 255, 255, 255],
+        [0xfe, 0xff, 0, 0xe0, 255, 255, 255, 255, 0, 0, 0, 0],
+    ];
     let deep: Vec<u8> = (0..5000).flat_map(|_| deep[0].into_iter().chain(deep[1][..8].iter().copied())).collect();
     edit(&path, |bytes| {
         let at = find(bytes, &[0x08, 0, 0x16, 0, b'U', b'I']);
