@@ -84,7 +84,7 @@ fn strange(file: &Path) -> Option<&'static str> {
 /// Files of the system, which lie beside others by themselves.
 fn is_hidden(file: &Path) -> bool {
     let name = file.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    name.starts_with('.') || matches!(name.as_str(), "thumbs.db" | "desktop.ini")
+    name.starts_with('.') || matches!(name.as_str(), "thumbs.db" | "desktop.ini" | "dicomdir")
 }
 
 fn extension(file: &Path) -> String {

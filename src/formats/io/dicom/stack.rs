@@ -243,7 +243,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     let mut sorted = gaps.clone();
     sorted.sort_by(f64::total_cmp);
     let Some(&usual) = sorted.get(sorted.len() / 2) else { return Ok(()) };
-    let uneven = 2.0 * (JITTER * usual).max(JITTER_MM);
+    let uneven = 2.0 * (JITTER * usual).max(JITTER_MM) + 1e-6;
     let odd: Vec<usize> = (0..gaps.len()).filter(|&n| (gaps[n] - usual).abs() > uneven).collect();
     if let Some(&n) = odd.first() {
         let between = format!("between {} and {}", named.place(&frames[n]), named.place(&frames[n + 1]));

@@ -92,11 +92,13 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     let (drawings, odd) = drawings(&what, set, &rois, &mut warnings);
     let (contours, tilted) = planes(&what, &drawings)?;
     let is_left = |r: &Roi| odd.iter().chain(&tilted).any(|l| l.starts_with(&format!("{:?} (", r.name)));
-    for (finding, left) in [(findings::STRUCTURES_ODD, &odd), (findings::STRUCTURES_PLANES, &tilted)] {
-        if !left.is_empty() {
-            let message = format!("{what}: structures are left out, with all their contours: {}", some_names(left));
-            warnings.push(Warning::new(finding, message));
-        }
+    let left =
+        |left: &[String]| format!("{what}: structures are left out, with all their contours: {}", some_names(left));
+    if !odd.is_empty() {
+        warnings.push(Warning::new(findings::STRUCTURES_ODD, left(&odd)));
+    }
+    if !tilted.is_empty() {
+        warnings.push(Warning::new(findings::STRUCTURES_PLANES, left(&tilted)));
     }
     for (roi, structure) in rois.iter_mut().zip(&contours.structures) {
         roi.empty = structure.polygons.is_empty();

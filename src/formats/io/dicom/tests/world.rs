@@ -214,7 +214,7 @@ fn names_are_read_by_their_character_sets() {
         value.items_mut().unwrap()[0].put(name);
     });
     let read = read_structure_set(write(dir.path(), "rs", &set)).unwrap();
-    assert_eq!((read.patient.name.as_str(), read.rois[0].name.as_str()), ("Yamada^Tarou=山田^太郎", "ソ"));
+    assert_eq!((read.patient.name.as_str(), read.rois[0].name.as_str()), ("Yamada^Tarou=山田^太郎", "ボ"));
 }
 
 #[test]
