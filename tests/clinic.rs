@@ -499,3 +499,71 @@ fn a_region_cannot_go_back_as_dicom() {
     );
     assert!(said.contains("region"), "{said}");
 }
+
+/// Gives all DICOM files of a folder one frame of reference.
+fn give_frame(from: &Path, to: &Path, uid: &str) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().flatten() {
+        let mut bytes = std::fs::read(entry.path()).unwrap();
+        let head = [0x20, 0, 0x52, 0, b'U', b'I'];
+        let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(&head)).collect();
+        let of_roi = [0x06, 0x30, 0x24, 0, b'U', b'I'];
+        let more = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(&of_roi));
+        for at in more.chain(places).collect::<Vec<_>>() {
+            let length = usize::from(u16::from_le_bytes([bytes[at + 6], bytes[at + 7]]));
+            let value = &mut bytes[at + 8..at + 8 + length];
+            value.fill(0);
+            value[..uid.len()].copy_from_slice(uid.as_bytes());
+        }
+        std::fs::write(to.join(entry.file_name()), bytes).unwrap();
+    }
+}
+
+#[test]
+fn scans_that_claim_one_frame_of_reference_are_told_apart() {
+    let (dicom, own) = (phantom().join("dicom"), folder().join("one_frame"));
+    let [planning, fraction] = ["planning", "fraction"].map(|name| {
+        give_frame(&dicom.join(name), &own.join(name), "1.2.3.4");
+        own.join(name)
+    });
+    let run = |name: &str, more: &[&str]| {
+        let out = folder().join(name);
+        let mut run = aventail();
+        run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(&planning);
+        run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(&fraction);
+        run.arg("--structures").arg(planning.join("RS.dcm")).arg("--dose").arg(planning.join("RD.dcm"));
+        run.arg("--dicom").args(more).arg("--out").arg(&out);
+        let told = String::from_utf8(run.assert().success().get_output().stderr.clone()).unwrap();
+        let report = std::fs::read_to_string(out.join("report.json")).unwrap();
+        let said = [told.contains("claim one frame of reference"), report.contains("dicom-one-frame")];
+        let set = read_structure_set(out.join("dicom/RS.dcm")).unwrap();
+        let series = read_series(out.join("dicom/ct")).unwrap().value.1;
+        let couch = read_rigid(out.join("dicom/REG_couch.dcm")).unwrap();
+        assert_eq!((couch.len(), couch[0].from.as_str(), &couch[0].to), (1, "1.2.3.4", &series.frame_of_reference));
+        assert_eq!(set.frame_of_reference, series.frame_of_reference);
+        assert!(read_field(out.join("dicom/REG_fraction_to_planning.dcm")).is_ok());
+        (said, set, series)
+    };
+    let (said, set, series) = run("one_frame_own", &[]);
+    assert!(said == [true, true] && series.frame_of_reference != "1.2.3.4");
+    assert!(set.referenced_series.contains(&series.uid));
+    let scan = read_series(&fraction).unwrap().value.1;
+    let (said, set, series) = run("one_frame_same", &["--same-frame"]);
+    assert!(said == [false, false] && series.frame_of_reference == "1.2.3.4");
+    assert!(set.referenced_series.contains(&scan.uid));
+}
+
+#[test]
+fn anonymous_objects_have_other_uids() {
+    let (dicom, out) = (phantom().join("dicom"), folder().join("day_anonymous"));
+    let mut run = aventail();
+    run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
+    run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
+    run.arg("--structures").arg(dicom.join("planning/RS.dcm")).arg("--dose").arg(dicom.join("planning/RD.dcm"));
+    run.args(["--dicom", "--anonymous", "--quiet", "--out"]).arg(&out).assert().success();
+    let dose = |out: &Path| read_dose(out.join("dicom/RD.dcm")).unwrap().value;
+    let (named, hidden) = (dose(day()), dose(&out));
+    assert_eq!(named.volume, hidden.volume);
+    assert!(named.uid != hidden.uid && named.series.uid != hidden.series.uid);
+    assert!(!named.series.patient.name.is_empty() && hidden.series.patient.name.is_empty());
+}

@@ -43,6 +43,10 @@ pub const TARGETS: &[Target] = &[
     ("cbct", cbct, seeds::cbct),
     ("skeleton", skeleton, seeds::skeleton),
     ("report", report, seeds::report),
+    ("dicom_ct", dicom::ct, dicom::ct_seeds),
+    ("dicom_rtstruct", dicom::rtstruct, dicom::rtstruct_seeds),
+    ("dicom_rtdose", dicom::rtdose, dicom::rtdose_seeds),
+    ("dicom_reg", dicom::reg, dicom::reg_seeds),
 ];
 
 /// Images of more voxels are not written back, to keep runs short.
@@ -299,4 +303,5 @@ pub fn report(data: &[u8]) {
     }
 }
 
+pub mod dicom;
 mod seeds;

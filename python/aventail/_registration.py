@@ -293,10 +293,13 @@ def _more(
         "structures": None,
         "dose": None,
         "anonymous": False,
+        "same_frame": False,
     }
 
 
-def _give_back(dicom: bool, structures: Path | None, dose: Path | None, anonymous: bool) -> dict[str, Any]:
+def _give_back(
+    dicom: bool, structures: Path | None, dose: Path | None, anonymous: bool, same_frame: bool
+) -> dict[str, Any]:
     """What goes back to a planning system, as the compiled module takes it."""
     if not dicom and (structures is not None or dose is not None):
         raise _errors.usage(
@@ -304,7 +307,7 @@ def _give_back(dicom: bool, structures: Path | None, dose: Path | None, anonymou
         )
     paths = {"structures": structures, "dose": dose}
     files = {role: None if path is None else os.fspath(path) for role, path in paths.items()}
-    return {"dicom": bool(dicom), **files, "anonymous": bool(anonymous)}
+    return {"dicom": bool(dicom), **files, "anonymous": bool(anonymous), "same_frame": bool(same_frame)}
 
 
 @overload
@@ -326,6 +329,7 @@ def register(
     structures: Path | None = None,
     dose: Path | None = None,
     anonymous: bool = False,
+    same_frame: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> Registration: ...
@@ -346,6 +350,7 @@ def register(
     structures: Path | None = None,
     dose: Path | None = None,
     anonymous: bool = False,
+    same_frame: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> list[Registration]: ...
@@ -369,6 +374,7 @@ def register(
     structures: Path | None = None,
     dose: Path | None = None,
     anonymous: bool = False,
+    same_frame: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> Any:
@@ -388,7 +394,7 @@ def register(
     With ``dicom=True`` planning and fraction are DICOM folders, and :meth:`Registration.save` also writes what a planning
     system imports: the planning CT on the fraction, the registrations, and ``structures`` (RTSTRUCT of planning) and
     ``dose`` (RTDOSE of the plan) carried to the fraction. ``anonymous`` leaves the patient's identity out of the report
-    and of DICOM.
+    and of DICOM. ``same_frame`` says that planning and fraction truly lie in the one frame of reference that both claim.
 
     A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` is
     then a list too.
@@ -404,7 +410,7 @@ def register(
     """
     given, names = label_source(bones, labels)
     more = _more(names, None, bone_landmarks, skeleton, start, bones_folder)
-    more |= _give_back(dicom, structures, dose, anonymous)
+    more |= _give_back(dicom, structures, dose, anonymous, same_frame)
     more["organs"] = None if organs is None else os.fspath(organs)
     more["volume_change"] = [(str(organ), float(factor)) for organ, factor in (volume_change or {}).items()]
     settled = settings_source(settings)

@@ -79,6 +79,7 @@ pub(crate) struct More<'py> {
     structures: Option<PathBuf>,
     dose: Option<PathBuf>,
     anonymous: bool,
+    same_frame: bool,
 }
 
 impl More<'_> {
@@ -115,13 +116,18 @@ impl More<'_> {
         fractions: Vec<FractionSources>,
         config: Config,
     ) -> Request {
-        let files =
-            || ClinicFiles { structures: self.structures.clone(), dose: self.dose.clone(), anonymous: self.anonymous };
+        let files = || ClinicFiles {
+            structures: self.structures.clone(),
+            dose: self.dose.clone(),
+            anonymous: self.anonymous,
+            same_frame: self.same_frame,
+        };
         Request {
             planning,
             fractions,
             clinic: self.dicom.then(files),
             anonymous: self.anonymous,
+            same_frame: self.same_frame,
             recorded: Vec::new(),
             config,
             command: COMMAND.into(),

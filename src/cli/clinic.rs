@@ -20,11 +20,19 @@ pub struct ClinicArgs {
     /// Leave the patient's identity out of the report and of DICOM (UIDs of study and series stay, and names of files)
     #[arg(long)]
     pub anonymous: bool,
+    /// Planning and fraction truly lie in one frame of reference: what is written of the fraction stays in it
+    #[arg(long)]
+    pub same_frame: bool,
 }
 
 impl ClinicArgs {
     /// What is to go back beside the images.
     pub(super) fn files(&self) -> ClinicFiles {
-        ClinicFiles { structures: self.structures.clone(), dose: self.dose.clone(), anonymous: self.anonymous }
+        ClinicFiles {
+            structures: self.structures.clone(),
+            dose: self.dose.clone(),
+            anonymous: self.anonymous,
+            same_frame: self.same_frame,
+        }
     }
 }

@@ -58,6 +58,7 @@ pub fn run(args: &DemoArgs) -> Result<String> {
         fractions: vec![fraction],
         clinic: None,
         anonymous: false,
+        same_frame: false,
         recorded: Vec::new(),
         config,
         command: command_line(),

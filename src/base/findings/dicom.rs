@@ -7,6 +7,16 @@ findings! {
         "Pixels of a DICOM object are compressed in a way that is not read.",
         "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
     );
+    DICOM_ACQUISITIONS = refused(
+        "dicom-acquisitions",
+        "Slices of several acquisitions or reconstructions alternate in one series.",
+        "Export each acquisition as a series of its own.",
+    );
+    DICOM_DAMAGED = refused_or_warned(
+        "dicom-damaged",
+        "A file beside what is read is damaged, empty or unreadable: refused where it may be a part of it.",
+        "Copy or export the series again; move what is no part of it elsewhere.",
+    );
     DICOM_DUPLICATES = refused_or_warned(
         "dicom-duplicates",
         "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
@@ -32,6 +42,11 @@ findings! {
         "A DICOM object lacks what its geometry or values need, or contradicts itself.",
         "Export it again, or convert it with a tool that knows the vendor's files.",
     );
+    DICOM_FEWER = refused_or_doubted(
+        "dicom-fewer",
+        "A series says that it has more images than are there, or images that a structure set was drawn on are missing.",
+        "Export the whole series again, unless a part of it is meant.",
+    );
     DICOM_LEFT_OUT = warned(
         "dicom-left-out",
         "Localizers, or objects that are no CT images, lie in a series and are left out.",
@@ -56,6 +71,11 @@ findings! {
         "dicom-no-plan",
         "A dose that is written as DICOM names no plan, because its source names none.",
         "Give the dose object that belongs to a plan, where the planning system refuses the result.",
+    );
+    DICOM_ONE_FRAME = doubted(
+        "dicom-one-frame",
+        "Planning and fraction claim one frame of reference, as if the patient had not been set up anew.",
+        "Export both with their own frames of reference; give --same-frame where one is true.",
     );
     DICOM_PADDING = warned(
         "dicom-padding",

@@ -92,10 +92,20 @@ findings! {
         "A structure set uses a name twice; later structures have their number behind the name.",
         "Rename one of them in the planning system.",
     );
-    STRUCTURES_PLANES = refused(
+    STRUCTURES_NUMBERS = refused_or_warned(
+        "structures-numbers",
+        "Several structures of a set have one ROI Number, or one has several types: refused where contours cannot be told apart.",
+        "Export the structure set again, each structure with a number of its own.",
+    );
+    STRUCTURES_ODD = doubted(
+        "structures-odd",
+        "A structure has a contour that contradicts itself; the structure is left out.",
+        "Draw or export that structure again.",
+    );
+    STRUCTURES_PLANES = refused_or_doubted(
         "structures-planes",
-        "Contours of a structure set do not lie on parallel planes.",
-        "Leave out the structure, or draw it on the planes of the others.",
+        "A structure does not lie on the planes of the others and is left out; refused where none is left.",
+        "Draw the structure on the planes of the others.",
     );
     STRUCTURES_SEVERAL = refused(
         "structures-several",

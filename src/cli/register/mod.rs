@@ -73,6 +73,7 @@ fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
         fractions,
         clinic: args.clinic.dicom.then(|| args.clinic.files()),
         anonymous: args.clinic.anonymous,
+        same_frame: args.clinic.same_frame,
         recorded,
         config,
         command: command_line(),

@@ -1,21 +1,24 @@
 //! What a registration gives back to a planning system as DICOM.
 
 use super::OutputFile;
+use super::identity::Decided;
 use crate::config::{Config, InputRole};
 use crate::dose::{interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{Chain, WORTH_OF_LABELS, outside_field, resample_contours};
+use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::io::dicom::registration::{DerivedRegistration, Written, write_pull, write_push, write_rigid};
 use crate::io::dicom::write::{
-    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, no_plan, write_ct, write_dose, write_structures,
+    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, ct_series, no_plan, write_ct, write_dose,
+    write_structures,
 };
 use crate::io::dicom::{
     Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,
-    read_structure_set,
+    read_structure_set, same_frame,
 };
 use crate::pipeline::Outcome;
-use crate::provenance::InputFile;
+use crate::provenance::{InputFile, Provenance};
 use crate::volume::contour::Contours;
 use crate::warning::Warning;
 use nalgebra::{Translation3, UnitQuaternion};
@@ -36,6 +39,8 @@ pub struct ClinicFiles {
     pub dose: Option<PathBuf>,
     /// Leaves the patient's identity out of what is written.
     pub anonymous: bool,
+    /// Planning and fraction lie in one frame of reference, where they claim one: what is written of the fraction stays in it.
+    pub same_frame: bool,
 }
 
 /// What the objects of a run in DICOM are made of, read before anything long begins.
@@ -46,8 +51,29 @@ pub struct Clinic {
     structures: Option<StructureSet>,
     dose: Option<Dose>,
     anonymous: bool,
+    same_frame: bool,
     inputs: Vec<InputFile>,
     warnings: Vec<Warning>,
+}
+
+/// A word about a planning CT and a fraction that claim one frame of reference.
+pub fn one_frame(provenance: &Provenance) -> Option<Warning> {
+    let frame = |role: InputRole| {
+        let about = provenance.inputs.iter().find(|input| input.role == role).and_then(|input| input.about.as_ref());
+        about.map(|about| about.frame_of_reference.as_str())
+    };
+    claims_one(frame(InputRole::Planning)?, frame(InputRole::Fraction)?)
+}
+
+fn claims_one(planning: &str, fraction: &str) -> Option<Warning> {
+    same_frame(planning, fraction).then(|| {
+        let message = format!(
+            "planning and fraction claim one frame of reference ({planning}), as if the patient had not been set up anew; what \
+             is written of the fraction as DICOM gets a frame of its own and belongs to the CT that is written with it, not to \
+             the fraction's own images; --same-frame keeps it in theirs"
+        );
+        Warning::new(findings::DICOM_ONE_FRAME, message)
+    })
 }
 
 impl ClinicFiles {
@@ -98,6 +124,7 @@ impl Clinic {
             check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
             let mut set = read_structure_set(path)?;
             warnings.append(&mut set.warnings);
+            warnings.extend(set.missing_images(&own));
             warnings.extend(set.contours.tidy());
             inputs.push(InputFile::read(InputRole::Structures, path)?);
             structures = Some(set);
@@ -113,7 +140,20 @@ impl Clinic {
             inputs.push(InputFile::read(InputRole::Dose, path)?);
             dose = Some(read.value);
         }
-        Ok(Self { planning: own, fractions, structures, dose, anonymous: files.anonymous, inputs, warnings })
+        let ClinicFiles { anonymous, same_frame, .. } = *files;
+        Ok(Self { planning: own, fractions, structures, dose, anonymous, same_frame, inputs, warnings })
+    }
+
+    /// What is to be known before anything long begins, of all fractions.
+    pub fn warnings(&self) -> Vec<Warning> {
+        let mut all = self.warnings.clone();
+        all.extend(self.fractions.iter().find_map(|(fraction, _)| self.in_one_frame(fraction)));
+        all
+    }
+
+    fn in_one_frame(&self, fraction: &Series) -> Option<Warning> {
+        let own = || claims_one(&self.planning.frame_of_reference, &fraction.frame_of_reference);
+        if self.same_frame { None } else { own() }
     }
 
     /// Structures and dose as inputs of the run, for its report.
@@ -134,8 +174,8 @@ impl Clinic {
     pub fn write(
         &self,
         n: usize,
+        decided: &Decided<'_>,
         outcome: &Outcome,
-        config: &Config,
         out: &Path,
     ) -> Result<(Vec<OutputFile>, Vec<Warning>)> {
         let (fraction, grid) = self.fractions.get(n).ok_or_else(|| Error::Internal(format!("no series {n}")))?;
@@ -145,19 +185,26 @@ impl Clinic {
         let folder = out.join(FOLDER);
         let refuse = |e: std::io::Error| Error::write(&folder, e.to_string(), "choose a folder that you may write to");
         std::fs::create_dir_all(folder.join("ct")).map_err(refuse)?;
-        let set = Set { clinic: self, fraction, origin: self.origin(fraction, config)?, folder, files: Vec::new() };
-        set.write(outcome, self.warnings.clone())
+        let origin = self.origin(fraction, decided)?;
+        let mut warnings = self.warnings.clone();
+        let odd = self.in_one_frame(fraction);
+        // The objects refer to images in a frame of their own: those that are written here.
+        let own = odd.is_some().then(|| {
+            let frame = origin.uid(&["fraction", "frame of reference"]);
+            let derivation = derivation();
+            ct_series(grid, &DerivedCt { frame_of_reference: &frame, ..about_ct(fraction, &derivation, &[]) }, &origin)
+        });
+        let own = own.map(|own| Series { patient_position: fraction.patient_position.clone(), ..own });
+        warnings.extend(odd);
+        let fraction = own.as_ref().unwrap_or(fraction);
+        let set = Set { clinic: self, fraction, origin, folder, files: Vec::new() };
+        set.write(outcome, warnings)
     }
 
-    fn origin(&self, fraction: &Series, config: &Config) -> Result<Origin> {
-        let of = |uid: Option<&String>| uid.cloned().unwrap_or_default();
-        let parts = vec![
-            self.planning.uid.clone(),
-            fraction.uid.clone(),
-            of(self.structures.as_ref().map(|s| &s.uid)),
-            of(self.dose.as_ref().map(|d| &d.uid)),
-            config.toml()?,
-        ];
+    fn origin(&self, fraction: &Series, decided: &Decided<'_>) -> Result<Origin> {
+        let mut parts = vec![self.planning.uid.clone(), fraction.uid.clone()];
+        let given = [("anonymous", self.anonymous), ("same frame", self.same_frame)];
+        parts.extend(decided.parts(&given)?);
         let mut origin = Origin::beside(fraction, None, parts);
         if self.anonymous {
             origin.patient = Patient::default();
@@ -168,6 +215,23 @@ impl Clinic {
         }
         Ok(origin)
     }
+}
+
+/// What the planning CT on the fraction says of itself.
+fn about_ct<'a>(fraction: &'a Series, derivation: &'a str, sources: &'a [&'a Series]) -> DerivedCt<'a> {
+    DerivedCt {
+        role: "planning on fraction",
+        description: "Planning CT on fraction (aventail, research only)",
+        derivation,
+        number: 901,
+        frame_of_reference: &fraction.frame_of_reference,
+        patient_position: &fraction.patient_position,
+        sources,
+    }
+}
+
+fn derivation() -> String {
+    format!("Planning CT deformed onto the grid of the fraction. {CAUTION}")
 }
 
 /// A series of a planning system, with its grid.
@@ -225,15 +289,9 @@ impl Set<'_> {
     }
 
     fn ct(&mut self, outcome: &Outcome) -> Result<()> {
-        let about = DerivedCt {
-            role: "planning on fraction",
-            description: "Planning CT on fraction (aventail, research only)",
-            derivation: &format!("Planning CT deformed onto the grid of the fraction. {CAUTION}"),
-            number: 901,
-            frame_of_reference: &self.fraction.frame_of_reference,
-            patient_position: &self.fraction.patient_position,
-            sources: &[&self.clinic.planning],
-        };
+        let derivation = derivation();
+        let sources = [&self.clinic.planning];
+        let about = about_ct(self.fraction, &derivation, &sources);
         let series = write_ct(&self.folder.join("ct"), &outcome.planning_on_fraction, &about, &self.origin)?;
         let slices = 1..=series.slices.len();
         self.files.extend(slices.map(|k| (format!("ct/CT.{k:04}.dcm"), "planning CT on the fraction, DICOM")));

@@ -17,6 +17,7 @@ pub mod evaluation;
 #[cfg(test)]
 mod example;
 mod html;
+mod identity;
 mod library;
 mod numbers;
 mod outputs;
@@ -34,12 +35,13 @@ mod thumbnail;
 mod transforms;
 mod viewer;
 
-pub use clinic::{Clinic, ClinicFiles};
+pub use clinic::{Clinic, ClinicFiles, one_frame};
 pub use cohort::{Cohort, Fractions, Member, Summary};
 pub use concepts::write_concepts;
 pub use csv::write_landmarks;
 pub use curve::{CurveEntry, Peer, write_curve};
 pub use html::{page, view_page};
+pub use identity::Decided;
 pub use library::{About, Gallery, Manifest, PostureRecord, RECORD, Rejected, Totals, library_page};
 pub use numbers::{OutputFile, Report, Run};
 pub use outputs::{Files, planned};

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::io::{Planned, RunFolder};
 use crate::pipeline::{Case, Outcome};
 use crate::provenance::Provenance;
-use crate::report::{self, Clinic, More, OutputFile, Report, Run, Saving};
+use crate::report::{self, Clinic, Decided, More, OutputFile, Report, Run, Saving};
 use crate::runtime::{Runtime, StageTime};
 use std::path::Path;
 use std::sync::Arc;
@@ -102,11 +102,12 @@ impl Registered {
     /// [`crate::error::Error::Write`] when a file cannot be written.
     pub fn save(&mut self, folder: RunFolder, out: &Path, beside: Beside<'_>, runtime: &Runtime) -> Result<Report> {
         let (config, back) = (&*self.config, &self.back);
+        let decided = Decided { case: &self.case, inputs: &self.provenance.inputs, config };
         let more = |outcome: &Outcome| {
             let there = beside.files.iter().map(|(name, what)| OutputFile::written(out, name, what));
             let mut files: Vec<OutputFile> = there.collect::<Result<_>>()?;
             let Some((clinic, n)) = back else { return Ok((files, Vec::new())) };
-            let (written, warnings) = runtime.stage("write DICOM", || clinic.write(*n, outcome, config, out))?;
+            let (written, warnings) = runtime.stage("write DICOM", || clinic.write(*n, &decided, outcome, out))?;
             files.extend(written);
             Ok((files, warnings))
         };

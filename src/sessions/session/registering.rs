@@ -8,7 +8,7 @@ use crate::config::{Config, RecordedInput};
 use crate::error::{Error, Result};
 use crate::pipeline::{Case, FractionScan, Planning, PlanningScan, check_fraction, register_fraction};
 use crate::provenance::Provenance;
-use crate::report::{Clinic, ClinicFiles};
+use crate::report::{Clinic, ClinicFiles, one_frame};
 use crate::runtime::Runtime;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,6 +24,8 @@ pub struct Request {
     pub clinic: Option<ClinicFiles>,
     /// Leaves the patient's identity out of reports.
     pub anonymous: bool,
+    /// Planning and fraction truly lie in one frame of reference: nothing is to be said about it.
+    pub same_frame: bool,
     /// Inputs of an earlier run, whose checksums are compared with those of the files that are read.
     pub recorded: Vec<RecordedInput>,
     /// Complete settings.
@@ -84,6 +86,7 @@ pub struct Session {
     first: String,
     clinic: Option<Arc<Clinic>>,
     anonymous: bool,
+    same_frame: bool,
     recorded: Vec<RecordedInput>,
     config: Arc<Config>,
     command: Arc<str>,
@@ -101,7 +104,9 @@ impl Session {
             Some(_) => runtime.stage("read for DICOM", || request.clinic())?,
             None => None,
         };
-        let Request { planning, fractions, anonymous, recorded, config, command, .. } = request;
+        let known = clinic.iter().flat_map(|clinic| clinic.warnings());
+        known.for_each(|warning| runtime.progress().note(&warning.message));
+        let Request { planning, fractions, anonymous, same_frame, recorded, config, command, .. } = request;
         let mut fractions = fractions.into_iter();
         let mut one = fractions.next();
         let first = one.as_mut().map(|one| std::mem::take(&mut one.name)).unwrap_or_default();
@@ -117,6 +122,7 @@ impl Session {
             first,
             clinic,
             anonymous,
+            same_frame,
             recorded,
             config: Arc::new(config),
             command: command.into(),
@@ -154,6 +160,11 @@ impl Session {
             let (outcome, part) = register_fraction(&case, planning, &self.config, runtime)?;
             let mut provenance = self.provenance.clone();
             provenance.extend(of_fraction);
+            if self.clinic.is_none() && !self.same_frame {
+                let odd = one_frame(&provenance);
+                odd.iter().for_each(|warning| runtime.progress().note(&warning.message));
+                provenance.warnings.extend(odd);
+            }
             if self.anonymous {
                 provenance.forget_patient();
             }

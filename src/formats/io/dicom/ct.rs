@@ -3,11 +3,12 @@
 use super::super::Loaded;
 use super::super::bytes::{read_bytes, sha256};
 use super::super::raster::HeaderNotes;
+use super::counts::fewer;
 use super::elements::{Item, text, whole};
 use super::find::Object;
 use super::frames::{Frame, frames};
 use super::open;
-use super::pixels::Pixels;
+use super::pixels::{Pixels, believable};
 use super::place::{CT, Chosen, choose};
 use super::series::{Series, Slice};
 use super::stack::{Stack, stack};
@@ -51,8 +52,8 @@ pub(super) struct Planned {
 pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series)>> {
     let path = path.as_ref();
     match choose(path)? {
-        (Chosen::Ct(objects), same) => read(&same, objects),
-        (Chosen::Dose(_), _) => Err(no_ct(path)),
+        (Chosen::Ct(objects, beside), same) => read(&same, objects, beside),
+        (Chosen::Dose(..), _) => Err(no_ct(path)),
     }
 }
 
@@ -62,10 +63,9 @@ pub(super) fn no_ct(path: &Path) -> Error {
     Error::refused(findings::DICOM_NO_CT, what, "it is a dose, no CT series", "give the folder of the CT series")
 }
 
-/// Puts the images of a series in order.
-pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
+/// Puts the images of a series in order; `warnings` are those of the files beside them.
+pub(super) fn plan(path: &Path, mut objects: Vec<Object>, mut warnings: Vec<Warning>) -> Result<Planned> {
     let what = path.display().to_string();
-    let mut warnings = Vec::new();
     let all = objects.len();
     objects.retain(|o| CT.contains(&o.sop_class.as_str()));
     if objects.len() < all {
@@ -99,6 +99,7 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>) -> Result<Planned> {
         let remedy = "export one series at a time: positions in two frames cannot be compared";
         return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
     }
+    warnings.extend(fewer(&what, &objects)?);
     let files: Vec<PathBuf> = objects.iter().map(|o| o.path.clone()).collect();
     let each = objects.par_iter().enumerate().map(|(n, o)| frames(n, o)).collect::<Result<Vec<_>>>()?;
     let same = |a: &Frame, b: &Frame| same_values(&files, a, b);
@@ -187,10 +188,14 @@ fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f3
 }
 
 /// Reads the pixels of a series.
-pub(super) fn read(path: &Path, objects: Vec<Object>) -> Result<Loaded<(Volume<f32>, Series)>> {
-    let Planned { files, stack, series, mut warnings, header } = plan(path, objects)?;
+pub(super) fn read(path: &Path, objects: Vec<Object>, beside: Vec<Warning>) -> Result<Loaded<(Volume<f32>, Series)>> {
+    let Planned { files, stack, series, mut warnings, header } = plan(path, objects, beside)?;
     let Stack { grid, frames, .. } = stack;
     let slice = grid.strides()[2];
+    for (n, file) in files.iter().enumerate() {
+        let own = frames.iter().filter(|f| f.object == n).map(|f| (f.size[0] * f.size[1]) as u64).sum::<u64>();
+        believable(file, own.saturating_mul(2), std::fs::metadata(file).map_or(0, |about| about.len()))?;
+    }
     let mut data = vec![0.0f32; grid.len()];
     let mut parts: Vec<Vec<(&Frame, &mut [f32])>> = files.iter().map(|_| Vec::new()).collect();
     for (frame, part) in frames.iter().zip(data.chunks_mut(slice)) {

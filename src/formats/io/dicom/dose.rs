@@ -3,13 +3,15 @@
 use super::super::Loaded;
 use super::super::bytes::{read_bytes, sha256};
 use super::super::series_path::root_of;
-use super::ct::{notes, sum};
-use super::elements::{Item, items, number, numbers, some, text, whole};
+use super::beams::summed;
+use super::beside::beside;
+use super::ct::notes;
+use super::elements::{Item, items, number, numbers, some, text, texts, whole};
 use super::find::{Object, series};
 use super::frames::axes;
 use super::open;
 use super::pixels::Pixels;
-use super::place::objects;
+use super::place::{objects, of_kind};
 use super::series::{Series, Slice};
 use crate::error::{Error, Result};
 use crate::findings;
@@ -25,8 +27,6 @@ use std::path::{Path, PathBuf};
 /// Distances between planes may differ by this share, or by rounding, mm.
 const UNEVEN: f64 = 0.01;
 const ROUNDED_MM: f64 = 0.02;
-/// Grids of doses that are summed agree within this, mm.
-const SAME_GRID_MM: f64 = 0.01;
 
 /// A dose with what it is the dose of.
 #[derive(Debug, Clone)]
@@ -43,8 +43,10 @@ pub struct Dose {
     pub kind: String,
     /// SOP Instance UIDs of the plans that it refers to.
     pub plans: BTreeSet<String>,
-    /// Numbers of the beams that it refers to.
-    pub beams: BTreeSet<i64>,
+    /// Numbers of the beams that it refers to, behind those of their fraction groups.
+    pub beams: BTreeSet<[i64; 2]>,
+    /// What computed it: maker, model, versions, and whether tissue was taken into account.
+    pub computed: String,
 }
 
 /// Reads one RT Dose object, or the one in a folder.
@@ -61,9 +63,11 @@ pub fn read_dose(path: impl AsRef<Path>) -> Result<Loaded<Dose>> {
 /// # Errors
 /// As [`read_dose`]; [`Error::Input`] when several are not the beams of one plan on one grid.
 pub fn read_doses<P: AsRef<Path>>(paths: &[P]) -> Result<Loaded<Dose>> {
-    let mut all = Vec::new();
+    let (mut all, mut warnings) = (Vec::new(), Vec::new());
     for path in paths {
         let found = objects(&root_of(path.as_ref()))?;
+        let own: Vec<&Object> = found.objects.iter().filter(|o| o.series.modality == "RTDOSE").collect();
+        warnings.extend(beside(path.as_ref(), &found, &own, &|damaged| of_kind(damaged, "RTDOSE"))?);
         let own = found.objects.into_iter().filter(|o| o.series.modality == "RTDOSE").collect::<Vec<_>>();
         if own.is_empty() {
             let what = path.as_ref().display().to_string();
@@ -72,66 +76,15 @@ pub fn read_doses<P: AsRef<Path>>(paths: &[P]) -> Result<Loaded<Dose>> {
         all.extend(own);
     }
     let path = paths.first().map_or(PathBuf::new(), |p| p.as_ref().to_owned());
-    read(&path, &all)
+    read(&path, &all, warnings)
 }
 
-/// Reads the doses of objects, summed.
-pub(super) fn read(path: &Path, objects: &[Object]) -> Result<Loaded<Dose>> {
-    let mut read: Vec<Loaded<Dose>> = objects.par_iter().map(|o| one(&o.path)).collect::<Result<_>>()?;
-    if read.len() == 1 {
-        return read.pop().ok_or_else(|| Error::Internal("a dose that was read is gone".into()));
-    }
-    let refuse = |problem: String| {
-        let list: String = read
-            .iter()
-            .map(|d| format!("\n    {}: {}, {}", d.path.display(), d.value.summation, plan_words(&d.value)))
-            .collect();
-        let remedy =
-            "give the file of the one dose that is meant; doses of single beams are summed if all are of one plan";
-        Err(Error::refused(findings::DOSE_SUM, path.display().to_string(), format!("{problem}:{list}"), remedy))
-    };
-    if read.iter().any(|d| d.value.summation != "BEAM") {
-        return refuse(format!("it holds {} doses that are not all doses of single beams", read.len()));
-    }
-    if read.iter().any(|d| d.value.plans.len() != 1 || d.value.plans != read[0].value.plans) {
-        return refuse("its doses of single beams do not refer to one plan".into());
-    }
-    if read.iter().any(|d| d.value.kind != read[0].value.kind) {
-        return refuse("its doses of single beams are not all of one type".into());
-    }
-    let mut beams = BTreeSet::new();
-    if read.iter().flat_map(|d| &d.value.beams).any(|b| !beams.insert(*b)) {
-        return refuse("a beam has several doses".into());
-    }
-    if read.iter().any(|d| !d.value.volume.grid().matches(read[0].value.volume.grid(), SAME_GRID_MM)) {
-        return refuse("its doses of single beams lie on several grids".into());
-    }
-    let sums = read.iter().map(|d| d.sha256.clone()).collect();
-    let mut rest = read.into_iter();
-    let Some(mut whole) = rest.next() else { return Err(Error::Internal("no dose".into())) };
-    let count = objects.len();
-    for other in rest {
-        let add = whole.value.volume.data_mut().par_iter_mut().zip(other.value.volume.data());
-        add.for_each(|(sum, d)| *sum += *d);
-    }
-    let message = format!(
-        "{}: the doses of {count} beams are summed; whether the plan has more beams cannot be told from them",
-        path.display()
-    );
-    whole.warnings.retain(|w| !w.is(findings::DOSE_PART));
-    whole.warnings.push(Warning::new(findings::DOSE_PART, message));
-    whole.value.beams = beams;
-    whole.value.summation = "PLAN".into();
-    whole.path = path.into();
-    whole.sha256 = sum(sums);
+/// Reads the doses of objects, summed; `warnings` are those of the files beside them.
+pub(super) fn read(path: &Path, objects: &[Object], warnings: Vec<Warning>) -> Result<Loaded<Dose>> {
+    let read: Vec<Loaded<Dose>> = objects.par_iter().map(|o| one(&o.path)).collect::<Result<_>>()?;
+    let mut whole = summed(path, read)?;
+    whole.warnings.splice(0..0, warnings);
     Ok(whole)
-}
-
-fn plan_words(dose: &Dose) -> String {
-    match dose.plans.first() {
-        Some(plan) => format!("plan {plan}"),
-        None => "no plan named".into(),
-    }
 }
 
 /// Reads one object.
@@ -184,14 +137,25 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
         })
         .collect();
     let plans = items(set, tags::REFERENCED_RT_PLAN_SEQUENCE);
-    let beams = plans.iter().flat_map(|p| items(p, tags::REFERENCED_FRACTION_GROUP_SEQUENCE));
-    let beams = beams.flat_map(|g| items(g, tags::REFERENCED_BEAM_SEQUENCE));
+    let groups = plans.iter().flat_map(|p| items(p, tags::REFERENCED_FRACTION_GROUP_SEQUENCE));
+    let beams = groups.flat_map(|g| {
+        let group = whole(g, tags::REFERENCED_FRACTION_GROUP_NUMBER).unwrap_or_default();
+        let numbers = items(g, tags::REFERENCED_BEAM_SEQUENCE).iter();
+        numbers.filter_map(move |b| whole(b, tags::REFERENCED_BEAM_NUMBER).map(|n| [group, n]))
+    });
+    let computed = [
+        tags::MANUFACTURER,
+        tags::MANUFACTURER_MODEL_NAME,
+        tags::SOFTWARE_VERSIONS,
+        tags::TISSUE_HETEROGENEITY_CORRECTION,
+    ];
     let dose = Dose {
         uid,
         summation: text(set, tags::DOSE_SUMMATION_TYPE),
         kind,
-        plans: plans.iter().map(|p| text(p, tags::REFERENCED_SOP_INSTANCE_UID)).collect(),
-        beams: beams.filter_map(|b| whole(b, tags::REFERENCED_BEAM_NUMBER)).collect(),
+        plans: plans.iter().map(|p| text(p, tags::REFERENCED_SOP_INSTANCE_UID)).filter(|uid| !uid.is_empty()).collect(),
+        beams: beams.collect(),
+        computed: computed.map(|tag| texts(set, tag).join("/")).join(" "),
         volume: Volume::new(planes.grid.clone(), data)?,
         series,
     };

@@ -37,9 +37,12 @@ pub(super) fn number(item: &Item, tag: Tag) -> Option<f64> {
     numbers(item, tag)?.first().copied()
 }
 
-/// One integer.
+/// One integer; a decimal string where it is one.
 pub(super) fn whole(item: &Item, tag: Tag) -> Option<i64> {
-    item.get(tag)?.to_int().ok()
+    let element = item.get(tag)?;
+    let decimal =
+        || element.to_float64().ok().filter(|v| v.fract() == 0.0 && v.abs() < 2f64.powi(53)).map(|v| v as i64);
+    element.to_int().ok().or_else(decimal)
 }
 
 /// The items of a sequence; none where it is missing.

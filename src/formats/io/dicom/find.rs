@@ -2,11 +2,12 @@
 //! contours.
 
 use super::elements::{Item, items, text, texts, whole};
-use super::open::{Opened, open};
+use super::open::{Damage, Opened, open};
 use super::series::{Patient, Series, Study};
 use crate::error::{Error, Result};
 use dicom_core::Tag;
-use dicom_dictionary_std::tags;
+use dicom_core::header::Header as _;
+use dicom_dictionary_std::{tags, uids};
 use dicom_object::DefaultDicomObject;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -15,6 +16,13 @@ use std::path::{Path, PathBuf};
 
 /// Folders deeper than this are not looked into: a link may lead in a circle.
 pub(super) const DEEPEST: usize = 16;
+/// SOP classes whose objects are nothing without pixels.
+const PIXELS: [&str; 4] = [
+    uids::CT_IMAGE_STORAGE,
+    uids::ENHANCED_CT_IMAGE_STORAGE,
+    uids::LEGACY_CONVERTED_ENHANCED_CT_IMAGE_STORAGE,
+    uids::RT_DOSE_STORAGE,
+];
 /// Modalities of objects of which something stands behind the place of contours: they are read up
 /// to the pixels, as are objects of several frames.
 const LONG: [&str; 3] = ["RTDOSE", "RTPLAN", "REG"];
@@ -119,10 +127,27 @@ fn frame_of_reference(set: &Item) -> String {
 pub struct Catalogue {
     /// The objects, by path.
     pub objects: Vec<Object>,
-    /// Files that are not DICOM.
-    pub other_files: usize,
-    /// DICOM files that cannot be parsed, and why.
-    pub damaged: Vec<(PathBuf, String)>,
+    /// Files that are not DICOM, and directories of media.
+    pub others: Vec<PathBuf>,
+    /// Files that cannot be read, or are cut off.
+    pub damaged: Vec<Damaged>,
+}
+
+/// A file that cannot be read whole.
+#[derive(Debug, Clone)]
+pub struct Damaged {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong.
+    pub why: String,
+    /// What the elements before the damage say of its series.
+    pub series: Option<Series>,
+}
+
+impl Damaged {
+    fn new(path: PathBuf, Damage { why, part }: Damage) -> Self {
+        Self { path, why, series: part.map(|part| series(&part)) }
+    }
 }
 
 /// Looks at files, and at all files in folders and the folders in them. Directories of media
@@ -147,20 +172,52 @@ pub fn find<P: AsRef<Path>>(paths: &[P]) -> Result<Catalogue> {
     let mut found = Catalogue::default();
     for (path, opened) in files.into_iter().zip(opened) {
         match opened {
-            Opened::Object(object) => {
-                let object = Object::new(&path, object);
-                // A DICOMDIR is no object of a series.
-                if object.series.uid.is_empty() && object.series.modality.is_empty() {
-                    found.other_files += 1;
-                } else {
-                    found.objects.push(object);
-                }
-            }
-            Opened::Other => found.other_files += 1,
-            Opened::Damaged(why) => found.damaged.push((path, why)),
+            // A directory is no object of a series.
+            Opened::Object(object, _) if is_directory(&object) => found.others.push(path),
+            Opened::Object(object, ended) => match cut_off(&object, ended) {
+                Some(why) => found.damaged.push(Damaged::new(path, Damage { why, part: Some(object) })),
+                None => found.objects.push(Object::new(&path, object)),
+            },
+            Opened::Other => found.others.push(path),
+            Opened::Damaged(damage) => found.damaged.push(Damaged::new(path, damage)),
         }
     }
     Ok(found)
+}
+
+/// Whether an object is the directory of a medium (DICOMDIR, PS3.3 F.3).
+fn is_directory(object: &DefaultDicomObject) -> bool {
+    object.get(tags::DIRECTORY_RECORD_SEQUENCE).is_some()
+        || object.meta().media_storage_sop_class_uid().trim_end_matches('\0') == uids::MEDIA_STORAGE_DIRECTORY_STORAGE
+}
+
+/// Why an object is not whole, though every element of it is.
+fn cut_off(object: &DefaultDicomObject, ended: bool) -> Option<String> {
+    let last = || object.iter().map(|e| e.tag()).max().map_or("nothing".into(), |tag| tag.to_string());
+    if ended && PIXELS.contains(&text(object, tags::SOP_CLASS_UID).as_str()) {
+        return Some(format!("it ends before its pixels, after the element {}", last()));
+    }
+    let nameless = text(object, tags::SERIES_INSTANCE_UID).is_empty();
+    let short = object.iter().all(|e| e.tag() < tags::SERIES_INSTANCE_UID);
+    (nameless && short).then(|| format!("it ends before it names its series, after the element {}", last()))
+}
+
+/// The folder that a path means where it is the directory of a medium; else the path.
+pub(super) fn medium(path: &Path) -> PathBuf {
+    let directory = || match open(path, tags::SPECIFIC_CHARACTER_SET) {
+        Opened::Object(object, _) => is_directory(&object),
+        _ => false,
+    };
+    match path.parent() {
+        Some(parent) if path.is_file() && directory() => {
+            if parent.as_os_str().is_empty() {
+                PathBuf::from(".")
+            } else {
+                parent.to_owned()
+            }
+        }
+        _ => path.to_owned(),
+    }
 }
 
 /// What comes before the pixels, of structure sets before the contours.
@@ -168,7 +225,7 @@ fn header(path: &Path) -> Opened {
     let short = open(path, tags::ROI_CONTOUR_SEQUENCE);
     let long =
         |set: &Item| LONG.contains(&text(set, tags::MODALITY).as_str()) || set.get(tags::NUMBER_OF_FRAMES).is_some();
-    if matches!(&short, Opened::Object(set) if long(set)) { open(path, tags::PIXEL_DATA) } else { short }
+    if matches!(&short, Opened::Object(set, _) if long(set)) { open(path, tags::PIXEL_DATA) } else { short }
 }
 
 fn list(folder: &Path, deeper: usize, into: &mut BTreeSet<PathBuf>) -> Result<()> {

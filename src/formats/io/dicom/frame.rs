@@ -68,7 +68,7 @@ pub fn frame_of(Framed { path, role }: Framed<'_>) -> Result<Option<String>> {
         Role::Structures => of("RTSTRUCT")?,
         Role::Dose => of("RTDOSE")?,
         Role::Image => match choose(path)?.0 {
-            Chosen::Ct(objects) | Chosen::Dose(objects) => {
+            Chosen::Ct(objects, _) | Chosen::Dose(objects, _) => {
                 objects.into_iter().next().map(|o| o.series.frame_of_reference)
             }
         },

@@ -40,6 +40,10 @@ pub(super) struct Frame {
     pub(super) localizer: bool,
     /// What tells images at one place apart: acquisition, number and time.
     pub(super) told: String,
+    /// What images of one acquisition and reconstruction have in common, by name.
+    pub(super) origin: Vec<(&'static str, String)>,
+    /// When it was acquired, s.
+    pub(super) time: Option<f64>,
 }
 
 /// The images of an object.
@@ -127,6 +131,8 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
         unit: text(scale, tags::RESCALE_TYPE),
         localizer: kind.iter().any(|k| k == "LOCALIZER"),
         told: told(places),
+        origin: origin(places),
+        time: time(places),
     })
 }
 
@@ -153,6 +159,53 @@ fn told(places: Places<'_>) -> String {
         ("phase", text(places.set, tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE)),
     ];
     named.into_iter().filter(|n| !n.1.is_empty()).map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", ")
+}
+
+/// What images of one acquisition and reconstruction have in common.
+fn origin(places: Places<'_>) -> Vec<(&'static str, String)> {
+    let either = |group: Tag, own: Tag, tag: Tag| {
+        let framed = text(places.group(group), own);
+        if framed.is_empty() { text(places.set, tag) } else { framed }
+    };
+    let own = |tag| texts(places.set, tag).join("/");
+    let measures = places.group(tags::PIXEL_MEASURES_SEQUENCE);
+    let kernel = texts(places.group(tags::CT_RECONSTRUCTION_SEQUENCE), tags::CONVOLUTION_KERNEL).join("/");
+    let thickness = number(measures, tags::SLICE_THICKNESS).map(|t| format!("{t:.2} mm")).unwrap_or_default();
+    let content = tags::FRAME_CONTENT_SEQUENCE;
+    vec![
+        ("acquisition", either(content, tags::FRAME_ACQUISITION_NUMBER, tags::ACQUISITION_NUMBER)),
+        ("kernel", kernel),
+        ("slice thickness", thickness),
+        ("image type", texts(places.set, tags::IMAGE_TYPE).into_iter().take(3).collect::<Vec<_>>().join("/")),
+        ("acquisition UID", own(tags::ACQUISITION_UID)),
+        ("irradiation event", own(tags::IRRADIATION_EVENT_UID)),
+        ("stack", text(places.group(content), tags::STACK_ID)),
+        ("phase", own(tags::NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE)),
+        ("temporal position", own(tags::TEMPORAL_POSITION_IDENTIFIER)),
+        ("filter", own(tags::FILTER_TYPE)),
+        ("diameter", own(tags::RECONSTRUCTION_DIAMETER)),
+        ("protocol", own(tags::PROTOCOL_NAME)),
+        ("date", own(tags::ACQUISITION_DATE)),
+        ("series time", own(tags::SERIES_TIME)),
+        ("tube voltage", own(tags::KVP)),
+        ("tilt", own(tags::GANTRY_DETECTOR_TILT)),
+        ("device", own(tags::DEVICE_SERIAL_NUMBER)),
+    ]
+}
+
+/// When an image was acquired, s of its day.
+fn time(places: Places<'_>) -> Option<f64> {
+    let framed = text(places.group(tags::FRAME_CONTENT_SEQUENCE), tags::FRAME_ACQUISITION_DATE_TIME);
+    let whole = [framed, text(places.set, tags::ACQUISITION_DATE_TIME)].into_iter().find(|t| t.len() > 8);
+    let clock = whole.and_then(|t| t.get(8..).map(str::to_owned));
+    let clock = clock.or_else(|| {
+        let all =
+            [tags::ACQUISITION_TIME, tags::CONTENT_TIME, tags::INSTANCE_CREATION_TIME].map(|tag| text(places.set, tag));
+        all.into_iter().find(|t| !t.is_empty())
+    })?;
+    let two = |at: usize| clock.get(at..at + 2).and_then(|t| t.parse::<f64>().ok());
+    let seconds = clock.get(4..).and_then(|t| t.split(['+', '-']).next()).and_then(|t| t.parse::<f64>().ok());
+    Some(3600.0 * two(0)? + 60.0 * two(2).unwrap_or_default() + seconds.unwrap_or_default())
 }
 
 /// The refusal of an object that lacks something.

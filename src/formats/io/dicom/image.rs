@@ -23,12 +23,12 @@ use std::path::{Path, PathBuf};
 /// As [`super::read_series`] and [`super::read_doses`].
 pub(in super::super) fn read_image(path: &Path) -> Result<Loaded<Volume<f32>>> {
     match choose(path)? {
-        (Chosen::Ct(objects), same) => {
-            let Loaded { value, path, sha256, header, warnings } = ct::read(&same, objects)?;
+        (Chosen::Ct(objects, beside), same) => {
+            let Loaded { value, path, sha256, header, warnings } = ct::read(&same, objects, beside)?;
             Ok(Loaded { value: value.0, path, sha256, header, warnings })
         }
-        (Chosen::Dose(objects), same) => {
-            let Loaded { value, sha256, header, warnings, .. } = dose::read(&same, &objects)?;
+        (Chosen::Dose(objects, beside), same) => {
+            let Loaded { value, sha256, header, warnings, .. } = dose::read(&same, &objects, beside)?;
             let path = match objects.as_slice() {
                 [one] => one.path.clone(),
                 _ => same,
@@ -55,8 +55,8 @@ pub fn dose_at(path: &Path) -> Result<Loaded<Dose>> {
     let place = Place::of(path);
     if place.choice.is_none() {
         dose::read_dose(path)
-    } else if let (Chosen::Dose(objects), same) = choose(path)? {
-        dose::read(&same, &objects)
+    } else if let (Chosen::Dose(objects, beside), same) = choose(path)? {
+        dose::read(&same, &objects, beside)
     } else {
         let problem = "this series is no RT Dose";
         Err(Error::refused(findings::DICOM_NO_DOSE, path.display().to_string(), problem, "choose the RTDOSE series"))
@@ -69,12 +69,12 @@ pub fn dose_at(path: &Path) -> Result<Loaded<Dose>> {
 /// As [`read_image`], but for the pixels.
 pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
     match choose(path)? {
-        (Chosen::Ct(objects), same) => {
-            let planned = ct::plan(&same, objects)?;
+        (Chosen::Ct(objects, beside), same) => {
+            let planned = ct::plan(&same, objects, beside)?;
             Ok((planned.stack.grid, planned.warnings))
         }
-        (Chosen::Dose(objects), same) => {
-            let read = dose::read(&same, &objects)?;
+        (Chosen::Dose(objects, beside), same) => {
+            let read = dose::read(&same, &objects, beside)?;
             Ok((read.value.volume.grid().clone(), read.warnings))
         }
     }
@@ -86,11 +86,11 @@ pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
 /// As [`super::read_series`], but for the pixels.
 pub fn describe_series(path: &Path) -> Result<(Series, Grid)> {
     match choose(path)? {
-        (Chosen::Ct(objects), same) => {
-            let planned = ct::plan(&same, objects)?;
+        (Chosen::Ct(objects, beside), same) => {
+            let planned = ct::plan(&same, objects, beside)?;
             Ok((planned.series, planned.stack.grid))
         }
-        (Chosen::Dose(_), _) => Err(ct::no_ct(path)),
+        (Chosen::Dose(..), _) => Err(ct::no_ct(path)),
     }
 }
 
@@ -131,8 +131,10 @@ pub(in super::super) fn load<T>(path: &Path, take: impl FnOnce(&mut Raster<'_>) 
 /// As for reading the image, but for its pixels.
 pub(in super::super) fn checksum(path: &Path) -> Result<String> {
     let files: Vec<PathBuf> = match choose(path) {
-        Ok((Chosen::Ct(objects), same)) => ct::used(&ct::plan(&same, objects)?).into_iter().cloned().collect(),
-        Ok((Chosen::Dose(objects), _)) => objects.into_iter().map(|o| o.path).collect(),
+        Ok((Chosen::Ct(objects, beside), same)) => {
+            ct::used(&ct::plan(&same, objects, beside)?).into_iter().cloned().collect()
+        }
+        Ok((Chosen::Dose(objects, _), _)) => objects.into_iter().map(|o| o.path).collect(),
         Err(Error::Input { .. }) if Place::of(path).choice.is_none() => {
             objects(path)?.objects.into_iter().map(|o| o.path).collect()
         }

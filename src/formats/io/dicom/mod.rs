@@ -4,7 +4,12 @@
 //! coordinates are LPS mm, as everywhere inside the library, so positions pass through unchanged.
 
 mod about;
+mod acquisitions;
+mod beams;
+mod beside;
 mod bones;
+mod charset;
+mod counts;
 mod ct;
 mod dose;
 mod elements;
@@ -20,9 +25,11 @@ mod place;
 mod planes;
 pub mod registration;
 mod series;
+mod settle;
 mod stack;
 mod structures;
 mod summary;
+mod walk;
 pub mod write;
 
 #[cfg(test)]

@@ -2,49 +2,74 @@
 //! pixels.
 //!
 //! Files of PS3.10 have a preamble; older ones begin with the meta information, or with the data
-//! set itself.
+//! set itself. How a data set is encoded is told by its own bytes: meta information may be wrong.
 
+use super::charset::Charset;
+use super::elements::{Item, text};
+use super::settle::settle;
+use super::walk::{Coding, Walked, known, walk};
 use crate::error::{Error, Result};
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{DefaultDicomObject, FileMetaTableBuilder, OpenFileOptions};
+use flate2::read::DeflateDecoder;
 use std::fs::{File, Metadata};
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
 /// Bytes that tell.
-const FIRST: usize = 132;
+const FIRST: usize = 512;
+/// Bytes of the preamble.
+const PREAMBLE: usize = 128;
 /// Longest first element of a data set without meta information.
-const LONGEST_FIRST: u32 = 1 << 12;
+const LONGEST_FIRST: usize = 1 << 12;
+/// What a deflated data set may come to: so much, and so many times its length.
+const INFLATED: [u64; 2] = [1 << 24, 40];
+/// Explicit VR Big Endian: retired, and in old archives.
+const BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
+/// The first element that is no meta information.
+const BEHIND_META: Tag = Tag(3, 0);
 
 /// How a file begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Start {
-    /// With the preamble, or with its mark.
-    Marked,
-    /// With the meta information.
-    Meta,
-    /// With the data set, of this transfer syntax.
-    Bare(&'static str),
+struct Start {
+    /// Bytes before the meta information or the data set.
+    skip: usize,
+    /// Whether it says that it is DICOM.
+    marked: bool,
 }
 
 fn start(bytes: &[u8]) -> Option<Start> {
-    if bytes.get(128..132) == Some(b"DICM") || bytes.starts_with(b"DICM\x02\0") {
-        return Some(Start::Marked);
+    if bytes.get(PREAMBLE..PREAMBLE + 4) == Some(b"DICM") {
+        return Some(Start { skip: PREAMBLE + 4, marked: true });
     }
-    let head = bytes.get(..8)?;
-    if head[..2] == [2, 0] && head[3] == 0 && &head[4..6] == b"UL" {
-        return Some(Start::Meta);
+    if bytes.starts_with(b"DICM") && bytes.get(4..).is_some_and(begins) {
+        return Some(Start { skip: 4, marked: true });
     }
-    // Group 0008 begins every data set: its length, or one of the first elements.
-    if head[..2] != [8, 0] || head[3] != 0 || head[2] > 0x18 {
-        return None;
+    if begins(bytes) {
+        return Some(Start { skip: 0, marked: false });
     }
-    if head[4..6].iter().all(u8::is_ascii_uppercase) {
-        return Some(Start::Bare(uids::EXPLICIT_VR_LITTLE_ENDIAN));
+    let (empty, rest) = bytes.split_at_checked(PREAMBLE)?;
+    (empty.iter().all(|b| *b == 0) && begins(rest)).then_some(Start { skip: PREAMBLE, marked: false })
+}
+
+/// Whether meta information or a data set begins with these bytes.
+fn begins(bytes: &[u8]) -> bool {
+    let (Some(coding), Some(head)) = (Coding::of(bytes), bytes.get(..8)) else { return false };
+    let tag_at = |b: &[u8]| {
+        let pair = |n: usize| if coding.big { [b[n + 1], b[n]] } else { [b[n], b[n + 1]] };
+        Tag(u16::from_le_bytes(pair(0)), u16::from_le_bytes(pair(2)))
+    };
+    let tag = tag_at(head);
+    // Group 0008 begins every data set.
+    let first = tag.group() == 2 || tag.group() == 8 && tag.element() <= 0x70;
+    if coding.explicit || !first {
+        return first;
     }
-    let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]);
-    (length <= LONGEST_FIRST).then_some(Start::Bare(uids::IMPLICIT_VR_LITTLE_ENDIAN))
+    let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
+    let next = bytes.get(8 + length.min(FIRST)..).filter(|b| b.len() >= 4);
+    let usual = length.is_multiple_of(2) && (tag.element() == 0 || known(tag).is_some());
+    usual && length <= LONGEST_FIRST && next.is_none_or(|b| tag_at(b) > tag)
 }
 
 /// Whether a file is DICOM by its first bytes.
@@ -57,19 +82,34 @@ pub(in super::super) fn is_dicom(path: &Path) -> bool {
 
 /// What a file is.
 pub(super) enum Opened {
-    /// An object.
-    Object(Box<DefaultDicomObject>),
+    /// An object, and whether the file ends with what was read of it.
+    Object(Box<DefaultDicomObject>, bool),
     /// No DICOM.
     Other,
-    /// DICOM that cannot be parsed, and why.
-    Damaged(String),
+    /// DICOM that cannot be parsed.
+    Damaged(Damage),
+}
+
+/// What is wrong with a file.
+pub(super) struct Damage {
+    /// In words.
+    pub(super) why: String,
+    /// The elements before the damage.
+    pub(super) part: Option<Box<DefaultDicomObject>>,
+}
+
+impl From<String> for Damage {
+    fn from(why: String) -> Self {
+        Self { why, part: None }
+    }
 }
 
 /// Parses what comes before `until`.
 pub(super) fn open(path: &Path, until: Tag) -> Opened {
-    match File::open(path) {
-        Ok(file) => parse(BufReader::new(file), Some(until)),
-        Err(e) => Opened::Damaged(e.to_string()),
+    let file = File::open(path).and_then(|file| file.metadata().map(|about| (file, about.len())));
+    match file {
+        Ok((file, length)) => parse(BufReader::new(file), length, Some(until)),
+        Err(e) => Opened::Damaged(e.to_string().into()),
     }
 }
 
@@ -78,49 +118,162 @@ pub(super) fn open(path: &Path, until: Tag) -> Opened {
 /// # Errors
 /// [`Error::Read`] when it is damaged.
 pub(super) fn whole(path: &Path, bytes: &[u8]) -> Result<Box<DefaultDicomObject>> {
-    match parse(Cursor::new(bytes), None) {
-        Opened::Object(object) => Ok(object),
+    match parse(Cursor::new(bytes), bytes.len() as u64, None) {
+        Opened::Object(object, _) => Ok(object),
         Opened::Other => Err(Error::read(path, "it is no DICOM file", "export the objects again")),
-        Opened::Damaged(why) => Err(damaged(path, &why)),
+        Opened::Damaged(damage) => Err(damaged(path, &damage.why)),
     }
 }
 
 /// The refusal of a file that dicom-rs cannot parse.
 pub(super) fn damaged(path: &Path, why: &str) -> Error {
-    Error::read(path, format!("it is damaged, or no DICOM: {why}"), "copy or export it again")
+    let remedy = "copy or export it again; what is whole and odd `dcmconv IN OUT` of DCMTK may mend";
+    Error::read(path, format!("it is damaged, or no DICOM: {why}"), remedy)
 }
 
-fn parse<R: Read>(mut reader: R, until: Option<Tag>) -> Opened {
+fn parse<R: Read>(mut reader: R, length: u64, until: Option<Tag>) -> Opened {
     let mut first = Vec::new();
     if let Err(e) = reader.by_ref().take(FIRST as u64).read_to_end(&mut first) {
-        return Opened::Damaged(e.to_string());
+        return Opened::Damaged(e.to_string().into());
     }
-    let Some(start) = start(&first) else { return Opened::Other };
-    let mark = match start {
-        Start::Marked => Vec::new(),
-        Start::Meta => b"DICM".to_vec(),
-        Start::Bare(syntax) => match meta(syntax) {
-            Some(meta) => meta,
-            None => return Opened::Other,
-        },
-    };
-    let all = mark.as_slice().chain(first.as_slice()).chain(reader);
-    let options = until.map_or_else(OpenFileOptions::new, |tag| OpenFileOptions::new().read_until(tag));
-    match (options.from_reader(all), start) {
-        (Ok(object), Start::Bare(_)) if object.get(tags::SOP_CLASS_UID).is_none() => Opened::Other,
-        (Ok(object), _) => Opened::Object(Box::new(object)),
+    let Some(Start { skip, marked }) = start(&first) else { return Opened::Other };
+    let all = first.get(skip..).unwrap_or_default().chain(reader);
+    let read = Meta::read(all, length.saturating_sub(skip as u64));
+    let parsed = read.and_then(|(meta, rest, left)| data_set(meta, rest, left, until));
+    match parsed {
+        Ok((object, _)) if !marked && text(&object, tags::SOP_CLASS_UID).is_empty() => Opened::Other,
+        Ok((object, ended)) => Opened::Object(object, ended),
         // What only looks like a data set is of another kind.
-        (Err(_), Start::Bare(_)) => Opened::Other,
-        (Err(e), _) => Opened::Damaged(told(&e)),
+        Err(damage) if !marked => match &damage.part {
+            Some(part) if !text(part, tags::SOP_CLASS_UID).is_empty() => Opened::Damaged(damage),
+            _ => Opened::Other,
+        },
+        Err(damage) => Opened::Damaged(damage),
     }
 }
 
-/// Meta information for a data set that has none.
-fn meta(syntax: &str) -> Option<Vec<u8>> {
-    let table = FileMetaTableBuilder::new().transfer_syntax(syntax).media_storage_sop_class_uid("");
-    let mut bytes = b"DICM".to_vec();
-    table.media_storage_sop_instance_uid("").build().ok()?.write(&mut bytes).ok()?;
-    Some(bytes)
+/// What is used of the meta information.
+#[derive(Default)]
+struct Meta {
+    syntax: String,
+    class: String,
+    instance: String,
+}
+
+impl Meta {
+    /// Reads the meta information, what follows it and how long that is. Its own length is not believed.
+    fn read<R: Read>(mut all: R, length: u64) -> Result<(Self, impl Read, u64), Damage> {
+        let mut head = Vec::new();
+        all.by_ref().take(8).read_to_end(&mut head).map_err(|e| e.to_string())?;
+        let coding = Coding::of(&head).filter(|coding| !coding.big).unwrap_or(Coding::EXPLICIT);
+        let Walked { bytes, over, trouble, .. } =
+            walk(head.chain_with(all.by_ref()), length, coding, Some(BEHIND_META));
+        if let Some(why) = trouble {
+            return Err(why.into());
+        }
+        let left = length - bytes.len() as u64;
+        if bytes.is_empty() {
+            return Ok((Self::default(), Cursor::new(over).chain(all), left));
+        }
+        let syntax = if coding.explicit { uids::EXPLICIT_VR_LITTLE_ENDIAN } else { uids::IMPLICIT_VR_LITTLE_ENDIAN };
+        let set = Self { syntax: syntax.into(), ..Self::default() }.object(&bytes)?;
+        let own = [tags::TRANSFER_SYNTAX_UID, tags::MEDIA_STORAGE_SOP_CLASS_UID, tags::MEDIA_STORAGE_SOP_INSTANCE_UID];
+        let [syntax, class, instance] = own.map(|tag| text(&set, tag));
+        Ok((Self { syntax, class, instance }, Cursor::new(over).chain(all), left))
+    }
+
+    /// Parses a data set with this meta information.
+    fn object(&self, bytes: &[u8]) -> Result<Box<DefaultDicomObject>, Damage> {
+        let table = FileMetaTableBuilder::new()
+            .transfer_syntax(self.syntax.as_str())
+            .media_storage_sop_class_uid(self.class.as_str())
+            .media_storage_sop_instance_uid(self.instance.as_str());
+        let mut meta = b"DICM".to_vec();
+        table.build().and_then(|table| table.write(&mut meta)).map_err(|e| told(&e))?;
+        let object = OpenFileOptions::new().from_reader(meta.as_slice().chain(bytes));
+        Ok(Box::new(object.map_err(|e| told(&e))?))
+    }
+}
+
+/// Parses the data set that follows the meta information.
+fn data_set<R: Read>(
+    mut meta: Meta,
+    mut rest: R,
+    left: u64,
+    until: Option<Tag>,
+) -> Result<(Box<DefaultDicomObject>, bool), Damage> {
+    let mut head = Vec::new();
+    rest.by_ref().take(8).read_to_end(&mut head).map_err(|e| e.to_string())?;
+    if head.is_empty() {
+        return Err("it has no data set".to_owned().into());
+    }
+    let (found, plain) = (Coding::of(&head), begins(&head));
+    let rest = head.chain_with(rest);
+    let said = match meta.syntax.as_str() {
+        uids::IMPLICIT_VR_LITTLE_ENDIAN => Coding::IMPLICIT,
+        BIG_ENDIAN => Coding::BIG,
+        _ => Coding::EXPLICIT,
+    };
+    let deflated = meta.syntax == uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN && !plain;
+    let walked = if deflated {
+        meta.syntax = uids::EXPLICIT_VR_LITTLE_ENDIAN.into();
+        let bytes = inflated(rest, left)?;
+        let length = bytes.len() as u64;
+        walk(Cursor::new(bytes), length, Coding::EXPLICIT, until)
+    } else {
+        let coding = found.unwrap_or(said);
+        if coding != said || meta.syntax.is_empty() || meta.syntax == uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN {
+            meta.syntax = native(coding).into();
+        }
+        walk(rest, left, coding, until)
+    };
+    let part = meta.object(&walked.bytes).map(|mut object| {
+        let parse = |bytes: &[u8]| {
+            let implicit = Meta { syntax: uids::IMPLICIT_VR_LITTLE_ENDIAN.into(), ..Meta::default() };
+            implicit.object(bytes).ok().map(|object| object.into_inner())
+        };
+        let set: &mut Item = &mut object;
+        settle(set, Charset::default(), &parse);
+        object
+    });
+    match walked.trouble {
+        Some(why) => Err(Damage { why, part: part.ok() }),
+        None => Ok((part?, walked.ended)),
+    }
+}
+
+fn native(coding: Coding) -> &'static str {
+    match coding {
+        Coding { explicit: false, .. } => uids::IMPLICIT_VR_LITTLE_ENDIAN,
+        Coding { big: true, .. } => BIG_ENDIAN,
+        _ => uids::EXPLICIT_VR_LITTLE_ENDIAN,
+    }
+}
+
+/// A deflated data set (PS3.5 A.5).
+fn inflated(from: impl Read, length: u64) -> Result<Vec<u8>, Damage> {
+    let [least, times] = INFLATED;
+    let most = least + times * length;
+    let mut bytes = Vec::new();
+    DeflateDecoder::new(from)
+        .take(most + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| format!("it cannot be inflated: {e}"))?;
+    if bytes.len() as u64 > most {
+        return Err(format!("it inflates to more than {most} bytes; `dcmconv +te IN OUT` unpacks it").into());
+    }
+    Ok(bytes)
+}
+
+/// Bytes that were read, and what follows them.
+trait Before {
+    fn chain_with<R: Read>(self, rest: R) -> impl Read;
+}
+
+impl Before for Vec<u8> {
+    fn chain_with<R: Read>(self, rest: R) -> impl Read {
+        Cursor::new(self).chain(rest)
+    }
 }
 
 /// An error with its causes, on one line.

@@ -28,6 +28,21 @@ const JPEG: [&str; 6] = [
     uids::JPEG2000,
 ];
 
+/// Bytes of pixels that a file may hold: so many, and so many times its length, where they are compressed.
+const MOST: [u64; 2] = [1 << 26, 200];
+
+/// Refuses a promise of more pixels than `length` bytes of a file can hold, before memory is taken for them.
+///
+/// # Errors
+/// [`Error::Read`].
+pub(super) fn believable(path: &Path, promised: u64, length: u64) -> Result<()> {
+    if promised <= MOST[0] + MOST[1].saturating_mul(length) {
+        return Ok(());
+    }
+    let problem = format!("{promised} bytes of pixels are promised, and the file has {length} bytes");
+    Err(Error::read(path, problem, "copy or export the object again"))
+}
+
 /// Decoded pixels of all frames.
 pub(super) struct Pixels {
     bytes: Vec<u8>,
@@ -77,6 +92,14 @@ impl Pixels {
             _ => return Err(refuse(path, "its Pixel Representation is neither 0 nor 1")),
         };
         let count = get(tags::NUMBER_OF_FRAMES).unwrap_or(1);
+        let fragments = |parts: &[Vec<u8>]| parts.iter().map(|part| part.len() as u64).sum::<u64>();
+        let length = object.get(tags::PIXEL_DATA).map_or(0, |e| match e.value().fragments() {
+            Some(parts) => fragments(parts),
+            None => e.value().primitive().map_or(0, |v| v.calculate_byte_len() as u64),
+        });
+        let promised =
+            [rows, columns, count, allocated as usize / 8].iter().fold(1u64, |n, f| n.saturating_mul(*f as u64));
+        believable(path, promised, length)?;
         let bytes = decode(path, object, count)?;
         let (width, frame) = (allocated as usize / 8, rows * columns);
         if frame.checked_mul(count).and_then(|n| n.checked_mul(width)).is_none_or(|need| bytes.len() < need) {

@@ -2,11 +2,13 @@
 //! series of several.
 
 use super::super::series_path::{Place, root_of};
+use super::beside::beside;
 use super::elements::text;
-use super::find::{Catalogue, DEEPEST, Group, Object, find};
+use super::find::{Catalogue, DEEPEST, Damaged, Group, Object, find, medium};
 use super::open::{Opened, is_dicom, open};
 use crate::error::{Error, Result};
 use crate::findings;
+use crate::warning::Warning;
 use dicom_dictionary_std::tags;
 use std::path::{Path, PathBuf};
 
@@ -29,7 +31,7 @@ pub fn is_dicom_path(path: &Path) -> bool {
 /// Whether a file is a DICOM structure set.
 pub fn is_structure_set(path: &Path) -> bool {
     let set = || match open(path, tags::ROI_CONTOUR_SEQUENCE) {
-        Opened::Object(object) => text(&object, tags::MODALITY) == "RTSTRUCT",
+        Opened::Object(object, _) => text(&object, tags::MODALITY) == "RTSTRUCT",
         _ => false,
     };
     is_dicom(path) && set()
@@ -43,7 +45,7 @@ pub(in super::super) fn folder_of(path: &Path) -> Option<PathBuf> {
         return Some(root);
     }
     let slice = || match open(&root, tags::ROI_CONTOUR_SEQUENCE) {
-        Opened::Object(object) => CT.contains(&text(&object, tags::SOP_CLASS_UID).as_str()),
+        Opened::Object(object, _) => CT.contains(&text(&object, tags::SOP_CLASS_UID).as_str()),
         _ => false,
     };
     (is_dicom(&root) && slice()).then(|| parent(&root))
@@ -76,10 +78,10 @@ fn holds_dicom(path: &Path, deeper: usize) -> bool {
 
 /// What is read as an image.
 pub(super) enum Chosen {
-    /// The objects of a CT series.
-    Ct(Vec<Object>),
-    /// A dose, or the doses of a series.
-    Dose(Vec<Object>),
+    /// The objects of a CT series, and what is to be known of the files beside them.
+    Ct(Vec<Object>, Vec<Warning>),
+    /// A dose, or the doses of a series, and the same.
+    Dose(Vec<Object>, Vec<Warning>),
 }
 
 /// The images that a path means, and the path that means the same ones: of a slice's file it is
@@ -89,44 +91,55 @@ pub(super) enum Chosen {
 /// [`Error::Read`] when there is no DICOM; [`Error::Input`] when it is not clear which series is
 /// meant, listing them, and when it is none that can be read.
 pub(super) fn choose(path: &Path) -> Result<(Chosen, PathBuf)> {
-    let place = Place::of(path);
+    let mut place = Place::of(path);
+    place.root = medium(&place.root);
     if place.root.is_dir() {
         let found = objects(&place.root)?;
         let group = match &place.choice {
             Some(choice) => named(&found, path, choice)?,
             None => only_ct(&found, path)?,
         };
-        return Ok((readable(path, group)?, path.into()));
+        return Ok((readable(path, group, &found)?, path.into()));
     }
     let found = objects(&place.root)?;
     let groups = found.groups();
     let Some(group) = groups.first() else { return Err(no_objects(path, &found)) };
     if !is_slice(group) {
-        return Ok((readable(path, group.clone())?, place.root));
+        return Ok((readable(path, group.clone(), &Catalogue::default())?, place.root));
     }
     let folder = parent(&place.root);
     let all = objects(&folder)?;
     let own = all.groups().into_iter().find(|g| g.series.uid == group.series.uid && is_slice(g));
     let mut same = folder.into_os_string();
     same.push(format!("#{}", group.series.uid));
-    Ok((readable(path, own.unwrap_or_else(|| group.clone()))?, same.into()))
+    Ok((readable(path, own.unwrap_or_else(|| group.clone()), &all)?, same.into()))
 }
 
 /// The objects of a folder or file, or a refusal where there is none.
 pub(super) fn objects(root: &Path) -> Result<Catalogue> {
-    let found = find(&[root])?;
+    let found = find(&[medium(root)])?;
     if found.objects.is_empty() { Err(no_objects(root, &found)) } else { Ok(found) }
 }
 
 fn no_objects(path: &Path, found: &Catalogue) -> Error {
-    if let Some((file, why)) = found.damaged.first() {
-        return super::open::damaged(file, why);
+    if let Some(damaged) = found.damaged.first() {
+        return super::open::damaged(&damaged.path, &damaged.why);
     }
     if path.is_dir() {
         let problem = "it is a folder without DICOM";
         return Error::read(path, problem, "name one file, or the folder of a DICOM series");
     }
     Error::read(path, "it is no DICOM object", "name a file of a series, or its folder")
+}
+
+/// Whether what is left of a damaged file is of a modality, where it says so.
+pub(super) fn of_kind(damaged: &Damaged, modality: &str) -> Option<bool> {
+    damaged.series.as_ref().map(|s| s.modality.as_str()).filter(|m| !m.is_empty()).map(|m| m == modality)
+}
+
+/// That a damaged file is of another modality, where it says so.
+fn other_kind(damaged: &Damaged, modality: &str) -> Option<bool> {
+    of_kind(damaged, modality).filter(|own| !own)
 }
 
 /// Whether a series is of CT slices or frames.
@@ -198,13 +211,21 @@ fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a
 }
 
 /// A series as something that is read, or a refusal by its modality.
-fn readable(path: &Path, group: Group<'_>) -> Result<Chosen> {
+fn readable(path: &Path, group: Group<'_>, found: &Catalogue) -> Result<Chosen> {
     let owned = |objects: Vec<&Object>| objects.into_iter().cloned().collect::<Vec<_>>();
     if is_slice(&group) {
-        return Ok(Chosen::Ct(owned(group.objects)));
+        let same = |damaged: &Damaged| {
+            let told = damaged.series.as_ref().filter(|s| !s.uid.is_empty());
+            told.map(|s| s.uid == group.series.uid).or(other_kind(damaged, "CT"))
+        };
+        let warnings = beside(path, found, &group.objects, &same)?;
+        return Ok(Chosen::Ct(owned(group.objects), warnings));
     }
     let (what, remedy) = match group.series.modality.as_str() {
-        "RTDOSE" => return Ok(Chosen::Dose(owned(group.objects))),
+        "RTDOSE" => {
+            let warnings = beside(path, found, &group.objects, &|damaged| of_kind(damaged, "RTDOSE"))?;
+            return Ok(Chosen::Dose(owned(group.objects), warnings));
+        }
         "RTSTRUCT" => ("a structure set, no image", "give it where structures, contours or bones are asked for"),
         "MR" => ("an MR series: its values are no HU", "give a CT; bones and densities cannot be told from MR values"),
         "PT" => ("a PET series: its values are no HU", "give the CT that was taken with it"),

@@ -1,21 +1,23 @@
 //! From the images of a series to one grid: order by position, duplicates, gaps, tilt.
 
+use super::acquisitions::alternating;
 use super::frames::Frame;
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Grid;
 use crate::warning::Warning;
 use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Positions closer than this are one place, mm: they are written with two decimals and more.
 const SAME_PLACE_MM: f64 = 0.01;
-/// Slices may lie this far from the line along the normal, mm, and distances between them differ by
-/// this much: rounding.
+/// Slices may lie this far from the line along the normal, mm.
 const ASIDE_MM: f64 = 0.2;
-const ROUNDED_MM: f64 = 0.02;
-/// Distances between slices may differ by this share of their median.
-const UNEVEN: f64 = 0.01;
+/// Slices may lie so far from their place, mm, or this share of their median distance, whichever is more: rounding, and the
+/// couch. The distance between two differs by twice as much.
+const JITTER_MM: f64 = 0.05;
+const JITTER: f64 = 0.01;
 /// No slice may lie farther from its place in the grid than this share of the distance between
 /// slices.
 const OFF_PLACE: f64 = 0.05;
@@ -89,6 +91,7 @@ pub(super) fn stack(
             "export all slices of the series into one folder",
         ));
     }
+    one_origin(&named, &frames)?;
     upright(&named, &frames)?;
     even(&named, &frames)?;
     let step = (height(last) - height(first)) / (frames.len() - 1) as f64;
@@ -181,6 +184,29 @@ fn without_twins(
     Ok(kept)
 }
 
+/// Refuses images of several acquisitions, and several images of one UID.
+fn one_origin(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
+    if let Some(list) = alternating(named.files, frames) {
+        let problem = format!("images of several acquisitions or reconstructions alternate in it:{list}");
+        let remedy = "export each as a series of its own, or move all but one elsewhere";
+        return Err(Error::refused(findings::DICOM_ACQUISITIONS, named.what, problem, remedy));
+    }
+    let mut seen: BTreeMap<&str, &Frame> = BTreeMap::new();
+    for f in frames.iter().filter(|f| !f.multi && !f.uid.is_empty()) {
+        if let Some(other) = seen.insert(&f.uid, f) {
+            let problem = format!(
+                "two images at different places have one SOP Instance UID ({}): {} and {}",
+                f.uid,
+                named.image(other),
+                named.image(f)
+            );
+            let remedy = "export the series again: what refers to an image by its UID may mean either";
+            return Err(Error::refused(findings::DICOM_DUPLICATES, named.what, problem, remedy));
+        }
+    }
+    Ok(())
+}
+
 /// Refuses slices that do not follow each other along their normal.
 fn upright(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Ok(()) };
@@ -217,7 +243,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     let mut sorted = gaps.clone();
     sorted.sort_by(f64::total_cmp);
     let Some(&usual) = sorted.get(sorted.len() / 2) else { return Ok(()) };
-    let uneven = (UNEVEN * usual).max(ROUNDED_MM);
+    let uneven = 2.0 * (JITTER * usual).max(JITTER_MM) + 1e-6;
     let odd: Vec<usize> = (0..gaps.len()).filter(|&n| (gaps[n] - usual).abs() > uneven).collect();
     if let Some(&n) = odd.first() {
         let between = format!("between {} and {}", named.place(&frames[n]), named.place(&frames[n + 1]));
@@ -246,7 +272,7 @@ fn even(named: &Named<'_>, frames: &[Frame]) -> Result<()> {
     }
     let step = (heights[heights.len() - 1] - heights[0]) / gaps.len() as f64;
     let off = |n: usize| (heights[n] - heights[0] - step * n as f64).abs();
-    if let Some(n) = (0..heights.len()).find(|&n| off(n) > (OFF_PLACE * step).max(3.0 * ROUNDED_MM)) {
+    if let Some(n) = (0..heights.len()).find(|&n| off(n) > (OFF_PLACE * step).max(2.0 * JITTER_MM)) {
         let problem = format!(
             "distances between its slices drift: the one at {} lies {:.2} mm from its place at {step:.3} mm each",
             named.place(&frames[n]),

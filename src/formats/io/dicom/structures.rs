@@ -9,7 +9,7 @@ use super::find::{Object, series};
 use super::open;
 use super::place::objects;
 use super::planes::{Drawing, planes};
-use super::series::{Patient, Study};
+use super::series::{Patient, Series, Study};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Grid;
@@ -55,6 +55,8 @@ pub struct StructureSet {
     pub frame_of_reference: String,
     /// Series Instance UIDs of the images that it was drawn on.
     pub referenced_series: BTreeSet<String>,
+    /// SOP Instance UIDs of the images of each of these series.
+    pub referenced_images: BTreeMap<String, BTreeSet<String>>,
     /// The patient.
     pub patient: Patient,
     /// The study.
@@ -84,14 +86,24 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     let set: &Item = &set;
     let what = object.path.display().to_string();
     let mut warnings = Vec::new();
+    numbers_once(&what, set)?;
     let mut rois = rois(&what, set, &mut warnings);
     let frame_of_reference = frame(&what, set, &mut warnings)?;
-    let drawings = drawings(&what, set, &rois, &mut warnings)?;
-    let contours = planes(&what, &drawings)?;
+    let (drawings, odd) = drawings(&what, set, &rois, &mut warnings);
+    let (contours, tilted) = planes(&what, &drawings)?;
+    let is_left = |r: &Roi| odd.iter().chain(&tilted).any(|l| l.starts_with(&format!("{:?} (", r.name)));
+    let left =
+        |left: &[String]| format!("{what}: structures are left out, with all their contours: {}", some_names(left));
+    if !odd.is_empty() {
+        warnings.push(Warning::new(findings::STRUCTURES_ODD, left(&odd)));
+    }
+    if !tilted.is_empty() {
+        warnings.push(Warning::new(findings::STRUCTURES_PLANES, left(&tilted)));
+    }
     for (roi, structure) in rois.iter_mut().zip(&contours.structures) {
         roi.empty = structure.polygons.is_empty();
     }
-    let empty: Vec<&str> = rois.iter().filter(|r| r.empty).map(|r| r.name.as_str()).collect();
+    let empty: Vec<&str> = rois.iter().filter(|r| r.empty && !is_left(r)).map(|r| r.name.as_str()).collect();
     if !empty.is_empty() {
         let message = format!("{what}: structures without a closed contour: {}", some_names(&empty));
         warnings.push(Warning::new(findings::STRUCTURES_EMPTY, message));
@@ -111,7 +123,8 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
         contours,
         rois,
         frame_of_reference,
-        referenced_series: referenced_series(set),
+        referenced_series: referenced(set).keys().cloned().collect(),
+        referenced_images: referenced(set),
         patient: series.patient,
         study: series.study,
         label: text(set, tags::STRUCTURE_SET_LABEL),
@@ -142,12 +155,61 @@ fn the_one(path: &Path) -> Result<Object> {
     Err(Error::refused(findings::STRUCTURES_SEVERAL, path.display().to_string(), problem, remedy))
 }
 
+/// Refuses numbers that belong to several structures: whose contours are whose cannot be told.
+fn numbers_once(what: &str, set: &Item) -> Result<()> {
+    let mut named: BTreeMap<i64, Vec<String>> = BTreeMap::new();
+    for item in items(set, tags::STRUCTURE_SET_ROI_SEQUENCE) {
+        let Some(number) = whole(item, tags::ROI_NUMBER) else { continue };
+        named.entry(number).or_default().push(text(item, tags::ROI_NAME));
+    }
+    let mut drawn: BTreeMap<i64, usize> = BTreeMap::new();
+    let contours = items(set, tags::ROI_CONTOUR_SEQUENCE).iter();
+    for item in contours.filter(|item| !items(item, tags::CONTOUR_SEQUENCE).is_empty()) {
+        if let Some(number) = whole(item, tags::REFERENCED_ROI_NUMBER) {
+            *drawn.entry(number).or_default() += 1;
+        }
+    }
+    let twice = named.iter().find(|(_, names)| names.len() > 1).map(|(number, names)| {
+        let names = names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(" and ");
+        format!("the structures {names} have one ROI Number ({number})")
+    });
+    let twice = twice.or_else(|| {
+        let (number, count) = drawn.into_iter().find(|(_, count)| *count > 1)?;
+        let name = named.get(&number).and_then(|names| names.first()).map_or("", String::as_str);
+        Some(format!(
+            "contours stand in {count} places for the ROI Number {number} ({name:?}), as if of several structures"
+        ))
+    });
+    let Some(problem) = twice else { return Ok(()) };
+    let remedy = "export the structure set again, each structure with a number of its own";
+    Err(Error::refused(findings::STRUCTURES_NUMBERS, what, problem, remedy))
+}
+
+/// What each structure is observed as, by its number: the first that is told.
+fn kinds(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> BTreeMap<i64, String> {
+    let mut kinds: BTreeMap<i64, String> = BTreeMap::new();
+    let mut differ = BTreeSet::new();
+    for o in items(set, tags::RTROI_OBSERVATIONS_SEQUENCE) {
+        let Some(number) = whole(o, tags::REFERENCED_ROI_NUMBER) else { continue };
+        let kind = text(o, tags::RTROI_INTERPRETED_TYPE);
+        let own = kinds.entry(number).or_default();
+        if own.is_empty() {
+            *own = kind;
+        } else if !kind.is_empty() && *own != kind {
+            differ.insert(format!("number {number} ({own}, {kind})"));
+        }
+    }
+    if !differ.is_empty() {
+        let differ: Vec<String> = differ.into_iter().collect();
+        let message = format!("{what}: structures are of several types, the first is taken: {}", some_names(&differ));
+        warnings.push(Warning::new(findings::STRUCTURES_NUMBERS, message));
+    }
+    kinds
+}
+
 /// Numbers, names and kinds; names that repeat get the number of the structure behind them.
 fn rois(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Vec<Roi> {
-    let kinds: BTreeMap<i64, String> = items(set, tags::RTROI_OBSERVATIONS_SEQUENCE)
-        .iter()
-        .filter_map(|o| Some((whole(o, tags::REFERENCED_ROI_NUMBER)?, text(o, tags::RTROI_INTERPRETED_TYPE))))
-        .collect();
+    let kinds = kinds(what, set, warnings);
     let mut seen: BTreeSet<String> = BTreeSet::new();
     let mut twice = Vec::new();
     let mut rois = Vec::new();
@@ -219,11 +281,12 @@ fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Result<String> 
     Ok(one)
 }
 
-/// The closed contours of each structure.
-fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -> Result<Vec<Drawing>> {
+/// The closed contours of each structure, and structures of which a contour contradicts itself, by name.
+fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -> (Vec<Drawing>, Vec<String>) {
     let mut all: Vec<Drawing> =
         rois.iter().map(|r| Drawing { name: r.name.clone(), colour: r.colour, contours: Vec::new() }).collect();
     let mut left: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    let mut odd: BTreeMap<usize, String> = BTreeMap::new();
     for item in items(set, tags::ROI_CONTOUR_SEQUENCE) {
         let number = whole(item, tags::REFERENCED_ROI_NUMBER);
         let Some(at) = rois.iter().position(|r| Some(r.number) == number) else {
@@ -233,22 +296,15 @@ fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -
         };
         for contour in items(item, tags::CONTOUR_SEQUENCE) {
             let kind = text(contour, tags::CONTOUR_GEOMETRIC_TYPE);
-            let flat: Vec<f64> = numbers(contour, tags::CONTOUR_DATA).unwrap_or_default();
+            let given = numbers(contour, tags::CONTOUR_DATA);
+            let unread = given.is_none() && !text(contour, tags::CONTOUR_DATA).is_empty();
+            let flat: Vec<f64> = given.unwrap_or_default();
             let (points, rest) = flat.as_chunks::<3>();
             let stated = whole(contour, tags::NUMBER_OF_CONTOUR_POINTS);
-            if !rest.is_empty() || stated.is_some_and(|n| usize::try_from(n) != Ok(points.len())) {
-                let problem = format!(
-                    "structure {:?} has a contour of {} points and {} numbers",
-                    rois[at].name,
-                    stated.unwrap_or_default(),
-                    flat.len()
-                );
-                return Err(Error::refused(
-                    findings::DICOM_INCOMPLETE,
-                    what,
-                    problem,
-                    "export the structure set again",
-                ));
+            if unread || !rest.is_empty() || stated.is_some_and(|n| usize::try_from(n) != Ok(points.len())) {
+                let stated = stated.unwrap_or_default();
+                odd.entry(at).or_insert_with(|| format!("a contour of {stated} points and {} numbers", flat.len()));
+                continue;
             }
             let closed = matches!(kind.as_str(), "CLOSED_PLANAR" | "CLOSEDPLANAR_XOR" | "CLOSED_PLANAR_XOR");
             if closed && points.len() > 2 {
@@ -268,14 +324,26 @@ fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -
         let message = format!("{what}: contours that enclose nothing are left out: {}", some_names(&named));
         warnings.push(Warning::new(findings::STRUCTURES_LEFT_OUT, message));
     }
-    Ok(all)
+    let odd = odd.into_iter().map(|(at, why)| {
+        all[at].contours.clear();
+        format!("{:?} ({why})", all[at].name)
+    });
+    let odd = odd.collect();
+    (all, odd)
 }
 
-fn referenced_series(set: &Item) -> BTreeSet<String> {
+/// The images of each series that a set was drawn on.
+fn referenced(set: &Item) -> BTreeMap<String, BTreeSet<String>> {
     let frames = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
     let studies = frames.flat_map(|f| items(f, tags::RT_REFERENCED_STUDY_SEQUENCE));
     let series = studies.flat_map(|s| items(s, tags::RT_REFERENCED_SERIES_SEQUENCE));
-    series.map(|s| text(s, tags::SERIES_INSTANCE_UID)).filter(|uid| !uid.is_empty()).collect()
+    let mut all: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for s in series {
+        let images = items(s, tags::CONTOUR_IMAGE_SEQUENCE).iter().map(|i| text(i, tags::REFERENCED_SOP_INSTANCE_UID));
+        all.entry(text(s, tags::SERIES_INSTANCE_UID)).or_default().extend(images.filter(|uid| !uid.is_empty()));
+    }
+    all.remove("");
+    all
 }
 
 /// The first of many names.
@@ -285,6 +353,23 @@ pub(super) fn some_names<S: AsRef<str>>(names: &[S]) -> String {
 }
 
 impl StructureSet {
+    /// A word about images that the set was drawn on and that are not in `series`, which it names.
+    pub fn missing_images(&self, series: &Series) -> Option<Warning> {
+        let there: BTreeSet<&str> = series.slices.iter().map(|s| s.uid.as_str()).collect();
+        let wanted = self.referenced_images.get(&series.uid)?;
+        let gone: Vec<&str> = wanted.iter().map(String::as_str).filter(|uid| !there.contains(uid)).collect();
+        (!gone.is_empty()).then(|| {
+            let message = format!(
+                "{}: of the {} images that it was drawn on {} are not in the series: {}",
+                self.path.display(),
+                wanted.len(),
+                gone.len(),
+                some_names(&gone)
+            );
+            Warning::new(findings::DICOM_FEWER, message)
+        })
+    }
+
     /// Structures with contours, with what the set says of them.
     pub fn drawn(&self) -> impl Iterator<Item = (&Roi, &Structure)> {
         self.rois.iter().zip(&self.contours.structures).filter(|(roi, _)| !roi.empty)

@@ -92,8 +92,8 @@ pub fn summary(path: impl AsRef<Path>, anonymous: bool) -> Result<Summary> {
     let units = units(&found);
     let frames = letters(&units);
     let entries = units.iter().enumerate().map(|(n, unit)| entry(n, unit, &units, &frames, anonymous)).collect();
-    let damaged = found.damaged.iter().map(|(file, why)| format!("{}: {why}", file.display())).collect();
-    Ok(Summary { path: path.into(), entries, other_files: found.other_files, damaged, anonymous })
+    let damaged = found.damaged.iter().map(|d| format!("{}: {}", d.path.display(), d.why)).collect();
+    Ok(Summary { path: path.into(), entries, other_files: found.others.len(), damaged, anonymous })
 }
 
 /// Series of images whole, objects of other kinds one by one.
@@ -190,7 +190,7 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
     match unit.series.modality.as_str() {
         "CT" if unit.objects.iter().any(|o| CT.contains(&o.sop_class.as_str())) => {
             let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
-            let planned = ct::plan(Path::new("series"), objects)?;
+            let planned = ct::plan(Path::new("series"), objects, Vec::new())?;
             let grid = planned.stack.grid;
             let odd = planned.warnings.into_iter().map(|w| w.message).collect();
             Ok((format!("{} slices, {}", grid.size()[2], geometry(&grid)), Some(grid), odd))

@@ -36,7 +36,7 @@ pub fn kind_of(path: &Path) -> Option<Kind> {
     if !is_dicom(path) {
         return None;
     }
-    let Opened::Object(object) = open(path, tags::STUDY_DATE) else { return None };
+    let Opened::Object(object, _) = open(path, tags::STUDY_DATE) else { return None };
     match super::elements::text(&object, tags::SOP_CLASS_UID).as_str() {
         uids::SPATIAL_REGISTRATION_STORAGE => Some(Kind::Rigid),
         uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE => Some(Kind::Deformable),
@@ -47,7 +47,7 @@ pub fn kind_of(path: &Path) -> Option<Kind> {
 /// SOP Class UID and SOP Instance UID of a registration; `None` where a file holds none.
 pub fn reference_of(path: &Path) -> Option<Written> {
     kind_of(path)?;
-    let Opened::Object(object) = open(path, tags::STUDY_DATE) else { return None };
+    let Opened::Object(object, _) = open(path, tags::STUDY_DATE) else { return None };
     Some([tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(|tag| super::elements::text(&object, tag)))
 }
 

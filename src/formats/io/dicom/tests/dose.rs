@@ -58,23 +58,73 @@ fn thirty_two_bits_are_read_and_relative_doses_refused() {
     }
 }
 
+/// A dose of the beam whose number ends the UID.
+fn beam(uid: &str, plan: &str, kind: &str) -> Set {
+    let number = uid.rsplit('.').next().unwrap();
+    let mut set = dose(uid, &[0.0, 4.0], |_| 299 + number.parse::<u16>().unwrap());
+    put(&mut set, tags::DOSE_SUMMATION_TYPE, VR::CS, kind);
+    referring(&mut set, plan, Some(number));
+    set
+}
+
+fn referring(set: &mut Set, plan: &str, beam: Option<&str>) {
+    let mut item = Set::new_empty();
+    put(&mut item, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, plan);
+    if let Some(number) = beam {
+        let mut own = Set::new_empty();
+        put(&mut own, tags::REFERENCED_BEAM_NUMBER, VR::IS, number);
+        let mut group = Set::new_empty();
+        put(&mut group, tags::REFERENCED_FRACTION_GROUP_NUMBER, VR::IS, "1");
+        put_items(&mut group, tags::REFERENCED_BEAM_SEQUENCE, vec![own]);
+        put_items(&mut item, tags::REFERENCED_FRACTION_GROUP_SEQUENCE, vec![group]);
+    }
+    put_items(set, tags::REFERENCED_RT_PLAN_SEQUENCE, vec![item]);
+}
+
+#[test]
+fn nothing_is_counted_twice_or_joined() {
+    let dir = tempfile::tempdir().unwrap();
+    let first = beam("1.5.1", "1.6.1", "BEAM");
+    write(dir.path(), "a", &first);
+    write(dir.path(), "a (1)", &first);
+    let read = read_dose(dir.path()).unwrap();
+    assert!(read.value.volume.data().iter().all(|d| (d - 3.0).abs() < 1e-5));
+    assert!(read.warnings.iter().any(|w| w.code == "dicom-duplicates"), "{:?}", read.warnings);
+    let refused = |word: &str, change: &dyn Fn(&mut Set)| {
+        let mut other = beam("1.5.2", "1.6.1", "BEAM");
+        change(&mut other);
+        write(dir.path(), "a (1)", &other);
+        let error = read_dose(dir.path()).unwrap_err();
+        assert!(error.code() == "dose-sum" && error.to_string().contains(word), "{word}: {error}");
+    };
+    refused("one SOP Instance UID", &|s| put(s, tags::SOP_INSTANCE_UID, VR::UI, "1.5.1"));
+    refused("do not say of which beam", &|s| referring(s, "1.6.1", None));
+    refused("a beam has several doses", &|s| referring(s, "1.6.1", Some("1")));
+    refused("several patients", &|s| put(s, tags::PATIENT_ID, VR::LO, "8"));
+    refused("several frames of reference", &|s| put(s, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.88"));
+    refused("one program in one way", &|s| put(s, tags::SOFTWARE_VERSIONS, VR::LO, "2"));
+    refused("not all doses of single beams", &|s| put(s, tags::DOSE_SUMMATION_TYPE, VR::CS, "FRACTION"));
+    refused("the same dose in every voxel", &|s| {
+        *s = beam("1.5.1", "1.6.1", "BEAM");
+        put(s, tags::SOP_INSTANCE_UID, VR::UI, "1.5.2");
+        referring(s, "1.6.1", Some("2"));
+    });
+    // What is cut off may be a beam.
+    write(dir.path(), "a (1)", &beam("1.5.2", "1.6.1", "BEAM"));
+    let whole = std::fs::read(dir.path().join("a (1)")).unwrap();
+    std::fs::write(dir.path().join("a (1)"), &whole[..600]).unwrap();
+    assert_eq!(read_dose(dir.path()).unwrap_err().code(), "dicom-damaged");
+}
+
 #[test]
 fn beams_of_one_plan_are_summed_and_nothing_else() {
     let dir = tempfile::tempdir().unwrap();
-    let beam = |uid: &str, plan: &str, kind: &str| {
-        let mut set = dose(uid, &[0.0, 4.0], |_| 300);
-        put(&mut set, tags::DOSE_SUMMATION_TYPE, VR::CS, kind);
-        let mut item = Set::new_empty();
-        put(&mut item, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, plan);
-        put_items(&mut set, tags::REFERENCED_RT_PLAN_SEQUENCE, vec![item]);
-        set
-    };
     let one = write(dir.path(), "a", &beam("1.5.1", "1.6.1", "BEAM"));
     let alone = read_dose(&one).unwrap();
     assert_eq!(alone.warnings[0].code, "dose-part");
     let two = write(dir.path(), "b", &beam("1.5.2", "1.6.1", "BEAM"));
     let sum = read_doses(&[&one, &two]).unwrap();
-    assert!(sum.value.volume.data().iter().all(|d| (d - 6.0).abs() < 1e-5));
+    assert!(sum.value.volume.data().iter().all(|d| (d - 6.03).abs() < 1e-5));
     assert!(sum.warnings.len() == 1 && sum.warnings[0].message.contains("2 beams are summed"), "{:?}", sum.warnings);
     assert_eq!(read_any(dir.path()).unwrap().value, sum.value.volume);
     for (plan, kind, word) in

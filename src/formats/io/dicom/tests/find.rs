@@ -22,7 +22,7 @@ fn folder() -> tempfile::TempDir {
 fn a_folder_is_listed_by_series_with_what_is_no_dicom() {
     let dir = folder();
     let found = find(&[dir.path()]).unwrap();
-    assert_eq!((found.objects.len(), found.other_files, found.damaged.len()), (8, 1, 1));
+    assert_eq!((found.objects.len(), found.others.len(), found.damaged.len()), (8, 1, 1));
     let words: Vec<String> = found.groups().iter().map(|g| g.words()).collect();
     assert!(words[0].starts_with("series 2: CT of 2026-01-03") && words[0].ends_with("6 slices"), "{words:?}");
     assert_eq!(words.len(), 3);

@@ -11,3 +11,4 @@ mod multi;
 mod pixels;
 mod places;
 mod structures;
+mod world;

@@ -79,9 +79,11 @@ fn sets_without_a_frame_are_told_and_several_or_mixed_refused() {
         Roi { name: "axial", contours: closed(vec![square(4.0, 0.0)]) },
         Roi { name: "sagittal", contours: closed(vec![sagittal.clone()]) },
     ];
-    let error = read_structure_set(write(dir.path(), "rs", &structure_set(&both))).unwrap_err();
-    let text = error.to_string();
-    assert!(error.code() == "structures-planes" && text.contains("\"sagittal\"") && text.contains("90.0"), "{text}");
+    let path = write(dir.path(), "rs", &structure_set(&both));
+    let read = read_structure_set(&path).unwrap();
+    assert!(!read.rois[0].empty && read.rois[1].empty);
+    let told = read.warnings.iter().find(|w| w.is(findings::STRUCTURES_PLANES)).unwrap();
+    assert!(told.message.contains("\"sagittal\"") && told.message.contains("90.0"), "{told:?}");
     let alone = structure_set(&[Roi { name: "sagittal", contours: closed(vec![sagittal.clone()]) }]);
     let read = read_structure_set(write(dir.path(), "rs", &alone)).unwrap();
     let polygon = &read.contours.structures[0].polygons[0];
@@ -91,4 +93,57 @@ fn sets_without_a_frame_are_told_and_several_or_mixed_refused() {
     assert!(read.contours.axes.determinant() > 0.99);
     let nothing = structure_set(&[Roi { name: "iso", contours: vec![("POINT", vec![[0.0; 3]])] }]);
     assert_eq!(read_structure_set(write(dir.path(), "rs", &nothing)).unwrap_err().code(), "structures-empty");
+}
+
+#[test]
+fn one_odd_structure_is_left_out_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let tilted: Vec<[f64; 3]> = square(40.0, 33.0).iter().map(|[x, y, z]| [*x, *y, z + 0.2 * x]).collect();
+    let mut all = structure_set(&[
+        Roi { name: "tilted", contours: closed(vec![tilted.clone()]) },
+        Roi { name: "short", contours: closed(vec![square(2.0, 33.0)]) },
+        Roi { name: "whole", contours: closed(vec![square(2.0, 33.0)]) },
+        Roi { name: "other", contours: closed(vec![square(3.0, 33.0)]) },
+    ]);
+    all.update_value(tags::ROI_CONTOUR_SEQUENCE, |value| {
+        let item = &mut value.items_mut().unwrap()[1];
+        item.update_value(tags::CONTOUR_SEQUENCE, |value| {
+            put(&mut value.items_mut().unwrap()[0], tags::CONTOUR_DATA, VR::DS, "1\\2\\3\\4");
+        });
+    });
+    let read = read_structure_set(write(dir.path(), "rs", &all)).unwrap();
+    assert_eq!(read.rois.iter().map(|r| r.empty).collect::<Vec<_>>(), [true, true, false, false]);
+    let codes: Vec<&str> = read.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert_eq!(codes, ["structures-odd", "structures-planes"]);
+    assert!(read.warnings[0].message.contains("\"short\"") && read.warnings[1].message.contains("\"tilted\""));
+    assert!((read.contours.structures[2].area(33.0) - 16.0).abs() < 1e-9);
+}
+
+#[test]
+fn numbers_that_belong_to_several_structures_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let two = || {
+        structure_set(&[
+            Roi { name: "cord", contours: closed(vec![square(1.0, 33.0)]) },
+            Roi { name: "parotid", contours: closed(vec![square(2.0, 33.0)]) },
+        ])
+    };
+    let renumbered = |sequence, number| {
+        let mut set = two();
+        set.update_value(sequence, |value| put(&mut value.items_mut().unwrap()[1], number, VR::IS, "1"));
+        write(dir.path(), "rs", &set)
+    };
+    let error = read_structure_set(renumbered(tags::STRUCTURE_SET_ROI_SEQUENCE, tags::ROI_NUMBER)).unwrap_err();
+    let text = error.to_string();
+    assert!(error.code() == "structures-numbers" && text.contains("\"cord\" and \"parotid\""), "{text}");
+    let error = read_structure_set(renumbered(tags::ROI_CONTOUR_SEQUENCE, tags::REFERENCED_ROI_NUMBER)).unwrap_err();
+    assert!(error.code() == "structures-numbers" && error.to_string().contains("\"cord\""), "{error}");
+    let mut set = two();
+    set.update_value(tags::RTROI_OBSERVATIONS_SEQUENCE, |value| {
+        let item = &mut value.items_mut().unwrap()[1];
+        put(item, tags::REFERENCED_ROI_NUMBER, VR::IS, "1.0");
+        put(item, tags::RTROI_INTERPRETED_TYPE, VR::CS, "PTV");
+    });
+    let read = read_structure_set(write(dir.path(), "rs", &set)).unwrap();
+    assert!(read.warnings[0].is(findings::STRUCTURES_NUMBERS) && read.rois[0].interpreted_type == "ORGAN");
 }

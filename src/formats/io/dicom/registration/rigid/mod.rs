@@ -61,7 +61,7 @@ fn registered(series: &Series, matrix: &Matrix4<f64>, [value, meaning]: [&str; 2
 }
 
 /// Reads the rigid transforms of a Spatial Registration, each from a source frame of reference to the object's own; the
-/// object's own frame with the identity is passed over.
+/// object's own frame with the identity is passed over. Two scans may claim one frame: then its points are moved within it.
 ///
 /// # Errors
 /// [`Error::Read`] when the file cannot be read or lacks what it must hold; [`Error::Input`] when it is of another class, a
@@ -71,7 +71,7 @@ pub fn read_rigid(path: impl AsRef<Path>) -> Result<Vec<RigidRegistration>> {
     let object = source.open(uids::SPATIAL_REGISTRATION_STORAGE, "Spatial Registration")?;
     let to = source.text(&object, tags::FRAME_OF_REFERENCE_UID, "Frame of Reference UID")?;
     let items = source.items(&object, tags::REGISTRATION_SEQUENCE);
-    let mut found = Vec::new();
+    let (mut found, mut own) = (Vec::new(), 0);
     for (n, item) in items.iter().enumerate() {
         let refuse = |problem: String, remedy: &str| {
             Error::input(source.path.display().to_string(), format!("registration {}: {problem}", n + 1), remedy)
@@ -83,16 +83,18 @@ pub fn read_rigid(path: impl AsRef<Path>) -> Result<Vec<RigidRegistration>> {
         };
         let unit = (matrix - Matrix4::identity()).abs().max() <= SAME;
         if from == to && unit {
+            own += 1;
             continue;
         }
-        let Some(rigid) = rigid_from_matrix(&matrix).filter(|_| from != to) else {
-            let problem = match from == to {
-                true => format!("it moves the frame of reference {to} within itself: {matrix}"),
-                false => format!("its matrix scales or shears: {matrix}"),
-            };
+        let Some(rigid) = rigid_from_matrix(&matrix) else {
+            let problem = format!("its matrix scales or shears: {matrix}");
             return Err(refuse(problem, "give a rigid registration of two frames of reference"));
         };
         found.push(RigidRegistration { from, to: to.clone(), rigid });
+    }
+    if found.is_empty() && own > 1 {
+        // Two scans of one frame that lie on each other.
+        found.push(RigidRegistration { from: to.clone(), to, rigid: Rigid::identity() });
     }
     if found.is_empty() {
         return Err(source.damaged("it registers no other frame of reference than its own".into()));

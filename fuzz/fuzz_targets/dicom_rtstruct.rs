@@ -1,0 +1,4 @@
+//! `dicom_rtstruct` of the targets.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| aventail_fuzz::dicom::rtstruct(data));
