@@ -1,7 +1,7 @@
 //! A registration of the phantom finds the motion that made its fraction CT.
 //!
 //! The phantom has 3 mm voxels here so that the test is quick; small bones are blurred, so the bounds
-//! are those of a coarse image; docs/validation.md has the numbers at clinical resolution.
+//! are those of a coarse image, and stand within 15 % of what was measured, so that what makes them worse is seen; docs/validation.md has the numbers at clinical resolution.
 
 use crate::support::score::{Score, TruthPoint, name, score};
 use crate::support::shared::fine_registered;
@@ -11,16 +11,14 @@ use aventail::phantom::Phantom;
 use aventail::progress::Silent;
 use std::collections::BTreeMap;
 
-/// Mean over bones of their points' mean error, mm: a tenth of a voxel.
-const BONES_MM: f64 = 0.6;
-/// A bone's mean error, mm: a voxel; the cut ends of forearm bones are round and say little of their turn.
-const WORST_BONE_MM: f64 = 3.0;
-/// Mean error of soft tissue, mm: the phantom's tissue moves up to 2 mm on its own, which bones cannot tell.
-const SOFT_MM: f64 = 1.2;
+/// Mean over bones of their points' mean error, mm: 0.465 measured.
+const BONES_MM: f64 = 0.53;
+/// A bone's mean error, mm: 2.44 measured; the cut ends of forearm bones are round and say little of their turn.
+const WORST_BONE_MM: f64 = 2.8;
+/// Mean error of soft tissue, mm: 0.81 measured, 1.10 by bones alone.
+const SOFT_MM: f64 = 0.93;
 /// A bone's departure from a rigid motion, mm: single precision.
 const RIGID_MM: f64 = 0.001;
-/// Cells that fold outside bone contact, percent of the body.
-const FOLDED_PERCENT: f64 = 0.05;
 
 /// Body voxels whose true place lies inside the fraction image, with their true motion.
 fn truth(phantom: &Phantom) -> Vec<TruthPoint> {
@@ -76,7 +74,7 @@ fn nothing_folds_outside_bone_contact() {
     let report = &fine_registered().1.jacobian_report;
     println!("{} of {} cells fold, {} in contact", report.body.folded, report.body.cells, report.contact.folded);
     assert!(report.body.cells > 50_000);
-    assert!(report.body.folded_percent <= FOLDED_PERCENT, "{} %", report.body.folded_percent);
+    assert_eq!(report.body.folded, 0);
 }
 
 #[test]
@@ -84,7 +82,7 @@ fn landmarks_come_closer() {
     let landmarks = fine_registered().1.landmarks.as_ref().unwrap();
     println!("landmarks {:.2} mm before, {:.2} mm after", landmarks.before.mean, landmarks.after.mean);
     assert!(landmarks.each.len() >= 16);
-    assert!(landmarks.ratio_of_means <= 0.35, "ratio of means {}", landmarks.ratio_of_means);
+    assert!(landmarks.ratio_of_means <= 0.06, "ratio of means {}", landmarks.ratio_of_means);
 }
 
 #[test]
@@ -104,7 +102,7 @@ fn the_inverse_undoes_the_field() {
     assert!(apart.len() > 100_000, "{}", apart.len());
     let p999 = apart[apart.len() * 999 / 1000];
     println!("push after pull: 99.9th percentile {p999:.4} mm");
-    assert!(p999 <= 0.05, "{p999} mm");
+    assert!(p999 <= 0.0013, "{p999} mm");
 }
 
 #[test]
@@ -115,7 +113,7 @@ fn the_way_there_and_back_ends_where_it_began() {
         "planning to fraction and back: {:.4} mm mean, {:.3} mm worst of {}, beyond 0.5 mm {} (before {})",
         back.mean, back.max, back.n, report.beyond, report.beyond_before
     );
-    assert!(back.n > 100_000 && back.mean <= 0.05, "{back:?}");
+    assert!(back.n > 100_000 && back.mean <= 0.039, "{back:?}");
     // Islands of tissue in the lung once came back from up to 12 mm away.
     assert!(back.max <= 0.5 && report.beyond == 0, "{report:?}");
 }
@@ -157,7 +155,7 @@ fn the_default_is_as_good_as_waves_through_every_voxel() {
     let mean = apart.iter().sum::<f64>() / apart.len() as f64;
     let waves = [&default, &exact].map(|p| p.pruning.expect("a bound is known"));
     println!("{mean:.4} mm apart on the mean of {}; {}; {}", apart.len(), waves[0], waves[1]);
-    assert!(apart.len() > 100_000 && mean > 1e-4 && mean <= 0.1, "{mean} mm");
+    assert!(apart.len() > 100_000 && mean > 1e-4 && mean <= 0.006, "{mean} mm");
     assert!(waves[0].waves > 0 && waves[0].most_mm <= 0.1, "{waves:?}");
     assert_eq!((waves[1].waves, waves[1].most_mm), (0, 0.0));
 }

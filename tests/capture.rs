@@ -1,6 +1,7 @@
 //! How far off a fraction may lie and still be found: couch shifts and turns, and necks bent by 30 degrees.
 
 use crate::support::shared::fine;
+use crate::support::skip::cases;
 use aventail::config::{Config, Preset, SoftTissue};
 use aventail::fit::{BoneSamples, FitOptions, FitResult, FitStart, fit_pose};
 use aventail::geometry::{Grid, Rigid};
@@ -12,7 +13,7 @@ use aventail::runtime::Runtime;
 use aventail::skeleton::{JointPose, Pose, Skeleton};
 use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 fn fitted(skeleton: &Skeleton, planning: &Volume<f32>, bones: &LabelMap, fraction: &Volume<f32>) -> FitResult {
     let options = FitOptions::default();
@@ -53,7 +54,7 @@ fn a_fraction_forty_millimetres_and_fifteen_degrees_off_is_found() {
         apart.sort_by(f64::total_cmp);
         let (middle, most) = (apart[apart.len() / 2], apart[apart.len() * 9 / 10]);
         println!("{axis:?}: bones {middle:.3} mm (median), {most:.3} mm (90th percentile) from where they were found");
-        assert!(middle < 0.2 && most < 1.5, "{axis:?}: {middle} {most}");
+        assert!(middle < 1e-3 && most < 1e-3, "{axis:?}: {middle} {most}");
     }
 }
 
@@ -69,11 +70,14 @@ fn a_patient_who_raised_both_arms_is_found() {
     let (case, _) = pose(scan.into(), &BoneMotion::Pose(raised), Vec::new(), 130.0, &posing, &runtime)
         .expect("the arms are raised");
     let found = register(&case, &bones_alone(), &runtime).expect("the patient is found");
+    let mut most = 0f64;
     for (bone, t) in found.skeleton.bones.iter().zip(found.skeleton.transforms(&found.pose)) {
         let trunk = bone.name.starts_with("vertebrae") || bone.name == "skull" || bone.name == "mandible";
         let off = (t * bone.centroid - bone.centroid).norm();
-        assert!(!trunk || off < 1.0, "{} is off by {off} mm", bone.name);
+        assert!(!trunk || off < 0.69, "{} is off by {off} mm", bone.name);
+        most = most.max(if trunk { off } else { 0.0 });
     }
+    println!("arms raised: bones of the trunk are off by {most:.3} mm at most");
 }
 
 /// Every second voxel of each slice's rows and columns.
@@ -123,10 +127,7 @@ const NECK: [[(&str, f64); 7]; 3] = [
 /// A real neck bent forwards, backwards, sideways and turned (artificial CTs made from the planning CT) is found.
 #[test]
 fn a_neck_bent_by_thirty_degrees_is_found() {
-    let Some(folder) = std::env::var_os("AVENTAIL_CASES").filter(|f| !f.is_empty()).map(PathBuf::from) else {
-        println!("AVENTAIL_CASES is not set: real cases are left out");
-        return;
-    };
+    let Some(folder) = cases() else { return };
     let planning = read_image(folder.join("planning_ct.nii.gz")).expect("AVENTAIL_CASES holds the planning CT").value;
     let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json"))).expect("and bones").value;
     // A quarter of the pixels, which show bones well enough, in a quarter of the time.
@@ -147,10 +148,12 @@ fn a_neck_bent_by_thirty_degrees_is_found() {
             .expect("the neck bends");
         let found = fitted(&skeleton, &planning, &bones, &case.fraction.ct);
         let corners = |c: Point3<f64>| [-20.0, 20.0].map(|d| c + Vector3::repeat(d));
+        let mut most = 0f64;
         for ((bone, truth), got) in skeleton.bones.iter().zip(skeleton.transforms(&bent)).zip(&found.transforms) {
             let off = corners(bone.centroid).map(|p| (truth * p - got * p).norm()).into_iter().fold(0.0, f64::max);
             assert!(off < 1.2, "axis {axis} x {sign}: {} is off by {off} mm", bone.name);
+            most = most.max(off);
         }
-        println!("axis {axis} x {sign}: all bones found");
+        println!("axis {axis} x {sign}: all bones found, off by {most:.3} mm at most");
     }
 }

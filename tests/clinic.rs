@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{aventail, folder, quick_settings};
+use crate::support::{aventail, files_below, folder, quick_settings};
 use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
@@ -205,6 +205,43 @@ fn the_report_says_whose_series_it_read_unless_that_is_left_out() {
         assert!(!text.contains(&format!("\"{word}\"")), "{word}");
     }
     assert!(text.contains(&series.uid));
+}
+
+/// A run from DICOM that is given back with structures and dose.
+fn given_back(name: &str, settings: &Path, more: &[&str]) -> PathBuf {
+    let planning = phantom().join("dicom/planning");
+    let [set, dose] = ["RS.dcm", "RD.dcm"].map(|file| planning.join(file).display().to_string());
+    let words = [&["--dicom", "--structures", &set, "--dose", &dose], more].concat();
+    register(name, settings, [&planning, &phantom().join("dicom/fraction")], &words)
+}
+
+#[test]
+fn no_object_of_an_anonymous_run_tells_the_patient() {
+    let out = given_back("anonymous", quick_settings(), &["--anonymous"]);
+    let named = read_series(phantom().join("dicom/fraction")).unwrap().value.1.patient;
+    assert!(!named.id.is_empty() && !named.name.is_empty());
+    let (_, series) = read_series(out.join("dicom/ct")).unwrap().value;
+    assert_eq!((series.patient.id.as_str(), series.patient.name.as_str()), ("", ""));
+    let files = files_below(&out.join("dicom"));
+    assert!(files.len() > 6 && files.iter().any(|name| name.ends_with("RS.dcm")), "{files:?}");
+    for name in files {
+        let bytes = std::fs::read(out.join("dicom").join(&name)).unwrap();
+        for word in [&named.id, &named.name] {
+            assert!(!bytes.windows(word.len()).any(|part| part == word.as_bytes()), "{name} tells {word}");
+        }
+    }
+}
+
+#[test]
+fn other_settings_make_other_objects() {
+    let settings = folder().join("scattered.toml");
+    let text = std::fs::read_to_string(quick_settings()).unwrap();
+    std::fs::write(&settings, format!("resampling = \"five-tetrahedra\"\n{text}")).unwrap();
+    let other = given_back("scattered", &settings, &[]);
+    let [one, other] = [day(), &other].map(|out| read_series(out.join("dicom/ct")).unwrap().value);
+    assert_ne!(one.0.data(), other.0.data(), "the settings change the image");
+    assert_ne!(one.1.uid, other.1.uid);
+    assert!(one.1.slices.iter().zip(&other.1.slices).all(|(a, b)| a.uid != b.uid));
 }
 
 #[test]

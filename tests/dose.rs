@@ -184,6 +184,29 @@ fn dose_outside_a_field_or_another_dose_is_told() {
     assert!(code == 0 && said.contains("of the dose's volume"), "{said}");
 }
 
+/// Each dose by its own field, as often as its own weight says.
+#[test]
+fn accumulated_doses_have_their_own_fields_and_weights() {
+    let (dose, flat) = (peak("peak.nii.gz", 2.0), at("flat.nii.gz"));
+    files::image(&flat, &Volume::from_fn(grid(), |l| 1.0 + 0.1 * grid().voxel(l)[1] as f32));
+    let still = at("still.nii.gz");
+    let field = Volume::filled(grid(), [0.0, -4.0, 0.0]);
+    write_field(&still, &field, FieldFormat::Nifti, &WriteOptions::default()).unwrap();
+    let (left, out) = (shift("left.nii.gz", &grid(), None), at("sum.nii.gz"));
+    let words = ["dose", "accumulate", "--dose", text(&dose), "--dose", text(&flat), "--fields", text(&left)];
+    let more = ["--fields", text(&still), "--weights", "2", "--weights", "7", "--direction", "planning-to-fraction"];
+    let rest = ["--grid", text(&dose), "--no-page", "--out", text(&out)];
+    let (code, said) = run(&[&words[..], &more, &rest].concat());
+    assert_eq!(code, 0, "{said}");
+    let [sum, one, other] = [&out, &dose, &flat].map(|path| read_image(path).unwrap().value);
+    // Planning point x shows what lies at x + u in the fraction: two voxels along x, one back along y.
+    for voxel in [[3, 5, 5], [4, 6, 5], [5, 1, 2], [8, 10, 10]] {
+        let [i, j, k] = voxel;
+        let expected = 2.0 * one.at([i + 2, j, k]) + 7.0 * other.at([i, j - 1, k]);
+        assert!((sum.at(voxel) - expected).abs() < 1e-4, "{voxel:?}: {} for {expected} Gy", sum.at(voxel));
+    }
+}
+
 #[test]
 fn units_are_judged_on_what_goes_in_and_on_what_comes_out() {
     let (day, plan) = (peak("cgy.nii.gz", 200.0), peak("gy.nii.gz", 60.0));

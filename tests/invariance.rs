@@ -183,6 +183,10 @@ fn the_scanner_origin_only_shifts_the_result() {
             u[a] -= shift[a] as f32;
         }
     }
+    // So is what is known: it compares fields with and without the images, both with the couch's shift.
+    let [own, shifted] = [outcome, &other].map(|o| o.uncertainty.as_ref().expect("it is made by default").1);
+    let [own, shifted] = [own, shifted].map(|u| u.soft_tissue_mm.mean);
+    assert!((shifted / own - 1.0).abs() < 0.02, "uncertainty {own} mm, shifted {shifted} mm");
     let (mean, p99) = difference(&outcome.push, &back, &outcome.body);
     assert!(mean <= 0.02 && p99 <= 0.1, "mean {mean} mm, p99 {p99} mm");
 }

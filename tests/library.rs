@@ -183,6 +183,7 @@ fn a_registration_finds_the_posture_again() {
     let p: Point3<f64> = bones.iter().find(|b| b.name == "skull").unwrap().centroid;
     // Of a bone that is large beside voxels of 9 mm.
     let (off, moved) = ((found * p - truth * p).norm(), (truth * p - p).norm());
+    println!("skull off by {off:.3} of {moved:.2} mm");
     assert!(off < 1.5 && moved > 8.0, "{off} of {moved}");
 }
 

@@ -7,6 +7,7 @@
 #![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
 use crate::support::score::{dice, name, read_truth, score_case, surface_p95, trust};
+use crate::support::skip::{cases, of_cases, skipped};
 use aventail::body::{self, BodyOptions};
 use aventail::config::Config;
 use aventail::evaluate::landmark::Landmark;
@@ -21,22 +22,35 @@ use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// Mean over visible bones, and the worst of them, mm.
-const BONES_MM: (f64, f64) = (0.5, 1.2);
+/// What a registration may not exceed: within 15 % of what was measured (docs/validation.md).
+struct Bounds {
+    /// Mean over visible bones, and the worst of them, mm.
+    bones: (f64, f64),
+    /// Mean error of soft tissue, mm.
+    soft: f64,
+    /// Planning to fraction and back away from bone contact, worst, mm.
+    back: f64,
+    /// Least rank correlation of the map of uncertainty with the true error.
+    trust: f64,
+    /// Share of errors below the map: one standard deviation, which twice or half of it is not.
+    below: (f64, f64),
+}
+
+/// Bounds by fraction.
+const BOUNDS: [(&str, Bounds); 4] = [
+    ("small", Bounds { bones: (0.10, 0.39), soft: 0.25, back: 0.5, trust: 0.50, below: (0.70, 0.94) }),
+    ("moderate", Bounds { bones: (0.054, 0.10), soft: 0.28, back: 0.5, trust: 0.44, below: (0.69, 0.93) }),
+    ("change", Bounds { bones: (0.08, 0.32), soft: 0.26, back: 0.5, trust: 0.51, below: (0.73, 0.98) }),
+    ("spline", Bounds { bones: (0.07, 0.355), soft: 0.36, back: 0.4, trust: 0.48, below: (0.56, 0.76) }),
+];
+/// Those of other fractions, of which nothing was measured.
+const OTHERS: Bounds = Bounds { bones: (0.5, 1.2), soft: 1.7, back: 0.5, trust: 0.4, below: (0.55, 0.92) };
 /// A bone's departure from a rigid motion, mm.
 const RIGID_MM: f64 = 0.001;
-/// Folded cells outside bone contact, percent.
-const FOLDED_PERCENT: f64 = 0.05;
-/// Mean error of soft tissue by fraction, mm: half of what plastimatch leaves.
-const SOFT_MM: [(&str, f64); 4] = [("small", 0.33), ("moderate", 0.36), ("change", 0.52), ("spline", 0.35)];
-/// The same for other fractions.
-const SOFT_OTHER_MM: f64 = 1.7;
-/// Planning to fraction and back away from bone contact, mean and worst, mm.
-const BACK_MM: (f64, f64) = (0.05, 0.5);
-/// Least rank correlation of the map of uncertainty with the true error.
-const TRUST: f64 = 0.4;
-/// Share of errors below the map: one standard deviation, which twice or half of it is not.
-const BELOW: (f64, f64) = (0.55, 0.92);
+/// Folded cells outside bone contact: moderate has them.
+const FOLDED: usize = 4;
+/// Planning to fraction and back away from bone contact, mean, mm.
+const BACK_MM: f64 = 0.023;
 
 /// The planning side of the cases, read once.
 struct Planning {
@@ -47,17 +61,14 @@ struct Planning {
 
 /// The cases, or `None` and a line that says why.
 fn planning() -> Option<&'static Planning> {
-    static ONE: OnceLock<Option<Planning>> = OnceLock::new();
+    static ONE: OnceLock<Planning> = OnceLock::new();
+    let folder = cases()?;
     let planning = ONE.get_or_init(|| {
-        let folder = PathBuf::from(std::env::var_os("AVENTAIL_CASES").filter(|f| !f.is_empty())?);
         let ct = read_image(folder.join("planning_ct.nii.gz")).expect("AVENTAIL_CASES holds the planning CT").value;
         let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json")));
-        Some(Planning { folder, ct, bones: bones.expect("AVENTAIL_CASES holds the bones").value })
+        Planning { folder, ct, bones: bones.expect("AVENTAIL_CASES holds the bones").value }
     });
-    if planning.is_none() {
-        println!("AVENTAIL_CASES is not set: real cases are left out");
-    }
-    planning.as_ref()
+    Some(planning)
 }
 
 /// Folders of the fractions with known truth, by name.
@@ -104,29 +115,29 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
     let (map, _) = outcome.uncertainty.as_ref().expect("it is made by default");
     let (ranked, below) = trust(map, &outcome.push, &truth);
     let rigid = outcome.rigidity.iter().map(|b| b.rms_mm).fold(0.0, f64::max);
-    let folded = outcome.jacobian_report.body.folded_percent;
+    let folded = outcome.jacobian_report.body.folded;
     let back = &outcome.consistency.there_and_back_mm;
     let bone = name(&planning.bones, score.worst.0);
     let seconds: f64 = runtime.times().iter().map(|s| s.seconds).sum();
     let landmarks = outcome.landmarks.as_ref().map_or(f64::NAN, |l| l.after.mean);
     println!(
-        "{case}: bones {:.3} mm, worst {bone} {:.3} mm, soft {:.3} mm, rigid {rigid:.5} mm, folded {folded:.4} %, landmarks {landmarks:.2} mm, {seconds:.1} s",
+        "{case}: bones {:.3} mm, worst {bone} {:.3} mm, soft {:.3} mm, rigid {rigid:.5} mm, folded {folded}, landmarks {landmarks:.2} mm, {seconds:.1} s",
         score.bones, score.worst.1, score.soft
     );
     println!("{case}: there and back {:.3} mm mean, {:.3} mm worst of {}", back.mean, back.max, back.n);
     println!("{case}: uncertainty against true error: Spearman {ranked:.3}, {:.0} % of errors below it", 100.0 * below);
-    let soft = SOFT_MM.iter().find(|s| s.0 == case).map_or(SOFT_OTHER_MM, |s| s.1);
+    let most = BOUNDS.iter().find(|b| b.0 == case).map_or(&OTHERS, |b| &b.1);
     let bounds = [
-        ("mean of bones, mm", score.bones, BONES_MM.0),
-        ("worst bone, mm", score.worst.1, BONES_MM.1),
-        ("soft tissue, mm", score.soft, soft),
+        ("mean of bones, mm", score.bones, most.bones.0),
+        ("worst bone, mm", score.worst.1, most.bones.1),
+        ("soft tissue, mm", score.soft, most.soft),
         ("departure from rigid, mm", rigid, RIGID_MM),
-        ("folded, %", folded, FOLDED_PERCENT),
-        ("there and back, mean, mm", back.mean, BACK_MM.0),
-        ("there and back, worst, mm", back.max, BACK_MM.1),
-        ("uncertainty, 1 - rank correlation", 1.0 - ranked, 1.0 - TRUST),
-        ("errors above the uncertainty", 1.0 - below, 1.0 - BELOW.0),
-        ("errors below the uncertainty", below, BELOW.1),
+        ("folded cells", folded as f64, FOLDED as f64),
+        ("there and back, mean, mm", back.mean, BACK_MM),
+        ("there and back, worst, mm", back.max, most.back),
+        ("uncertainty, 1 - rank correlation", 1.0 - ranked, 1.0 - most.trust),
+        ("errors above the uncertainty", 1.0 - below, 1.0 - most.below.0),
+        ("errors below the uncertainty", below, most.below.1),
     ];
     let beyond = bounds.into_iter().filter(|(_, value, bound)| value.is_nan() || value > bound);
     beyond.map(|(what, value, bound)| format!("{what}: {value:.4} is above {bound}")).collect()
@@ -171,8 +182,13 @@ fn mean(values: &[f64]) -> f64 {
 #[test]
 fn cone_beam_fractions_meet_their_bounds() {
     let Some(planning) = planning() else { return };
-    for folder in fractions(&planning.folder) {
-        let Ok(cbct) = read_image(folder.join("cbct.nii.gz")) else { continue };
+    let all = fractions(&planning.folder).into_iter().map(|folder| folder.join("cbct.nii.gz"));
+    let taken: Vec<PathBuf> = all.filter(|file| file.is_file()).collect();
+    if taken.is_empty() {
+        skipped("no fraction of the real cases has a cbct.nii.gz");
+    }
+    for file in taken {
+        let (folder, cbct) = (file.with_file_name(""), read_image(&file).expect("it was found"));
         let (inside, outside, uncovered) = cone_beam(planning, &folder, cbct.value);
         let far = outside.iter().copied().fold(0.0, f64::max);
         println!(
@@ -196,16 +212,16 @@ fn cone_beam_fractions_meet_their_bounds() {
 #[test]
 fn the_patient_is_found() {
     let Some(planning) = planning() else { return };
-    let Ok(reference) = read_image(planning.folder.join("body.nii.gz")) else { return };
-    let reference = reference.value.map(|&v| v > 0.5);
+    let Some(reference) = of_cases(planning.folder.join("body.nii.gz")) else { return };
+    let reference = read_image(reference).expect("it was found").value.map(|&v| v > 0.5);
     for labels in [Some(&planning.bones), None] {
         let found = body::find(&planning.ct, labels, &BodyOptions::default()).unwrap();
         let dice = dice(&found, &reference);
         let (there, back) = (surface_p95(&found, &reference), surface_p95(&reference, &found));
         let with = if labels.is_some() { "with" } else { "without" };
         println!("body {with} labels: Dice {dice:.4}, 95th percentile of surface distance {there:.2} and {back:.2} mm");
-        assert!(dice >= 0.98, "{dice}");
-        assert!(there <= 3.0 && back <= 3.0, "{there} and {back} mm");
+        assert!(dice >= 0.996, "{dice}");
+        assert!(there <= 1.15 && back <= 1.15, "{there} and {back} mm");
     }
 }
 
@@ -226,8 +242,8 @@ struct ReferenceJoints {
 #[test]
 fn joint_centres_lie_where_an_expert_puts_them() {
     let Some(planning) = planning() else { return };
-    let Ok(text) = std::fs::read_to_string(planning.folder.join("joints_reference.json")) else { return };
-    let reference: ReferenceJoints = serde_json::from_str(&text).unwrap();
+    let Some(reference) = of_cases(planning.folder.join("joints_reference.json")) else { return };
+    let reference: ReferenceJoints = serde_json::from_slice(&std::fs::read(reference).unwrap()).unwrap();
     let built = skeleton::build(&planning.bones).unwrap().skeleton;
     let mut neck = Vec::new();
     for joint in &reference.joints {

@@ -80,7 +80,7 @@ class Registration:
 
     @cached_property
     def uncertainty(self) -> Image | None:
-        """How far the result may be trusted on the planning grid, mm, one standard deviation; 0 outside the patient.
+        """How far the result may be trusted on the planning grid, mm, one standard deviation; -1 where nothing is known.
 
         ``None`` where the settings ask for no map.
         """

@@ -95,6 +95,56 @@ def test_images_labels_dose_and_contours_are_carried(
     assert off[0] < 0.5 * off[1]
 
 
+def test_each_result_is_the_one_that_is_saved(registration: aventail.Registration, tmp_path: Path) -> None:
+    registration.save(tmp_path / "out", view=False)
+    names = ["jacobian", "uncertainty", "body", "computed", "inside_planning", "bones_on_fraction"]
+    seen = []
+    for name in names:
+        own = getattr(registration, name).array
+        saved = sitk.GetArrayFromImage(sitk.ReadImage(str(tmp_path / "out" / f"{name}.nii.gz")))
+        assert saved.shape == own.shape and np.allclose(saved, own, atol=1e-3), name
+        assert not any(np.array_equal(own, other) for other in seen), name
+        seen.append(own)
+
+
+def test_the_options_of_warping_do_what_they_say(
+    phantom: aventail.Phantom, registration: aventail.Registration
+) -> None:
+    own = registration.planning_on_fraction
+    other = registration.warp(phantom.planning, to="fraction", outside=-77.5)
+    nothing = other.array == -77.5
+    assert nothing.any() and not nothing.all() and (own.array[nothing] == -1000.0).all()
+    assert np.array_equal(own.array[~nothing], other.array[~nothing])
+    # A part of the fraction's grid.
+    size = (6, 7, 8)
+    part = aventail.Image(np.zeros(size, np.float32), own.spacing, tuple(own.point((4, 3, 2))), own.direction)
+    cut = registration.warp(phantom.planning, to="fraction", grid=part)
+    assert cut.array.shape == size and np.allclose(cut.array, own.array[2:8, 3:10, 4:12], atol=0.5)
+    # Cubic convolution has a square right, which lines between voxels have not.
+    z, y, x = np.indices(phantom.planning.array.shape)
+    affine = phantom.planning.affine
+    place = np.stack([x, y, z], axis=-1) @ affine[:3, :3].T + affine[:3, 3]
+    square = aventail.Image(
+        (0.01 * (place**2).sum(axis=-1)).astype(np.float32),
+        phantom.planning.spacing,
+        phantom.planning.origin,
+        phantom.planning.direction,
+        kind="image",
+    )
+    z, y, x = np.indices(own.array.shape)
+    there = np.stack([x, y, z], axis=-1) @ own.affine[:3, :3].T + own.affine[:3, 3]
+    there += registration.fraction_to_planning.array
+    index = (there - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+    within = ((index > 2) & (index < np.array(phantom.planning.size) - 3)).all(axis=-1)
+    assert within.sum() > 10_000
+
+    def off(interpolation: Any) -> float:
+        warped = registration.warp(square, to="fraction", interpolation=interpolation).array
+        return float(np.abs(warped - 0.01 * (there**2).sum(axis=-1))[within].mean())
+
+    assert off("cubic") < 0.1 * off("linear")
+
+
 def test_every_kind_of_input_gives_the_same_bits(phantom: aventail.Phantom, tmp_path: Path) -> None:
     nibabel = pytest.importorskip("nibabel")
     names = {"planning": phantom.planning, "bones": phantom.bones, "fraction": phantom.fraction}

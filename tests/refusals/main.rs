@@ -6,6 +6,7 @@
 mod runs;
 mod scenes;
 
+use crate::support::skip::cases;
 use aventail::Error;
 use aventail::config::Config;
 use aventail::io::{read_image, read_labels};
@@ -15,7 +16,6 @@ use aventail::runtime::Runtime;
 use nalgebra::Vector3;
 use runs::RUNS;
 use scenes::{Expected, FRACTION, INPUTS, NECK, Scene};
-use std::path::PathBuf;
 use std::sync::OnceLock;
 
 fn phantom() -> &'static Case {
@@ -33,18 +33,14 @@ fn neck() -> &'static Phantom {
 
 /// The real case, or `None` and a line that says why.
 fn real() -> Option<&'static Case> {
-    static ONE: OnceLock<Option<Case>> = OnceLock::new();
-    let case = ONE.get_or_init(|| {
-        let folder = PathBuf::from(std::env::var_os("AVENTAIL_CASES").filter(|f| !f.is_empty())?);
+    static ONE: OnceLock<Case> = OnceLock::new();
+    let folder = cases()?;
+    Some(ONE.get_or_init(|| {
         let image = |name: &str| read_image(folder.join(name)).expect("AVENTAIL_CASES holds the CTs").value;
         let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json")));
         let bones = bones.expect("AVENTAIL_CASES holds the bones").value;
-        Some(Case::new(image("planning_ct.nii.gz"), bones, image("moderate/fraction_ct.nii.gz")))
-    });
-    if case.is_none() {
-        println!("AVENTAIL_CASES is not set: scenes of the real case are left out");
-    }
-    case.as_ref()
+        Case::new(image("planning_ct.nii.gz"), bones, image("moderate/fraction_ct.nii.gz"))
+    }))
 }
 
 fn config() -> Config {

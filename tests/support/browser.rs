@@ -1,6 +1,7 @@
 //! A browser without a window, told what to do over Chromium's debugging pipe (the DevTools
 //! protocol: JSON messages, each ended by a zero byte).
 
+use super::skip::skipped;
 use serde_json::{Value, json};
 use std::cell::{Cell, RefCell};
 use std::io::{BufRead, BufReader, Write};
@@ -41,10 +42,9 @@ fn program() -> Option<PathBuf> {
 impl Browser {
     /// Starts a browser with a profile in `folder`; `None`, with a line that says so, where the
     /// machine has none.
-    #[expect(clippy::print_stderr, reason = "whoever runs the tests is to know that these did not run")]
     pub fn start(folder: &Path) -> Option<Self> {
         let Some(program) = program() else {
-            eprintln!("skipped: no chromium here; install it, or name one in AVENTAIL_BROWSER");
+            skipped("no chromium here; install it, or name one in AVENTAIL_BROWSER");
             return None;
         };
         // The browser reads from descriptor 3 and writes to 4: a shell puts the pipes there.

@@ -4,6 +4,7 @@ pub mod browser;
 pub mod files;
 pub mod score;
 pub mod shared;
+pub mod skip;
 pub mod viewer;
 
 use assert_cmd::Command;

@@ -7,8 +7,10 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", from = "String")]
 pub enum Stop {
-    /// A step moved nothing by the tolerance.
+    /// A step moved nothing by the tolerance, and nothing asked for a longer one.
     Converged,
+    /// The cost did not fall where its derivatives say that it does, however short the step.
+    NoDescent,
     /// It used up so many iterations.
     IterationLimit(u64),
     /// There was none: the bone follows its joint.
@@ -18,6 +20,7 @@ pub enum Stop {
 }
 
 const CONVERGED: &str = "converged";
+const NO_DESCENT: &str = "no descent found";
 const ITERATION_LIMIT: &str = "iteration limit ";
 const FOLLOWS_JOINT: &str = "follows its joint";
 
@@ -25,6 +28,7 @@ impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Converged => f.write_str(CONVERGED),
+            Self::NoDescent => f.write_str(NO_DESCENT),
             Self::IterationLimit(most) => write!(f, "{ITERATION_LIMIT}{most}"),
             Self::FollowsJoint => f.write_str(FOLLOWS_JOINT),
             Self::Other(words) => f.write_str(words),
@@ -44,6 +48,7 @@ impl From<String> for Stop {
         match (words.as_str(), limit) {
             (_, Some(most)) => Self::IterationLimit(most),
             (CONVERGED, _) => Self::Converged,
+            (NO_DESCENT, _) => Self::NoDescent,
             (FOLLOWS_JOINT, _) => Self::FollowsJoint,
             _ => Self::Other(words),
         }
@@ -58,6 +63,7 @@ mod tests {
     fn a_report_gives_back_what_it_was_told() {
         for (stop, words) in [
             (Stop::Converged, "converged"),
+            (Stop::NoDescent, "no descent found"),
             (Stop::IterationLimit(50), "iteration limit 50"),
             (Stop::FollowsJoint, "follows its joint"),
             (Stop::Other("12 landmarks, 0.40 mm rms".into()), "12 landmarks, 0.40 mm rms"),

@@ -258,6 +258,19 @@ mod tests {
         assert!((balance.source_g - grams).abs() < 1e-9 && balance.outside_j.abs() < 1e-9, "{balance:?} {grams}");
     }
 
+    /// The CT reaches over the lower half of the dose: what lies beyond has the mass of air.
+    #[test]
+    fn beyond_the_ct_there_is_air() {
+        let grid = Grid::axis_aligned([6, 5, 8], [2.0; 3], [0.0; 3]).unwrap();
+        let half = Grid::axis_aligned([6, 5, 4], [2.0; 3], [0.0; 3]).unwrap();
+        let planned = Volume::filled(grid.clone(), 20.0);
+        let (_, balance) =
+            energy_mass(&planned, &water(&half), &field(&grid, |x| x), &grid, &Default::default()).unwrap();
+        let [air, wet] = [-1000.0, 0.0].map(|hu| DensityTable::default().density(hu) * half.len() as f64 * 0.008);
+        assert!((balance.source_g - air - wet).abs() < 1e-9, "{balance:?}: {air} and {wet} g");
+        assert!((balance.source_j - 20e-3 * (air + wet)).abs() < 1e-9, "{balance:?}");
+    }
+
     #[test]
     fn the_parts_of_a_voxel_fill_it() {
         // A dose that only combinations of the three axes tell, moved by half a voxel along each: parts that lie on a

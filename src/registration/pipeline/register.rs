@@ -170,9 +170,8 @@ mod tests {
     use crate::fit::Stop;
     use crate::geometry::Rigid;
 
-    #[test]
-    fn only_bones_that_still_moved_are_named() {
-        let bone = |name: &str, stop: Stop, unsettled_mm: f64| BoneFit {
+    fn bone(name: &str, stop: Stop, unsettled_mm: f64) -> BoneFit {
+        BoneFit {
             name: name.into(),
             transform: Rigid::identity(),
             visible: 1.0,
@@ -185,7 +184,51 @@ mod tests {
             beyond_range: Default::default(),
             motion_mm: 0.0,
             determined_by: DeterminedBy::Image,
+        }
+    }
+
+    /// Code and message of what is said of a bone.
+    fn told(bone: BoneFit) -> Vec<(String, String)> {
+        let fit = FitResult {
+            transforms: vec![bone.transform],
+            pose: Default::default(),
+            bones: vec![bone],
+            common: Rigid::identity(),
+            common_share: 1.0,
+            warnings: Vec::new(),
         };
+        fit_warnings(&fit).into_iter().map(|w| (w.code, w.message)).collect()
+    }
+
+    #[test]
+    fn a_bone_that_should_be_seen_and_is_not_found_is_told() {
+        let seen = |visible: f64, determined_by: DeterminedBy| BoneFit {
+            visible,
+            determined_by,
+            ..bone("hyoid", Stop::FollowsJoint, 0.0)
+        };
+        let [(code, message)] = &told(seen(0.92, DeterminedBy::Joint))[..] else { panic!("one warning") };
+        assert!(code == "bone-not-explained" && message.contains("hyoid: 92 %"), "{code}: {message}");
+        // Out of view it follows its joint, as it must.
+        assert_eq!(told(seen(0.2, DeterminedBy::Joint)), []);
+        assert_eq!(told(seen(0.92, DeterminedBy::Image)), []);
+    }
+
+    #[test]
+    fn a_joint_beyond_its_range_is_told_by_turn_and_by_shift() {
+        let beyond = |rotation_deg: f64, shift_mm: f64| {
+            let mut bone = bone("atlas", Stop::Converged, 0.0);
+            (bone.beyond_range.rotation_deg, bone.beyond_range.shift_mm) = (rotation_deg, shift_mm);
+            told(bone).into_iter().map(|(code, _)| code).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            [beyond(2.9, 2.9), beyond(3.1, 0.0), beyond(0.0, 3.1)],
+            [vec![], vec!["joint-limit".to_owned()], vec!["joint-limit".to_owned()]]
+        );
+    }
+
+    #[test]
+    fn only_bones_that_still_moved_are_named() {
         let limit = || Stop::IterationLimit(50);
         assert_eq!(unsettled(&[bone("skull", limit(), 0.01), bone("hyoid", Stop::Converged, 2.0)]), None);
         let word =

@@ -8,6 +8,7 @@ use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::skeleton::{Bone, Skeleton};
 use crate::volume::{Mask, Volume, Window};
+use crate::warning::Warning;
 use std::collections::BTreeMap;
 
 /// What the maps of all registrations of a patient need of its planning side.
@@ -46,7 +47,7 @@ pub(super) fn of(
         bones: &planning.bones,
         bone_mm: &bone_mm,
         push: &outcome.push,
-        doubt: doubt(outcome),
+        doubt: doubt(&outcome.warnings),
         bones_alone: images.bones_alone,
         misled: images.misled,
     })
@@ -64,9 +65,9 @@ const RANGE_SD: f64 = 2.0;
 const DOUBT: f64 = 1.5;
 
 /// Factor on the map of a run that warns of itself as a whole.
-fn doubt(outcome: &Outcome) -> f64 {
+fn doubt(warnings: &[Warning]) -> f64 {
     let doubtful = [findings::WEAK_START, findings::BONES_LOST, findings::LEVEL_UNSURE];
-    if outcome.warnings.iter().any(|w| doubtful.iter().any(|f| w.is(f))) { DOUBT } else { 1.0 }
+    if warnings.iter().any(|w| doubtful.iter().any(|f| w.is(f))) { DOUBT } else { 1.0 }
 }
 
 /// How well each bone's position is known, mm, by its label. A bone of which the image shows a part is known worse; one that
@@ -142,5 +143,14 @@ mod tests {
         // What the image shows is known by the image, and at worst by the joint.
         let [atlas, skull] = known(DeterminedBy::Image, 1.0);
         assert!((atlas - 0.4f64.hypot(LEAST_MM)).abs() < 1e-12 && skull < 1.1, "{atlas} {skull}");
+    }
+
+    #[test]
+    fn a_run_that_doubts_itself_as_a_whole_is_trusted_less() {
+        let said = |code| doubt(&[Warning::new(findings::FOLDED, ""), Warning::new(code, "")]);
+        for code in [findings::WEAK_START, findings::BONES_LOST, findings::LEVEL_UNSURE] {
+            assert!((said(code) - 1.5).abs() < 1e-12, "{code:?}");
+        }
+        assert!((said(findings::SLIDING) - 1.0).abs() < 1e-12 && (doubt(&[]) - 1.0).abs() < 1e-12);
     }
 }

@@ -220,3 +220,6 @@ fn grey_values(pairs: &[(f64, f64)]) -> Grey {
     }
     Grey { gain, offset, noise }
 }
+
+#[cfg(test)]
+mod tests;

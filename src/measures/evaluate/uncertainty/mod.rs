@@ -190,6 +190,11 @@ mod tests {
 
     /// The same, where the bone is known to so many mm.
     fn beside(bone_mm: f64, error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
+        doubted(bone_mm, error, images, 1.0)
+    }
+
+    /// The same of a run that is doubted as a whole by this factor.
+    fn doubted(bone_mm: f64, error: f64, images: bool, doubt: f64) -> (Volume<f32>, UncertaintyReport) {
         let grid = Grid::axis_aligned([40, 30, 40], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
         let seen = Grid::axis_aligned([50, 40, 31], [3.0, 3.0, 2.0], [-12.0, -12.0, 0.0]).unwrap();
         let inside = |p: &Point3<f64>| p.x > 6.0 && p.x < 110.0 && p.y > 6.0 && p.y < 80.0;
@@ -220,7 +225,7 @@ mod tests {
             bones: &bones,
             bone_mm: &BTreeMap::from([(5, bone_mm)]),
             push: &push,
-            doubt: 1.0,
+            doubt,
             bones_alone: images.then_some(&alone),
             misled: None,
         };
@@ -250,6 +255,16 @@ mod tests {
         let ratio = guessed.at([10, 20, 12]) / known.at([10, 20, 12]);
         let want = ((1f64.hypot(9.0) + 0.1) / (1f64.hypot(0.25) + 0.1)).cbrt();
         assert!((f64::from(ratio) - want).abs() < 1e-3, "{ratio} {want}");
+    }
+
+    #[test]
+    fn doubt_makes_all_but_bones_less_known() {
+        let [sure, unsure] = [1.0, 1.5].map(|doubt| doubted(0.25, 0.0, true, doubt).0);
+        // In view, beyond it, and in the bone.
+        for (at, factor) in [([10, 20, 12], 1.5), ([33, 15, 38], 1.5), ([19, 15, 12], 1.0)] {
+            let ratio = unsure.at(at) / sure.at(at);
+            assert!((ratio - factor).abs() < 1e-3, "{at:?}: {ratio}");
+        }
     }
 
     #[test]

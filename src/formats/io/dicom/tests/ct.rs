@@ -95,6 +95,10 @@ fn missing_slices_are_named_by_their_neighbours() {
     refused("dicom-gap", &["but 4.00 mm between z = 42.00 mm and z = 46.00 mm"], |k, set| {
         moved(set, [0.0, 0.0, f64::from(u8::from(k == 5))], k);
     });
+    // One that lies too near is as odd as one that lies too far.
+    refused("dicom-gap", &["but 2.00 mm between z = 42.00 mm and z = 44.00 mm"], |k, set| {
+        moved(set, [0.0, 0.0, -f64::from(u8::from(k == 5))], k);
+    });
     // A hundredth is rounding.
     let dir = series(|k, set| moved(set, [0.0, 0.0, 0.01 * (k % 2) as f64], k));
     assert!((read_image(dir.path()).unwrap().value.grid().spacing()[2] - 3.002).abs() < 1e-9);
@@ -116,6 +120,13 @@ fn slices_on_one_place_are_one_or_refused() {
         read.warnings
     );
     assert_eq!(sha256_file(dir.path()).unwrap(), read.sha256);
+    // The same values beside the place are another slice.
+    let mut beside = slice(2);
+    put(&mut beside, tags::SOP_INSTANCE_UID, VR::UI, "1.5.22");
+    moved(&mut beside, [4.0, 0.0, 0.0], 2);
+    let aside = write(dir.path(), "beside", &beside);
+    assert_eq!(read_image(dir.path()).unwrap_err().code(), "dicom-duplicates");
+    std::fs::remove_file(aside).unwrap();
     let mut phase = slice(3);
     put(&mut phase, tags::SOP_INSTANCE_UID, VR::UI, "1.5.33");
     put(&mut phase, tags::ACQUISITION_NUMBER, VR::IS, "2");
@@ -157,6 +168,9 @@ fn images_that_belong_to_no_one_volume_are_refused() {
     });
     refused("dicom-incomplete", &["Rescale Slope"], |_, set| {
         set.remove_element(tags::RESCALE_INTERCEPT);
+    });
+    refused("dicom-incomplete", &["no pair of perpendicular unit vectors"], |_, set| {
+        put(set, tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "1\\0\\0\\0.1\\0.99498744\\0");
     });
     refused("dicom-unit", &["Z_EFF"], |_, set| put(set, tags::RESCALE_TYPE, VR::LO, "Z_EFF"));
 }

@@ -37,6 +37,24 @@ fn planes_ascend_whatever_their_offsets_say() {
     }
 }
 
+/// Of a patient who lies with his feet first rows run to the right, and the normal of the slices points down.
+#[test]
+fn absolute_offsets_are_heights_whatever_way_the_normal_points() {
+    let dir = tempfile::tempdir().unwrap();
+    for (offsets, lowest, first_is_lowest) in
+        [([30.0, 26.0, 22.0], 22.0, false), ([30.0, 34.0, 38.0], 30.0, true), ([0.0, 4.0, 8.0], 22.0, false)]
+    {
+        let mut set = dose("1.5.60", &offsets, |n| n as u16);
+        put(&mut set, tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "-1\\0\\0\\0\\1\\0");
+        let volume = read_dose(write(dir.path(), "d", &set)).unwrap().value.volume;
+        let height = |k: usize| volume.grid().centre([0, 0, k]).z;
+        let (k, z) = (0..3).map(|k| (k, height(k))).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        assert!((z - lowest).abs() < 1e-9, "{offsets:?}: the lowest plane lies at {z} mm");
+        let frame = if first_is_lowest { 0 } else { 2 };
+        assert!((volume.at([3, 0, k]) - (frame * PLANE + 3) as f32 * 0.01).abs() < 1e-6, "{offsets:?}: another plane");
+    }
+}
+
 #[test]
 fn thirty_two_bits_are_read_and_relative_doses_refused() {
     let dir = tempfile::tempdir().unwrap();
@@ -127,6 +145,34 @@ fn beams_of_one_plan_are_summed_and_nothing_else() {
     assert!(sum.value.volume.data().iter().all(|d| (d - 6.03).abs() < 1e-5));
     assert!(sum.warnings.len() == 1 && sum.warnings[0].message.contains("2 beams are summed"), "{:?}", sum.warnings);
     assert_eq!(read_any(dir.path()).unwrap().value, sum.value.volume);
+    // Of another type, or of a beam that is there already.
+    let numbered = |uid: &str, dose_type: &str, number: &str| {
+        let mut set = beam(uid, "1.6.1", "BEAM");
+        put(&mut set, tags::DOSE_TYPE, VR::CS, dose_type);
+        let items = ["beam", "group", "plan"].iter().fold(Vec::new(), |inner: Vec<Set>, level| {
+            let mut item = Set::new_empty();
+            match *level {
+                "beam" => put(&mut item, tags::REFERENCED_BEAM_NUMBER, VR::IS, number),
+                "group" => put_items(&mut item, tags::REFERENCED_BEAM_SEQUENCE, inner),
+                _ => {
+                    put(&mut item, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, "1.6.1");
+                    put_items(&mut item, tags::REFERENCED_FRACTION_GROUP_SEQUENCE, inner);
+                }
+            }
+            vec![item]
+        });
+        put_items(&mut set, tags::REFERENCED_RT_PLAN_SEQUENCE, items);
+        set
+    };
+    write(dir.path(), "a", &numbered("1.5.1", "PHYSICAL", "1"));
+    write(dir.path(), "b", &numbered("1.5.2", "PHYSICAL", "2"));
+    assert!(read_doses(&[&one, &two]).unwrap().value.beams.iter().eq(&[1, 2]));
+    for (dose_type, number, word) in [("EFFECTIVE", "2", "not all of one type"), ("PHYSICAL", "1", "several doses")] {
+        write(dir.path(), "b", &numbered("1.5.2", dose_type, number));
+        let error = read_doses(&[&one, &two]).unwrap_err();
+        assert!(error.code() == "dose-sum" && error.to_string().contains(word), "{error}");
+    }
+    write(dir.path(), "a", &beam("1.5.1", "1.6.1", "BEAM"));
     for (plan, kind, word) in
         [("1.6.2", "BEAM", "do not refer to one plan"), ("1.6.1", "PLAN", "not all doses of single beams")]
     {

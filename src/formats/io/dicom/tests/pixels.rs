@@ -37,6 +37,12 @@ fn signs_and_bits_are_told_apart() {
     };
     // What stands in the unused bits, such as an overlay, is no part of the value.
     assert_eq!(first(&[0x1400, 0x0400], twelve).0, [0.0, 0.0]);
+    // Values that fill the upper bits of a word.
+    let upper = |set: &mut Set| {
+        put_u16(set, tags::BITS_STORED, 12);
+        put_u16(set, tags::HIGH_BIT, 15);
+    };
+    assert_eq!(first(&[0x4000, 0x7d05], upper).0, [0.0, 976.0]);
     let both = |set: &mut Set| {
         signed(set);
         twelve(set);
@@ -50,6 +56,14 @@ fn padding_stays_where_it_could_be_a_measurement_and_is_air_elsewhere() {
     assert_eq!(first(&[0, 1000], pad(0)), (vec![-1024.0, -24.0], vec![]));
     let (values, codes) = first(&[63536, 1000], pad(63536));
     assert_eq!((values, codes), (vec![-1024.0, -24.0], vec!["dicom-padding".to_owned()]));
+    // A range, whichever of its ends comes first.
+    for [value, limit] in [[63000, 63536], [63536, 63000]] {
+        let range = |set: &mut Set| {
+            put_u16(set, tags::PIXEL_PADDING_VALUE, value);
+            put_u16(set, tags::PIXEL_PADDING_RANGE_LIMIT, limit);
+        };
+        assert_eq!(first(&[63000, 63300, 63536, 1000], range).0, [-1024.0, -1024.0, -1024.0, -24.0]);
+    }
     // -2000 as an unsigned number, in an image of signed ones.
     let signed = |set: &mut Set| {
         put_u16(set, tags::PIXEL_REPRESENTATION, 1);

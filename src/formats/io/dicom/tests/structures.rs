@@ -60,6 +60,37 @@ fn contours_come_with_names_and_what_is_left_out_is_told() {
 }
 
 #[test]
+fn a_first_point_that_ends_a_contour_too_is_one_point_and_counts_are_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut points = square(4.0, 33.0);
+    points.push(points[0]);
+    let mut set = structure_set(&[Roi { name: "closed", contours: closed(vec![points]) }]);
+    let read = read_structure_set(write(dir.path(), "rs", &set)).unwrap();
+    assert_eq!(read.contours.structures[0].polygons[0].points.len(), 4);
+    // It says 7 points and holds 5.
+    let mut rois = set.take_element(tags::ROI_CONTOUR_SEQUENCE).unwrap().into_value().into_items().unwrap();
+    let mut contours = rois[0].take_element(tags::CONTOUR_SEQUENCE).unwrap().into_value().into_items().unwrap();
+    put(&mut contours[0], tags::NUMBER_OF_CONTOUR_POINTS, VR::IS, "7");
+    put_items(&mut rois[0], tags::CONTOUR_SEQUENCE, contours.into_vec());
+    put_items(&mut set, tags::ROI_CONTOUR_SEQUENCE, rois.into_vec());
+    let error = read_structure_set(write(dir.path(), "rs", &set)).unwrap_err();
+    assert!(error.code() == "dicom-incomplete" && error.to_string().contains("7 points"), "{error}");
+}
+
+/// What lies in an even number of contours of a plane is outside, by whichever name they say so.
+#[test]
+fn contours_that_exclude_each_other_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    for kind in ["CLOSEDPLANAR_XOR", "CLOSED_PLANAR_XOR"] {
+        let ring = [square(4.0, 33.0), square(2.0, 33.0)].map(|points| (kind, points)).to_vec();
+        let set = read_structure_set(write(dir.path(), "rs", &structure_set(&[Roi { name: "ring", contours: ring }])));
+        let set = set.unwrap();
+        let area = set.contours.structures[0].area(33.0);
+        assert!((area - 48.0).abs() < 1e-9 && set.warnings.is_empty(), "{kind}: {area} {:?}", set.warnings);
+    }
+}
+
+#[test]
 fn sets_without_a_frame_are_told_and_several_or_mixed_refused() {
     let dir = tempfile::tempdir().unwrap();
     let mut set = structure_set(&[Roi { name: "a", contours: closed(vec![square(1.0, 0.0)]) }]);
