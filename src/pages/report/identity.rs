@@ -91,7 +91,8 @@ mod tests {
         let mut elsewhere = files();
         elsewhere[2].path = "y".into();
         assert_eq!(first, of(&case(), &elsewhere, &GIVEN));
-        let changes: [(&str, &dyn Fn(&mut Case)); 5] = [
+        type Change = dyn Fn(&mut Case);
+        let changes: [(&str, &Change); 5] = [
             ("labels", &|c| c.planning_mut().bones.volume.data_mut()[4] = 2),
             ("names", &|c| drop(c.planning_mut().bones.names.insert(1, "hyoid".into()))),
             ("skeleton", &|c| c.planning_mut().skeleton = Some(Skeleton { bones: Vec::new() })),
