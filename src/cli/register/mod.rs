@@ -69,8 +69,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
         io::read_landmarks(path)?;
     }
-    let clinic = runtime.stage("read for DICOM", || args.clinic.read(inputs.planning(), &scans))?;
-    clinic.iter().flat_map(Clinic::warnings).for_each(|w| runtime.progress().note(&w.message));
+    let clinic = args.clinic.told(inputs.planning(), &scans, &runtime)?;
     let begin = inputs.start().zip(scans.first());
     let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
     let read = |one: &Fraction| {
@@ -98,11 +97,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
             None => planning.insert(Planning::new(&scan, &config, &runtime)?),
         };
         let mut case = Case { planning: scan, fraction };
-        if clinic.is_none() && !args.clinic.same_frame {
-            let odd = report::one_frame(&case);
-            odd.iter().for_each(|w| runtime.progress().note(&w.message));
-            case.fraction.warnings.extend(odd);
-        }
+        args.clinic.judge(&mut case, &runtime);
         if fractions.len() > 1 {
             runtime.progress().note(&format!("fraction {}", one.name));
         }
@@ -116,8 +111,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
             |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, &case, outcome, &config, &out));
         let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
         let more = more.as_ref().map(|m| m as &More<'_>);
-        let contours = clinic.as_ref().and_then(Clinic::contours);
-        let told = Told { contours, more, ..Told::of(&args.run) };
+        let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), more, ..Told::of(&args.run) };
         (text, ahead) = runtime.beside(
             || write_run(&case, outcome, &config, &runtime, folder, &out, told),
             || fractions.get(n + 1).map(&read),

@@ -73,7 +73,8 @@ mod tests {
         let mut elsewhere = case();
         elsewhere.fraction.inputs[0].path = "y".into();
         assert_eq!(first, of(&elsewhere));
-        let changes: [(&str, &dyn Fn(&mut Case)); 11] = [
+        type Change<'a> = (&'a str, &'a dyn Fn(&mut Case));
+        let changes: [Change<'_>; 11] = [
             ("planning", &|c| c.planning.inputs[0].sha256 = "ab".into()),
             ("bones", &|c| c.planning.inputs[1].sha256 = "ab".into()),
             ("entry", &|c| c.planning.inputs[1].entry = Some("1".into())),
