@@ -78,7 +78,83 @@ fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
         config,
         command: command_line(),
     };
+<<<<<<< HEAD
     Ok((request, names))
+=======
+    let inputs = Inputs::new(&flags, &without(&mut recorded, InputRole::Landmarks))?;
+    let scans: Vec<&Path> = fractions.iter().map(|one| one.file.as_path()).collect();
+    if args.estimate {
+        let memory_bytes = judge(inputs.planning(), inputs.bones(), &scans, &config)?;
+        let threads = Runtime::new(args.run.work.threads, progress(true))?.threads();
+        return Estimate { memory_bytes, threads }.told(args.run.told.json);
+    }
+    let (mut index, folders) = hold(args, &config, &inputs, &fractions)?;
+    let mut folders = folders.into_iter();
+    let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet))?;
+    enough(args, &inputs, &scans, &config, &runtime)?;
+    for path in fractions.iter().filter_map(|one| one.landmarks.as_deref()) {
+        io::read_landmarks(path)?;
+    }
+    let clinic = args.clinic.told(inputs.planning(), &scans, &runtime)?;
+    let begin = inputs.start().zip(scans.first());
+    let begin = begin.map(|(path, scan)| start::read(path, inputs.planning(), scan)).transpose()?;
+    let read = |one: &Fraction| {
+        let read = inputs.fraction(&one.file, one.landmarks.as_deref(), &file.inputs)?;
+        let mut fraction = FractionScan { start: begin, ..read };
+        args.clinic.name_patient(&mut fraction.inputs);
+        Ok(fraction)
+    };
+    let load = || inputs.load(&recorded, &config, &runtime);
+    let (loaded, mut ahead) = runtime.beside(load, || fractions.first().map(&read));
+    let mut scan = loaded?;
+    scan.warnings.extend(bones.warnings);
+    scan.inputs.extend(clinic.iter().flat_map(Clinic::inputs).cloned());
+    args.clinic.name_patient(&mut scan.inputs);
+    let mut planning = None;
+    let mut texts = Vec::new();
+    for (n, one) in fractions.iter().enumerate() {
+        if planning.is_some() {
+            runtime.restart();
+        }
+        let fraction = runtime.stage("read the fraction", || ahead.take().unwrap_or_else(|| read(one)))?;
+        check_fraction(&fraction.ct, &config)?;
+        let planning = match &planning {
+            Some(planning) => planning,
+            None => planning.insert(Planning::new(&scan, &config, &runtime)?),
+        };
+        let mut case = Case { planning: scan, fraction };
+        args.clinic.judge(&mut case, &runtime);
+        if fractions.len() > 1 {
+            runtime.progress().note(&format!("fraction {}", one.name));
+        }
+        let outcome = register_fraction(&case, planning, &config, &runtime)?;
+        let out = folder_of(args, &fractions, one);
+        index.iter_mut().filter(|_| n == 0).try_for_each(Index::begin)?;
+        let folder = folders.next().ok_or_else(|| Error::Internal("a folder of each fraction is held".into()))?;
+        // The next one is read meanwhile: disks and networks take their time.
+        let text;
+        let write =
+            |c: &Clinic, outcome: &Outcome| runtime.stage("write DICOM", || c.write(n, &case, outcome, &config, &out));
+        let more = clinic.as_ref().map(|c| move |outcome: &Outcome| write(c, outcome));
+        let more = more.as_ref().map(|m| m as &More<'_>);
+        let told = Told { contours: clinic.as_ref().and_then(Clinic::contours), more, ..Told::of(&args.run) };
+        (text, ahead) = runtime.beside(
+            || write_run(&case, outcome, &config, &runtime, folder, &out, told),
+            || fractions.get(n + 1).map(&read),
+        );
+        texts.push(text?);
+        // For the next fraction.
+        scan = case.planning;
+    }
+    all_told(texts, &fractions, index, args.run.told.json)
+}
+
+/// Judges the files by their headers, and whether the memory that they will need may be had.
+fn enough(args: &RegisterArgs, inputs: &Inputs, scans: &[&Path], config: &Config, runtime: &Runtime) -> Result<()> {
+    let expected = judge(inputs.planning(), inputs.bones(), scans, config)?;
+    runtime.progress().note(&format!("about {:.1} GB of memory will be needed", expected as f64 / 1e9));
+    within_memory(expected, args.max_memory)
+>>>>>>> h60
 }
 
 /// What the terminal is told of all fractions, whose index is written where there are several.
