@@ -95,12 +95,27 @@ pub(super) fn twins(
     start: &Rigid,
     measure: Measure,
 ) -> Result<Twins> {
-    let centre = Bones::new(samples).centre;
-    let reflected = under(samples, &centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)));
+    let reflected = reflected(samples);
     let share =
         |samples: &Samples, start: &Rigid| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
     let own = share(samples, start)?.max(share(posed, &Rigid::identity())?);
     Ok(Twins { own, mirrored: share(&reflected, start)? })
+}
+
+/// As [`twins`], of bones that have no common motion: the bones as the fit has posed them, and their mirror image. In few bones
+/// only a finer image than the start's tells them apart.
+///
+/// # Errors
+/// As the solver.
+pub(super) fn posed_twins(fraction: &Tissue, posed: &Samples, measure: Measure) -> Result<Twins> {
+    let share =
+        |samples: &Samples| Ok::<_, Error>(Bones::new(samples).explained(fraction, &Rigid::identity(), measure)?.0);
+    Ok(Twins { own: share(posed)?, mirrored: share(&reflected(posed))? })
+}
+
+/// Reflected in the sagittal plane through their centre.
+fn reflected(samples: &Samples) -> Samples {
+    under(samples, &Bones::new(samples).centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)))
 }
 
 impl Twins {

@@ -86,6 +86,7 @@ mod rivals;
 mod samples;
 mod scale;
 mod schedule;
+mod search;
 mod similarity;
 mod solver;
 mod start;
