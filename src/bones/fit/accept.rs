@@ -108,7 +108,7 @@ pub(super) fn not_found(
                 findings::BONES_NOT_FOUND,
                 cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
                 "check that both CTs show the same patient and a common body region, in HU, without metal or motion over \
-                 the bones; landmarks on bones (--bone-landmarks) can place them",
+                 the bones; a rigid motion (--start) or landmarks on bones (--bone-landmarks) can place them",
             )
         }
     })

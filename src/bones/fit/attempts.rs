@@ -11,10 +11,12 @@ use super::search::{Hypothesis, Search};
 use super::start::{FitStart, Starts, common_motions, left, near_motions};
 use super::{FitOptions, FitResult};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Rigid;
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
+use crate::warning::Warning;
 
 /// Fits the pose of the skeleton to the fraction CT.
 ///
@@ -84,12 +86,18 @@ pub fn fit_pose(
         FitStart::Placed(_) => false,
     };
     let mut others = Vec::new();
+    let mut note = None;
     if unsure {
-        (found, others) = attempts.searched(found, &known)?;
+        (found, others, note) = attempts.searched(found, &known)?;
+    }
+    if matches!(start, FitStart::Search) {
+        found = found.map(|tried| attempts.with_limbs(tried)).transpose()?;
     }
     if let Some(tried) = found {
         let placed = matches!(start, FitStart::Placed(_));
+        let searched = tried.guess == Guess::Searched;
         let mut fit = attempts.judged(tried, others, placed)?;
+        fit.warnings.extend(note.filter(|_| searched));
         if let FitStart::Near(known) = &start {
             fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
         }
@@ -106,8 +114,26 @@ pub fn fit_pose(
 
 /// A hypothesis of the search that is worth less than this share of the best one is no rival.
 const RIVAL: f64 = 0.8;
+/// A search tries more places than a quick start, so it has to find more of the bones: the one wrong place among 52 short views found
+/// 0.55 of them, right ones 0.61 or more.
+const SEARCHED_FOUND: f64 = 0.6;
 /// A searched fit takes the place of a quick one where its evidence is greater by more than this share.
 const BETTER: f64 = 1.02;
+
+/// Which bones proposed the start, and what the next best one is worth.
+fn told(skeleton: &Skeleton, hypotheses: &[Hypothesis]) -> Option<Warning> {
+    let best = hypotheses.first()?;
+    let names: Vec<&str> = best.proposed_by.iter().map(|&b| skeleton.bones[b].name.as_str()).collect();
+    let next = hypotheses.get(1).map_or_else(String::new, |next| {
+        let share = (next.cost / best.cost).clamp(0.0, 1.0);
+        format!("; the next best, {:.0} mm away, has {:.0} % of its evidence", next.apart_mm, 100.0 * share)
+    });
+    let message = format!(
+        "all bones together do not tell where the patient lies; bones alone proposed the start that the joints favour ({}){next}",
+        names.join(", ")
+    );
+    Some(Warning::new(findings::START_SEARCHED, message))
+}
 
 /// What all attempts share.
 struct Attempts<'a> {
@@ -124,15 +150,34 @@ impl Attempts<'_> {
         self.fitter.from(begin, self.samples, self.fraction, self.progress)
     }
 
-    /// The better of a quick fit and the best of those that the search begins, with the others that found the bones.
-    fn searched(&self, quick: Option<Tried>, known: &[Rigid]) -> Result<(Option<Tried>, Vec<Tried>)> {
-        let Some(&resolution) = self.options.outward.first() else { return Ok((quick, Vec::new())) };
+    /// A fit, again with the limbs that it has lost where they are found.
+    fn with_limbs(&self, tried: Tried) -> Result<Tried> {
+        let Some(&resolution) = self.options.outward.first() else { return Ok(tried) };
+        if !self.fitter.lost_limb(&tried.fit.bones) {
+            return Ok(tried);
+        }
+        let level = Level::new(self.samples, self.fraction, resolution, self.options)?;
+        let Some(transforms) = self.fitter.limbs(&tried.fit.bones, &level, self.options.measure)? else {
+            return Ok(tried);
+        };
+        let (common, share) = (tried.fit.common, tried.fit.common_share);
+        let guess = if tried.guess == Guess::Searched { Guess::Searched } else { Guess::Each };
+        let again = self.fit(Start { common, share, transforms, guess })?;
+        Ok(if again.cost < tried.cost { again } else { tried })
+    }
+
+    /// The better of a quick fit and the best of those that the search begins, the others that found the bones, and what is said of
+    /// the search.
+    fn searched(&self, quick: Option<Tried>, known: &[Rigid]) -> Result<(Option<Tried>, Vec<Tried>, Option<Warning>)> {
+        let Some(&resolution) = self.options.outward.first() else { return Ok((quick, Vec::new(), None)) };
         let level = Level::new(self.samples, self.fraction, resolution, self.options)?;
         let (skeleton, anatomy) = (self.fitter.skeleton, &self.samples.anatomy);
         let search = Search { skeleton, anatomy, level: &level, measure: self.options.measure };
         let mut all: Vec<Tried> = Vec::new();
         let mut best = f64::INFINITY;
-        for Hypothesis { transforms, root, cost, .. } in search.hypotheses(self.fraction, known)? {
+        let hypotheses = search.hypotheses(self.fraction, known)?;
+        let note = told(skeleton, &hypotheses);
+        for Hypothesis { transforms, root, cost, .. } in hypotheses {
             // Those that are worth less are tried while none has found the bones.
             if !all.is_empty() && cost > RIVAL * best {
                 break;
@@ -141,7 +186,7 @@ impl Attempts<'_> {
             let common = transforms[root];
             let share = self.level.explained(&common, self.options.measure);
             let tried = self.fit(Start { common, share, transforms, guess: Guess::Searched })?;
-            if tried.found >= LEAST_FOUND {
+            if tried.found >= SEARCHED_FOUND {
                 all.push(tried);
             }
         }
@@ -152,7 +197,7 @@ impl Attempts<'_> {
             all.insert(if first { 0 } else { 1 }, quick);
         }
         let mut all = all.into_iter();
-        Ok((all.next(), all.collect()))
+        Ok((all.next(), all.collect(), note))
     }
 
     /// A fit that has found the bones, after a look at other levels of the spine.

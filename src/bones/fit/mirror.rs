@@ -178,6 +178,9 @@ fn ways() -> Vec<(&'static str, Matrix3<f64>)> {
 /// How much more of what is left a way must explain than the bones as they are, to be named as the likely cause.
 const LIKELY: f64 = 0.15;
 
+/// Less than this share says nothing: the bones of another region explain so much of a scan, turned some way.
+const LEAST_LIKELY: f64 = 0.3;
+
 /// The likely reason why no bone is found: the way in which the bones explain the fraction best. `coarse` and `fine` are the
 /// bones and the fraction at the start's resolution and at a finer one; `explained` is what the bones explain there as they are.
 pub(super) fn likely_way(
@@ -196,7 +199,7 @@ pub(super) fn likely_way(
         Some((name, best))
     };
     let best = ways().into_iter().filter_map(of_way).max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (best.1 > explained.max(0.0) + LIKELY).then_some(best)
+    (best.1 > (explained.max(0.0) + LIKELY).max(LEAST_LIKELY)).then_some(best)
 }
 
 /// What the bones explain as they are, at the best rigid motion near `start`, times what of them is in view.

@@ -78,6 +78,7 @@ mod attempts;
 mod given;
 mod level;
 mod lie;
+mod limbs;
 mod mirror;
 mod planning;
 mod prior;

@@ -166,7 +166,7 @@ impl<'a> Fitter<'a> {
         Ok(Tried { fit, found, scale, cost: solution.cost, guess })
     }
 
-    fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
+    pub(super) fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
         let samples = if level.dropped[bone] { &self.nothing } else { &level.drawn.bones[bone] };
         Body { samples, base, centre: self.centres[bone], radius: self.radii[bone], held: None }
     }

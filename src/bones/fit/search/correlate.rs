@@ -159,7 +159,7 @@ fn peak(best: &[f32], places: &Places, n: usize) -> bool {
         around(j, nj).all(|y| {
             around(i, ni).all(|x| {
                 let m = x + ni * (y + nj * z);
-                best[m] < best[n] || (best[m] == best[n] && m >= n)
+                best[n] > best[m] || (m >= n && best[n] >= best[m])
             })
         })
     })

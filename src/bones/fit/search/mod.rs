@@ -83,6 +83,8 @@ pub struct Hypothesis {
     pub root: usize,
     /// Cost of its bones and joints: the less, the better.
     pub cost: f64,
+    /// How far it takes the bones of the best hypothesis from where that has them, mm.
+    pub apart_mm: f64,
     /// Bones that proposed it, by their place in the skeleton.
     pub proposed_by: Vec<usize>,
 }
@@ -147,7 +149,8 @@ impl Search<'_> {
             proposed_by.sort_unstable();
             proposed_by.dedup();
             let (root, _) = least(chosen.iter().enumerate().map(|(b, &s)| own[b][s].0));
-            out.push(Hypothesis { transforms, evidence, root, cost, proposed_by });
+            let apart_mm = out.first().map_or(0.0, |best| self.apart(best, &transforms));
+            out.push(Hypothesis { apart_mm, transforms, evidence, root, cost, proposed_by });
             if out.len() == STARTS {
                 break;
             }

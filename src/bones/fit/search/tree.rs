@@ -77,3 +77,56 @@ impl Marginals {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::skeleton::{Bone, Joint};
+    use nalgebra::{Matrix3, Point3};
+
+    /// Bones that hang on these.
+    fn hanging(parents: &[Option<usize>]) -> Skeleton {
+        let joint = || Joint {
+            name: String::new(),
+            centre: Point3::origin(),
+            axes: Matrix3::identity(),
+            rotation_range_deg: [[-1.0, 1.0]; 3],
+            translation_range_mm: [1.0; 3],
+            source: String::new(),
+        };
+        let bone = |(n, &parent): (usize, &Option<usize>)| Bone {
+            name: n.to_string(),
+            label: n as u16 + 1,
+            parent,
+            joint: joint(),
+            centroid: Point3::origin(),
+            volume_mm3: 1.0,
+        };
+        Skeleton { bones: parents.iter().enumerate().map(bone).collect() }
+    }
+
+    #[test]
+    fn each_state_costs_what_the_best_skeleton_with_it_costs() {
+        let parents = [None, Some(0), Some(1), Some(1), Some(0)];
+        let skeleton = hanging(&parents);
+        let mixed = |n: usize| ((n * 7919 + 13) % 97) as f64 / 10.0;
+        let own: Vec<Vec<f64>> = (0..5).map(|b| (0..3).map(|s| mixed(5 * b + s)).collect()).collect();
+        let joint = |b: usize, s: usize, t: usize| mixed(31 * b + 11 * s + 5 * t + 400);
+        let tree = Tree { skeleton: &skeleton, own: own.clone(), joint: &joint };
+        let found = tree.solve();
+        let cost = |states: &[usize]| -> f64 {
+            let joints = parents.iter().enumerate().filter_map(|(b, p)| Some(joint(b, states[(*p)?], states[b])));
+            joints.sum::<f64>() + states.iter().enumerate().map(|(b, &s)| own[b][s]).sum::<f64>()
+        };
+        let all: Vec<Vec<usize>> = (0..243).map(|n: usize| (0..5).map(|b| n / 3usize.pow(b) % 3).collect()).collect();
+        for b in 0..5 {
+            for s in 0..3 {
+                let best =
+                    all.iter().filter(|states| states[b] == s).map(|states| cost(states)).fold(f64::MAX, f64::min);
+                assert!((found.costs[b][s] - best).abs() < 1e-9, "{b} {s}: {} for {best}", found.costs[b][s]);
+                let states = found.states(&skeleton, b, s);
+                assert!(states[b] == s && (cost(&states) - best).abs() < 1e-9);
+            }
+        }
+    }
+}
