@@ -172,7 +172,8 @@ impl Attempts<'_> {
         let Some(&resolution) = self.options.outward.first() else { return Ok((quick, Vec::new(), None)) };
         let level = Level::new(self.samples, self.fraction, resolution, self.options)?;
         let (skeleton, anatomy) = (self.fitter.skeleton, &self.samples.anatomy);
-        let search = Search { skeleton, anatomy, level: &level, measure: self.options.measure };
+        let (tissue, bones) = (&level.fraction, &level.drawn.bones[..]);
+        let search = Search { skeleton, anatomy, tissue, bones, measure: self.options.measure };
         let mut all: Vec<Tried> = Vec::new();
         let mut best = f64::INFINITY;
         let hypotheses = search.hypotheses(self.fraction, known)?;

@@ -9,11 +9,11 @@ mod tree;
 
 pub use template::Anatomy;
 
-use super::level::Level;
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;
 use super::similarity::{Evaluation, Measure};
 use super::solver::solve;
+use super::tissue::Tissue;
 use crate::error::Result;
 use crate::geometry::Rigid;
 use crate::skeleton::Skeleton;
@@ -66,8 +66,10 @@ pub struct Search<'a> {
     pub skeleton: &'a Skeleton,
     /// Planning, coarse.
     pub anatomy: &'a Anatomy,
-    /// The fraction at the coarsest resolution of the fit, with the bones' samples.
-    pub level: &'a Level<'a>,
+    /// The fraction at the coarsest resolution of the fit.
+    pub tissue: &'a Tissue,
+    /// The bones' samples there.
+    pub bones: &'a [Samples],
     /// How values are compared.
     pub measure: Measure,
 }
@@ -106,7 +108,7 @@ impl Search<'_> {
         let templates = self.anatomy.templates(self.skeleton);
         let found: Vec<Vec<Proposal>> =
             templates.iter().map(|bone| proposals(bone, &ready, &turns, EVERYWHERE, CANDIDATES)).collect();
-        let samples: Vec<Samples> = self.level.drawn.bones.iter().map(thinned).collect();
+        let samples: Vec<Samples> = self.bones.iter().map(thinned).collect();
         let each: Vec<(&Template<'_>, &Proposal)> =
             templates.iter().zip(&found).flat_map(|(t, list)| list.iter().map(move |p| (t, p))).collect();
         let refined: Vec<Result<State>> = each.par_iter().map(|(t, p)| self.refined(t, p, &samples[t.bone])).collect();
@@ -117,8 +119,7 @@ impl Search<'_> {
         }
         let evaluations = |s: &Samples| -> Vec<(f64, f64)> {
             let bodies = states.iter().map(|state| self.body(s, state.motion)).collect();
-            let problem =
-                PoseProblem { bodies, links: Vec::new(), fraction: Some(&self.level.fraction), measure: self.measure };
+            let problem = PoseProblem { bodies, links: Vec::new(), fraction: Some(self.tissue), measure: self.measure };
             let all: Vec<Rigid> = states.iter().map(|s| s.motion).collect();
             let weight = (MOST_MM3 / s.volume_mm3.max(1.0)).min(1.0);
             let weighed = |e: &Evaluation| (e.cost.min(0.0) * weight * e.visible, e.visible);
@@ -182,7 +183,7 @@ impl Search<'_> {
         let problem = || PoseProblem {
             bodies: vec![self.body(samples, base)],
             links: Vec::new(),
-            fraction: Some(&self.level.fraction),
+            fraction: Some(self.tissue),
             measure: self.measure,
         };
         let solution = solve(problem(), 0.2, 15)?;
