@@ -55,7 +55,7 @@ findings! {
     BONES_NOT_FOUND = refused(
         "bones-not-found",
         "Less than half of the bones in view, by volume, are found in the fraction CT.",
-        "Give two CTs of one patient and region, or place the bones with --bone-landmarks.",
+        "Give two CTs of one patient and region, or place the bones with --start or --bone-landmarks.",
     );
     BONES_OUTSIDE = warned(
         "bones-outside",

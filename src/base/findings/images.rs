@@ -67,6 +67,11 @@ findings! {
         "The bones were found far from the start that --start gives, or another place explains more of them.",
         "Check that it takes planning to this fraction, and the fusion images.",
     );
+    START_SEARCHED = warned(
+        "start-searched",
+        "All bones together do not tell where the patient lies; single bones proposed the start, and the joints chose.",
+        "Look at the bones named in the fusion images; where it is wrong, give --start or --bone-landmarks.",
+    );
     WEAK_START = doubted(
         "weak-start",
         "The couch shift explains little of the bones' contrast.",

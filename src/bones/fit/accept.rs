@@ -1,6 +1,6 @@
 //! Whether a fit is one: enough of the bones found, not mirrored, not stretched; and the likely cause where it is none.
 
-use super::mirror::{Seen, as_they_are, likely_way, twins};
+use super::mirror::{Seen, as_they_are, likely_way, posed_twins, twins};
 use super::planning::BoneSamples;
 use super::samples::Samples;
 use super::scale::Scale;
@@ -34,7 +34,8 @@ pub(super) fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
 
 /// Judges a fit that has found a share of the bones of at least [`LEAST_FOUND`].
 ///
-/// `seen`: all bones and the fraction at the start's resolution; `posed`: the bones as the fit has posed them.
+/// `seen`: all bones and the fraction at the start's resolution; `posed`: the bones as the fit has posed them; `finer`: these at
+/// a finer resolution, where the bones have no common motion.
 ///
 /// # Errors
 /// [`Error::Registration`] where the fraction is mirrored or stretched.
@@ -45,8 +46,12 @@ pub(super) fn accept(
     seen: Seen<'_>,
     posed: &Samples,
     measure: Measure,
+    finer: Option<Seen<'_>>,
 ) -> Result<()> {
-    let twins = twins(seen, posed, &fit.common, measure)?;
+    let twins = match finer {
+        Some(finer) => posed_twins(finer.fraction, finer.samples, measure)?,
+        None => twins(seen, posed, &fit.common, measure)?,
+    };
     fit.warnings.extend(twins.judge()?);
     fit.warnings.extend(scale.judge()?);
     if found < MOST_FOUND {
@@ -103,7 +108,7 @@ pub(super) fn not_found(
                 findings::BONES_NOT_FOUND,
                 cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
                 "check that both CTs show the same patient and a common body region, in HU, without metal or motion over \
-                 the bones; landmarks on bones (--bone-landmarks) can place them",
+                 the bones; a rigid motion (--start) or landmarks on bones (--bone-landmarks) can place them",
             )
         }
     })

@@ -25,11 +25,15 @@ pub(super) struct Twins {
     pub(super) own: f64,
     /// By their reflection in the sagittal plane (x, LPS) through their centre, at its best rigid motion.
     pub(super) mirrored: f64,
+    /// A mirror image that leaves at most this part of what the bones leave unexplained is what the fraction shows.
+    pub(super) sure: f64,
 }
 
 /// A mirror image that leaves at most this part of what the bones leave unexplained is what the fraction shows. Of one patient's
 /// pairs it left 1.3 to 30 times as much, of mirrored ones 0.2 to 0.4 of it.
 const SURE: f64 = 0.85;
+/// The same of bones that each lie where the fit has them: true ones explain more than their mirror image.
+const SURE_POSED: f64 = 1.0;
 
 /// A set of bones about its centre.
 struct Bones<'a> {
@@ -95,12 +99,27 @@ pub(super) fn twins(
     start: &Rigid,
     measure: Measure,
 ) -> Result<Twins> {
-    let centre = Bones::new(samples).centre;
-    let reflected = under(samples, &centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)));
+    let reflected = reflected(samples);
     let share =
         |samples: &Samples, start: &Rigid| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
     let own = share(samples, start)?.max(share(posed, &Rigid::identity())?);
-    Ok(Twins { own, mirrored: share(&reflected, start)? })
+    Ok(Twins { own, mirrored: share(&reflected, start)?, sure: SURE })
+}
+
+/// As [`twins`], of bones that have no common motion: the bones as the fit has posed them, and their mirror image. In few bones
+/// only a finer image than the start's tells them apart.
+///
+/// # Errors
+/// As the solver.
+pub(super) fn posed_twins(fraction: &Tissue, posed: &Samples, measure: Measure) -> Result<Twins> {
+    let share =
+        |samples: &Samples| Ok::<_, Error>(Bones::new(samples).explained(fraction, &Rigid::identity(), measure)?.0);
+    Ok(Twins { own: share(posed)?, mirrored: share(&reflected(posed))?, sure: SURE_POSED })
+}
+
+/// Reflected in the sagittal plane through their centre.
+fn reflected(samples: &Samples) -> Samples {
+    under(samples, &Bones::new(samples).centre, &Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0)))
 }
 
 impl Twins {
@@ -109,14 +128,14 @@ impl Twins {
     /// # Errors
     /// [`Error::Registration`] where the fraction shows the mirror image.
     pub(super) fn judge(self) -> Result<Option<Warning>> {
-        let Self { own, mirrored } = self;
+        let Self { own, mirrored, sure } = self;
         let both = format!(
             "the planning CT's bones explain {:.0} % of the fraction CT's bone contrast as they are, and {:.0} % mirrored \
              left to right",
             100.0 * own,
             100.0 * mirrored
         );
-        if 1.0 - mirrored < SURE * (1.0 - own) {
+        if 1.0 - mirrored < sure * (1.0 - own) {
             return Err(Error::failed(
                 findings::FRACTION_MIRRORED,
                 format!("the fraction CT shows the mirror image of the planning CT: {both}"),
@@ -163,6 +182,9 @@ fn ways() -> Vec<(&'static str, Matrix3<f64>)> {
 /// How much more of what is left a way must explain than the bones as they are, to be named as the likely cause.
 const LIKELY: f64 = 0.15;
 
+/// Less than this share says nothing: the bones of another region explain so much of a scan, turned some way.
+const LEAST_LIKELY: f64 = 0.3;
+
 /// The likely reason why no bone is found: the way in which the bones explain the fraction best. `coarse` and `fine` are the
 /// bones and the fraction at the start's resolution and at a finer one; `explained` is what the bones explain there as they are.
 pub(super) fn likely_way(
@@ -181,7 +203,7 @@ pub(super) fn likely_way(
         Some((name, best))
     };
     let best = ways().into_iter().filter_map(of_way).max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (best.1 > explained.max(0.0) + LIKELY).then_some(best)
+    (best.1 > (explained.max(0.0) + LIKELY).max(LEAST_LIKELY)).then_some(best)
 }
 
 /// What the bones explain as they are, at the best rigid motion near `start`, times what of them is in view.
@@ -197,13 +219,13 @@ mod tests {
     fn the_better_explained_twin_decides() {
         // Real pairs, a mirrored real head, and a symmetric phantom.
         for (own, mirrored) in [(0.83, 0.53), (0.32, 0.21), (0.82, 0.51), (0.695, 0.689)] {
-            assert_eq!(Twins { own, mirrored }.judge().unwrap(), None);
+            assert_eq!(Twins { own, mirrored, sure: SURE }.judge().unwrap(), None);
         }
         for (own, mirrored) in [(0.64, 0.92), (0.53, 0.83), (0.51, 0.82)] {
-            let error = Twins { own, mirrored }.judge().unwrap_err();
+            let error = Twins { own, mirrored, sure: SURE }.judge().unwrap_err();
             assert_eq!((error.exit_code(), error.code()), (6, "fraction-mirrored"));
         }
-        assert_eq!(Twins { own: 0.689, mirrored: 0.695 }.judge().unwrap().unwrap().code, "side-unsure");
+        assert_eq!(Twins { own: 0.689, mirrored: 0.695, sure: SURE }.judge().unwrap().unwrap().code, "side-unsure");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! all fractions of a patient share it.
 
 use super::samples::{Samples, candidates, draw};
+use super::search::Anatomy;
 use super::tissue::Tissue;
 use super::{FitOptions, Resolution};
 use crate::skeleton::Skeleton;
@@ -14,6 +15,8 @@ pub(super) const START_SAMPLES: usize = 1500;
 #[derive(Debug, Clone)]
 pub struct BoneSamples {
     levels: Vec<Drawn>,
+    /// What the search of an unclear start looks at.
+    pub(super) anatomy: Anatomy,
 }
 
 /// Samples at one resolution.
@@ -43,7 +46,7 @@ impl BoneSamples {
             let bones = lists.iter().map(|l| draw(l, most)).collect();
             levels.push(Drawn { resolution, bones, all: draw(&all, START_SAMPLES) });
         }
-        Self { levels }
+        Self { levels, anatomy: Anatomy::new(planning, labels) }
     }
 
     /// Resolution of the search for the couch shift; another blur was never measured.

@@ -3,7 +3,7 @@
 
 use super::DeterminedBy;
 use super::accept::LEAST_FOUND;
-use super::schedule::{Fitter, Tried, weak_start};
+use super::schedule::{Fitter, Guess, Tried, weak_start};
 use crate::error::Result;
 use crate::findings;
 use crate::geometry::{Grid, Rigid};
@@ -11,7 +11,7 @@ use crate::warning::Warning;
 use nalgebra::Vector3;
 
 /// A scan that shows the bones over more than this tells their levels by itself, mm.
-const SHORT_MM: f64 = 130.0;
+pub(super) const SHORT_MM: f64 = 130.0;
 /// Levels up and down that are tried.
 const LEVELS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
 /// Times that the search goes on from a better level.
@@ -25,26 +25,27 @@ const ALIKE: f64 = 0.8;
 
 /// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse.
 ///
-/// `again` fits from another common motion, `explained` tells the share of the bones' contrast that one explains.
+/// `others` are fits from other starts; `again` fits from another place, as far from a fit as the motion says; `explained` tells
+/// the share of the bones' contrast that one explains.
 ///
 /// # Errors
 /// As a fit.
 pub(super) fn best_level(
     fitter: &Fitter<'_>,
     first: Tried,
+    mut others: Vec<Tried>,
     fraction: &Grid,
-    again: impl Fn(Rigid) -> Result<Tried>,
+    again: impl Fn(&Tried, Rigid) -> Result<Tried>,
     explained: impl Fn(&Rigid) -> f64,
 ) -> Result<Tried> {
     let mut best = first;
-    let mut others: Vec<Tried> = Vec::new();
     let mut height = fitter.height_shown(&best.fit.transforms, fraction);
     for _ in 0..ROUNDS {
         let Some(step) = fitter.level_step(&best).filter(|_| height < SHORT_MM) else { break };
         let common = fitter.best_shown(&best);
         for by in LEVELS {
             let shift = common.rotation * step * by;
-            let tried = again(Rigid::translation(shift.x, shift.y, shift.z) * common)?;
+            let tried = again(&best, Rigid::translation(shift.x, shift.y, shift.z))?;
             if tried.found >= LEAST_FOUND {
                 others.push(tried);
             }
@@ -58,7 +59,7 @@ pub(super) fn best_level(
         better.fit.common = fitter.best_shown(&better);
         better.fit.common_share = explained(&better.fit.common);
         better.fit.warnings.retain(|w| !w.is(findings::WEAK_START));
-        better.fit.warnings.extend(weak_start(better.fit.common_share));
+        better.fit.warnings.extend(weak_start(better.fit.common_share).filter(|_| better.guess != Guess::Searched));
         others.push(std::mem::replace(&mut best, better));
         height = fitter.height_shown(&best.fit.transforms, fraction);
     }
@@ -89,7 +90,7 @@ impl Fitter<'_> {
     }
 
     /// Motion of the bone that the fraction shows most of.
-    fn best_shown(&self, tried: &Tried) -> Rigid {
+    pub(super) fn best_shown(&self, tried: &Tried) -> Rigid {
         let bones =
             self.skeleton.bones.iter().zip(&tried.fit.bones).filter(|(_, f)| f.determined_by == DeterminedBy::Image);
         let most = bones.max_by(|a, b| (a.0.volume_mm3 * a.1.visible).total_cmp(&(b.0.volume_mm3 * b.1.visible)));
@@ -97,7 +98,7 @@ impl Fitter<'_> {
     }
 
     /// Height, along the planning's third axis, of what the fraction shows of the bones, mm.
-    fn height_shown(&self, transforms: &[Rigid], fraction: &Grid) -> f64 {
+    pub(super) fn height_shown(&self, transforms: &[Rigid], fraction: &Grid) -> f64 {
         let mut range = [f64::MAX, f64::MIN];
         for (points, t) in self.points.iter().zip(transforms) {
             for p in points.iter().filter(|p| fraction.contains(&fraction.index(&(t * **p)))) {

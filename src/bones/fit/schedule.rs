@@ -7,6 +7,7 @@ use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
+use super::search::MOST_MM3;
 use super::similarity::{Evaluation, Held};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
@@ -65,6 +66,8 @@ pub(super) struct Tried {
     pub(super) scale: Scale,
     /// Cost in the end; the less, the more evidence.
     pub(super) cost: f64,
+    /// What its start knew of the bones.
+    pub(super) guess: Guess,
 }
 
 /// A word about a common motion that explains little of the bones' contrast.
@@ -81,6 +84,19 @@ pub(super) struct Start {
     pub(super) common: Rigid,
     pub(super) share: f64,
     pub(super) transforms: Vec<Rigid>,
+    /// What is known of each bone.
+    pub(super) guess: Guess,
+}
+
+/// What a start knows of the bones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Guess {
+    /// The common motion alone: bones take over their neighbour's.
+    Common,
+    /// Each has a guess of its own.
+    Each,
+    /// Each has one, of those in view. The rim of a large bone that is not in view must not lead.
+    Searched,
 }
 
 impl<'a> Fitter<'a> {
@@ -98,13 +114,12 @@ impl<'a> Fitter<'a> {
         Self { skeleton, options, centres, points, radii, nothing }
     }
 
-    /// The fit from a start. `fresh`: no bone has a guess of its own.
+    /// The fit from a start.
     pub(super) fn from(
         &self,
-        Start { common, share, mut transforms }: Start,
+        Start { common, share, mut transforms, guess }: Start,
         samples: &'a BoneSamples,
         fraction: &Volume<f32>,
-        fresh: bool,
         progress: &dyn Progress,
     ) -> Result<Tried> {
         let (skeleton, options) = (self.skeleton, self.options);
@@ -114,7 +129,8 @@ impl<'a> Fitter<'a> {
         for (n, &resolution) in options.outward.iter().enumerate() {
             progress.step(1 + n, steps, "bone by bone");
             let now = level.insert(Level::new(samples, fraction, resolution, options)?);
-            self.outwards(now, &mut transforms, &mut stops, n == 0 && fresh)?;
+            let now_known = if n == 0 || guess == Guess::Searched { guess } else { Guess::Each };
+            self.outwards(now, &mut transforms, &mut stops, now_known)?;
         }
         let mut last = None;
         for (n, &resolution) in options.levels.iter().enumerate() {
@@ -144,13 +160,13 @@ impl<'a> Fitter<'a> {
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
         let drawn = &level.drawn.bones;
         let scale = scale(drawn, &transforms, &determined, apart, &level.fraction, options.measure);
-        let warnings = weak_start(share).into_iter().collect();
+        let warnings = weak_start(share).filter(|_| guess != Guess::Searched).into_iter().collect();
         let pose = skeleton.pose_of(&transforms);
         let fit = FitResult { pose, transforms, bones, common, common_share: share, warnings };
-        Ok(Tried { fit, found, scale, cost: solution.cost })
+        Ok(Tried { fit, found, scale, cost: solution.cost, guess })
     }
 
-    fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
+    pub(super) fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
         let samples = if level.dropped[bone] { &self.nothing } else { &level.drawn.bones[bone] };
         Body { samples, base, centre: self.centres[bone], radius: self.radii[bone], held: None }
     }
@@ -165,11 +181,16 @@ impl<'a> Fitter<'a> {
 
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
     ///
-    /// `fresh`: nothing is placed yet, bones take over their neighbour's motion; else each starts where it is.
-    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [Stop], fresh: bool) -> Result<()> {
+    /// With a common guess bones take over their neighbour's motion; else each starts where it is.
+    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [Stop], guess: Guess) -> Result<()> {
+        let fresh = guess == Guess::Common;
         let n = transforms.len();
         let now = self.evaluate(level, transforms);
-        let weight = |b: usize, e: &Evaluation| level.drawn.bones[b].volume_mm3 * e.visible * e.explained.max(0.0);
+        let shown = |b: usize, e: &Evaluation| match guess {
+            Guess::Searched => level.drawn.bones[b].volume_mm3.min(MOST_MM3) * e.visible.powi(2),
+            _ => level.drawn.bones[b].volume_mm3 * e.visible,
+        };
+        let weight = |b: usize, e: &Evaluation| shown(b, e) * e.explained.max(0.0);
         let root =
             (0..n).max_by(|&a, &b| weight(a, &now[a]).total_cmp(&weight(b, &now[b])).then(b.cmp(&a))).unwrap_or(0);
         let mut placed = vec![false; n];
@@ -197,7 +218,7 @@ impl<'a> Fitter<'a> {
                         fraction: Some(&level.fraction),
                         measure: self.options.measure,
                     };
-                    (level.drawn.bones[b].volume_mm3 * p.similarities(&[t], false)[0].visible, b, o)
+                    (shown(b, &p.similarities(&[t], false)[0]), b, o)
                 })
                 .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
                 .map(|(_, b, o)| (b, o));

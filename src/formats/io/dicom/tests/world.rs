@@ -98,13 +98,8 @@ fn fewer_images_than_are_promised_are_told() {
 
 #[test]
 fn acquisitions_that_alternate_are_refused() {
-<<<<<<< HEAD
     type Tell = dyn Fn(&mut Set, usize);
     let tells: [(&str, &Tell); 5] = [
-=======
-    type Tell<'a> = (&'a str, &'a dyn Fn(&mut Set, usize));
-    let tells: [Tell<'_>; 5] = [
->>>>>>> h60
         ("acquisition 2", &|set, n| put(set, tags::ACQUISITION_NUMBER, VR::IS, &(n + 1).to_string())),
         ("kernel B50f", &|set, n| put(set, tags::CONVOLUTION_KERNEL, VR::SH, ["B30f", "B50f"][n])),
         ("slice thickness 1.50 mm", &|set, n| put(set, tags::SLICE_THICKNESS, VR::DS, ["3", "1.5"][n])),

@@ -1,0 +1,110 @@
+//! Limbs that lie elsewhere than their joint leaves them: arms up in planning and down in the fraction.
+
+use super::level::Level;
+use super::problem::{Body, End, Link, PoseProblem};
+use super::samples::Samples;
+use super::schedule::Fitter;
+use super::similarity::{Evaluation, Measure};
+use super::solver::solve;
+use super::{BoneFit, DeterminedBy};
+use crate::error::Result;
+use crate::geometry::Rigid;
+use crate::skeleton::{Joint, JointPose};
+use rayon::prelude::*;
+
+/// A bone whose joint turns by this much about an axis may lie far from where it was, degrees.
+const FREE_DEG: f64 = 60.0;
+/// Step of the turns that are tried, degrees.
+const STEP_DEG: f64 = 15.0;
+/// Turns that are fitted.
+const CANDIDATES: usize = 8;
+/// Samples of a bone that judge a turn.
+const SAMPLES: usize = 300;
+/// A bone is found where it explains this share of its contrast, with this share of it in view.
+const LEAST_EXPLAINED: f64 = 0.5;
+const LEAST_VISIBLE: f64 = 0.3;
+
+/// All turns of a joint, at steps over its soft ranges.
+fn turns(joint: &Joint) -> Vec<JointPose> {
+    let steps = joint.rotation_range_deg.map(|[low, high]| {
+        let n = ((high - low) / STEP_DEG).ceil().max(1.0) as usize;
+        (0..=n).map(move |k| (low + (high - low) * k as f64 / n as f64).to_radians()).collect::<Vec<f64>>()
+    });
+    let [x, y, z] = &steps;
+    let all = x.iter().flat_map(|&x| y.iter().flat_map(move |&y| z.iter().map(move |&z| [x, y, z])));
+    all.map(|rotation| JointPose { rotation, translation: [0.0; 3] }).collect()
+}
+
+fn thinned(samples: &Samples) -> Samples {
+    let every = samples.points.len().div_ceil(SAMPLES).max(1);
+    Samples {
+        points: samples.points.iter().step_by(every).copied().collect(),
+        values: samples.values.iter().step_by(every).copied().collect(),
+        volume_mm3: samples.volume_mm3,
+    }
+}
+
+impl Fitter<'_> {
+    /// Whether a bone may lie far from where its joint leaves it: its joint turns far, or that of a bone on it.
+    fn free(&self, bone: usize) -> bool {
+        let far = |joint: &Joint| joint.rotation_range_deg.iter().any(|[low, high]| high - low >= FREE_DEG);
+        let bones = &self.skeleton.bones;
+        far(&bones[bone].joint) || bones.iter().any(|b| b.parent == Some(bone) && far(&b.joint))
+    }
+
+    /// Whether a limb is not found whose parent is.
+    pub(super) fn lost_limb(&self, fits: &[BoneFit]) -> bool {
+        let found = |b: usize| fits[b].determined_by == DeterminedBy::Image;
+        let parents = self.skeleton.bones.iter().map(|bone| bone.parent);
+        parents.enumerate().any(|(b, p)| p.is_some_and(|p| self.free(b) && found(p) && !found(b)))
+    }
+
+    /// Where the limbs are that a fit has lost, with the other bones where it has them; `None` where none of them is found.
+    ///
+    /// # Errors
+    /// As the solver.
+    pub(super) fn limbs(&self, fits: &[BoneFit], level: &Level<'_>, measure: Measure) -> Result<Option<Vec<Rigid>>> {
+        let bones = &self.skeleton.bones;
+        let mut transforms: Vec<Rigid> = fits.iter().map(|f| f.transform).collect();
+        let mut placed: Vec<bool> = fits.iter().map(|f| f.determined_by == DeterminedBy::Image).collect();
+        let mut any = false;
+        for b in 0..bones.len() {
+            let Some(parent) = bones[b].parent.filter(|_| !placed[b]) else { continue };
+            transforms[b] = transforms[parent];
+            if self.free(b)
+                && placed[parent]
+                && let Some(found) = self.turned(b, &transforms[parent], level, measure)?
+            {
+                (transforms[b], placed[b], any) = (found, true, true);
+            }
+        }
+        Ok(any.then_some(transforms))
+    }
+
+    /// The best place of a bone about its joint to a parent that is held.
+    fn turned(&self, bone: usize, parent: &Rigid, level: &Level<'_>, measure: Measure) -> Result<Option<Rigid>> {
+        let joint = &self.skeleton.bones[bone].joint;
+        let few = thinned(&level.drawn.bones[bone]);
+        let body = |samples, base| Body { samples, ..self.body(level, bone, base) };
+        let problem = |samples, base, links| PoseProblem {
+            bodies: vec![body(samples, base)],
+            links,
+            fraction: Some(&level.fraction),
+            measure,
+        };
+        let seen = |t: &Rigid| problem(&few, *t, Vec::new()).similarities(&[*t], false).remove(0);
+        let motions = turns(joint).into_par_iter().map(|pose| parent * joint.motion(&pose));
+        let mut all: Vec<(Evaluation, Rigid)> = motions.map(|t| (seen(&t), t)).collect();
+        all.sort_by(|a, b| a.0.cost.total_cmp(&b.0.cost));
+        all.truncate(CANDIDATES);
+        let fit = |(_, base): &(Evaluation, Rigid)| {
+            let link = || vec![Link { joint, parent: End::Held(*parent), child: End::Moving(0) }];
+            let solution = solve(problem(&few, *base, link()), level.tolerance_mm, 40)?;
+            let t = problem(&few, *base, Vec::new()).transforms(&solution.x)[0];
+            Ok((seen(&t), t))
+        };
+        let fitted = all.par_iter().map(fit).collect::<Result<Vec<(Evaluation, Rigid)>>>()?;
+        let best = fitted.into_iter().reduce(|a, b| if b.0.cost < a.0.cost { b } else { a });
+        Ok(best.filter(|(e, _)| e.explained >= LEAST_EXPLAINED && e.visible >= LEAST_VISIBLE).map(|(_, t)| t))
+    }
+}
