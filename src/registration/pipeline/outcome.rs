@@ -15,7 +15,7 @@ use crate::warning::Warning;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Name of the stage of [`Outcome::stages`] that makes the chain mail, and the bones' surfaces beside it.
+/// Name of the stage of [`Runtime::times`](crate::runtime::Runtime::times) that makes the chain mail, and the bones' surfaces beside it.
 pub const LINKING: &str = "link elements";
 /// Name of the stage that carries the motion: what a study compares the time of, with [`LINKING`].
 pub const CARRYING: &str = "propagate to soft tissue";
