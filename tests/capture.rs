@@ -7,7 +7,7 @@ use aventail::fit::{BoneSamples, FitOptions, FitResult, FitStart, fit_pose};
 use aventail::geometry::{Grid, Rigid};
 use aventail::io::pose::read_pose;
 use aventail::io::{read_image, read_labels};
-use aventail::pipeline::{BoneMotion, PlanningScan, pose, register};
+use aventail::pipeline::{BoneMotion, Case, PlanningScan, pose, register};
 use aventail::progress::Silent;
 use aventail::runtime::Runtime;
 use aventail::skeleton::{JointPose, Pose, Skeleton};
@@ -166,24 +166,21 @@ const SLABS: [[f64; 2]; 5] = [[0.0, 0.5], [0.25, 0.75], [0.5, 1.0], [0.15, 0.5],
 /// Slabs of a real cone-beam CT whose neck is bent and turned and whose jaw opens: as one body the bones explain them nowhere.
 #[test]
 fn a_bent_neck_is_found_in_short_cone_beam_views() {
-    let Some(folder) = std::env::var_os("AVENTAIL_CASES").filter(|f| !f.is_empty()).map(PathBuf::from) else {
-        println!("AVENTAIL_CASES is not set: real cases are left out");
-        return;
-    };
+    let Some(folder) = cases() else { return };
     let planning = read_image(folder.join("planning_ct.nii.gz")).expect("AVENTAIL_CASES holds the planning CT").value;
     let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json"))).expect("and bones").value;
     let whole = read_image(folder.join("moderate/cbct.nii.gz")).expect("and a cone-beam CT").value;
     let truth = std::fs::read_to_string(folder.join("moderate/truth_bones.json")).expect("and its truth");
     let truth: BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_str(&truth).expect("4 x 4 for each bone");
-    let skeleton = aventail::skeleton::build(&bones).expect("the bones have joints").skeleton;
-    let options = FitOptions::default();
-    let samples = BoneSamples::new(&skeleton, &planning, &bones, &options);
+    let runtime = Runtime::silent().expect("threads start");
     for [low, high] in SLABS {
         let [ni, nj, nk] = whole.grid().size();
         let slice = |share: f64| (share * nk as f64).round() as usize;
         let slab = part(&whole, &[0..ni, 0..nj, slice(low)..slice(high)]).expect("slices of the scan");
-        let found = fit_pose(&skeleton, &samples, &slab, FitStart::Search, &options, &Silent).expect("it is found");
-        for (bone, fit) in skeleton.bones.iter().zip(&found.bones).filter(|(_, fit)| fit.visible > 0.5) {
+        let case = Case::new(planning.clone(), bones.clone(), slab);
+        let found = register(&case, &bones_alone(), &runtime).expect("it is found");
+        let all = found.skeleton.bones.iter().zip(&found.bone_fits);
+        for (bone, fit) in all.filter(|(_, fit)| fit.visible > 0.5) {
             let m = &truth[&bone.name];
             let there = Matrix4::from_fn(|r, c| m[r][c]).transform_point(&bone.centroid);
             let off = (fit.transform * bone.centroid - there).norm();
