@@ -15,7 +15,7 @@ use aventail::volume::region::part;
 use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 fn fitted(skeleton: &Skeleton, planning: &Volume<f32>, bones: &LabelMap, fraction: &Volume<f32>) -> FitResult {
     let options = FitOptions::default();

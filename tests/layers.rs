@@ -229,7 +229,10 @@ fn sources() -> Vec<Source> {
         .iter()
         .flat_map(|s| {
             let folder = s.path.parent().expect("a file lies in a folder").to_path_buf();
-            s.code.test_modules.iter().map(move |m| folder.join(m)).collect::<Vec<_>>()
+            // Modules of a file that is no `mod.rs` lie in the folder of its name.
+            let own = s.path.with_extension("");
+            let places = |m: &String| [folder.join(m), own.join(m)];
+            s.code.test_modules.iter().flat_map(places).collect::<Vec<_>>()
         })
         .collect();
     sources.retain(|s| !tests.iter().any(|t| s.path.starts_with(t) || s.path == t.with_extension("rs")));

@@ -3,9 +3,10 @@
 
 use super::super::Loaded;
 use super::ct::sum;
-use super::dose::Dose;
+use super::series::Series;
 use crate::error::{Error, Result};
 use crate::findings;
+use crate::volume::Volume;
 use crate::warning::Warning;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -13,6 +14,27 @@ use std::path::Path;
 
 /// Grids of doses that are summed agree within this, mm.
 const SAME_GRID_MM: f64 = 0.01;
+
+/// A dose with what it is the dose of.
+#[derive(Debug, Clone)]
+pub struct Dose {
+    /// Gy; axes are columns, rows and planes, right-handed.
+    pub volume: Volume<f32>,
+    /// What the object says of itself; one slice for each plane.
+    pub series: Series,
+    /// SOP Instance UID of the object.
+    pub uid: String,
+    /// Dose Summation Type: `PLAN`, `BEAM`, `FRACTION`, `MULTI_PLAN`, ...
+    pub summation: String,
+    /// Dose Type: `PHYSICAL` or `EFFECTIVE`.
+    pub kind: String,
+    /// SOP Instance UIDs of the plans that it refers to.
+    pub plans: BTreeSet<String>,
+    /// Numbers of the beams that it refers to, behind those of their fraction groups.
+    pub beams: BTreeSet<[i64; 2]>,
+    /// What computed it: maker, model, versions, and whether tissue was taken into account.
+    pub computed: String,
+}
 
 /// The sum of doses; one alone as it is.
 ///

@@ -3,7 +3,7 @@
 use super::super::Loaded;
 use super::super::bytes::{read_bytes, sha256};
 use super::super::series_path::root_of;
-use super::beams::summed;
+use super::beams::{Dose, summed};
 use super::beside::beside;
 use super::ct::notes;
 use super::elements::{Item, items, number, numbers, some, text, texts, whole};
@@ -12,7 +12,7 @@ use super::frames::axes;
 use super::open;
 use super::pixels::Pixels;
 use super::place::{objects, of_kind};
-use super::series::{Series, Slice};
+use super::series::Slice;
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Grid;
@@ -21,33 +21,11 @@ use crate::warning::Warning;
 use dicom_dictionary_std::tags;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Distances between planes may differ by this share, or by rounding, mm.
 const UNEVEN: f64 = 0.01;
 const ROUNDED_MM: f64 = 0.02;
-
-/// A dose with what it is the dose of.
-#[derive(Debug, Clone)]
-pub struct Dose {
-    /// Gy; axes are columns, rows and planes, right-handed.
-    pub volume: Volume<f32>,
-    /// What the object says of itself; one slice for each plane.
-    pub series: Series,
-    /// SOP Instance UID of the object.
-    pub uid: String,
-    /// Dose Summation Type: `PLAN`, `BEAM`, `FRACTION`, `MULTI_PLAN`, ...
-    pub summation: String,
-    /// Dose Type: `PHYSICAL` or `EFFECTIVE`.
-    pub kind: String,
-    /// SOP Instance UIDs of the plans that it refers to.
-    pub plans: BTreeSet<String>,
-    /// Numbers of the beams that it refers to, behind those of their fraction groups.
-    pub beams: BTreeSet<[i64; 2]>,
-    /// What computed it: maker, model, versions, and whether tissue was taken into account.
-    pub computed: String,
-}
 
 /// Reads one RT Dose object, or the one in a folder.
 ///

@@ -40,9 +40,10 @@ mod round_trip;
 mod tests;
 
 pub use about::About;
+pub use beams::Dose;
 pub use bones::{BoneLabels, BoneNames, labels_from_structures, organs_from_structures};
 pub use ct::read_series;
-pub use dose::{Dose, read_dose, read_doses};
+pub use dose::{read_dose, read_doses};
 pub use find::{Catalogue, Group, Object, find};
 pub use frame::{Framed, Role, check_frames, frame_of, same_frame};
 pub(super) use image::read_dose as read_dose_image;

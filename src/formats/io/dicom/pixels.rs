@@ -29,7 +29,7 @@ const JPEG: [&str; 6] = [
 ];
 
 /// Bytes of pixels that a file may hold: so many, and so many times its length, where they are compressed.
-const MOST: [u64; 2] = [1 << 26, 200];
+const MOST: [u64; 2] = [1 << 23, 200];
 
 /// Refuses a promise of more pixels than `length` bytes of a file can hold, before memory is taken for them.
 ///
