@@ -48,11 +48,17 @@ impl Request {
         self.fractions.iter().flat_map(FractionSources::files).chain(clinic).collect()
     }
 
-    /// Refuses what headers tell; returns the memory that the greediest fraction is expected to need, bytes.
+    /// Refuses what the request itself and headers tell; returns the memory that the greediest fraction is expected to need,
+    /// bytes.
     ///
     /// # Errors
-    /// As [`headers::judge`].
+    /// [`Error::Usage`] when scans in memory, or a part of them, are to go back as DICOM; else as [`headers::judge`].
     pub fn expected_memory(&self) -> Result<u64> {
+        if self.clinic.is_some() {
+            Clinic::check(&self.config)?;
+            on_disk(self.planning.ct.path())?;
+            self.fractions.iter().try_for_each(|one| on_disk(one.ct.path()).map(drop))?;
+        }
         headers::judge(&self.planning, &self.fractions, &self.config)
     }
 
