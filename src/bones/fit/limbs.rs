@@ -2,7 +2,6 @@
 
 use super::level::Level;
 use super::problem::{Body, End, Link, PoseProblem};
-use super::samples::Samples;
 use super::schedule::Fitter;
 use super::similarity::{Evaluation, Measure};
 use super::solver::solve;
@@ -33,15 +32,6 @@ fn turns(joint: &Joint) -> Vec<JointPose> {
     let [x, y, z] = &steps;
     let all = x.iter().flat_map(|&x| y.iter().flat_map(move |&y| z.iter().map(move |&z| [x, y, z])));
     all.map(|rotation| JointPose { rotation, translation: [0.0; 3] }).collect()
-}
-
-fn thinned(samples: &Samples) -> Samples {
-    let every = samples.points.len().div_ceil(SAMPLES).max(1);
-    Samples {
-        points: samples.points.iter().step_by(every).copied().collect(),
-        values: samples.values.iter().step_by(every).copied().collect(),
-        volume_mm3: samples.volume_mm3,
-    }
 }
 
 impl Fitter<'_> {
@@ -84,7 +74,7 @@ impl Fitter<'_> {
     /// The best place of a bone about its joint to a parent that is held.
     fn turned(&self, bone: usize, parent: &Rigid, level: &Level<'_>, measure: Measure) -> Result<Option<Rigid>> {
         let joint = &self.skeleton.bones[bone].joint;
-        let few = thinned(&level.drawn.bones[bone]);
+        let few = level.drawn.bones[bone].thinned(SAMPLES);
         let body = |samples, base| Body { samples, ..self.body(level, bone, base) };
         let problem = |samples, base, links| PoseProblem {
             bodies: vec![body(samples, base)],

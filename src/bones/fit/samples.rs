@@ -21,6 +21,18 @@ pub struct Samples {
     pub volume_mm3: f64,
 }
 
+impl Samples {
+    /// At most so many of them, evenly chosen.
+    pub fn thinned(&self, most: usize) -> Self {
+        let every = self.points.len().div_ceil(most).max(1);
+        Self {
+            points: self.points.iter().step_by(every).copied().collect(),
+            values: self.values.iter().step_by(every).copied().collect(),
+            volume_mm3: self.volume_mm3,
+        }
+    }
+}
+
 /// Storage positions of each bone's voxels and shell, in storage order; bones in the order of the skeleton.
 ///
 /// Shell voxels belong to the first bone of the skeleton that reaches them; another bone's voxels are never taken.

@@ -120,12 +120,12 @@ impl Sources {
             (InputRole::Dose, dose.as_deref()),
             (InputRole::Cbct, cbct),
         ];
+        let mut of_plan = Provenance::default();
         for (role, path) in more.into_iter().filter_map(|(role, path)| Some((role, path?))) {
-            let mut one = Provenance::default();
-            one.note(role, path)?;
-            one.compare(earlier);
-            provenance.extend(one);
+            of_plan.note(role, path)?;
         }
+        of_plan.compare(earlier);
+        provenance.extend(of_plan);
         Ok(Self { planning, plan, config, carried, degrade, provenance })
     }
 

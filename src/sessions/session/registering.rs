@@ -55,9 +55,7 @@ impl Request {
     /// [`Error::Usage`] when scans in memory, or a part of them, are to go back as DICOM; else as [`headers::judge`].
     pub fn expected_memory(&self) -> Result<u64> {
         if self.clinic.is_some() {
-            Clinic::check(&self.config)?;
-            on_disk(self.planning.ct.path())?;
-            self.fractions.iter().try_for_each(|one| on_disk(one.ct.path()).map(drop))?;
+            self.series()?;
         }
         headers::judge(&self.planning, &self.fractions, &self.config)
     }
@@ -65,10 +63,15 @@ impl Request {
     /// What is read for DICOM.
     fn clinic(&self) -> Result<Option<Arc<Clinic>>> {
         let Some(files) = &self.clinic else { return Ok(None) };
-        Clinic::check(&self.config)?;
-        let planning = on_disk(self.planning.ct.path())?;
-        let fractions = self.fractions.iter().map(|one| on_disk(one.ct.path())).collect::<Result<Vec<_>>>()?;
+        let (planning, fractions) = self.series()?;
         Ok(Some(Arc::new(Clinic::read(files, planning, &fractions)?)))
+    }
+
+    /// The series that can go back as DICOM: whole scans, none of them in memory.
+    fn series(&self) -> Result<(&Path, Vec<&Path>)> {
+        Clinic::check(&self.config)?;
+        let fractions = self.fractions.iter().map(|one| on_disk(one.ct.path())).collect::<Result<_>>();
+        Ok((on_disk(self.planning.ct.path())?, fractions?))
     }
 }
 

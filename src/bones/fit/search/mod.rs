@@ -108,7 +108,7 @@ impl Search<'_> {
         let templates = self.anatomy.templates(self.skeleton);
         let found: Vec<Vec<Proposal>> =
             templates.iter().map(|bone| proposals(bone, &ready, &turns, EVERYWHERE, CANDIDATES)).collect();
-        let samples: Vec<Samples> = self.bones.iter().map(thinned).collect();
+        let samples: Vec<Samples> = self.bones.iter().map(|bone| bone.thinned(SAMPLES)).collect();
         let each: Vec<(&Template<'_>, &Proposal)> =
             templates.iter().zip(&found).flat_map(|(t, list)| list.iter().map(move |p| (t, p))).collect();
         let refined: Vec<Result<State>> = each.par_iter().map(|(t, p)| self.refined(t, p, &samples[t.bone])).collect();
@@ -188,15 +188,5 @@ impl Search<'_> {
         };
         let solution = solve(problem(), 0.2, 15)?;
         Ok(State { bone: bone.bone, motion: problem().transforms(&solution.x)[0] })
-    }
-}
-
-/// A part of a bone's samples.
-fn thinned(samples: &Samples) -> Samples {
-    let every = samples.points.len().div_ceil(SAMPLES).max(1);
-    Samples {
-        points: samples.points.iter().step_by(every).copied().collect(),
-        values: samples.values.iter().step_by(every).copied().collect(),
-        volume_mm3: samples.volume_mm3,
     }
 }
