@@ -507,6 +507,13 @@ fn inspect_shows_files_and_whether_they_share_a_grid() {
     let run = aventail().args(["inspect", "--json"]).args([&f.planning, &f.bones]).assert().success();
     let json: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
     assert_eq!(json["files"].as_array().unwrap().len(), 2);
+    // A dose is 0 around the patient: that is no padding.
+    let grid = Grid::axis_aligned([12; 3], [4.0; 3], [0.0; 3]).unwrap();
+    let dose =
+        Volume::from_fn(grid.clone(), |l| if grid.voxel(l).iter().all(|c| (4..8).contains(c)) { 31.5 } else { 0.0 });
+    let dose = files::image(&at("inspected_dose.nii.gz"), &dose);
+    let text = stdout(&aventail().arg("inspect").arg(dose).assert().success());
+    assert!(!text.contains("padded") && !text.contains("blank"), "{text}");
     let run = aventail().arg("inspect").arg(at("nowhere.nii")).assert().code(3);
     assert!(stdout(&run).is_empty() && stderr(&run).contains("nowhere.nii"));
 }

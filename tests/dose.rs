@@ -194,7 +194,8 @@ fn accumulated_doses_have_their_own_fields_and_weights() {
     write_field(&still, &field, FieldFormat::Nifti, &WriteOptions::default()).unwrap();
     let (left, out) = (shift("left.nii.gz", &grid(), None), at("sum.nii.gz"));
     let words = ["dose", "accumulate", "--dose", text(&dose), "--dose", text(&flat), "--fields", text(&left)];
-    let more = ["--fields", text(&still), "--weights", "2", "--weights", "7", "--direction", "planning-to-fraction"];
+    let more =
+        ["--fields", text(&still), "--fractions", "2", "--fractions", "7", "--direction", "planning-to-fraction"];
     let rest = ["--grid", text(&dose), "--no-page", "--out", text(&out)];
     let (code, said) = run(&[&words[..], &more, &rest].concat());
     assert_eq!(code, 0, "{said}");
@@ -222,7 +223,7 @@ fn units_are_judged_on_what_goes_in_and_on_what_comes_out() {
             text(&field),
             "--grid",
             text(dose),
-            "--weights",
+            "--fractions",
             weight,
             "--out",
             text(&out),
@@ -231,6 +232,11 @@ fn units_are_judged_on_what_goes_in_and_on_what_comes_out() {
     let (code, said) = sum(&day, "35");
     assert!(code == 4 && said.contains("[dose-units]") && said.contains("Gy"), "{said}");
     assert!(!out.exists() && !at("units_out.json").exists());
+    // Twenty whole plans are a mistake, whatever their sum is.
+    let more = ["--grid", text(&plan), "--weights", "20", "--out", text(&out)];
+    let (code, said) =
+        run(&[&["dose", "accumulate", "--dose", text(&plan), "--fields", text(&field)][..], &more].concat());
+    assert!(code == 2 && said.contains("more than a whole plan") && said.contains("fractions"), "{said}");
     let (code, said) = sum(&day, "1");
     assert!(code == 0 && said.contains("warning (dose-units)") && said.contains("200.0 Gy"), "{said}");
     let (code, said) = sum(&plan, "1");

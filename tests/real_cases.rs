@@ -145,7 +145,7 @@ fn check_fraction(planning: &Planning, folder: &Path, case: &str) -> Vec<String>
 
 /// Mean error of soft tissue inside and outside a cone-beam CT's circle, and in a shaded CT, mm.
 const CBCT_MM: (f64, f64) = (0.6, 4.1);
-const SHADED_MM: f64 = 0.5;
+const SHADED_MM: f64 = 0.335;
 /// Points in view that err by more than three times the map and half a millimetre, percent.
 const UNCOVERED_PERCENT: f64 = 3.0;
 

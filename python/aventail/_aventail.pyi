@@ -10,6 +10,7 @@ __all__ = [
     "Phantom",
     "Registration",
     "__version__",
+    "accumulate",
     "compare_doses",
     "dvh",
     "evaluate",
@@ -111,6 +112,7 @@ def dvh(
     at: list[float],
     bin: float,
 ) -> str: ...
+def accumulate(doses: list[_Source], weights: list[float], fractions: list[float]) -> _Raster: ...
 def compare_doses(
     dose: _Source, reference: _Source, tolerance: float | None, limit: float
 ) -> tuple[_Raster, _Raster, str]: ...

@@ -15,8 +15,6 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import numpy as np
-
 from . import _aventail, _errors
 from ._contours import Contours
 from ._field import FieldLike
@@ -82,17 +80,23 @@ def map(
     return Mapped(_of_raster(raster, "dose"), json.loads(report))
 
 
-def accumulate(doses: Sequence[Image], weights: Sequence[float] | None = None) -> Image:
-    """The weighted sum of doses on one grid, as :func:`map` makes them; each counts once without ``weights``."""
-    shares = [1.0] * len(doses) if weights is None else list(weights)
-    if not doses or len(shares) != len(doses):
-        raise _errors.usage(f"{len(doses)} doses and {len(shares)} weights", "give one weight for each dose")
-    first = doses[0]
-    for other in doses[1:]:
-        if other.size != first.size or not np.allclose(other.affine, first.affine, atol=1e-3):
-            raise _errors.unsuitable("doses", "they lie on different grids", "map them onto one grid")
-    total = sum(np.asarray(d.array, np.float64) * w for d, w in zip(doses, shares, strict=True))
-    return Image(np.asarray(total, np.float32), first.spacing, first.origin, first.direction, kind="dose")
+def accumulate(
+    doses: Sequence[ImageLike], weights: Sequence[float] | None = None, *, fractions: Sequence[float] | None = None
+) -> Image:
+    """The sum of doses on one grid, as :func:`map` makes them; each counts once by default.
+
+    ``weights``: of doses of the whole plan, the share of it that each stands for, from 0 to 1. ``fractions``: of doses of one
+    fraction, how many fractions were given so.
+    """
+    given = [source(dose, "dose") for dose in doses]
+    return _of_raster(_aventail.accumulate(given, _numbers("weights", weights), _numbers("fractions", fractions)), "dose")
+
+
+def _numbers(name: str, given: Sequence[float] | None) -> list[float]:
+    try:
+        return [] if given is None else [float(n) for n in given]
+    except (TypeError, ValueError):
+        raise _errors.usage(f"{name} is {given!r}", "give one number for each dose") from None
 
 
 def dvh(

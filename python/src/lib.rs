@@ -30,7 +30,7 @@ mod _aventail {
     #[pymodule_export]
     use crate::library::{fit_postures, make_library};
     #[pymodule_export]
-    use crate::measures::{compare_doses, dvh, evaluate, map_dose, skeleton};
+    use crate::measures::{accumulate, compare_doses, dvh, evaluate, map_dose, skeleton};
     #[pymodule_export]
     use crate::phantom::Phantom;
     #[pymodule_export]

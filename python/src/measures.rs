@@ -6,7 +6,7 @@ use crate::errors::{Raised, warn};
 use crate::runs::Runs;
 use crate::warp::Target;
 use aventail::config::InputRole;
-use aventail::dose::{self, DensityTable, EnergyMassOptions};
+use aventail::dose::{self, DensityTable, DoseCounts, EnergyMassOptions};
 use aventail::evaluate::{Direction, FieldPair, Subject, assess};
 use aventail::geometry::Grid;
 use aventail::io::dicom::Role;
@@ -199,6 +199,38 @@ pub(crate) fn map_dose<'py>(
     })?;
     warn(py, &mapped.2)?;
     Ok((raster(py, &mapped.0.grid().clone(), mapped.0.into_data())?, mapped.1))
+}
+
+/// The sum of doses on one grid, each by its share of a plan or by the number of its fractions.
+#[pyfunction]
+#[pyo3(signature = (doses, weights, fractions))]
+pub(crate) fn accumulate<'py>(
+    py: Python<'py>,
+    doses: Vec<Bound<'py, PyAny>>,
+    weights: Vec<f64>,
+    fractions: Vec<f64>,
+) -> PyResult<Raster<'py, f32>> {
+    let given: Vec<_> = doses.iter().map(arrays::image).collect::<PyResult<_>>()?;
+    let sum = || {
+        let counts = DoseCounts::new(given.len(), &weights, &fractions)?;
+        let mut doses = Vec::new();
+        let mut warnings = Vec::new();
+        for (n, (one, times)) in given.into_iter().zip(counts.factors()).enumerate() {
+            let name = format!("dose {}", n + 1);
+            let dose = gray(&name, one)?;
+            if counts.by_fraction() && *times >= 2.0 {
+                warnings.extend(dose::question(&name, dose.extremes()[1], *times));
+            }
+            doses.push((*times, dose));
+        }
+        let terms: Vec<_> = doses.iter().map(|(times, dose)| (*times, dose)).collect();
+        let total = dose::accumulate(&terms)?;
+        warnings.extend(dose::judge_result("the sum", &total)?);
+        Ok::<_, Error>((total, warnings))
+    };
+    let (total, warnings) = py.detach(sum).raised(py)?;
+    warn(py, &warnings)?;
+    raster(py, &total.grid().clone(), total.into_data())
 }
 
 /// Dose-volume histograms as JSON, of labels with names or of contours.

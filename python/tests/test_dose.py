@@ -28,8 +28,14 @@ def test_a_shifted_dose_is_shifted(tmp_path: Path) -> None:
     for wrong in (pull, tmp_path / "pull.nii.gz"):
         with pytest.raises(aventail.InputError, match="fraction points? to planning"):
             aventail.dose.map(planned, planning_to_fraction=wrong, to="fraction")
-    total = aventail.dose.accumulate([planned, mapped.dose], [2, 0.5])
+    total = aventail.dose.accumulate([planned, mapped.dose], fractions=[2, 0.5])
     assert np.allclose(total.array, 2 * dose + 0.5 * mapped.dose.array)
+    planned.save(tmp_path / "day.nii.gz")
+    assert np.allclose(aventail.dose.accumulate([planned, tmp_path / "day.nii.gz"]).array, 2 * dose)
+    with pytest.raises(aventail.UsageError, match="more than a whole plan"):
+        aventail.dose.accumulate([planned, mapped.dose], [20, 15])
+    with pytest.raises(aventail.InputError, match="500 Gy"):
+        aventail.dose.accumulate([planned, mapped.dose], fractions=[20, 35])
     compared = aventail.dose.compare(mapped.dose, planned)
     assert np.allclose(compared.difference.array, mapped.dose.array - dose)
     assert compared.figures["magnitude"]["max"] == pytest.approx(10.0)

@@ -2,6 +2,11 @@
 
 findings! {
     DOSES:
+    DOSE_COUNTED = warned(
+        "dose-counted",
+        "The dose of a whole plan, by its DICOM header, counts as that of one of several fractions.",
+        "Give shares of the plan as --weights; keep --fractions where the plan has a single fraction.",
+    );
     DOSE_KIND = warned(
         "dose-kind",
         "A dose is no physical dose, for example weighted by biological effect.",

@@ -69,7 +69,9 @@ impl Histogram {
         let bins = self.between(from, to);
         // Of three neighbours, so that one value of padding does not outweigh a hill.
         let hill = |n: usize| bins[n.saturating_sub(1)..(n + 2).min(bins.len())].iter().sum::<u64>();
-        let best = (0..bins.len()).max_by(|&a, &b| hill(a).cmp(&hill(b)).then(b.cmp(&a))).unwrap_or(0);
+        let best = (0..bins.len())
+            .max_by(|&a, &b| hill(a).cmp(&hill(b)).then(bins[a].cmp(&bins[b])).then(b.cmp(&a)))
+            .unwrap_or(0);
         (from + (best as f32 + 0.5) * BIN, bins.iter().sum::<u64>() as f64 / self.known().max(1) as f64)
     }
 

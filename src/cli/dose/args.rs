@@ -35,7 +35,7 @@ Beside OUT lie a .json file as of `dose map`, and the page (.html): isodoses of 
 steep, and with --structures dose-volume histograms.
 
 Example:
-  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 20 15 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
+  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 0.571 0.429 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
 
 const DVH: &str = "\
 Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
@@ -166,8 +166,11 @@ pub struct AccumulateArgs {
     /// Direction of the fields
     #[arg(long, value_enum, default_value = "planning-to-fraction")]
     pub direction: DirectionName,
-    /// Weight of each dose, for example the number of fractions that it stands for; 1 each without
-    #[arg(long, value_name = "W", num_args = 1..)]
+    /// Doses of one fraction each: number of fractions that each dose was given
+    #[arg(long, value_name = "N", num_args = 1.., conflicts_with = "weights")]
+    pub fractions: Vec<f64>,
+    /// Doses of the whole plan each: share of the plan that each dose stands for, from 0 to 1 (default: 1 each)
+    #[arg(long, value_name = "SHARE", num_args = 1..)]
     pub weights: Vec<f64>,
     /// Image whose grid the result gets, in the planning frame; the folder of a DICOM series too
     #[arg(long, value_name = "FILE")]

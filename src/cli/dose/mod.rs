@@ -15,14 +15,14 @@ use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::config::InputRole;
 use crate::dose::{
-    DensityTable, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference, doubts, judge,
-    judge_result, question,
+    DensityTable, DoseCounts, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference,
+    doubts, judge, judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::dicom::{Framed, Role};
+use crate::io::dicom::{Framed, Role, is_dicom_path};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::{InputFile, Provenance};
@@ -112,7 +112,7 @@ fn map(args: &MapArgs) -> Result<String> {
 fn sum(args: &AccumulateArgs) -> Result<String> {
     let method = method(&args.how)?;
     let n = args.dose.len();
-    let counts = [("--fields", args.fields.len()), ("--weights", args.weights.len()), ("--ct", args.ct.len())];
+    let counts = [("--fields", args.fields.len()), ("--ct", args.ct.len())];
     for (option, count) in counts {
         if count != n && (count > 0 || option == "--fields") {
             return Err(Error::usage(
@@ -121,10 +121,8 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             ));
         }
     }
-    let weights = if args.weights.is_empty() { vec![1.0; n] } else { args.weights.clone() };
-    if let Some(w) = weights.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
-        return Err(Error::usage(format!("--weights {w} is negative or not finite"), "give numbers of fractions"));
-    }
+    let counts = DoseCounts::new(n, &args.weights, &args.fractions)?;
+    let weights = counts.factors().to_vec();
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
     let files: Vec<&Path> = files.chain(args.page.files()).map(PathBuf::as_path).collect();
     let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
@@ -139,7 +137,8 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
         let dose = read_dose(&mut provenance, path)?;
-        if weights[k] >= 2.0 {
+        if counts.by_fraction() && weights[k] >= 2.0 {
+            provenance.warnings.extend(whole_plan(path, &provenance, weights[k]));
             provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
         }
         let ct =
@@ -255,12 +254,12 @@ fn finish(
     let mut written = vec![out.to_owned()];
     if let Some(page) = page {
         written.push(page_beside(out));
-        let own = parts.iter().flat_map(|part| &part.warnings).cloned();
-        let warnings: Vec<Warning> = provenance.warnings.iter().cloned().chain(own).chain(page.warnings).collect();
+        let warnings: Vec<Warning> = all_warnings(&provenance, &parts).into_iter().chain(page.warnings).collect();
         pages::write(&page_beside(out), &page.title, &provenance, &warnings, page.pictures, page.tables)?;
     }
     let command = command_line();
-    let (inputs, warnings) = (provenance.seen_from(parent(out)), provenance.warnings);
+    let inputs = provenance.seen_from(parent(out));
+    let warnings = all_warnings(&provenance, &parts);
     let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
     let outputs = record::outputs(parent(out), &names)?;
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };
@@ -270,6 +269,11 @@ fn finish(
     }
     let page = written.get(1).map_or(String::new(), |page| format!("\nThe page: {}", page.display()));
     Ok(format!("{text}The dose: {}{page}", out.display()))
+}
+
+/// What was warned of: the inputs, then each dose that was carried.
+fn all_warnings(provenance: &Provenance, parts: &[DoseReport]) -> Vec<Warning> {
+    provenance.warnings.iter().chain(parts.iter().flat_map(|part| &part.warnings)).cloned().collect()
 }
 
 /// The figures of each part for the terminal.
@@ -287,9 +291,10 @@ fn table(parts: &[DoseReport]) -> String {
         }
         if let Some(i) = &part.inversion {
             let r = &i.residual_mm;
+            let (mean, worst) = (r.mean, r.max.max(i.unconverged_max_mm));
+            let none = i.unconverged;
             line(format!(
-                "field inverted: residual {:.1e} mm mean, {:.1e} mm worst, {} voxels unconverged",
-                r.mean, r.max, i.unconverged
+                "field inverted: residual {mean:.1e} mm mean, {worst:.1e} mm worst, {none} voxels unconverged"
             ));
         }
         let outside = &part.outside;
@@ -319,6 +324,20 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
         None => DensityTable::default(),
     };
     Ok(DoseMethod::EnergyMass(EnergyMassOptions { parts: args.parts, density }))
+}
+
+/// A word about a dose of the whole plan, as its header says, that counts as one of several fractions. A dose of anything else
+/// was warned of when it was read.
+fn whole_plan(path: &Path, provenance: &Provenance, fractions: f64) -> Option<Warning> {
+    let name = path.display().to_string();
+    let part = provenance.warnings.iter().any(|w| w.is(findings::DOSE_PART) && w.message.contains(&name));
+    let whole = is_dicom_path(path) && !part;
+    let message = || {
+        format!(
+            "{name}: its header says that it is the dose of a whole plan, and it counts {fractions} times; is it that of one fraction?"
+        )
+    };
+    whole.then(|| Warning::new(findings::DOSE_COUNTED, message()))
 }
 
 /// Reads a dose and refuses what is none in Gy.

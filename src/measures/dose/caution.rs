@@ -120,4 +120,12 @@ mod tests {
         };
         assert_eq!((folded(10), folded(23), folded(50)), (0, 9, 0));
     }
+
+    #[test]
+    fn at_the_edges_of_the_dose_it_is_as_steep_as_inside() {
+        // 1 Gy/mm and 60 Gy at most: steep where more than 0.6 Gy/mm.
+        let grid = Grid::axis_aligned([61, 2, 1], [1.0; 3], [0.0; 3]).unwrap();
+        let dose = Volume::from_fn(grid.clone(), |l| grid.voxel(l)[0] as f32);
+        assert!(steep(&dose).data().iter().all(|s| *s));
+    }
 }

@@ -171,4 +171,22 @@ mod tests {
         let error = difference(&apart, &reference).unwrap_err();
         assert_eq!((error.code(), error.exit_code()), ("doses-apart", 4));
     }
+
+    #[test]
+    fn a_hot_spot_counts_whichever_dose_has_it() {
+        let grid = Grid::axis_aligned([10, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
+        let hot = |at: usize| Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] == at { 40.0f32 } else { 0.0 });
+        let (_, figures) = difference(&hot(2), &hot(7)).unwrap();
+        assert_eq!((figures.signed.n, figures.signed.mean, figures.magnitude.mean), (32, 0.0, 40.0));
+    }
+
+    #[test]
+    fn a_higher_dose_beside_a_voxel_is_as_near_as_a_lower_one() {
+        let grid = Grid::axis_aligned([40, 3, 3], [1.0; 3], [0.0; 3]).unwrap();
+        let step = Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] < 20 { 0.0 } else { 5.0f32 });
+        let map = distance_to_difference(&step, 3.0, 8.0);
+        for (x, expected) in [(10, 8.0), (17, 3.0), (19, 1.0), (20, 1.0), (22, 3.0), (30, 8.0)] {
+            assert!((map.at([x, 1, 1]) - expected).abs() < 1e-6, "{x}: {}", map.at([x, 1, 1]));
+        }
+    }
 }

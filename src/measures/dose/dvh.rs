@@ -156,6 +156,7 @@ fn of(sampled: Sampled, at: &[f64], bin: f64) -> Dvh {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::DoseSample;
     use super::*;
     use crate::geometry::Grid;
     use crate::volume::contour::{Polygon, Structure};
@@ -246,5 +247,35 @@ mod tests {
         let d = dvh(&wedge(), &map, &[], 0.1).remove(0);
         assert!((d.volume_ml - 4.096).abs() < 1e-9 && (d.mean - 30.0).abs() < 1e-4, "{d:?}");
         assert!((d.max - 36.0).abs() < 1e-4, "the outer parts lie at 6 mm: {}", d.max);
+    }
+
+    #[test]
+    fn the_hottest_of_a_volume_are_counted_in_millilitres() {
+        // One voxel has 0.006 ml: five of them are 0.03 ml.
+        let grid = Grid::axis_aligned([100, 1, 1], [1.0, 2.0, 3.0], [0.0; 3]).unwrap();
+        let dose = Volume::from_fn(grid.clone(), |l| l as f32);
+        let map = LabelMap { volume: Volume::filled(grid, 1), names: [(1, "row".to_owned())].into() };
+        close(dvh(&dose, &map, &[], 1.0).remove(0).d003cc, 95.0, "D0.03cc");
+    }
+
+    #[test]
+    fn weights_that_single_precision_rounds_still_end_at_a_sample() {
+        for (weight, count) in (1..200).map(|n| (n as f32 / 1000.0, 20)).chain([(0.1, 100), (0.7, 100)]) {
+            let samples = (0..count).map(|n| DoseSample { gy: n as f32, weight }).collect();
+            let sampled = Sampled { name: "part".into(), samples, unit_ml: 1.0, own_ml: 1.0, outside: 0.0 };
+            let d = of(sampled, &[], 1.0);
+            close(d.d95, f64::from(count) * 0.05, "D95");
+            close(d.d50, f64::from(count) * 0.5, "D50");
+        }
+    }
+
+    #[test]
+    fn no_sample_has_more_dose_than_the_voxels_around_it() {
+        let grid = Grid::axis_aligned([20; 3], [4.0; 3], [0.0; 3]).unwrap();
+        let dose = Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] < 10 { 20.0 } else { 60.0f32 });
+        let fine = Grid::axis_aligned([40, 4, 4], [1.0; 3], [20.0, 30.0, 30.0]).unwrap();
+        let map = LabelMap { volume: Volume::filled(fine, 1), names: [(1, "edge".to_owned())].into() };
+        let d = dvh(&dose, &map, &[], 1.0).remove(0);
+        assert_eq!((d.min, d.max), (20.0, 60.0));
     }
 }

@@ -29,7 +29,7 @@ pub fn interpolate(dose: &Volume<f32>, field: &Volume<[f32; 3]>, to: &Grid) -> R
 /// Weighted sum of doses on one grid.
 ///
 /// # Errors
-/// [`Error::Input`] without doses or for a weight that is not finite, [`Error::Internal`] when grids differ.
+/// [`Error::Input`] without doses, for a weight that is not finite, and when grids differ.
 pub fn accumulate(doses: &[(f64, &Volume<f32>)]) -> Result<Volume<f32>> {
     let Some((_, first)) = doses.first() else {
         return Err(Error::input("doses", "there is none to accumulate", "give at least one dose"));
@@ -44,7 +44,7 @@ pub fn accumulate(doses: &[(f64, &Volume<f32>)]) -> Result<Volume<f32>> {
             ));
         }
         if !dose.grid().matches(first.grid(), 1e-3) {
-            return Err(Error::Internal("doses to accumulate lie on different grids".into()));
+            return Err(Error::input("doses", "they lie on different grids", "map them onto one grid"));
         }
         sum.par_iter_mut().zip(dose.data()).for_each(|(s, d)| *s += weight * f64::from(*d));
     }

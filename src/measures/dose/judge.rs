@@ -66,7 +66,8 @@ pub fn judge_result(what: &str, dose: &Volume<f32>) -> Result<Option<Warning>> {
     let most = dose.extremes()[1];
     if most > MOST_GY {
         let problem = format!("its greatest dose would be {most} Gy, more than {MOST_GY} Gy; nothing is written");
-        let remedy = "give the doses in Gy (not cGy) and --weights as numbers of fractions";
+        let remedy = "give the doses in Gy (not cGy); doses of one fraction count by fractions (20), those of the whole plan by shares as \
+                      weights (0.571)";
         return Err(Error::refused(findings::DOSE_UNITS, what, problem, remedy));
     }
     Ok(question(what, most, 1.0))

@@ -1,6 +1,7 @@
 //! Rank 4: dose on a deforming patient. Mapping, accumulation, dose-volume histograms, differences; Gy and grams.
 
 mod caution;
+mod count;
 mod density;
 mod difference;
 mod dvh;
@@ -10,6 +11,7 @@ mod judge;
 mod sample;
 
 pub use caution::{Caution, STEEP, caution, steep};
+pub use count::DoseCounts;
 pub use density::DensityTable;
 pub use difference::{DoseDifference, difference, distance_to_difference};
 pub use dvh::{Dvh, Share, doubts, dvh, dvh_of_contours};

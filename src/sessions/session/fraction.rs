@@ -3,7 +3,7 @@
 use super::source::{Source, image, landmarks};
 use super::start;
 use crate::config::{InputRole, RecordedInput};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
@@ -65,6 +65,11 @@ impl FractionSources {
     /// # Errors
     /// As reading each file.
     pub fn read(self, recorded: &[RecordedInput]) -> Result<(FractionScan, Provenance)> {
+        let start = match self.start {
+            None => None,
+            Some(Source::Memory(start)) => Some(start),
+            Some(Source::File(_)) => return Err(Error::Internal("a start is settled before it is used".into())),
+        };
         let mut provenance = Provenance::default();
         let ct = image(InputRole::Fraction, self.ct, &mut provenance)?;
         let points = self.landmarks.map(|marks| landmarks(marks, &mut provenance)).transpose()?;
@@ -75,10 +80,7 @@ impl FractionSources {
             ct,
             landmarks: points.unwrap_or_default(),
             bone_landmarks: on_bones.unwrap_or_default(),
-            start: self.start.and_then(|start| match start {
-                Source::Memory(start) => Some(start),
-                Source::File(_) => None,
-            }),
+            start,
         };
         Ok((scan, provenance))
     }

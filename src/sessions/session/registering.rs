@@ -82,17 +82,25 @@ fn on_disk(path: Option<&Path>) -> Result<&Path> {
     })
 }
 
-/// A fraction that was read.
-type Read = Result<(FractionScan, Provenance)>;
+/// A fraction that was read ahead.
+struct Ahead {
+    name: String,
+    read: Result<(FractionScan, Provenance)>,
+}
+
+impl Ahead {
+    fn of(mut one: FractionSources, recorded: &[RecordedInput]) -> Self {
+        Self { name: std::mem::take(&mut one.name), read: one.read(recorded) }
+    }
+}
 
 /// A planning side that was read, and fractions that are still to be.
 pub struct Session {
     scan: Arc<PlanningScan>,
     provenance: Provenance,
     fractions: std::vec::IntoIter<FractionSources>,
-    /// The first of them, read beside the planning side, and its name.
-    ahead: Option<Read>,
-    first: String,
+    /// The first of them, read beside the planning side.
+    ahead: Option<Ahead>,
     clinic: Option<Arc<Clinic>>,
     anonymous: bool,
     same_frame: bool,
@@ -117,10 +125,9 @@ impl Session {
         known.for_each(|warning| runtime.progress().note(&warning.message));
         let Request { planning, fractions, anonymous, same_frame, recorded, config, command, .. } = request;
         let mut fractions = fractions.into_iter();
-        let mut one = fractions.next();
-        let first = one.as_mut().map(|one| std::mem::take(&mut one.name)).unwrap_or_default();
+        let one = fractions.next();
         let (read, ahead) =
-            runtime.beside(|| planning.read(&recorded, &config, runtime), || one.map(|one| one.read(&recorded)));
+            runtime.beside(|| planning.read(&recorded, &config, runtime), || one.map(|one| Ahead::of(one, &recorded)));
         let (scan, mut provenance) = read?;
         provenance.inputs.extend(clinic.iter().flat_map(|clinic| clinic.inputs()).cloned());
         Ok(Self {
@@ -128,7 +135,6 @@ impl Session {
             provenance,
             fractions,
             ahead,
-            first,
             clinic,
             anonymous,
             same_frame,
@@ -149,10 +155,9 @@ impl Session {
         mut each: impl FnMut(Registered) -> Result<()> + Send,
     ) -> Result<()> {
         let mut planning = None;
-        let mut name = std::mem::take(&mut self.first);
         let mut next = self.ahead.take();
         let mut n = 0;
-        while let Some(read) = next {
+        while let Some(Ahead { name, read }) = next {
             if n > 0 {
                 runtime.restart();
             }
@@ -180,11 +185,9 @@ impl Session {
             let back = self.clinic.clone().map(|clinic| (clinic, n));
             let made = Made { case: part.unwrap_or(case), outcome, provenance, back };
             let registered = Registered::new(made, &self.config, &self.command, runtime);
-            let mut following = self.fractions.next();
-            name = following.as_mut().map(|one| std::mem::take(&mut one.name)).unwrap_or_default();
+            let following = self.fractions.next();
             let recorded = &self.recorded;
-            let (done, ahead) =
-                runtime.beside(|| each(registered), || following.map(|following| following.read(recorded)));
+            let (done, ahead) = runtime.beside(|| each(registered), || following.map(|one| Ahead::of(one, recorded)));
             done?;
             next = ahead;
             n += 1;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// Distance from the patient over which the field is continued unchanged, mm: as far as readers interpolate.
 const KEEP_MM: f64 = 8.0;
-/// Least distance over which it then fades to zero, mm.
+/// Least distance over which it then fades to the motion of the couch, mm: zero in the frame of this room.
 const FADE_MM: f64 = 20.0;
 /// Distance over which a displacement fades, as a multiple of its own length.
 const FADE: f64 = 1.6;

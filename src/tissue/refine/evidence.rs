@@ -138,6 +138,8 @@ fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &EvidenceSums) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chainmail::{Material, Node};
+    use crate::volume::Window;
 
     /// EvidenceSums over points of planning, fraction as drawn, fraction by bones alone, HU.
     fn sums(points: &[[f64; 3]]) -> EvidenceSums {
@@ -160,5 +162,28 @@ mod tests {
         // Where nothing has contrast nothing is gained.
         let flat = sums(&[[30.0, 90.0, -50.0]; 5]);
         assert_eq!(gain(&flat), Some(0.0));
+    }
+
+    #[test]
+    fn the_first_tenths_of_a_millimetre_are_not_counted_as_drawn() {
+        let grid = Grid::axis_aligned([8; 3], [4.0; 3], [0.0; 3]).unwrap();
+        let lattice = Lattice::from_nodes(
+            grid.clone(),
+            vec![Node::Soft; grid.len()],
+            vec![Material::default().at(20.0); grid.len()],
+        );
+        let body = Volume::filled(grid.clone(), true);
+        let ct = Volume::from_fn(grid.clone(), |l| grid.voxel(l)[0] as f32);
+        let shown = Windowed::new(&ct, &body, Window { low: -250.0, high: 300.0, thin: 0.0 });
+        let alone = Volume::filled(grid.clone(), [1.0f32, 0.0, 0.0]);
+        let middle = grid.linear([4; 3]);
+        let drawn = |x: f32| {
+            let mut u = vec![[1.0f32, 0.0, 0.0]; grid.len()];
+            u[middle][0] += x;
+            compared(&lattice, &shown, &shown, &u, &alone, middle).0
+        };
+        for (x, counted) in [(0.0, 0.0), (0.2, 0.0), (-0.8, 0.5), (1.3, 1.0), (9.0, FARTHEST_MM)] {
+            assert!((drawn(x) - counted).abs() < 1e-5, "{x}: {}", drawn(x));
+        }
     }
 }

@@ -90,4 +90,25 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn the_gain_of_a_neighbourhood_stays_within_a_factor_of_the_common_one() {
+        let grid = Grid::axis_aligned([10; 3], [4.0; 3], [0.0; 3]).unwrap();
+        let lattice = Lattice::from_nodes(
+            grid.clone(),
+            vec![Node::Soft; grid.len()],
+            vec![Material::default().at(20.0); grid.len()],
+        );
+        let soft: Vec<u32> = lattice.soft().collect();
+        let found = |slope: f64| {
+            let pair = |s: usize, point: usize| {
+                let f = if (s + point).is_multiple_of(3) { 80.0 } else { -40.0 };
+                Some((slope * f, f))
+            };
+            let common = Grey { gain: 1.2, offset: 0.0, noise: 3.0 };
+            grey_values(&lattice, &soft, 6.0, common, pair)[soft.len() / 2].gain
+        };
+        assert!((found(5.0) - 2.4).abs() < 1e-9 && (found(-1.0) - 0.6).abs() < 1e-9, "{} {}", found(5.0), found(-1.0));
+        assert!((found(1.5) - 1.5).abs() < 0.01, "{}", found(1.5));
+    }
 }

@@ -112,3 +112,22 @@ impl Default for RefineOptions {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vessels_of_a_lung_are_contrast_where_there_is_a_lung() {
+        let options = RefineOptions::default();
+        let contrast = |lung: bool| options.window(lung).of(-550.0) - options.window(lung).of(-850.0);
+        assert!(contrast(false).abs() < 1e-6, "{}", contrast(false));
+        assert!((contrast(true) - 300.0 * LUNG_SCALE).abs() < 1e-3, "{}", contrast(true));
+    }
+
+    #[test]
+    fn a_corrected_fraction_pulls_half_as_much() {
+        let options = RefineOptions { weight: 3.0, ..RefineOptions::default() };
+        assert!((options.corrected().weight - 1.5).abs() < 1e-12);
+    }
+}

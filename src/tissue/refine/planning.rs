@@ -119,3 +119,21 @@ impl<'a> Planning<'a> {
         shown
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blur_of_which_too_little_is_known_is_no_number() {
+        let grid = Grid::axis_aligned([40, 9, 9], [1.0; 3], [0.0; 3]).unwrap();
+        let ct = Volume::from_fn(grid.clone(), |l| if grid.voxel(l)[0] < 20 { 40.0 } else { f32::NAN });
+        let body = Volume::filled(grid.clone(), true);
+        let window = Window { low: -250.0, high: 300.0, thin: 0.0 };
+        let blurred = Windowed::new(&ct, &body, window).blurred(2.0);
+        let at = |x: usize| blurred.at([x, 4, 4]);
+        // At 19 hardly more than half of the blur is known, at 17 nine tenths.
+        assert!(at(19).is_nan() && at(25).is_nan(), "{} {}", at(19), at(25));
+        assert!((at(17) - 40.0).abs() < 1e-3 && (at(5) - 40.0).abs() < 1e-3, "{} {}", at(17), at(5));
+    }
+}

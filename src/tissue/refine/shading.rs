@@ -248,4 +248,24 @@ mod tests {
         assert!(grey.shading < 6.0 && (grey.gain - 1.0).abs() < 0.1, "{grey:?}");
         assert!(shading.corrected(&fraction, &ShadingOptions::default()).is_none());
     }
+
+    #[test]
+    fn another_scale_alone_is_corrected() {
+        let (shading, fraction) = compared(0.7, 0.0);
+        let grey = shading.grey.unwrap();
+        assert!(grey.shading < ShadingOptions::default().least_hu && grey.gain > 1.2, "{grey:?}");
+        assert!(shading.corrected(&fraction, &ShadingOptions::default()).is_some());
+    }
+
+    #[test]
+    fn what_appears_in_one_place_is_no_shading() {
+        let (_, mut fraction) = compared(1.0, 0.0);
+        // A layer of 9 mm is 250 HU brighter.
+        let bright = |l: usize| (27..30).contains(&grid().voxel(l)[0]);
+        fraction.data_mut().iter_mut().enumerate().filter(|(l, _)| bright(*l)).for_each(|(_, v)| *v += 250.0);
+        let still = Volume::filled(grid().coarsened(9.0), [0f32; 3]);
+        let grey = Shading::of(&planning(), |_| true, &fraction, &still).grey.unwrap();
+        println!("{grey:?}");
+        assert!(grey.shading < 6.0 && grey.offset.abs() < 6.0, "{grey:?}");
+    }
 }

@@ -185,4 +185,17 @@ mod tests {
         }
         assert!(Skin::new(&ball(12.0), &ball(12.0), &SkinOptions::default()).is_none());
     }
+
+    #[test]
+    fn what_is_far_off_counts_less_and_beyond_half_of_what_is_known_nothing() {
+        let asked = |radius: f64| {
+            let skin = believed_from(1.0, Skin::new(&ball(12.0), &ball(radius), &SkinOptions { weight: 1.0 }));
+            skin.asked(&Point3::new(12.0, 0.0, 0.0), 0.0)
+        };
+        let (r, _, near) = asked(14.0).unwrap();
+        assert!((r - 2.0).abs() < 0.6 && (near - 1.0).abs() < 1e-9, "{r} {near}");
+        let (r, _, far) = asked(18.0).unwrap();
+        assert!((r - 6.0).abs() < 0.7 && (far - ROBUST_MM / r).abs() < 1e-9, "{r} {far}");
+        assert!(asked(24.0).is_none());
+    }
 }

@@ -90,8 +90,8 @@ pub enum Content {
     Image {
         /// Its values.
         values: Range,
-        /// What of it was measured, if it is a CT.
-        view: ViewReport,
+        /// What of it was measured; `None` where no value is as low as air, so that it is no CT.
+        view: Option<ViewReport>,
     },
     /// A label map: integers, few of them, and 0.
     Labels {
@@ -204,6 +204,9 @@ fn convention(kind: VectorKind, raster: &Raster<'_>) -> String {
     format!("{frame}, stored {stored}")
 }
 
+/// An image without any value below this shows no air: it is no CT, and its lowest value no padding.
+const AIR_HU: f64 = -500.0;
+
 fn scalar_content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
     let names = header_names(path, raster)?;
     let voxels = raster.voxels(path)?;
@@ -229,7 +232,9 @@ fn scalar_content(path: &Path, raster: &Raster<'_>) -> Result<Content> {
         }
     }
     let image = Volume::new(raster.grid.clone(), values.iter().map(|v| *v as f32).collect())?;
-    Ok(Content::Image { values: range(values.into_iter()), view: View::of(&image).report })
+    let values = range(values.into_iter());
+    let view = (values.least < AIR_HU).then(|| View::of(&image).report);
+    Ok(Content::Image { values, view })
 }
 
 fn range(values: impl Iterator<Item = f64>) -> Range {

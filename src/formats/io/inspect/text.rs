@@ -71,14 +71,11 @@ impl Content {
 
     fn details(&self, f: &mut Formatter<'_>) -> Result {
         match self {
-            Self::Image { view, .. } => match view.words() {
-                words if words.is_empty() => Ok(()),
-                words => {
-                    let (percent, words) = (view.measured_percent, words.join(", "));
-                    writeln!(f, "  {:<12} {percent:.0} % of the grid: {words}", "measured")
-                }
-            },
-            Self::Other { .. } => Ok(()),
+            Self::Image { view: Some(view), .. } if !view.words().is_empty() => {
+                let (percent, words) = (view.measured_percent, view.words().join(", "));
+                writeln!(f, "  {:<12} {percent:.0} % of the grid: {words}", "measured")
+            }
+            Self::Image { .. } | Self::Other { .. } => Ok(()),
             Self::Field { convention, components, length } => {
                 writeln!(f, "  {:<12} {convention}", "vectors")?;
                 for (name, range) in ["left", "posterior", "superior"].iter().zip(components) {

@@ -1,7 +1,7 @@
 //! Folded cells, judged by how much of the tissue they are and where they lie.
 
 use super::super::jacobian::JacobianReport;
-use super::{Figure, Limits, Mark, TG132, Verdict, number};
+use super::{Figure, Limits, Mark, Verdict, number};
 
 impl Limits {
     /// Folds of a field in this direction: those of tissue, then those of bone contact and sliding interfaces, where
@@ -38,7 +38,7 @@ impl Limits {
             name: format!("folded tissue, {direction}"),
             value: ml,
             unit: "ml",
-            source: "AAPM TG-132: no negative Jacobian",
+            source: "docs/metrics.md; TG-132 allows none",
             remedy: "look at the place in the Jacobian map; do not map dose there",
         };
         figure.said(format!("pass up to {m0} ml and {p0} %, review up to {m1} ml and {p1} %"), mark, reason)
@@ -62,7 +62,7 @@ impl Limits {
             name: format!("folded in contact and interfaces, {direction}"),
             value: ml,
             unit: "ml",
-            source: TG132,
+            source: "docs/metrics.md: rigid bones that slide",
             remedy: "do not trust the field in these joints and interfaces",
         };
         figure.said(format!("pass up to {} %, else review", self.folded_contact_percent), mark, reason)

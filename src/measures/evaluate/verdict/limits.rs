@@ -98,18 +98,18 @@ impl Limits {
         figure.at_most(or_voxel(self.consistency_mm, voxel_mm))
     }
 
-    /// Tissue voxels of the fraction that no point of planning is found for, of so many voxels.
+    /// Tissue voxels of the fraction that no point of planning is found for, as a share of so many voxels of its grid.
     pub fn no_inverse(&self, tissue: usize, voxels: usize) -> Verdict {
         let percent = 100.0 * tissue as f64 / voxels.max(1) as f64;
         let figure = Figure {
             name: "tissue without exact pre-image".into(),
             value: percent,
             unit: "%",
-            source: TG132,
+            source: "docs/metrics.md",
             remedy: "do not trust what is shown or mapped there: the field has no inverse",
         };
         let mut verdict = figure.at_most([self.no_inverse_percent, f64::INFINITY]);
-        verdict.reason.push_str(&format!("; {tissue} of {voxels} voxels"));
+        verdict.reason.push_str(&format!("; {tissue} voxels of tissue, in a grid of {voxels}"));
         verdict
     }
 

@@ -148,8 +148,8 @@ pub(super) fn trust(report: &Report) -> Markup {
         div {
             p.note {
                 "One standard deviation: at least two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
-                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6) and is too small by a third where tissue "
-                "moves on its own at random."
+                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6), and 60 to 90 % of errors lie below it "
+                "(docs/validation.md)."
             }
             table {
                 thead { tr { th { "Soft tissue" } th {} } }

@@ -102,3 +102,17 @@ fn gain_and_offset_are_those_of_the_many() {
     assert!((gain - 1.25).abs() < 1e-6 && (offset - 20.0).abs() < 1e-6, "{gain} {offset}");
     assert!((noise - LEAST_NOISE).abs() < 1e-9, "{noise}");
 }
+
+#[test]
+fn the_way_is_asked_for_by_the_slopes_of_both_images() {
+    // Half way up a stripe the slope of planning alone asks for 14 % too much or too little.
+    let moved = 1.2;
+    let k = std::f64::consts::TAU / STRIPES[0];
+    let wave = move |x: f64| STRIPES[1] * ((k * (x - moved)).sin() - (k * x).sin());
+    let pulls = pulls(&stripes([80, 16, 16], wave), None);
+    for x in [44.0, 48.0, 52.0] {
+        let Quadratic { stiffness, towards } = at(&pulls, x);
+        let asked = f64::from(towards[0] / stiffness[0]);
+        assert!((asked / moved - 1.0).abs() < 0.05, "{asked} mm at {x}");
+    }
+}
