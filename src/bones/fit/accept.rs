@@ -38,7 +38,7 @@ const SHOWN: f64 = 0.3;
 /// Smaller bones tell no place, mm^3: they match something anywhere.
 const LEAST_MM3: f64 = 3000.0;
 /// Bones that were searched for must explain this share of their contrast. At wrong places (labels that do not reach
-/// what the scan shows, mirrored scans) it was 0.55 to 0.70, at right ones in short cone-beam CTs 0.68 to 0.84.
+/// what the scan shows, mirrored scans) it was 0.55 to 0.70, at right ones in short cone-beam CTs 0.68 or more.
 const LEAST_PLACED: f64 = 0.65;
 /// Below this the place is told as weak.
 const SURE_PLACED: f64 = 0.75;
