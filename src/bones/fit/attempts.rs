@@ -1,6 +1,6 @@
 //! The fit from each start until one explains the bones.
 
-use super::accept::{LEAST_FOUND, accept, not_found};
+use super::accept::{LEAST_FOUND, Placed, accept, not_found};
 use super::given::given;
 use super::level::Level;
 use super::mirror::{Seen, posed};
@@ -98,6 +98,9 @@ pub fn fit_pose(
         let searched = tried.guess == Guess::Searched;
         let mut fit = attempts.judged(tried, others, placed)?;
         fit.warnings.extend(note.filter(|_| searched));
+        if unsure && !fit.warnings.iter().any(|w| w.is(findings::WEAK_START)) {
+            fit.warnings.extend(Placed::of(skeleton, &fit.bones).doubt());
+        }
         if let FitStart::Near(known) = &start {
             fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
         }
@@ -114,8 +117,8 @@ pub fn fit_pose(
 
 /// A hypothesis of the search that is worth less than this share of the best one is no rival.
 const RIVAL: f64 = 0.8;
-/// A search tries more places than a quick start, so it has to find more of the bones: the one wrong place among 52 short views found
-/// 0.55 of them, right ones 0.61 or more.
+/// A search tries more places than a quick start, so it has to find more of the bones: the one wrong place among 52
+/// short views found 0.55 of them, right ones 0.61 or more. What they explain has to be enough as well ([`Placed`]).
 const SEARCHED_FOUND: f64 = 0.6;
 /// A searched fit takes the place of a quick one where its evidence is greater by more than this share.
 const BETTER: f64 = 1.02;
@@ -187,7 +190,7 @@ impl Attempts<'_> {
             let common = transforms[root];
             let share = self.level.explained(&common, self.options.measure);
             let tried = self.fit(Start { common, share, transforms, guess: Guess::Searched })?;
-            if tried.found >= SEARCHED_FOUND {
+            if tried.found >= SEARCHED_FOUND && Placed::of(skeleton, &tried.fit.bones).may_be() {
                 all.push(tried);
             }
         }
