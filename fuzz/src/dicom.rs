@@ -274,7 +274,7 @@ fn deformable_set() -> Vec<Element> {
 }
 
 fn seeds(set: &[Element]) -> Vec<Vec<u8>> {
-    let edits = |n: u8| -> Vec<u8> { b"E".iter().copied().chain((0..12).map(|k| k * 37 + n * 11)).collect() };
+    let edits = |n: u8| -> Vec<u8> { b"E".iter().copied().chain((0u8..12).map(|k| k.wrapping_mul(37).wrapping_add(n.wrapping_mul(11)))).collect() };
     let mut all = vec![file(set)];
     all.extend((0..12).map(edits));
     all

@@ -1,4 +1,4 @@
-"""What is in the archive: the planning side of a fraction, files out of it, results into it. All by Orthanc's interface."""
+"""The archive, by Orthanc's interface: the planning side of a fraction, files out of it, results into it."""
 
 import base64
 import hashlib
@@ -6,7 +6,6 @@ import json
 from dataclasses import dataclass
 
 import orthanc
-
 import rules
 
 RESULTS = range(901, 908)
@@ -57,7 +56,7 @@ def number(text):
 
 def own(one):
     """Whether a series holds results: marked by this node, or told by what the program writes."""
-    if "aventail" in get(f"/series/{one['ID']}/metadata"):
+    if "aventail-of" in get(f"/series/{one['ID']}/metadata"):
         return True
     main = one["MainDicomTags"]
     return main.get("Manufacturer") == "aventail" and number(main.get("SeriesNumber")) in RESULTS
@@ -113,7 +112,9 @@ def planning_of(patient, rule):
     if not sets:
         raise Waits("no structure set of planning is in the archive")
     scans = {one["MainDicomTags"]["SeriesInstanceUID"]: one for one in of_modality(patient, "CT")}
-    sets = [(instance, told, [scans[uid] for uid in referenced_series(told) if uid in scans]) for instance, told in sets]
+    sets = [
+        (instance, told, [scans[uid] for uid in referenced_series(told) if uid in scans]) for instance, told in sets
+    ]
     sets = [entry for entry in sets if entry[2]]
     if not sets:
         raise Waits("the CT that the structure set is drawn on is not in the archive")
@@ -130,8 +131,9 @@ def dose_of(patient, rule, ct_tags, structure_tags):
     doses = []
     for instance in [instance for one in of_modality(patient, "RTDOSE") for instance in settled(one)["Instances"]]:
         told = tags(instance)
-        fits = told.get("FrameOfReferenceUID") == ct_tags.get("FrameOfReferenceUID")
-        if fits and told.get("DoseSummationType") in ("PLAN", "MULTI_PLAN") and not of_other_plan(told, structure_tags):
+        here = told.get("FrameOfReferenceUID") == ct_tags.get("FrameOfReferenceUID")
+        whole = told.get("DoseSummationType") in ("PLAN", "MULTI_PLAN")
+        if here and whole and not of_other_plan(told, structure_tags):
             doses.append((instance, told, None))
     if doses:
         return one_of(doses, rule, "doses", "SeriesDescription", "InstanceCreation")[0]
@@ -158,9 +160,13 @@ def one_of(entries, rule, what, name, when):
     entries = sorted(entries, key=age)
     if rule.planning == "newest" and age(entries[-1])[0] and age(entries[-1]) != age(entries[-2]):
         return entries[-1]
-    named = "; ".join(f"{e[1].get(name) or 'without a name'} of {' '.join(age(e)).strip() or 'no date'}" for e in entries)
-    raise Refused(f"the patient has {len(entries)} {what} that can be meant ({named}). Choose with `structures_have` or "
-                  "`planning = \"newest\"` in the rules, or remove those that do not count")
+    named = "; ".join(
+        f"{e[1].get(name) or 'without a name'} of {' '.join(age(e)).strip() or 'no date'}" for e in entries
+    )
+    raise Refused(
+        f"the patient has {len(entries)} {what} that can be meant ({named}). Choose with `structures_have` or "
+        '`planning = "newest"` in the rules, or remove those that do not count'
+    )
 
 
 def find(level, query):
@@ -185,9 +191,14 @@ def store(files):
     return stored
 
 
-def mark(identifier, text):
-    """Says of a series what the node did with it, or, of results, which series they are of."""
-    orthanc.RestApiPut(f"/series/{identifier}/metadata/aventail", text)
+def mark(identifier, state):
+    """Says of the series of a fraction what became of it."""
+    orthanc.RestApiPut(f"/series/{identifier}/metadata/aventail", state)
+
+
+def mark_result(identifier, fraction):
+    """Says of a series of results which fraction's they are."""
+    orthanc.RestApiPut(f"/series/{identifier}/metadata/aventail-of", fraction)
 
 
 def attach(identifier, page):
@@ -202,4 +213,5 @@ def store_pdf(one, pdf, title, seed):
     named = {"SeriesDescription": title, "DocumentTitle": title, "Modality": "DOC", "SeriesNumber": str(REPORT)}
     named |= {"Manufacturer": "aventail", "SeriesInstanceUID": uid("series"), "SOPInstanceUID": uid("instance")}
     asked = {"Parent": one["ParentStudy"], "Force": True, "Tags": named, "Content": content}
-    mark(json.loads(orthanc.RestApiPost("/tools/create-dicom", json.dumps(asked)))["ParentSeries"], one["ID"])
+    made = json.loads(orthanc.RestApiPost("/tools/create-dicom", json.dumps(asked)))
+    mark_result(made["ParentSeries"], one["ID"])

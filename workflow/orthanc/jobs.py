@@ -33,7 +33,9 @@ class Jobs:
             return self.rows.execute(words, values).fetchall()
 
     def all(self):
-        return [dict(zip(COLUMNS, row)) for row in self.ask(f"SELECT {', '.join(COLUMNS)} FROM jobs ORDER BY came, rowid")]
+        return [
+            dict(zip(COLUMNS, row)) for row in self.ask(f"SELECT {', '.join(COLUMNS)} FROM jobs ORDER BY came, rowid")
+        ]
 
     def get(self, series):
         return next((job for job in self.all() if job["series"] == series), None)
@@ -44,16 +46,25 @@ class Jobs:
             known = self.get(series)
             if known is None:
                 now = time.time()
-                self.ask("INSERT INTO jobs (series, patient, digest, state, came) VALUES (?, ?, ?, ?, ?)",
-                         series, patient, digest, state, now)
-            elif known["digest"] != digest and known["state"] != "planning":
-                # One at work is looked at when it ends.
-                if known["state"] not in ("running", "storing"):
-                    self.again(series, digest, GROWN)
+                self.ask(
+                    "INSERT INTO jobs (series, patient, digest, state, came) VALUES (?, ?, ?, ?, ?)",
+                    series,
+                    patient,
+                    digest,
+                    state,
+                    now,
+                )
+            # One at work is looked at when it ends.
+            elif known["digest"] != digest and known["state"] not in ("planning", "running", "storing"):
+                self.again(series, digest, GROWN)
 
     def again(self, series, digest, note=""):
-        self.ask("UPDATE jobs SET state = 'waiting', digest = ?, why = '', note = ?, tries = 0, ended = NULL WHERE series = ?",
-                 digest, note, series)
+        self.ask(
+            "UPDATE jobs SET state = 'waiting', digest = ?, why = '', note = ?, tries = 0, ended = NULL WHERE series = ?",
+            digest,
+            note,
+            series,
+        )
 
     def set(self, series, state, why=""):
         ended = time.time() if state in ("done", "refused", "failed") else None
@@ -63,8 +74,11 @@ class Jobs:
         """Counts one more try, on the instances of a digest; returns how many there were before."""
         with self.lock:
             before = self.get(series)["tries"]
-            self.ask("UPDATE jobs SET state = 'running', why = '', digest = ?, tries = tries + 1 WHERE series = ?",
-                     digest, series)
+            self.ask(
+                "UPDATE jobs SET state = 'running', why = '', digest = ?, tries = tries + 1 WHERE series = ?",
+                digest,
+                series,
+            )
             return before
 
     def count(self, series, storing):

@@ -15,9 +15,8 @@ import time
 import traceback
 from pathlib import Path
 
-import orthanc
-
 import archive
+import orthanc
 import rules
 from archive import Refused, Waits
 from jobs import GROWN, Jobs
@@ -51,9 +50,11 @@ class Node:
         rule = self.rules.of(patient)
         if rule is None:
             return
-        if one["MainDicomTags"].get("Modality") == "CT" and one["Instances"]:
-            if not rule.fraction_has or rules.fits(rule.fraction_has, archive.tags(one["Instances"][0])):
-                self.jobs.came(identifier, patient, archive.digest(one), state)
+        wanted = rule.fraction_has
+        if one["MainDicomTags"].get("Modality") == "CT" and (
+            not wanted or rules.fits(wanted, archive.tags(one["Instances"][0]))
+        ):
+            self.jobs.came(identifier, patient, archive.digest(one), state)
         self.touch(patient)
 
     def work_on(self):
@@ -75,6 +76,10 @@ class Node:
                     self.wake.wait()
 
     def start(self):
+        # What a kill left: images of patients in folders that were to be gone when their job ends.
+        for kind in ("in-*", "print-*", "page-*"):
+            for path in self.work.glob(kind):
+                shutil.rmtree(path)
         for job in self.jobs.all():
             if job["state"] == "running":
                 self.jobs.set(job["series"], "ready", "it was at work when Orthanc ended")
@@ -89,7 +94,11 @@ class Node:
             moved, self.moved = self.moved, set()
         for job in self.jobs.all():
             if job["state"] == "waiting" and job["patient"] in moved:
-                self.judge(job)
+                try:
+                    self.judge(job)
+                except Exception:
+                    self.touch(job["patient"])
+                    raise
         job = next((job for job in self.jobs.all() if job["state"] in ("ready", "storing")), None)
         if job is None:
             return bool(self.moved)
@@ -108,7 +117,9 @@ class Node:
         """Whether a series that waits is a fraction, and has its planning side."""
         one, rule = archive.series(job["series"]), self.rules.of(job["patient"])
         if one is None or rule is None:
-            self.jobs.set(job["series"], "failed", "its series was deleted" if rule else "no rule fits the patient any more")
+            self.jobs.set(
+                job["series"], "failed", "its series was deleted" if rule else "no rule fits the patient any more"
+            )
             return
         try:
             patient, _ = archive.patient_of(one)
@@ -164,7 +175,14 @@ class Node:
             archive.export(one["Instances"], inputs / "fraction")
             archive.export([planning.structures], inputs / "structures")
             structures = inputs / "structures" / "00000.dcm"
-            words = [self.rules.program, "register", "--planning", inputs / "planning", "--fraction", inputs / "fraction"]
+            words = [
+                self.rules.program,
+                "register",
+                "--planning",
+                inputs / "planning",
+                "--fraction",
+                inputs / "fraction",
+            ]
             words += ["--bones", rule.bones(patient, structures), "--structures", structures, "--dicom", "--quiet"]
             if planning.dose:
                 archive.export([planning.dose], inputs / "dose")
@@ -178,7 +196,9 @@ class Node:
         if shutil.which("setpriv"):
             words = ["setpriv", "--pdeathsig", "KILL", *words]
         with open(inputs / "said.txt", "w+") as said:
-            run = subprocess.run(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said, pass_fds=[self.lock.fileno()])
+            run = subprocess.run(
+                words, check=False, stdin=subprocess.DEVNULL, stdout=said, stderr=said, pass_fds=[self.lock.fileno()]
+            )
             if run.returncode:
                 said.seek(0)
                 text = said.read().replace(f"{inputs}/", "").strip()[-4000:]
@@ -191,7 +211,7 @@ class Node:
         files = sorted((out / "dicom").rglob("*.dcm"), key=lambda path: (path.parent == out / "dicom", path.name))
         stored = archive.store(files)
         for result in sorted(set(stored.values())):
-            archive.mark(result, one["ID"])
+            archive.mark_result(result, one["ID"])
         page = out / "report.html"
         archive.attach(one["ID"], page.read_bytes())
         if pdf := self.printed(page):
@@ -203,7 +223,13 @@ class Node:
             return None
         with tempfile.TemporaryDirectory(dir=self.work, prefix="print-") as place:
             pdf = Path(place) / "report.pdf"
-            words = [self.rules.browser, "--headless", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={place}"]
+            words = [
+                self.rules.browser,
+                "--headless",
+                "--disable-gpu",
+                "--no-pdf-header-footer",
+                f"--user-data-dir={place}",
+            ]
             # Chromium's sandbox does not work for root.
             words += ["--no-sandbox"] if os.geteuid() == 0 else []
             words += [f"--print-to-pdf={pdf}", page.resolve().as_uri()]
@@ -225,13 +251,17 @@ class Node:
     def refuse(self, job, state, why):
         """Nothing is stored; a report at the fraction's series tells why."""
         orthanc.LogWarning(f"aventail: series {job['series']}: {state}: {why}")
+        for path in (self.work / "runs").glob(f"*/{job['series']}"):
+            shutil.rmtree(path)
         one, rule = archive.series(job["series"]), self.rules.of(job["patient"])
         if one is not None:
             title = f"aventail: {state}, nothing was stored"
-            page = (f"<!doctype html><meta charset=\"utf-8\"><title>{title}</title><h1>{title}</h1>"
-                    f"<p>Patient {html.escape(job['patient'])}, series "
-                    f"{html.escape(one['MainDicomTags'].get('SeriesInstanceUID', ''))}</p>"
-                    f"<pre style=\"white-space: pre-wrap\">{html.escape(why)}</pre>")
+            page = (
+                f'<!doctype html><meta charset="utf-8"><title>{title}</title><h1>{title}</h1>'
+                f"<p>Patient {html.escape(job['patient'])}, series "
+                f"{html.escape(one['MainDicomTags'].get('SeriesInstanceUID', ''))}</p>"
+                f'<pre style="white-space: pre-wrap">{html.escape(why)}</pre>'
+            )
             archive.attach(one["ID"], page.encode())
             archive.mark(one["ID"], state)
             if rule and rule.at_refusal == "pdf":

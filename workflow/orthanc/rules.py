@@ -82,7 +82,9 @@ def rule_of(where, table):
         if not all(isinstance(pattern, str) for pattern in table.get(name, {}).values()):
             raise ValueError(f"{where}: {name}: patterns are texts")
     if table["labels"] not in ("structures", "auto") and not Path(table["labels"]).is_absolute():
-        raise ValueError(f"{where}: labels: {table['labels']!r} is neither structures, auto, nor the whole path of a file")
+        raise ValueError(
+            f"{where}: labels: {table['labels']!r} is neither structures, auto, nor the whole path of a file"
+        )
     return Rule(**table)
 
 

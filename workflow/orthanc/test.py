@@ -1,4 +1,4 @@
-"""Runs the node in an Orthanc of its own on phantom patients: sends as a scanner does, waits, and looks into the archive.
+"""Runs the node in an Orthanc of its own on phantom patients: sends as a scanner does, and looks into the archive.
 
 python workflow/orthanc/test.py PROGRAM FOLDER [FRACTIONS]     (Orthanc, storescu and findscu on PATH; FOLDER is made anew)
 """
@@ -6,7 +6,6 @@ python workflow/orthanc/test.py PROGRAM FOLDER [FRACTIONS]     (Orthanc, storesc
 import base64
 import hashlib
 import json
-import os
 import secrets
 import shutil
 import signal
@@ -86,7 +85,9 @@ class Archive:
 
     def ask(self, path, body=None, user=None):
         headers = {"Authorization": f"Basic {user or self.user}"} if user != "" else {}
-        return urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{self.http}{path}", body, headers), timeout=60)
+        return urllib.request.urlopen(
+            urllib.request.Request(f"http://127.0.0.1:{self.http}{path}", body, headers), timeout=60
+        )
 
     def get(self, path):
         with self.ask(path) as answer:
@@ -96,34 +97,54 @@ class Archive:
         return [job for job in self.get("/aventail/jobs") if patient in (None, job["patient"])]
 
     def send(self, *folders, sender="SENDER"):
-        words = ["storescu", "-aet", sender, "-aec", "AVENTAIL", "127.0.0.1", str(self.dicom), "+sd", "+r", *map(str, folders)]
-        return subprocess.run(words, capture_output=True).returncode
+        words = [
+            "storescu",
+            "-aet",
+            sender,
+            "-aec",
+            "AVENTAIL",
+            "127.0.0.1",
+            str(self.dicom),
+            "+sd",
+            "+r",
+            *map(str, folders),
+        ]
+        return subprocess.run(words, check=False, capture_output=True).returncode
 
     def until(self, what, found):
         begun = time.monotonic()
         while not (value := found()):
-            assert time.monotonic() - begun < SECONDS, f"{what}: not within {SECONDS} s; {(self.folder / 'log.txt').read_text()[-2000:]}"
+            assert time.monotonic() - begun < SECONDS, (
+                f"{what}: not within {SECONDS} s; {(self.folder / 'log.txt').read_text()[-2000:]}"
+            )
             time.sleep(0.05)
         return value
 
     def until_state(self, patient, *states, count=1):
         """Waits until so many of a patient's jobs are in one of the states, and returns them."""
+
         def found():
             jobs = [job for job in self.jobs(patient) if job["state"] in states]
             return jobs if len(jobs) >= count else None
 
-        return self.until(f"{count} of {patient} {' or '.join(states)}; now {[j['state'] for j in self.jobs(patient)]}", found)
+        return self.until(
+            f"{count} of {patient} {' or '.join(states)}; now {[j['state'] for j in self.jobs(patient)]}", found
+        )
 
     def series(self, patient):
         """Series of a patient by study and number, with their instances."""
         found = {}
         for one in self.patient(patient):
             number = int(one["MainDicomTags"].get("SeriesNumber") or 0)
-            found.setdefault(one["ParentStudy"], []).append((number, one["MainDicomTags"]["Modality"], len(one["Instances"])))
+            found.setdefault(one["ParentStudy"], []).append(
+                (number, one["MainDicomTags"]["Modality"], len(one["Instances"]))
+            )
         return {study: sorted(entries) for study, entries in found.items()}
 
     def patient(self, patient):
-        with self.ask("/tools/find", json.dumps({"Level": "Series", "Expand": True, "Query": {"PatientID": patient}}).encode()) as answer:
+        with self.ask(
+            "/tools/find", json.dumps({"Level": "Series", "Expand": True, "Query": {"PatientID": patient}}).encode()
+        ) as answer:
             return json.load(answer)
 
     def fetch(self, one, folder):
@@ -166,8 +187,13 @@ def copy(source, out, patient, study=None, shift=0.0, change=None):
 
 def renew(told, patient):
     """The same UIDs cannot be of two patients: each is told from the old one and the patient, in all references too."""
+
     def change(_, element):
-        if element.VR == "UI" and element.keyword.endswith("InstanceUID") or element.keyword.endswith("FrameOfReferenceUID"):
+        if (
+            element.VR == "UI"
+            and element.keyword.endswith("InstanceUID")
+            or element.keyword.endswith("FrameOfReferenceUID")
+        ):
             element.value = uid_of(patient, element.value)
 
     told.walk(change)
@@ -189,7 +215,9 @@ def row_of_fractions(archive, program, folder, phantom, count):
     dicom = phantom / "dicom"
     planning = copy(dicom / "planning", folder / "ROW" / "planning", "ROW")
     sides = ["fraction", "fraction_2"]
-    days = [copy(dicom / sides[n % 2], folder / "ROW" / f"day{n + 1}", "ROW", f"day {n + 1}", 1.5 * n) for n in range(count)]
+    days = [
+        copy(dicom / sides[n % 2], folder / "ROW" / f"day{n + 1}", "ROW", f"day {n + 1}", 1.5 * n) for n in range(count)
+    ]
     assert archive.send(planning) == 0
     begun = time.monotonic()
     assert archive.send(*days) == 0
@@ -203,7 +231,9 @@ def row_of_fractions(archive, program, folder, phantom, count):
     archive.kill()
     archive.start()
     done = archive.until_state("ROW", "done", count=count)
-    print(f"{count} fractions from storescu to the archive, killed twice: {time.monotonic() - begun:.0f} s; {before} done before the 2nd")
+    print(
+        f"{count} fractions from storescu to the archive, killed twice: {time.monotonic() - begun:.0f} s; {before} done before the 2nd"
+    )
     assert len(done) == count and {job["tries"] for job in done} <= {1, 2}, done
 
     sent = {len(list(day.iterdir())) for day in days}
@@ -217,9 +247,26 @@ def row_of_fractions(archive, program, folder, phantom, count):
     for job in done:
         page = archive.report(job)
         assert "<html" in page and len(page) > 100_000
-    asked = call("findscu", "-S", "-aet", "SENDER", "-aec", "AVENTAIL", "127.0.0.1", archive.dicom, "-k",
-                 "QueryRetrieveLevel=SERIES", "-k", "PatientID=ROW", "-k", "Modality=REG", "-k", "SeriesInstanceUID",
-                 capture_output=True, text=True)
+    asked = call(
+        "findscu",
+        "-S",
+        "-aet",
+        "SENDER",
+        "-aec",
+        "AVENTAIL",
+        "127.0.0.1",
+        archive.dicom,
+        "-k",
+        "QueryRetrieveLevel=SERIES",
+        "-k",
+        "PatientID=ROW",
+        "-k",
+        "Modality=REG",
+        "-k",
+        "SeriesInstanceUID",
+        capture_output=True,
+        text=True,
+    )
     assert (asked.stdout + asked.stderr).count("(0020,000e) UI [") >= 3 * count, asked
 
     # The same objects as a run by hand on the archive's own files; storescu writes them anew, and UIDs follow from bytes.
@@ -227,11 +274,23 @@ def row_of_fractions(archive, program, folder, phantom, count):
     for one in archive.patient("ROW"):
         kind = one["MainDicomTags"]["Modality"]
         mine = one["ID"] == done[0]["series"]
-        if mine or "planning" in one["MainDicomTags"]["SeriesDescription"] and one["MainDicomTags"]["SeriesNumber"] == "1":
+        if (
+            mine
+            or "planning" in one["MainDicomTags"]["SeriesDescription"]
+            and one["MainDicomTags"]["SeriesNumber"] == "1"
+        ):
             archive.fetch(one, alone / ("day" if mine else "planning"))
         elif kind in ("RTSTRUCT", "RTDOSE") and len(one["MainDicomTags"]["SeriesNumber"]) == 1:
             archive.fetch(one, alone / kind)
-    inputs = ["--planning", alone / "planning", "--fraction", alone / "day", "--bones", phantom / "bones.nii.gz", "--dicom"]
+    inputs = [
+        "--planning",
+        alone / "planning",
+        "--fraction",
+        alone / "day",
+        "--bones",
+        phantom / "bones.nii.gz",
+        "--dicom",
+    ]
     more = ["--structures", alone / "RTSTRUCT/00000.dcm", "--dose", alone / "RTDOSE/00000.dcm"]
     more += ["--config", folder / "fast.toml", "--quiet", "--out", alone / "out"]
     call(program, "register", *inputs, *more, stdout=subprocess.DEVNULL)
@@ -262,8 +321,13 @@ def refused(archive, folder, dicom):
     assert sum(len(entries) for entries in archive.series("BONELESS").values()) == 4, archive.series("BONELESS")
     with archive.ask("/aventail/jobs", job["series"].encode()):
         pass
-    archive.until("refused again", lambda: archive.jobs("BONELESS") and [
-        j for j in archive.jobs("BONELESS") if j["state"] == "refused" and j["ended"] > job["ended"]])
+    archive.until(
+        "refused again",
+        lambda: (
+            archive.jobs("BONELESS")
+            and [j for j in archive.jobs("BONELESS") if j["state"] == "refused" and j["ended"] > job["ended"]]
+        ),
+    )
     pdf = copy(dicom / "planning", folder / "PRINTED" / "planning", "PRINTED")
     day = copy(dicom / "fraction", folder / "PRINTED" / "day", "PRINTED", "day")
     assert archive.send(pdf, day) == 0
@@ -275,9 +339,11 @@ def refused(archive, folder, dicom):
 def two_structure_sets(archive, folder, dicom):
     """Two structure sets that can be meant: refused by name, not guessed."""
     own = copy(dicom / "planning", folder / "TWO" / "planning", "TWO")
+
     def other(told):
         told.SOPInstanceUID = told.file_meta.MediaStorageSOPInstanceUID = uid_of("two")
         told.StructureSetLabel = "SECOND"
+
     told = pydicom.dcmread(own / "RS.dcm")
     other(told)
     told.save_as(own / "RS2.dcm")
@@ -304,7 +370,9 @@ def in_any_order(archive, folder, dicom):
     assert archive.send(dose) == 0
     first = archive.until_state("LATE", "done")[0]
     assert archive.send(rest) == 0
-    archive.until("done again", lambda: [j for j in archive.jobs("LATE") if j["state"] == "done" and "grown" in j["note"]])
+    archive.until(
+        "done again", lambda: [j for j in archive.jobs("LATE") if j["state"] == "done" and "grown" in j["note"]]
+    )
     images = [n for entries in archive.series("LATE").values() for number, _, n in entries if number == 901]
     assert sorted(images) == [len(slices) - 6, len(slices)], images
     assert first["note"] == ""
@@ -334,7 +402,9 @@ def main():
     rules = "".join(
         f"[[rule]]\npatients = {patients}\nlabels = {labels}\nsettings = {settings}\nat_refusal = '{refusal}'\n"
         for patients, labels, refusal in [
-            (["ROW", "LATE", "TWO"], with_labels, "attach"), (["B*"], '"structures"', "attach"), (["PRINTED"], '"structures"', "pdf"),
+            (["ROW", "LATE", "TWO"], with_labels, "attach"),
+            (["B*"], '"structures"', "attach"),
+            (["PRINTED"], '"structures"', "pdf"),
         ]
     )
     archive = Archive(program, folder / "archive", rules)
@@ -350,8 +420,9 @@ def main():
         in_any_order(archive, folder, dicom)
         bones_of_structures(archive, folder, dicom)
         assert not archive.jobs("OTHER")
-        left = [path.name for path in (archive.folder / "work").iterdir() if path.name.startswith(("in-", "page-", "print-"))]
-        print(f"all held; left in the folder of work after two kills: {left}")
+        left = [path.name for path in (archive.folder / "work").iterdir() if path.is_dir() and path.name != "runs"]
+        left += [str(path) for path in (archive.folder / "work/runs").glob("*/*")]
+        assert not left, f"images of patients are left: {left}"
         archive.stop()
     finally:
         if archive.process and archive.process.poll() is None:
