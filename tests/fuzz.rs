@@ -208,4 +208,6 @@ fn what_once_failed_gives_answers() {
         }
         targets::clean_up();
     });
+    let memory = aventail::runtime::peak_memory().unwrap_or(0);
+    assert!(memory < MOST_MEMORY, "{memory} bytes of memory");
 }
