@@ -274,7 +274,8 @@ fn deformable_set() -> Vec<Element> {
 }
 
 fn seeds(set: &[Element]) -> Vec<Vec<u8>> {
-    let edits = |n: u8| -> Vec<u8> { b"E".iter().copied().chain((0..12).map(|k| k * 37 + n * 11)).collect() };
+    let byte = |n: u8, k: u8| k.wrapping_mul(37).wrapping_add(n.wrapping_mul(11));
+    let edits = |n: u8| -> Vec<u8> { b"E".iter().copied().chain((0..12).map(|k| byte(n, k))).collect() };
     let mut all = vec![file(set)];
     all.extend((0..12).map(edits));
     all

@@ -230,7 +230,10 @@ fn data_set<R: Read>(
     let part = meta.object(&walked.bytes).map(|mut object| {
         let parse = |bytes: &[u8]| {
             let implicit = Meta { syntax: uids::IMPLICIT_VR_LITTLE_ENDIAN.into(), ..Meta::default() };
-            implicit.object(bytes).ok().map(|object| object.into_inner())
+            // Values of unknown representation were not walked yet.
+            let walked = walk(Cursor::new(bytes), bytes.len() as u64, Coding::IMPLICIT, None);
+            let whole = walked.trouble.is_none().then_some(walked.bytes)?;
+            implicit.object(&whole).ok().map(|object| object.into_inner())
         };
         let set: &mut Item = &mut object;
         settle(set, Charset::default(), &parse);

@@ -69,6 +69,16 @@ pub(super) fn known(tag: Tag) -> Option<VR> {
     StandardDataDictionary.by_tag(tag).map(|entry| entry.vr().relaxed()).filter(|vr| *vr != VR::UN)
 }
 
+/// Bytes of each value where they are numbers. dicom-rs takes whole ones, and takes what is left for the next element.
+fn size(vr: Option<VR>) -> Option<u32> {
+    Some(match vr? {
+        VR::US | VR::SS | VR::OW => 2,
+        VR::UL | VR::SL | VR::FL | VR::AT | VR::OF | VR::OL => 4,
+        VR::FD | VR::OD | VR::OV | VR::SV | VR::UV => 8,
+        _ => return None,
+    })
+}
+
 /// A data set, whole or up to an element.
 #[derive(Debug, Default)]
 pub(super) struct Walked {
@@ -274,6 +284,13 @@ impl<R: Read> Walk<R> {
                 self.items(Coding::IMPLICIT, Some(stop), deep)
             }
             _ => {
+                if let Some(size) = size(vr).filter(|size| !length.is_multiple_of(*size)) {
+                    // Pixels of 8 bits may be told as words, and be odd in number.
+                    if vr != Some(VR::OW) || coding != Coding::EXPLICIT {
+                        return Err(format!("the element {tag} says {length} bytes, and its values have {size} each"));
+                    }
+                    self.patch(letters, b"OB");
+                }
                 self.take(length.into())?;
                 if tag == tags::SPECIFIC_CHARACTER_SET {
                     self.out[at..].make_ascii_lowercase();

@@ -260,6 +260,21 @@ fn lengths_are_not_believed_beyond_the_file() {
 }
 
 #[test]
+fn values_of_another_size_are_not_parsed_past_their_end() {
+    // A text's element as numbers of 8 bytes: what a parser leaves of it would become the next element, and its length.
+    let dir = series(|_, _| ());
+    let path = dir.path().join(name(2));
+    let whole = std::fs::read(&path).unwrap();
+    let head = [&[0x10, 0, 0x20, 0][..], b"LO"].concat();
+    let at = find(&whole, &head);
+    for vr in [b"FD", b"UL", b"AT"] {
+        edit(&path, |bytes| bytes[at + 4..at + 6].copy_from_slice(vr));
+        let (code, text) = refusal(dir.path());
+        assert!(code == "dicom-damaged" && text.contains("(0010,0020) says 2 bytes"), "{code}: {text}");
+    }
+}
+
+#[test]
 fn the_directory_of_a_medium_means_its_folder() {
     let dir = series(|_, _| ());
     let mut set = Set::new_empty();
