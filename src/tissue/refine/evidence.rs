@@ -139,6 +139,7 @@ fn gain(&[n, p, f, b, pp, ff, bb, pf, pb]: &EvidenceSums) -> Option<f32> {
 mod tests {
     use super::*;
     use crate::chainmail::{Material, Node};
+    use crate::geometry::Grid;
     use crate::volume::Window;
 
     /// EvidenceSums over points of planning, fraction as drawn, fraction by bones alone, HU.

@@ -188,9 +188,10 @@ mod tests {
 
     #[test]
     fn what_is_far_off_counts_less_and_beyond_half_of_what_is_known_nothing() {
+        let lattice = elements();
         let asked = |radius: f64| {
             let skin = believed_from(1.0, Skin::new(&ball(12.0), &ball(radius), &SkinOptions { weight: 1.0 }));
-            skin.asked(&Point3::new(12.0, 0.0, 0.0), 0.0)
+            skin.at(&lattice).asked(&Point3::new(12.0, 0.0, 0.0), 0.0)
         };
         let (r, _, near) = asked(14.0).unwrap();
         assert!((r - 2.0).abs() < 0.6 && (near - 1.0).abs() < 1e-9, "{r} {near}");
