@@ -24,7 +24,8 @@ class Jobs:
         self.rows = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
         self.rows.execute(
             "CREATE TABLE IF NOT EXISTS jobs (series TEXT PRIMARY KEY, patient TEXT NOT NULL, digest TEXT NOT NULL, "
-            "state TEXT NOT NULL, why TEXT NOT NULL DEFAULT '', note TEXT NOT NULL DEFAULT '', tries INTEGER NOT NULL DEFAULT 0, came REAL NOT NULL, "
+            "state TEXT NOT NULL, why TEXT NOT NULL DEFAULT '', note TEXT NOT NULL DEFAULT '', "
+            "tries INTEGER NOT NULL DEFAULT 0, came REAL NOT NULL, "
             "ended REAL)"
         )
 
