@@ -37,10 +37,8 @@ pub(super) fn found_share(skeleton: &Skeleton, fits: &[BoneFit]) -> f64 {
 const SHOWN: f64 = 0.3;
 /// Smaller bones tell no place, mm^3: they match something anywhere.
 const LEAST_MM3: f64 = 3000.0;
-/// Bones that were searched for must explain this share of their contrast. At wrong places (labels that do not reach
-/// what the scan shows, mirrored scans) it was 0.55 to 0.70, at right ones in short cone-beam CTs 0.68 or more.
-const LEAST_PLACED: f64 = 0.65;
-/// Below this the place is told as weak.
+/// Bones that explain less of their contrast in a short view are told as weak. At wrong places (labels that do not reach what
+/// the scan shows, mirrored scans) it was 0.55 to 0.70, at right ones in short cone-beam CTs 0.68 or more.
 const SURE_PLACED: f64 = 0.75;
 
 /// What short views tell of the place of the bones.
@@ -69,11 +67,6 @@ impl Placed {
             bones: large().filter(|(_, f)| placed(f)).count(),
             alone: large().count() <= 1,
         }
-    }
-
-    /// Whether a place that was searched for may be right: one bone alone fits somewhere in any scan.
-    pub(super) fn may_be(self) -> bool {
-        self.explained >= LEAST_PLACED && (self.bones > 1 || self.alone)
     }
 
     /// A word about a place that is not sure.
@@ -226,17 +219,15 @@ mod tests {
     #[test]
     fn a_place_is_sure_where_several_bones_explain_what_is_in_view() {
         let sure = Placed { explained: 0.8, bones: 3, alone: false };
-        assert!(sure.may_be() && sure.doubt().is_none());
-        // A wrong level of the spine, and a cone-beam CT with teeth.
-        let wrong = Placed { explained: 0.56, ..sure };
+        assert!(sure.doubt().is_none());
+        // A cone-beam CT with teeth, or a wrong level.
         let weak = Placed { explained: 0.69, ..sure };
-        assert!(!wrong.may_be() && weak.may_be());
-        assert!([wrong, weak].iter().all(|p| p.doubt().is_some_and(|w| w.is(findings::WEAK_START))));
+        assert!(weak.doubt().is_some_and(|w| w.is(findings::WEAK_START)));
         // One vertebra of several fits many places; a femur that has no neighbour is what is sought.
         let one = Placed { bones: 1, ..sure };
-        assert!(!one.may_be() && one.doubt().is_some_and(|w| w.message.contains("no two")));
+        assert!(one.doubt().is_some_and(|w| w.message.contains("no two")));
         let femur = Placed { alone: true, ..one };
-        assert!(femur.may_be() && femur.doubt().is_none());
+        assert!(femur.doubt().is_none());
     }
 
     #[test]

@@ -118,7 +118,7 @@ pub fn fit_pose(
 /// A hypothesis of the search that is worth less than this share of the best one is no rival.
 const RIVAL: f64 = 0.8;
 /// A search tries more places than a quick start, so it has to find more of the bones: the one wrong place among 52
-/// short views found 0.55 of them, right ones 0.61 or more. What they explain has to be enough as well ([`Placed`]).
+/// short views found 0.55 of them, right ones 0.61 or more.
 const SEARCHED_FOUND: f64 = 0.6;
 /// A searched fit takes the place of a quick one where its evidence is greater by more than this share.
 const BETTER: f64 = 1.02;
@@ -190,7 +190,7 @@ impl Attempts<'_> {
             let common = transforms[root];
             let share = self.level.explained(&common, self.options.measure);
             let tried = self.fit(Start { common, share, transforms, guess: Guess::Searched })?;
-            if tried.found >= SEARCHED_FOUND && Placed::of(skeleton, &tried.fit.bones).may_be() {
+            if tried.found >= SEARCHED_FOUND {
                 all.push(tried);
             }
         }

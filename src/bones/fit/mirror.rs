@@ -25,11 +25,15 @@ pub(super) struct Twins {
     pub(super) own: f64,
     /// By their reflection in the sagittal plane (x, LPS) through their centre, at its best rigid motion.
     pub(super) mirrored: f64,
+    /// A mirror image that leaves at most this part of what the bones leave unexplained is what the fraction shows.
+    pub(super) sure: f64,
 }
 
 /// A mirror image that leaves at most this part of what the bones leave unexplained is what the fraction shows. Of one patient's
 /// pairs it left 1.3 to 30 times as much, of mirrored ones 0.2 to 0.4 of it.
 const SURE: f64 = 0.85;
+/// The same of bones that each lie where the fit has them: true ones explain more than their mirror image.
+const SURE_POSED: f64 = 1.0;
 
 /// A set of bones about its centre.
 struct Bones<'a> {
@@ -99,7 +103,7 @@ pub(super) fn twins(
     let share =
         |samples: &Samples, start: &Rigid| Ok::<_, Error>(Bones::new(samples).explained(fraction, start, measure)?.0);
     let own = share(samples, start)?.max(share(posed, &Rigid::identity())?);
-    Ok(Twins { own, mirrored: share(&reflected, start)? })
+    Ok(Twins { own, mirrored: share(&reflected, start)?, sure: SURE })
 }
 
 /// As [`twins`], of bones that have no common motion: the bones as the fit has posed them, and their mirror image. In few bones
@@ -110,7 +114,7 @@ pub(super) fn twins(
 pub(super) fn posed_twins(fraction: &Tissue, posed: &Samples, measure: Measure) -> Result<Twins> {
     let share =
         |samples: &Samples| Ok::<_, Error>(Bones::new(samples).explained(fraction, &Rigid::identity(), measure)?.0);
-    Ok(Twins { own: share(posed)?, mirrored: share(&reflected(posed))? })
+    Ok(Twins { own: share(posed)?, mirrored: share(&reflected(posed))?, sure: SURE_POSED })
 }
 
 /// Reflected in the sagittal plane through their centre.
@@ -124,14 +128,14 @@ impl Twins {
     /// # Errors
     /// [`Error::Registration`] where the fraction shows the mirror image.
     pub(super) fn judge(self) -> Result<Option<Warning>> {
-        let Self { own, mirrored } = self;
+        let Self { own, mirrored, sure } = self;
         let both = format!(
             "the planning CT's bones explain {:.0} % of the fraction CT's bone contrast as they are, and {:.0} % mirrored \
              left to right",
             100.0 * own,
             100.0 * mirrored
         );
-        if 1.0 - mirrored < SURE * (1.0 - own) {
+        if 1.0 - mirrored < sure * (1.0 - own) {
             return Err(Error::failed(
                 findings::FRACTION_MIRRORED,
                 format!("the fraction CT shows the mirror image of the planning CT: {both}"),
@@ -215,13 +219,13 @@ mod tests {
     fn the_better_explained_twin_decides() {
         // Real pairs, a mirrored real head, and a symmetric phantom.
         for (own, mirrored) in [(0.83, 0.53), (0.32, 0.21), (0.82, 0.51), (0.695, 0.689)] {
-            assert_eq!(Twins { own, mirrored }.judge().unwrap(), None);
+            assert_eq!(Twins { own, mirrored, sure: SURE }.judge().unwrap(), None);
         }
         for (own, mirrored) in [(0.64, 0.92), (0.53, 0.83), (0.51, 0.82)] {
-            let error = Twins { own, mirrored }.judge().unwrap_err();
+            let error = Twins { own, mirrored, sure: SURE }.judge().unwrap_err();
             assert_eq!((error.exit_code(), error.code()), (6, "fraction-mirrored"));
         }
-        assert_eq!(Twins { own: 0.689, mirrored: 0.695 }.judge().unwrap().unwrap().code, "side-unsure");
+        assert_eq!(Twins { own: 0.689, mirrored: 0.695, sure: SURE }.judge().unwrap().unwrap().code, "side-unsure");
     }
 
     #[test]

@@ -24,6 +24,8 @@ const COMMON: f64 = 0.02;
 /// Counts of an image.
 struct Histogram {
     bins: Vec<u64>,
+    /// Sum of the HU in each, rounded: whole numbers add up to the same in any order.
+    sums: Vec<i64>,
     /// Voxels below all bins: padding; and above.
     below: u64,
     above: u64,
@@ -33,7 +35,14 @@ struct Histogram {
 
 impl Histogram {
     fn of(image: &Volume<f32>) -> Self {
-        let empty = || Self { bins: vec![0; BINS], below: 0, above: 0, lowest: f32::MAX, highest: f32::MIN };
+        let empty = || Self {
+            bins: vec![0; BINS],
+            sums: vec![0; BINS],
+            below: 0,
+            above: 0,
+            lowest: f32::MAX,
+            highest: f32::MIN,
+        };
         let count = |mut h: Self, part: &[f32]| {
             for &v in part {
                 h.lowest = h.lowest.min(v);
@@ -41,8 +50,9 @@ impl Histogram {
                 let at = (v - LOWEST) / BIN;
                 if at < 0.0 {
                     h.below += 1;
-                } else if let Some(bin) = h.bins.get_mut(at as usize) {
+                } else if let (Some(bin), Some(sum)) = (h.bins.get_mut(at as usize), h.sums.get_mut(at as usize)) {
                     *bin += 1;
+                    *sum += v.round() as i64;
                 } else {
                     h.above += 1;
                 }
@@ -51,6 +61,7 @@ impl Histogram {
         };
         let add = |mut a: Self, b: Self| {
             a.bins.iter_mut().zip(&b.bins).for_each(|(a, b)| *a += b);
+            a.sums.iter_mut().zip(&b.sums).for_each(|(a, b)| *a += b);
             (a.below, a.above) = (a.below + b.below, a.above + b.above);
             (a.lowest, a.highest) = (a.lowest.min(b.lowest), a.highest.max(b.highest));
             a
@@ -68,11 +79,12 @@ impl Histogram {
     fn peak(&self, from: f32, to: f32) -> (f32, f64) {
         let bins = self.between(from, to);
         // Of three neighbours, so that one value of padding does not outweigh a hill.
-        let hill = |n: usize| bins[n.saturating_sub(1)..(n + 2).min(bins.len())].iter().sum::<u64>();
-        let best = (0..bins.len())
-            .max_by(|&a, &b| hill(a).cmp(&hill(b)).then(bins[a].cmp(&bins[b])).then(b.cmp(&a)))
-            .unwrap_or(0);
-        (from + (best as f32 + 0.5) * BIN, bins.iter().sum::<u64>() as f64 / self.known().max(1) as f64)
+        let around = |n: usize| n.saturating_sub(1)..(n + 2).min(bins.len());
+        let hill = |n: usize| bins[around(n)].iter().sum::<u64>();
+        let best = (0..bins.len()).max_by(|&a, &b| hill(a).cmp(&hill(b)).then(b.cmp(&a))).unwrap_or(0);
+        let first = ((from - LOWEST) / BIN) as usize;
+        let sum = self.sums[first..][around(best)].iter().sum::<i64>();
+        (sum as f32 / hill(best).max(1) as f32, bins.iter().sum::<u64>() as f64 / self.known().max(1) as f64)
     }
 
     fn known(&self) -> u64 {
@@ -156,11 +168,12 @@ mod tests {
         }
         // Cone-beam greys: darker, with less contrast about air.
         assert_eq!(of(&|v| (v + 1000.0) * 0.8 - 1000.0 + 60.0).unwrap(), None);
-        let refused: [(&(dyn Fn(f32) -> f32 + Sync), &str); 5] = [
+        let refused: [(&(dyn Fn(f32) -> f32 + Sync), &str); 6] = [
             (&|v| v + 1024.0, "HU + 1024"),
             (&|v| if v < -900.0 { -2000.0 } else { v + 1024.0 }, "HU + 1024"),
             (&|v| -v, "inverted"),
             (&|v| (v + 1030.0) / 40.0, "dose"),
+            (&|v| if v < -900.0 { 0.0 } else { 8.0 }, "commonest denser value is about 4,"),
             (&|v| (v + 1030.0) * 8.0, "give a CT in HU"),
         ];
         for (change, word) in refused {

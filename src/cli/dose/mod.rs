@@ -2,6 +2,7 @@
 
 mod args;
 mod carried;
+mod counted;
 mod out;
 mod pages;
 mod structures;
@@ -22,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::dicom::{Framed, Role, is_dicom_path};
+use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::{InputFile, Provenance};
@@ -32,6 +33,7 @@ use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
+use counted::whole_plan;
 use out::{GiveBack, beside, check_out, gone, page_beside, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -324,20 +326,6 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
         None => DensityTable::default(),
     };
     Ok(DoseMethod::EnergyMass(EnergyMassOptions { parts: args.parts, density }))
-}
-
-/// A word about a dose of the whole plan, as its header says, that counts as one of several fractions. A dose of anything else
-/// was warned of when it was read.
-fn whole_plan(path: &Path, provenance: &Provenance, fractions: f64) -> Option<Warning> {
-    let name = path.display().to_string();
-    let part = provenance.warnings.iter().any(|w| w.is(findings::DOSE_PART) && w.message.contains(&name));
-    let whole = is_dicom_path(path) && !part;
-    let message = || {
-        format!(
-            "{name}: its header says that it is the dose of a whole plan, and it counts {fractions} times; is it that of one fraction?"
-        )
-    };
-    whole.then(|| Warning::new(findings::DOSE_COUNTED, message()))
 }
 
 /// Reads a dose and refuses what is none in Gy.
