@@ -109,14 +109,13 @@ fn the_way_is_asked_for_by_the_slopes_of_both_images() {
     let k = std::f64::consts::TAU / STRIPES[0];
     let wave = move |x: f64| STRIPES[1] * ((k * (x - moved)).sin() - (k * x).sin());
     let pulls = pulls(&stripes([80, 16, 16], wave), None);
-    // The gain that explains planning best by a fraction that is off.
-    let gain = (k * moved).cos();
-    // Half way up a stripe the slope of planning alone asks for a seventh less at 44 and a tenth more at 52.
-    for x in [44.0, 48.0, 52.0] {
+    let asked = |x: f64| {
         let Quadratic { stiffness, towards } = at(&pulls, x);
-        let asked = f64::from(towards[0] / stiffness[0]);
-        let (own, there) = (k * x, k * (x - moved));
-        let expected = (own.sin() - gain * there.sin()) / (0.5 * k * (own.cos() + gain * there.cos()));
-        assert!((asked / expected - 1.0).abs() < 0.06, "{asked} mm at {x}, not {expected}");
-    }
+        f64::from(towards[0] / stiffness[0])
+    };
+    assert!((asked(48.0) / moved - 1.0).abs() < 0.1, "{} mm", asked(48.0));
+    // Half way up a stripe and half way down: by the slope of planning alone one asks for 1.63 times as much as the other, by both
+    // slopes for 1.29 times, since the gain that is found is a little low.
+    let ratio = asked(52.0) / asked(44.0);
+    assert!((1.1..1.4).contains(&ratio), "{ratio}: {} and {} mm", asked(44.0), asked(52.0));
 }
