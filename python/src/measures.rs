@@ -218,9 +218,7 @@ pub(crate) fn accumulate<'py>(
         for (n, (one, times)) in given.into_iter().zip(counts.factors()).enumerate() {
             let name = format!("dose {}", n + 1);
             let dose = gray(&name, one)?;
-            if counts.by_fraction() && *times >= 2.0 {
-                warnings.extend(dose::question(&name, dose.extremes()[1], *times));
-            }
+            warnings.extend(counts.several(n).and_then(|times| dose::question(&name, dose.extremes()[1], times)));
             doses.push((*times, dose));
         }
         let terms: Vec<_> = doses.iter().map(|(times, dose)| (*times, dose)).collect();

@@ -139,9 +139,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
         let dose = read_dose(&mut provenance, path)?;
-        if counts.by_fraction() && weights[k] >= 2.0 {
-            provenance.warnings.extend(whole_plan(path, &provenance, weights[k]));
-            provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], weights[k]));
+        if let Some(times) = counts.several(k) {
+            provenance.warnings.extend(whole_plan(path, &provenance, times));
+            provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], times));
         }
         let ct =
             args.ct.get(k).map(|p| Ok::<_, Error>(provenance.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
@@ -253,15 +253,15 @@ fn finish(
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
     let text = table(&parts) + &listed(&provenance.warnings);
+    let warnings = all_warnings(&provenance, &parts);
     let mut written = vec![out.to_owned()];
     if let Some(page) = page {
         written.push(page_beside(out));
-        let warnings: Vec<Warning> = all_warnings(&provenance, &parts).into_iter().chain(page.warnings).collect();
-        pages::write(&page_beside(out), &page.title, &provenance, &warnings, page.pictures, page.tables)?;
+        let drawn: Vec<Warning> = warnings.iter().cloned().chain(page.warnings).collect();
+        pages::write(&page_beside(out), &page.title, &provenance, &drawn, page.pictures, page.tables)?;
     }
     let command = command_line();
     let inputs = provenance.seen_from(parent(out));
-    let warnings = all_warnings(&provenance, &parts);
     let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
     let outputs = record::outputs(parent(out), &names)?;
     let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };

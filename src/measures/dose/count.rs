@@ -51,9 +51,9 @@ impl DoseCounts {
         &self.factors
     }
 
-    /// Whether they are numbers of fractions.
-    pub fn by_fraction(&self) -> bool {
-        self.by_fraction
+    /// How many fractions a dose counts for, where it is that of one of several.
+    pub fn several(&self, dose: usize) -> Option<f64> {
+        self.factors.get(dose).copied().filter(|times| self.by_fraction && *times >= 2.0)
     }
 }
 
@@ -66,7 +66,7 @@ mod tests {
         assert_eq!(DoseCounts::new(2, &[], &[]).unwrap().factors(), [1.0, 1.0]);
         assert_eq!(DoseCounts::new(2, &[0.25, 1.0], &[]).unwrap().factors(), [0.25, 1.0]);
         let by_fraction = DoseCounts::new(2, &[], &[20.0, 15.0]).unwrap();
-        assert!(by_fraction.by_fraction() && by_fraction.factors() == [20.0, 15.0]);
+        assert!(by_fraction.several(1) == Some(15.0) && by_fraction.factors() == [20.0, 15.0]);
         for (weights, fractions, word) in [
             (vec![20.0, 15.0], vec![], "more than a whole plan"),
             (vec![0.5], vec![], "2 doses but 1"),
