@@ -74,7 +74,7 @@ findings! {
     );
     WEAK_START = doubted(
         "weak-start",
-        "The couch shift explains little of the bones' contrast; or, in a short view, the bones where they were found do, or one alone is found.",
+        "One motion of all bones explains little of their contrast; or, in a short view, the bones where they were found do, or one alone is found.",
         "Look at the fusion images first.",
     );
 }

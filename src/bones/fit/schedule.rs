@@ -73,7 +73,10 @@ pub(super) struct Tried {
 /// A word about a common motion that explains little of the bones' contrast.
 pub(super) fn weak_start(share: f64) -> Option<Warning> {
     let problem = || {
-        format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share)
+        format!(
+            "one motion of all bones explains only {:.0} % of their contrast; look at the fusion images",
+            100.0 * share
+        )
     };
     (share < WEAK_START).then(|| Warning::new(findings::WEAK_START, problem()))
 }

@@ -3,6 +3,7 @@
 use crate::body::BodyOptions;
 use crate::chainmail::{ChainmailOptions, VolumeChange};
 use crate::error::{Error, Result};
+use crate::evaluate::couch::CouchOptions;
 use crate::evaluate::verdict::Limits;
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
 use crate::fit::FitOptions;
@@ -33,6 +34,8 @@ pub struct Config {
     pub chainmail: ChainmailOptions,
     /// Refining soft tissue by the images.
     pub refine: RefineOptions,
+    /// Which bones the couch shift is matched on.
+    pub couch: CouchOptions,
     /// Where results are wanted.
     pub region: RegionOptions,
     /// Inverting the field.

@@ -1,10 +1,11 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
 use super::contact;
-use super::couch::{Couch, couch_shift};
+use super::couch::{Couch, common_shift};
 use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
 use super::kind::MisledTissue;
+use super::matching::couch_match;
 use super::outcome::CARRYING;
 use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
@@ -201,18 +202,20 @@ pub(super) fn carry_out(
     let judged = runtime.stage("evaluate", || Judged::of(through, &fitted, &push));
     inverse.multiple = judged.multiple.count();
     propagated.alone = propagated.alone.map(|alone| couch.added(alone));
-    let couch_shift = couch_shift(fit, scan.ct.grid());
+    let common_shift = common_shift(fit, scan.ct.grid());
+    let grids = [scan.ct.grid(), target];
+    let matched = couch_match(&config.couch, skeleton, &scan.bones, fit, grids, &common_shift);
     let volume_changes = reached(&scan.bones, &judged.jacobian, config);
     let found = [
         propagated.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
         field_warnings(&push, &judged.jacobian_report, &inverse),
         contact::warnings(&judged.contact, coarsest(scan.ct.grid())),
         volume_changes.iter().filter_map(missed).collect(),
-        judged.of_landmarks(through.landmarks, &push, &couch_shift),
+        judged.of_landmarks(through.landmarks, &push, &matched.shift()),
     ];
     let outcome = Outcome {
         pose: fitted.fit.pose,
-        couch_shift,
+        common_shift,
         bone_fits: fitted.fit.bones,
         skeleton: fitted.skeleton,
         body: fitted.body,
@@ -228,12 +231,14 @@ pub(super) fn carry_out(
         volume_changes,
         kind: propagated.kind,
         uncertainty: None,
+        agreement: None,
         pruning: propagated.propagation.pruning,
         links,
         inverse,
         consistency,
-        landmarks: judged.residuals.map(|report| report.with_shift(&couch_shift)),
+        landmarks: judged.residuals.map(|report| report.with_shift(&matched.shift())),
         regions: propagated.regions,
+        couch: matched,
         warnings: warnings.into_iter().chain(found.into_iter().flatten()).collect(),
     };
     Ok(Carried { outcome, alone: propagated.alone, misled: propagated.misled })

@@ -4,6 +4,7 @@ use super::PlanningScan;
 use super::checks::{check_image, check_labels};
 use super::contact;
 use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
+use super::matching;
 use super::outcome::LINKING;
 use super::uncertainty;
 use crate::body;
@@ -187,6 +188,7 @@ impl Planning {
 
 /// Judges planning CT and labels by themselves and against each other.
 pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+    matching::check(&config.couch, skeleton, &planning.bones)?;
     let mut warnings = check_image("planning CT", &planning.ct, config)?;
     warnings.extend(config.checks.told(sides_and_levels(&planning.bones))?);
     warnings.extend(levels_by_landmarks(&planning.bones));

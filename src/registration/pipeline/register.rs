@@ -9,9 +9,14 @@ use super::region::cut;
 use super::{Case, Outcome, uncertainty};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::evaluate::agreement;
 use crate::findings;
-use crate::fit::{BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
+use crate::fit::{
+    BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, GivenMotion, contradictions, fit_pose, from_labels,
+    from_landmarks, given,
+};
 use crate::runtime::Runtime;
+use crate::skeleton::Skeleton;
 use crate::view::View;
 use crate::warning::Warning;
 use std::borrow::Cow;
@@ -38,10 +43,7 @@ pub fn register_fraction(
 ) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
-    let placed = match case.fraction.bone_landmarks.as_slice() {
-        [] => None,
-        landmarks => Some(from_landmarks(skeleton, landmarks)?),
-    };
+    let (placed, unlike) = placed(case, skeleton)?;
     let drawn;
     let samples = match (&planning.samples, &placed) {
         // The settings would let landmarks alone place the bones, and there are none.
@@ -69,7 +71,12 @@ pub fn register_fraction(
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let (fit, fraction) = (fit?, fraction.transpose()?);
-    let warnings = [warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    let mislabelled = match (&placed, &case.fraction.bones) {
+        (Some(placed), Some(_)) => contradictions(skeleton, placed, &fit.transforms),
+        _ => Vec::new(),
+    };
+    let warnings =
+        [warnings, &odd, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
@@ -82,6 +89,19 @@ pub fn register_fraction(
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
     let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
     Ok((carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)?, None))
+}
+
+/// Motions of bones that landmarks or labels give, where there are any, and what is to be said of them.
+#[expect(clippy::type_complexity, reason = "each bone's motion, where it is known, and words")]
+fn placed(case: &Case, skeleton: &Skeleton) -> Result<(Option<Vec<Option<GivenMotion>>>, Vec<Warning>)> {
+    match (case.fraction.bone_landmarks.as_slice(), &case.fraction.bones) {
+        ([], None) => Ok((None, Vec::new())),
+        ([], Some(labels)) => {
+            let (motions, warnings) = from_labels(skeleton, &case.planning.bones, labels)?;
+            Ok((Some(motions), warnings))
+        }
+        (landmarks, _) => Ok((Some(from_landmarks(skeleton, landmarks)?), Vec::new())),
+    }
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
@@ -104,6 +124,15 @@ fn carried(
         })?;
         outcome.uncertainty = Some(map);
     }
+    let compared = agreement::Images {
+        pull: &outcome.pull.displacement,
+        planning: &case.planning.ct,
+        fraction: fraction.map_or(&case.fraction.ct, |f| &f.ct),
+        body: &outcome.body,
+        bones: Some(&case.planning.bones),
+        couch: outcome.couch.shift(),
+    };
+    outcome.agreement = Some(runtime.stage("compare images", || agreement::evaluate(&compared)));
     Ok(outcome)
 }
 
@@ -130,7 +159,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
-            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
+            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there (voxels of 2.5 mm and more do that to thin bones, too); it follows its joint", bone.name, 100.0 * bone.visible)));
         }
         let beyond = &bone.beyond_range;
         if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {

@@ -53,7 +53,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if let Some(view) = view { (section(view)) }
                     div.together.fill {
                         h2 { "Fusion" }
-                        (colour_key())
+                        (colour_key(report))
                         div.pair.three[shifted] {
                             (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
                         }
@@ -74,7 +74,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if has_landmarks {
                         div.together.fill {
                             h2 { "Landmarks" }
-                            (colour_key())
+                            (colour_key(report))
                             div.pair {
                                 (picture("landmarks.png"))
                                 div.stack { (picture("residuals.png")) (tables::landmark_figures(report)) }
@@ -112,13 +112,15 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
 }
 
 /// What the colours of every fusion mean.
-fn colour_key() -> Markup {
+fn colour_key(report: &Report) -> Markup {
+    // Of unlike images the tiles tell, and each picture says so.
+    let coloured = report.fraction_kind.as_ref().is_none_or(|kind| !kind.corrected);
     html! {
-        p.key {
+        @if coloured { p.key {
             span { i style="background: var(--blue)" {} "planning CT blue" }
             span { i style="background: var(--orange)" {} "fraction CT orange" }
             span { i style="background: #9aa0a8" {} "equal content grey" }
-        }
+        } }
     }
 }
 

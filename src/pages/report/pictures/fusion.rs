@@ -1,13 +1,14 @@
 //! Fusion of planning and fraction CT, before and after registration: planning blue, fraction orange, equal is grey.
 
 use super::super::canvas::{Canvas, Rgb};
-use super::super::colour::{BLUE, ORANGE, fuse, tone};
-use super::super::plane::Plane;
+use super::super::colour::{BLUE, ORANGE, fuse, grey, stepped, tone};
+use super::super::plane::{Plane, nearest};
 use super::legend::{Legend, sheet};
 use super::{PictureScene, Plate, bones};
+use crate::pipeline::Outcome;
 use crate::view::ViewReport;
 use crate::volume::Volume;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use std::ops::RangeInclusive;
 
 /// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
@@ -31,7 +32,7 @@ pub(super) fn before(scene: &PictureScene<'_>) -> Plate {
 
 /// The planning CT moved by the couch shift alone; nothing where that is the picture before already, or hardly a shift.
 pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
-    let s = scene.outcome.couch_shift;
+    let s = scene.outcome.couch.shift();
     if scene.shift_before.is_some() || s.norm() < LEAST_SHIFT_MM {
         return None;
     }
@@ -39,8 +40,8 @@ pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
         file: "fusion_couch.png",
         title: "Couch shift alone",
         caption: format!(
-            "The planning CT moved as a whole by the couch shift ({:.1}, {:.1}, {:.1} mm), same planes: what is coloured here is left for \
-             the deformation.",
+            "The planning CT moved as a whole by the couch shift ({:.1}, {:.1}, {:.1} mm), same planes: what does not agree here is left \
+             for the deformation.",
             s.x, s.y, s.z
         ),
         canvas: panels(scene, &scene.case.planning.ct, &s, &s),
@@ -55,10 +56,14 @@ pub(super) fn after(scene: &PictureScene<'_>) -> Plate {
     Plate {
         file: "fusion_after.png",
         title: "After registration",
-        caption:
+        caption: if unlike(scene.outcome) {
+            "The planning CT deformed onto the fraction, same planes, both in turns: borders go on from tile to tile where \
+             both agree. Their grey values are unlike, so colours would not tell of motion alone."
+        } else {
             "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
-                  they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
-                .to_owned(),
+             they differ or where the other scan has no data."
+        }
+        .to_owned(),
         canvas: panels(
             scene,
             &scene.outcome.planning_on_fraction,
@@ -74,7 +79,8 @@ fn panels(scene: &PictureScene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>
     let planes = scene.fraction.iter().zip(&scene.fraction_hu);
     let rows: Vec<Canvas> = planes
         .map(|(plane, fraction)| {
-            let mut picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
+            let planning = plane.hu_moved(planning, shift);
+            let mut picture = both(scene, plane, &planning, fraction);
             outline(scene, plane, &mut picture);
             bones::outlines_at(scene, plane, before, &mut picture);
             plane.row(&picture, [0; 3], [255; 3], [0; 3])
@@ -82,12 +88,45 @@ fn panels(scene: &PictureScene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>
         .collect();
     let limited = limited(scene).is_some();
     sheet(&rows, 1 + usize::from(limited), |legend| {
-        colours(legend);
+        key(scene, legend);
         bones::legend(legend);
         if limited {
             legend.next_line();
             legend.swatch(EDGE, "edge of what was measured");
         }
+    })
+}
+
+/// Edge of the tiles of a checkerboard, mm.
+const TILE_MM: f64 = 20.0;
+
+/// Whether equal tissue has other grey values in the fraction, so that colour would tell of these and not of motion.
+pub(in crate::report) fn unlike(outcome: &Outcome) -> bool {
+    outcome.kind.as_ref().is_some_and(|kind| kind.corrected)
+}
+
+/// Planning and fraction at a plane's pixels in one picture: in colours, or in turns where colours would mislead.
+pub(super) fn both(scene: &PictureScene<'_>, plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
+    if unlike(scene.outcome) { checkered(plane, planning, fraction) } else { fused(plane, planning, fraction) }
+}
+
+/// What such a picture means.
+pub(super) fn key(scene: &PictureScene<'_>, legend: &mut Legend<'_>) {
+    if unlike(scene.outcome) {
+        legend.text(&format!("planning CT and fraction in turns, {TILE_MM:.0} mm"));
+    } else {
+        colours(legend);
+    }
+}
+
+/// CT numbers of planning and fraction at a plane's pixels, in turns.
+fn checkered(plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
+    let origin = plane.world(0.0, 0.0);
+    plane.paint(|p, n| {
+        let from = p - origin;
+        let tiles: f64 = from.iter().map(|mm| (mm.abs() / TILE_MM).floor()).sum();
+        let hu = if tiles as usize % 2 == 0 { planning[n] } else { fraction[n] };
+        grey(stepped(tone(f64::from(hu))))
     })
 }
 
@@ -122,9 +161,12 @@ const DASH: (usize, usize) = (8, 12);
 pub(super) fn lung(scene: &PictureScene<'_>) -> Option<Plate> {
     let planning: Vec<Vec<f32>> =
         scene.fraction.iter().map(|plane| plane.hu(&scene.outcome.planning_on_fraction)).collect();
-    let all = planning.iter().flatten();
-    let thin = all.clone().filter(|hu| LUNG_HU.contains(*hu)).count();
-    if thin as f64 <= LEAST_LUNG * all.count() as f64 {
+    let shown = scene.fraction.iter().zip(&planning);
+    let pixels = shown.flat_map(|(plane, hu)| hu.iter().enumerate().map(move |(n, hu)| (plane, n, *hu)));
+    let at = |plane: &Plane, n: usize| plane.world((n % plane.width) as f64, (n / plane.width) as f64);
+    let lung =
+        pixels.clone().filter(|(plane, n, hu)| LUNG_HU.contains(hu) && in_patient(scene, &at(plane, *n))).count();
+    if lung as f64 <= LEAST_LUNG * pixels.count() as f64 {
         return None;
     }
     let planes = scene.fraction.iter().zip(planning.iter().zip(&scene.fraction_hu));
@@ -146,6 +188,12 @@ pub(super) fn lung(scene: &PictureScene<'_>) -> Option<Plate> {
     })
 }
 
+/// Whether a point of the fraction shows the patient as planning has him: neither foam nor the blur of his skin is lung.
+fn in_patient(scene: &PictureScene<'_>, p: &Point3<f64>) -> bool {
+    let there = nearest(&scene.outcome.pull.displacement, p).map(|v| p + Vector3::from(v.map(f64::from)));
+    there.and_then(|x| nearest(&scene.outcome.body, &x)).unwrap_or(false)
+}
+
 /// Lung, HU; the noise of a scanner's air reaches to -900.
 const LUNG_HU: RangeInclusive<f32> = -900.0..=-500.0;
 /// Least share of the planes that is lung.
@@ -157,12 +205,12 @@ fn tone_of_lung(hu: f32) -> f64 {
 }
 
 /// CT numbers of planning and fraction at a plane's pixels, fused.
-pub(super) fn fused(plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
+fn fused(plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
     plane.paint(|_, n| fuse(tone(f64::from(planning[n])), tone(f64::from(fraction[n]))))
 }
 
 /// What the colours mean.
-pub(super) fn colours(legend: &mut Legend<'_>) {
+fn colours(legend: &mut Legend<'_>) {
     legend.swatch(BLUE, "planning CT");
     legend.swatch(ORANGE, "fraction CT");
     legend.swatch([170; 3], "both agree");
@@ -225,7 +273,7 @@ mod tests {
         let (case, outcome, _) = example::scene(layout([500.0, -20.0, 300.0]));
         let (near_case, near_outcome, _) = example::scene(layout([0.0; 3]));
         let (far, near) = (PictureScene::new(&case, &outcome), PictureScene::new(&near_case, &near_outcome));
-        assert_eq!(far.shift_before, Some(outcome.couch_shift));
+        assert_eq!(far.shift_before, Some(outcome.couch.shift()));
         assert_eq!(near.shift_before, None);
         assert!(before(&far).caption.contains("couch shift alone (500.0, -20.0, 300.0 mm)"));
         assert!(before(&near).caption.contains("scanner positions"));

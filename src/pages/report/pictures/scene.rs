@@ -142,7 +142,7 @@ fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Poi
 
 /// Shift of the planning CT in what is shown of before the registration; `None` where the scans meet as they are.
 pub(in crate::report) fn shift_before(case: &Case, outcome: &Outcome) -> Option<Vector3<f64>> {
-    (overlap(case.planning.ct.grid(), case.fraction.ct.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
+    (overlap(case.planning.ct.grid(), case.fraction.ct.grid()) < LEAST_OVERLAP).then_some(outcome.couch.shift())
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.

@@ -151,10 +151,12 @@ fn embed_on(
         "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
         "steps": { "mm": steps.displacement, "jacobian": JACOBIAN, "uncertainty": steps.uncertainty },
         "shift": shift.as_slice(),
+        // Colours would tell of grey values, not of motion.
+        "mode": if super::super::pictures::unlike(outcome) { "checker" } else { "colour" },
         "shifted": shift_before.is_some(),
         "top": top,
         // Motion of the couch beyond that shift.
-        "couch": (outcome.couch_shift - shift).as_slice(),
+        "couch": (outcome.couch.shift() - shift).as_slice(),
         "unsure": outcome.uncertainty.as_ref().map_or([3.0, 0.0], |(map, _)| uncertainty::scale(map)),
         "names": case.planning.bones.names,
         "structures": structures::about(contours),
