@@ -96,12 +96,13 @@ class Contours:
 
 def _polygons(name: str, polygons: Any) -> list[NDArray[np.float64]]:
     given = _given.several(f"structures[{name!r}]", polygons, _REMEDY)
-    return [_given.array(f"a polygon of {name}", polygon, (None, 3), _REMEDY) for polygon in given]
+    return [_given.array(f"structures[{name!r}][{n}]", one, (None, 3), _REMEDY) for n, one in enumerate(given)]
 
 
 def _colour(name: str, colour: Any) -> tuple[int, int, int]:
     remedy = "give red, green and blue, from 0 to 255"
-    parts = [_given.whole(f"the colour of {name}", part, 0, 255) for part in _given.several("colours", colour, remedy)]
+    own = f"colours[{name!r}]"
+    parts = [_given.whole(own, part, 0, 255) for part in _given.several(own, colour, remedy)]
     if len(parts) != 3:
-        raise _given.wrong(f"the colour of {name}", colour, remedy)
+        raise _given.wrong(own, colour, remedy)
     return parts[0], parts[1], parts[2]

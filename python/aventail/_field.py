@@ -152,11 +152,17 @@ def _of_vectors(image: Image) -> Image:
     return image if vectors is image.array else replace(image, array=vectors)
 
 
-def field_source(thing: FieldLike | None, start: str, end: str) -> str | _Raster | None:
+def taken(name: str, thing: FieldLike, start: str, end: str) -> Field:
+    """A field, whose argument is named where it is none."""
+    with _given.about(name):
+        return Field.of(thing, start, end)
+
+
+def field_source(name: str, thing: FieldLike | None, start: str, end: str) -> str | _Raster | None:
     """A field as the compiled module takes it; one that points the other way is refused."""
     if thing is None or _given.is_path(thing):
-        return _given.path_or_none("field", thing)
-    field = Field.of(thing, start, end)
+        return _given.path_or_none(name, thing)
+    field = taken(name, thing, start, end)
     if field.start == end or field.end == start:
         raise _errors.unsuitable(
             "field",

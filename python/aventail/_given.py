@@ -6,7 +6,8 @@ import json
 import math
 import numbers
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,20 @@ def shown(thing: Any) -> str:
 def wrong(name: str, thing: Any, remedy: str) -> _errors.UsageError:
     """The error of an argument that cannot be."""
     return _errors.usage(f"{name} is {shown(thing)}", remedy)
+
+
+@contextmanager
+def about(name: str) -> Iterator[None]:
+    """What is refused meanwhile is told of an argument."""
+    try:
+        yield
+    except _errors.UsageError as error:
+        raise _errors.usage(f"{name}: {error.cause}", error.remedy) from None
+    except _errors.InputError as error:
+        # A file has a name of its own.
+        if error.code or error.what is not None and os.path.exists(error.what):
+            raise
+        raise _errors.unsuitable(name, f"{error.what}: {error.cause}", error.remedy) from None
 
 
 def is_path(thing: Any) -> bool:
@@ -99,6 +114,15 @@ def number(name: str, thing: Any, remedy: str = "give a finite number") -> float
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
+        raise wrong(name, thing, remedy)
+    return value
+
+
+def within(name: str, thing: Any, least: float, most: float) -> float:
+    """A number of a range, its ends included."""
+    remedy = f"give a number from {least:g} to {most:g}"
+    value = number(name, thing, remedy)
+    if not least <= value <= most:
         raise wrong(name, thing, remedy)
     return value
 

@@ -372,12 +372,8 @@ def grid_source(name: str, thing: ImageLike | None) -> _Geometry | None:
 
 def _image(name: str, thing: ImageLike, kind: Kind) -> Image:
     """An image, whose argument is named where it is none."""
-    try:
+    with _given.about(name):
         return Image.of(thing, kind)
-    except _errors.UsageError as error:
-        raise _errors.usage(f"{name}: {error.cause}", error.remedy) from None
-    except _errors.InputError as error:
-        raise _errors.unsuitable(name, f"{error.what}: {error.cause}", error.remedy) from None
 
 
 def _scalar(name: str, image: Image) -> Image:

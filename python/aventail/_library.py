@@ -63,6 +63,11 @@ def library(
     """
     files = {"plan": plan, "labels": labels, "organs": organs, "skeleton": skeleton, "structures": structures, "dose": dose}
     as_file = _given.is_path(cbct)
+    noise = None if noise_hu is None else _given.within("noise_hu", noise_hu, 0, 1000)
+    if noise == 0:
+        raise _given.wrong("noise_hu", noise_hu, "give more than 0, or leave it out")
+    if noise is not None and (as_file or _given.flag("cbct", cbct)):
+        raise _errors.usage("cbct and noise_hu are both given, and a cone-beam CT brings its own noise", "give one of them")
     wanted: dict[str, Any] = {
         "planning": _given.path("planning", planning),
         "bones": _given.path("bones", bones),
@@ -70,12 +75,12 @@ def library(
         "sample": None if sample is None else _given.whole("sample", sample),
         "seed": _given.whole("seed", seed),
         "reject": _given.flag("reject", reject),
-        "margin": _given.number("margin_mm", margin_mm),
+        "margin": _given.within("margin_mm", margin_mm, 0, 500),
         "volume_change": _ranges(volume_change),
         "fields": _given.flag("fields", fields),
         "cbct": as_file or _given.flag("cbct", cbct),
         "cbct_file": _given.path("cbct", cbct) if as_file else None,
-        "noise": None if noise_hu is None else _given.number("noise_hu", noise_hu),
+        "noise": noise,
     }
     wanted |= {name: _given.path_or_none(name, thing) for name, thing in files.items()}
     settled, threads = settings_source(settings), _given.whole("threads", threads)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _errors, _given
 from ._case import Landmarks, Settings, landmark_source, settings_source
-from ._field import Field, FieldLike, field_source
+from ._field import FieldLike, field_source, taken
 from ._image import ImageLike, Names, label_source, name_source, source_or_none
 from ._native import native as _aventail
 from ._progress import Progress, told
@@ -28,9 +28,10 @@ def both(
     if isinstance(fields, Registration):
         push, pull = fields.planning_to_fraction, fields.fraction_to_planning
     elif fields is not None:
-        field = Field.of(fields, "planning", "fraction")
+        field = taken("fields", fields, "planning", "fraction")
         push, pull = (field, None) if field.start != "fraction" else (None, field)
-    return field_source(push, "planning", "fraction"), field_source(pull, "fraction", "planning")
+    there = field_source("planning_to_fraction", push, "planning", "fraction")
+    return there, field_source("fraction_to_planning", pull, "fraction", "planning")
 
 
 def evaluate(

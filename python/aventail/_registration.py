@@ -210,7 +210,9 @@ class Registration:
         if kind == "points":
             return self._warp_points(thing, forward, to)
         if kind == "contours":
-            text = self._native.warp_contours(Contours.of(thing)._json(), forward, target)
+            with _given.about("thing"):
+                contours = Contours.of(thing)
+            text = self._native.warp_contours(contours._json(), forward, target)
             return Contours._parse(text)
         if kind == "labels":
             given, names = label_source(thing, labels, "thing")
@@ -227,7 +229,7 @@ class Registration:
             one = np.ndim(points) == 1
         except ValueError:
             one = False
-        array = _given.array("points", [points] if one else points, (None, 3), remedy)
+        array = _given.array("thing", [points] if one else points, (None, 3), remedy)
         carried, covered = self._native.warp_points(array, forward)
         outside = int(np.count_nonzero(~covered))
         if outside:
@@ -417,6 +419,11 @@ def pose(
     ``bones_folder`` are those of :func:`register`.
     """
     motion: dict[str, Any] = {"text": None, "file": None, "transforms": None}
+    ways = {"pose": pose, "couch": couch, "transforms": transforms, "bone_landmarks": bone_landmarks}
+    given_ways = [name for name, thing in ways.items() if thing is not None]
+    in_file = "couch" in given_ways and _given.is_path(pose)
+    if in_file or given_ways != ["pose", "couch"] and len(given_ways) > 1:
+        raise _errors.usage(f"several motions are given: {', '.join(given_ways)}", "give one, or pose and couch as dicts")
     if transforms is not None:
         entries = _given.named("transforms", transforms, 'give {"skull": 4x4}, planning to fraction, LPS mm')
         motion["transforms"] = [(bone, _given.matrix(f"transforms[{bone!r}]", rows)) for bone, rows in entries]
@@ -429,7 +436,7 @@ def pose(
     given, names = label_source(bones, labels)
     more = _case.more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
     settled, threads = settings_source(settings), _given.whole("threads", threads)
-    margin, ct = _given.number("margin_mm", margin_mm), source("planning", planning)
+    margin, ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
     with told(progress) as function:
         native = _aventail.pose(ct, given, motion, margin, more, settled, threads, function)
     return Registration(native)
