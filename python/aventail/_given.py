@@ -175,8 +175,12 @@ def table(name: str, thing: Any, remedy: str) -> Mapping[Any, Any]:
 
 
 def named(name: str, thing: Any, remedy: str) -> list[tuple[str, Any]]:
-    """The entries of a table whose keys are names."""
-    return [(word(f"a name in {name}", key), value) for key, value in table(name, thing, remedy).items()]
+    """The entries of a table whose keys are names; DICOM has structures whose name is empty."""
+    entries = list(table(name, thing, remedy).items())
+    for key, _ in entries:
+        if not isinstance(key, str):
+            raise _errors.usage(f"{name} has the key {shown(key)}, which is no text", remedy)
+    return entries
 
 
 def _plain(value: Any) -> Any:

@@ -196,7 +196,7 @@ class Registration:
             raise _errors.usage(f"kind is not given: nothing tells what {_given.shown(thing)} is", remedy)
         cubic = _given.choice("interpolation", interpolation, ("linear", "cubic")) == "cubic"
         # NaN is a value that says that there is none.
-        fill = float(outside) if isinstance(outside, float) else _given.number("outside", outside)
+        fill = float(outside) if isinstance(outside, (float, np.floating)) else _given.number("outside", outside)
         idle = {
             "labels": labels is not None and kind != "labels",
             "interpolation": cubic and kind != "image",

@@ -409,6 +409,7 @@ def test_fields_and_contours_refuse(scene: Scene, tmp_path: Path) -> None:
     colours = [5, None, "a", [], {"a": 5}, {"a": (1, 2)}, {"a": (1, 2, 300)}, {"a": (1, 2, 0.5)}, {5: (1, 2, 3)}, {"a": "red"}]
     given = {"structures": {"a": [square]}}
     check(aventail.Contours, given, {"structures": polygons, "orientation": axes, "colours": colours})
+    assert list(aventail.Contours({"": [square]}).structures) == [""]
     contours = aventail.Contours(**given)
     check(contours.save, {"path": tmp_path / "c.json"}, {"path": NOT_PATHS, "frame": words})
     check(contours.save_dicom, {"path": "a.dcm", "like": "b"}, {name: NOT_PATHS for name in ("path", "like", "of")})
