@@ -41,6 +41,9 @@ pub struct RegisterArgs {
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. Planning is a CT
+    #[arg(long, value_enum)]
+    pub modality: Option<ModalityName>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -80,6 +83,15 @@ pub struct RegisterArgs {
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// What makes an image.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ModalityName {
+    /// CT or cone-beam CT, HU
+    Ct,
+    /// Magnetic resonance: magnitudes of any scale and sequence
+    Mr,
 }
 
 /// What bone landmarks do.

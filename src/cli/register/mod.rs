@@ -4,13 +4,13 @@ mod args;
 mod index;
 
 pub(super) use args::HELP;
-pub use args::{LandmarkUseName, RegisterArgs};
+pub use args::{LandmarkUseName, ModalityName, RegisterArgs};
 
 use super::args::{PresetName, RunArgs, SpeedName};
 use super::inputs::{config_file, either, needed, planning_side};
 use super::run_folder;
 use super::terminal::{command_line, progress};
-use crate::config::{Config, ConfigFile, InputRole, Preset};
+use crate::config::{Config, ConfigFile, InputRole, Modality, Preset};
 use crate::error::{Error, Result};
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder};
@@ -129,6 +129,12 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
         config.fit.bone_landmarks = match r#use {
             LandmarkUseName::Start => LandmarkUse::Start,
             LandmarkUseName::Replace => LandmarkUse::Replace,
+        };
+    }
+    if let Some(modality) = args.modality {
+        config.fraction.modality = match modality {
+            ModalityName::Ct => Modality::Ct,
+            ModalityName::Mr => Modality::Mr,
         };
     }
     args.organs.apply(&mut config)?;

@@ -53,7 +53,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if let Some(view) = view { (section(view)) }
                     div.together.fill {
                         h2 { "Fusion" }
-                        (colour_key())
+                        (colour_key(report))
                         div.pair.three[shifted] {
                             (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
                         }
@@ -74,7 +74,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if has_landmarks {
                         div.together.fill {
                             h2 { "Landmarks" }
-                            (colour_key())
+                            (colour_key(report))
                             div.pair {
                                 (picture("landmarks.png"))
                                 div.stack { (picture("residuals.png")) (tables::landmark_figures(report)) }
@@ -112,7 +112,10 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
 }
 
 /// What the colours of every fusion mean.
-fn colour_key() -> Markup {
+fn colour_key(report: &Report) -> Markup {
+    if report.fraction_kind.as_ref().is_some_and(|kind| kind.mr.is_some()) {
+        return html! { p.key { "Planning CT and fraction MR in squares in turns: skin and bones go on from one to the next where both agree." } };
+    }
     html! {
         p.key {
             span { i style="background: var(--blue)" {} "planning CT blue" }

@@ -146,6 +146,7 @@ fn embed_on(
         "grid": grid(page.grid()),
         "coarse": grid(coarse.grid()),
         "own": case.fraction.ct.grid().spacing(),
+        "mode": if outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()) { "checker" } else { "colour" },
         "hu": { "first": first, "step": step },
         // The fraction on planning's scale, as the pictures show it.
         "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
