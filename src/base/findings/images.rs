@@ -42,6 +42,16 @@ findings! {
         "The fraction CT shows a short piece of the spine that would fit another level nearly as well.",
         "Check the levels in the fusion images; place a vertebra with --bone-landmarks.",
     );
+    MR_FRACTION = doubted(
+        "mr-fraction",
+        "The fraction is an MR: grey values that are no HU, and a geometry that the scanner distorts.",
+        "Look at bones and skin in the fusion images, far from the scanner's middle above all; take no dose from its values.",
+    );
+    NOT_AN_MR = refused(
+        "not-an-mr",
+        "An image that must be an MR holds negative values, as a CT in HU does.",
+        "Leave --modality out for a CT; give the magnitude image.",
+    );
     NO_TISSUE = doubted(
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",

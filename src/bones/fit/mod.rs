@@ -85,6 +85,7 @@ mod mirror;
 mod planning;
 mod prior;
 mod problem;
+mod relation;
 mod rivals;
 mod samples;
 mod scale;

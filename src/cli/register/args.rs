@@ -43,6 +43,9 @@ pub struct RegisterArgs {
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. Planning is a CT
+    #[arg(long, value_enum)]
+    pub modality: Option<ModalityName>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -105,6 +108,15 @@ pub enum FitName {
     Image,
     /// The labels alone; bones without follow their joints
     Labels,
+}
+
+/// What makes an image.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ModalityName {
+    /// CT or cone-beam CT, HU
+    Ct,
+    /// Magnetic resonance: magnitudes of any scale and sequence
+    Mr,
 }
 
 /// What bone landmarks do.

@@ -4,13 +4,13 @@ mod args;
 mod index;
 
 pub(super) use args::HELP;
-pub use args::{FitName, LandmarkUseName, RegisterArgs};
+pub use args::{FitName, LandmarkUseName, ModalityName, RegisterArgs};
 
 use super::args::{PresetName, RunArgs, SpeedName};
 use super::inputs::{config_file, either, needed, planning_side};
 use super::run_folder;
 use super::terminal::{command_line, progress};
-use crate::config::{Config, ConfigFile, InputRole, Preset};
+use crate::config::{Config, ConfigFile, InputRole, Modality, Preset};
 use crate::error::{Error, Result};
 use crate::evaluate::couch::CouchOptions;
 use crate::fit::LandmarkUse;
@@ -134,6 +134,12 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
     }
     if let Some(FitName::Labels) = args.fit {
         config.fit.bone_landmarks = LandmarkUse::Replace;
+    }
+    if let Some(modality) = args.modality {
+        config.fraction.modality = match modality {
+            ModalityName::Ct => Modality::Ct,
+            ModalityName::Mr => Modality::Mr,
+        };
     }
     args.organs.apply(&mut config)?;
     if let Some(text) = &args.roi {

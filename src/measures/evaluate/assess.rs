@@ -154,7 +154,7 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         _ => None,
     };
     let agreement = match (subject.planning, subject.fraction) {
-        (Some(planning), Some(fraction)) => Some(runtime.stage("compare images", || {
+        (Some(planning), Some(fraction)) if shows_air(fraction) => Some(runtime.stage("compare images", || {
             let couch = shift.as_ref().map_or_else(Vector3::zeros, |s| s.mm);
             let body = same_grid(patient.as_ref().unwrap_or(&mask), planning.grid());
             let bones = subject.bones;
@@ -197,6 +197,14 @@ fn mean_shift(subject: &Subject<'_>, push: &Volume<[f32; 3]>, mask: &Mask) -> Op
     };
     Some(MeanShift { mm, of: of.into() })
 }
+
+/// Whether an image has values of air, as CTs in HU do and MR images do not.
+fn shows_air(image: &Volume<f32>) -> bool {
+    image.extremes()[0] < AIR_HU
+}
+
+/// Every CT of a patient has lower values somewhere, HU.
+const AIR_HU: f32 = -500.0;
 
 /// Where to measure, on a grid of the planning frame.
 struct Domain {

@@ -118,7 +118,8 @@ impl Resting {
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let window = config.refine.window(lung.is_some());
-            let side = || mapped.then(|| uncertainty::side(planning, skeleton, body, window)).transpose();
+            let side =
+                || mapped.then(|| uncertainty::side(&planning.ct, &planning.bones, skeleton, body, window)).transpose();
             let bones = || contact::resting(&planning.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &planning.ct);
@@ -177,7 +178,7 @@ impl Planning {
     pub fn new(planning: &PlanningScan, config: &Config, runtime: &Runtime) -> Result<Self> {
         let by_landmarks = config.fit.bone_landmarks == LandmarkUse::Replace;
         let draw = |skeleton: &Skeleton| {
-            (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit))
+            (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit_options()))
         };
         let (patient, samples) = Patient::new_beside(planning, config, runtime, draw)?;
         let resting = || Resting::new(planning, &patient.skeleton, &patient.body, true, config, runtime);

@@ -6,7 +6,8 @@ use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
-use super::{Case, Outcome, uncertainty};
+use super::{Case, FractionKind, Outcome, uncertainty};
+use crate::body::mr::{self, TissueScale};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::evaluate::agreement;
@@ -48,13 +49,18 @@ pub fn register_fraction(
     let samples = match (&planning.samples, &placed) {
         // The settings would let landmarks alone place the bones, and there are none.
         (None, None) => {
-            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit);
+            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit_options());
             Some(&drawn)
         }
         (samples, _) => samples.as_ref(),
     };
-    let view = View::of(&case.fraction.ct);
-    let known = view.known(&case.fraction.ct);
+    // Grey values of an MR are brought to a scale on which air is told from the patient.
+    let tissue = config.is_mr().then(|| mr::tissue_scale(&case.fraction.ct)).transpose()?;
+    let (view, grey) = match &tissue {
+        Some(TissueScale { image, range }) => (View::of_ends(image), Some(*range)),
+        None => (View::of(&case.fraction.ct), None),
+    };
+    let known = view.known(tissue.as_ref().map_or(&case.fraction.ct, |mr| &mr.image));
     let fit = || match (samples, &placed) {
         (Some(samples), start) => {
             let start = match (start, case.fraction.start) {
@@ -62,12 +68,16 @@ pub fn register_fraction(
                 (None, Some(common)) => FitStart::Near(common),
                 (None, None) => FitStart::Search,
             };
-            fit_pose(skeleton, samples, &known, start, &config.fit, runtime.progress())
+            fit_pose(skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
         }
         (None, Some(known)) => given(skeleton, known),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     };
-    let seen = || images_pull(config).then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), config));
+    // An MR is shown and told of as one whether it pulls or not.
+    let seen = || {
+        (images_pull(config) || grey.is_some())
+            .then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), grey, config))
+    };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let (fit, fraction) = (fit?, fraction.transpose()?);
@@ -114,15 +124,28 @@ fn carried(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let through = Through::of(case, resting, fraction);
-    let Carried { mut outcome, alone, misled } = carry_out(through, moved, warnings, config, runtime)?;
+    let through = Through::of(case, resting, fraction.filter(|_| images_pull(config)));
+    let Carried { mut outcome, shown } = carry_out(through, moved, warnings, config, runtime)?;
+    if let (None, Some(Fraction { mr: Some(mr), view, .. })) = (&outcome.kind, fraction) {
+        let kind = FractionKind { view: view.clone(), grey: None, corrected: false, misled: None, mr: Some(*mr) };
+        outcome.warnings.extend(kind.warnings());
+        outcome.kind = Some(kind);
+    }
     if let Some(side) = &resting.side {
         let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
         let map = runtime.stage("uncertainty", || {
-            let images = uncertainty::Shown { fraction: seen, bones_alone: alone.as_ref(), misled: misled.as_ref() };
-            uncertainty::of(&case.planning, &outcome, side, &resting.tissue, images)
+            let window = config.refine.window(resting.lung.is_some());
+            let of = |ct| uncertainty::side(ct, &case.planning.bones, &outcome.skeleton, &outcome.body, window);
+            let translated = shown.translated.as_ref().map(of).transpose()?;
+            let (bones_alone, misled) = (shown.alone.as_ref(), shown.misled.as_ref());
+            let images = uncertainty::Shown { fraction: seen, bones_alone, misled };
+            uncertainty::of(&case.planning, &outcome, translated.as_ref().unwrap_or(side), &resting.tissue, images)
         })?;
         outcome.uncertainty = Some(map);
+    }
+    // An MR's grey values are no function of HU in every window.
+    if outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()) {
+        return Ok(outcome);
     }
     let compared = agreement::Images {
         pull: &outcome.pull.displacement,

@@ -11,6 +11,7 @@ mod view;
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
+use crate::pipeline::FractionKind;
 use crate::provenance::InputFile;
 use crate::warning::Warning;
 use base64::{Engine, engine::general_purpose::STANDARD};
@@ -113,14 +114,15 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
 
 /// What the colours of every fusion mean.
 fn colour_key(report: &Report) -> Markup {
-    // Of unlike images the tiles tell, and each picture says so.
-    let coloured = report.fraction_kind.as_ref().is_none_or(|kind| !kind.corrected);
+    if report.fraction_kind.as_ref().is_some_and(FractionKind::unlike) {
+        return html! { p.key { "Planning and fraction in squares in turns: skin and bones go on from one to the next where both agree." } };
+    }
     html! {
-        @if coloured { p.key {
+        p.key {
             span { i style="background: var(--blue)" {} "planning CT blue" }
             span { i style="background: var(--orange)" {} "fraction CT orange" }
             span { i style="background: #9aa0a8" {} "equal content grey" }
-        } }
+        }
     }
 }
 

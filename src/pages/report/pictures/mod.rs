@@ -23,7 +23,6 @@ use crate::pipeline::{Case, Outcome};
 pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
 pub(super) use fusion::LEAST_SHIFT_MM;
-pub(super) use fusion::unlike;
 use rayon::prelude::*;
 use scene::PictureScene;
 pub(super) use scene::shift_before;
