@@ -18,10 +18,14 @@ use rayon::prelude::*;
 
 /// Vertices of a surface that take part, about.
 const VERTICES: usize = 2000;
-/// Rounds of closest points.
-const ROUNDS: usize = 80;
+/// Every so-manieth of them, and rounds of closest points, for each start.
+const COARSE: (usize, usize) = (6, 40);
+/// Rounds of closest points with all of them: a long bone slides home slowly.
+const ROUNDS: usize = 150;
+/// Distances beyond count as this, mm.
+const MOST_MM: f64 = 10.0;
 /// A round that moves a bone by less has settled, mm and radians of its vertices.
-const SETTLED_MM: f64 = 1e-3;
+const SETTLED_MM: f64 = 5e-4;
 /// Pairs farther apart than this many times the middle one are left out, but for the least distance, mm.
 const TRIM: f64 = 2.5;
 const LEAST_TRIM_MM: f64 = 1.5;
@@ -100,7 +104,7 @@ pub fn contradictions(skeleton: &Skeleton, by_labels: &[Option<GivenMotion>], tr
 /// A bone laid on its label in the fraction.
 struct Fitted {
     transform: Rigid,
-    /// Of the pairs that took part, mm.
+    /// Root mean square distance of the label that seeks from the other's surface, mm.
     rms: f64,
 }
 
@@ -164,8 +168,12 @@ fn fitted(bone: &Bone, planning: &LabelMap, fraction: &LabelMap) -> Option<Fitte
         let along = turn * own.column(0);
         let room = 0.5 * (from.length(&own.column(0).into_owned()) - to.length(&along));
         let slides: &[f64] = if room.abs() > LEAST_ROOM_MM { &[0.0, -1.0, 1.0] } else { &[0.0] };
-        let starts = slides.iter().map(|slide| closest_points(&from, &to, turn, &(along * (slide * room))));
-        starts.min_by(|a, b| a.rms.total_cmp(&b.rms))
+        let tried = slides.iter().map(|slide| {
+            let start = start(&from, &to, turn, &(along * (slide * room)));
+            closest_points(&from, &to, start, COARSE.0, COARSE.1)
+        });
+        let best = tried.min_by(|a, b| a.rms.total_cmp(&b.rms))?;
+        Some(closest_points(&from, &to, best.transform, 1, ROUNDS))
     };
     let plain = whole(&Matrix3::identity())?;
     let turns = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]| {
@@ -176,41 +184,47 @@ fn fitted(bone: &Bone, planning: &LabelMap, fraction: &LabelMap) -> Option<Fitte
     Some(if turned.rms < BETTER * plain.rms { turned } else { plain })
 }
 
-/// Closest points from a turn about the centres and a shift of them.
-fn closest_points(from: &Side, to: &Side, turn: &Matrix3<f64>, slide: &Vector3<f64>) -> Fitted {
+/// A turn about the centres and a shift of them, as a start.
+fn start(from: &Side, to: &Side, turn: &Matrix3<f64>, slide: &Vector3<f64>) -> Rigid {
     let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*turn));
-    let shift = Translation3::from(to.centre() + slide - turn * from.centre());
-    let mut transform = Rigid::from_parts(shift, turn);
+    Rigid::from_parts(Translation3::from(to.centre() + slide - turn * from.centre()), turn)
+}
+
+/// Closest points from a start, with every so-manieth vertex.
+fn closest_points(from: &Side, to: &Side, start: Rigid, every: usize, rounds: usize) -> Fitted {
     let ratio = to.volume / from.volume;
     let seeks = [ratio < 1.0 + ALIKE, ratio > 1.0 - ALIKE];
-    let mut rms = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    let [own, other] = [from, to].map(|side| side.vertices.iter().step_by(every).copied().collect::<Vec<_>>());
+    let mut fitted = Fitted { transform: start, rms: f64::INFINITY };
+    for _ in 0..rounds {
+        let transform = fitted.transform;
         let mut pairs: Vec<(Point3<f64>, Point3<f64>)> = Vec::new();
         if seeks[0] {
             // The fraction's label, as far as it is there, lies on planning's.
             let back = transform.inverse();
-            let there: Vec<Point3<f64>> = to.vertices.iter().map(|v| back * v).collect();
-            pairs.extend(from.surface.closest(&there).into_iter().zip(to.vertices.iter().copied()));
+            let there: Vec<Point3<f64>> = other.iter().map(|v| back * v).collect();
+            pairs.extend(from.surface.closest(&there).into_iter().zip(other.iter().copied()));
         }
         if seeks[1] {
-            let moved: Vec<Point3<f64>> = from.vertices.iter().map(|v| transform * v).collect();
-            pairs.extend(from.vertices.iter().copied().zip(to.surface.closest(&moved)));
+            let moved: Vec<Point3<f64>> = own.iter().map(|v| transform * v).collect();
+            pairs.extend(own.iter().copied().zip(to.surface.closest(&moved)));
         }
         let apart = |pair: &(Point3<f64>, Point3<f64>)| (transform * pair.0 - pair.1).norm();
         let mut distances: Vec<f64> = pairs.iter().map(apart).collect();
+        // What is left out of the fit still speaks against it.
+        let square: f64 = distances.iter().map(|mm| mm.min(MOST_MM).powi(2)).sum();
+        fitted.rms = (square / distances.len().max(1) as f64).sqrt();
         distances.sort_by(f64::total_cmp);
         let bound = (TRIM * distances.get(distances.len() / 2).copied().unwrap_or(0.0)).max(LEAST_TRIM_MM);
         pairs.retain(|pair| apart(pair) <= bound);
-        let square: f64 = pairs.iter().map(|pair| apart(pair).powi(2)).sum();
-        rms = (square / pairs.len().max(1) as f64).sqrt();
         let next = best_rigid(pairs.iter().copied());
-        let step = from.vertices.iter().map(|v| (next * v - transform * v).norm()).fold(0.0, f64::max);
-        transform = next;
+        let step = own.iter().map(|v| (next * v - transform * v).norm()).fold(0.0, f64::max);
+        fitted.transform = next;
         if step < SETTLED_MM {
             break;
         }
     }
-    Fitted { transform, rms }
+    fitted
 }
 
 #[cfg(test)]

@@ -76,6 +76,7 @@ impl DeterminedBy {
 }
 mod accept;
 mod attempts;
+mod evaluation;
 mod given;
 mod labels;
 mod level;

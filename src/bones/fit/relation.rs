@@ -11,13 +11,13 @@
 //!
 //! It takes the place of the squared correlation in [`super::similarity`]; cost, weight and what is hidden are as there.
 
+use super::evaluation::{Evaluation, Held, LEAST_SHARE, Normal, Weights};
 use super::samples::Samples;
-use super::similarity::{Evaluation, Held, LEAST_SHARE};
 use super::tissue::Tissue;
 use crate::geometry::Rigid;
 use crate::volume::ranges::RANGES;
 use crate::volume::{Volume, cubic};
-use nalgebra::{Matrix6, Point3, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{Matrix6, Point3, SMatrix, Vector3, Vector6};
 use rayon::prelude::*;
 
 /// What holds the grey value of a range that a bone hardly has, as a share of all samples.
@@ -27,19 +27,6 @@ const RIDGE: f64 = 1e-3;
 const SHARED: f64 = 0.1;
 /// Cubic mm of image that carry one independent sample: what HU do not explain hangs together more widely than a CT's noise.
 const INDEPENDENT_MM3: f64 = 300.0;
-
-/// Sums of the least squares of grey values, each times the number of independent samples that one sample counts as: of several
-/// bones they add up.
-#[derive(Debug, Clone, Copy)]
-pub struct Normal {
-    /// Products of memberships.
-    pub own: SMatrix<f64, RANGES, RANGES>,
-    /// Products of memberships and grey values.
-    pub both: Weights,
-}
-
-/// A value for each range of HU.
-pub type Weights = SVector<f64, RANGES>;
 
 /// What the fraction shows of a sample.
 struct Shown {

@@ -1,11 +1,11 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
 use super::accept::found_share;
+use super::evaluation::Normal;
 use super::level::Level;
 use super::planning::BoneSamples;
 use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
-use super::relation::Normal;
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::search::MOST_MM3;

@@ -1,8 +1,8 @@
 //! Derivatives against central differences, known motions recovered, and the field of view that never pays.
 
+use super::evaluation::Weights;
 use super::prior::BeyondRange;
 use super::problem::{Body, End, Link, PoseProblem};
-use super::relation::Weights;
 use super::samples::Samples;
 use super::similarity::{Held, Measure};
 use super::solver::solve;

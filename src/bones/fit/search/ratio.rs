@@ -1,11 +1,9 @@
 //! As [`super::correlate`], for an image of another modality: the correlation ratio of its grey values given ranges of HU.
 
 use super::correlate::{LEAST_SHARE, MOST_CORRELATION, Ready, Row};
-use super::template::Turned;
+use super::template::{GROUPS, Turned};
 use nalgebra::{SMatrix, SVector};
 
-/// Ranges of HU that the search tells apart: fat, soft tissue, marrow, cortical bone.
-pub const GROUPS: usize = 4;
 const PAIRS: usize = GROUPS * (GROUPS + 1) / 2;
 /// What holds the grey value of a range that a bone hardly has, as a share of all voxels.
 const RIDGE: f32 = 1e-3;

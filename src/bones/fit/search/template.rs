@@ -1,7 +1,6 @@
 //! What a bone looks like with its surroundings, turned.
 
 use super::coarse::{Coarse, block, blocks, of_blocks};
-use super::ratio::GROUPS;
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::morphology::dilate;
@@ -9,6 +8,9 @@ use crate::volume::ranges::{RANGES, memberships};
 use crate::volume::{LabelMap, Mask, Volume, trilinear};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
+
+/// Ranges of HU that the search in an image of another modality tells apart: fat, soft tissue, marrow, cortical bone.
+pub const GROUPS: usize = 4;
 
 /// Width of the surroundings that belong to a bone, mm: they tell a vertebra from its neighbours.
 const AROUND_MM: f64 = 8.0;
