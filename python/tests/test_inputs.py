@@ -400,6 +400,9 @@ def test_fields_and_contours_refuse(scene: Scene, tmp_path: Path) -> None:
     check(aventail.Field, given, {"image": images, "start": words, "end": words})
     assert_all(refused_as(aventail.Field.of, {"start": "a", "end": "b"}, "thing", not_fields(scene)))
     layouts = [5, "", "mha", b"nrrd", ["nrrd"], {}, 1.0, object(), True, "text"]
+    for made in (5, p.planning, not_fields(scene)[12]):
+        with pytest.raises(aventail.Error, match="field"):
+            aventail.Field(lambda made=made: made, "a", "b").size  # noqa: B018
     field = aventail.Field(**given)
     check(field.save, {"path": tmp_path / "f.nrrd"}, {"path": [*NOT_PATHS, "a.xyz"], "format": layouts})
     check(field.save_dicom, {"path": "a.dcm", "start": "a", "end": "b"}, {name: NOT_PATHS for name in ("path", "start", "end")})
