@@ -203,13 +203,13 @@ fn what_is_held_buys_no_match() {
     };
     let (_, visible, gain) = cost(0.0, None);
     assert!((0.3..0.9).contains(&visible) && (gain - 1.0 / 1.1).abs() < 0.05, "{visible} {gain}");
-    let held = Some(Held { view: visible, gain });
+    let held = Some(Held { view: visible, gain, grey: None });
     let best = |held| {
         let at = |n: i32| f64::from(n) * 0.1;
         (-20..=20).map(at).min_by(|a, b| cost(*a, held).0.total_cmp(&cost(*b, held).0)).unwrap()
     };
     assert!(best(held).abs() < 0.15 && best(None) < best(held), "held {}, free {}", best(held), best(None));
-    let wrong = Some(Held { view: visible, gain: 1.5 * gain });
+    let wrong = Some(Held { view: visible, gain: 1.5 * gain, grey: None });
     assert!(cost(0.0, wrong).0 > cost(0.0, held).0);
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::canvas::{Align, Canvas, Pen, Rgb, text_width};
 use super::super::plane::{KINDS, Plane};
-use super::fusion::{both, key};
+use super::fusion::{colours, fused};
 use super::legend::sheet;
 use super::{PictureScene, Plate, bones};
 use crate::evaluate::landmark::{LandmarkReport, LandmarkResidual};
