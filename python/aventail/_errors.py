@@ -91,7 +91,9 @@ _ARGUMENTS: dict[str, str] = {
     "labels": "labels",
     "landmarks": "landmarks",
     "mask": "mask",
+    "match": "couch in the settings,",
     "method": "method",
+    "modality": "fraction.modality in the settings",
     "organs": "organs",
     "out": "folder",
     "plan": "plan",
@@ -118,6 +120,8 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     ("the --out folder", "the folder"),
     ("take --method interpolate", 'take method="interpolate"'),
     ("--bones auto", 'bones="auto"'),
+    ("--modality mr", 'settings={"fraction": {"modality": "mr"}}'),
+    ("give spine, or some of", "leave couch.bones empty for the spine, or name some of"),
     ("report it with the command line", "report it with the call"),
 )
 # In backticks stands a command of a program, right as it is; behind an option may stand what its value is.

@@ -51,9 +51,10 @@ class Field:
     @cached_property
     def image(self) -> Image:
         """Vectors and grid; float32, made at the first look, with one copy."""
-        if self._source is None:
-            raise AttributeError("image")
-        return self._source()
+        made = None if self._source is None else self._source()
+        if not isinstance(made, Image):
+            raise _given.wrong("what makes the field's image", made, "return an aventail.Image of vectors")
+        return _of_vectors(made)
 
     @property
     def array(self) -> NDArray[np.float32]:

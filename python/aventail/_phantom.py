@@ -16,8 +16,8 @@ from ._field import Field
 from ._image import Image, _of_raster
 from ._native import check, native as _aventail
 
-# Smaller ones fill the memory of any machine.
-_VOXEL_MM = (0.5, 100.0)
+# The program's own range: smaller ones fill the memory of any machine.
+_VOXEL_MM = (0.2, 20.0)
 
 
 class Phantom:

@@ -107,6 +107,8 @@ def test_messages_name_arguments_and_not_options() -> None:
         "written with --ml, or name it in --volume-change.": "written with --ml, or name it in volume_change.",
         "/data/run--out/x.nii and /data/--out/y: --labels": "/data/run--out/x.nii and /data/--out/y: labels",
         "but --planning-to-fraction takes planning points": "but planning_to_fraction takes planning points",
+        "an MR needs --modality mr": 'an MR needs settings={"fraction": {"modality": "mr"}}',
+        "--match skul: no bone has this name": "couch in the settings, skul: no bone has this name",
         "made by `--bones auto`": 'made by `bones="auto"`',
     }.items():
         assert in_python(text) == own
