@@ -68,7 +68,7 @@ def write_dicom_field(path: str, raster: _Raster, start: str, end: str) -> None:
 def register(
     planning: _Source,
     bones: _Source,
-    fractions: list[tuple[_Source, Any]],
+    fractions: list[tuple[_Source, Any, Any]],
     more: dict[str, Any],
     settings: dict[str, Any],
     threads: int,

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, Union
 from numpy.typing import ArrayLike
 
 from . import _errors, _given
-from ._image import Path
+from ._image import Names, Path, label_source
 
 Preset: TypeAlias = Literal["default", "fast", "thesis"]
 """Named settings; docs/settings.md says what each is."""
@@ -92,6 +92,22 @@ def more(
         "anonymous": False,
         "same_frame": False,
     }
+
+
+def fraction_bones(
+    bones: Any, names: Names | None, fractions: int, several: bool
+) -> list[tuple[Any, Any] | None]:
+    """Labels of each fraction's bones with their names, in the fractions' order."""
+    if bones is None:
+        if names is not None:
+            raise _errors.usage("fraction_labels are given without fraction_bones", "give the label map that they name")
+        return [None] * fractions
+    if several and not isinstance(bones, (list, tuple)):
+        raise _given.wrong("fraction_bones", bones, "several fractions have a list of labels, or None")
+    given = list(bones) if several else [bones]
+    if len(given) != fractions:
+        raise _errors.usage(f"{len(given)} label maps are given for {fractions} fractions", "give one for each, or None")
+    return [None if own is None else label_source(own, names, "fraction_bones") for own in given]
 
 
 def give_back(

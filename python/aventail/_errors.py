@@ -85,6 +85,8 @@ _ARGUMENTS: dict[str, str] = {
     "dvf-format": "format",
     "fit": "runs",
     "fraction": "fraction",
+    "fraction-bones": "fraction_bones",
+    "fraction-labels": "fraction_labels",
     "fraction-to-planning": "fraction_to_planning",
     "fractions": "fractions",
     "grid": "grid",

@@ -277,6 +277,8 @@ def register(
     landmarks: Landmarks | None = None,
     *,
     bone_landmarks: BoneLandmarks | None = None,
+    fraction_bones: ImageLike | None = None,
+    fraction_labels: Names | None = None,
     skeleton: Path | None = None,
     start: ArrayLike | None = None,
     organs: Path | None = None,
@@ -299,6 +301,8 @@ def register(
     settings: Settings = None,
     landmarks: Sequence[Landmarks | None] | None = None,
     *,
+    fraction_bones: Sequence[ImageLike | None] | None = None,
+    fraction_labels: Names | None = None,
     skeleton: Path | None = None,
     organs: Path | None = None,
     volume_change: Mapping[str, float] | None = None,
@@ -322,6 +326,8 @@ def register(
     landmarks: Any = None,
     *,
     bone_landmarks: BoneLandmarks | None = None,
+    fraction_bones: Any = None,
+    fraction_labels: Names | None = None,
     skeleton: Path | None = None,
     start: ArrayLike | None = None,
     organs: Path | None = None,
@@ -348,13 +354,17 @@ def register(
     ``bones="auto"`` has TotalSegmentator, where it is installed, label the file ``planning``; the labels are kept in
     ``bones_folder`` (without it the current folder) and found there by the next run. Nobody has looked at them: look.
 
+    ``fraction_bones`` are labels of bones in the fraction (named by ``fraction_labels`` where they do not name themselves; a path,
+    an image, or ``"auto"``): where both scans have a bone's label, its surface places the bone before the image does. With the
+    settings ``{"fit": {"bone_landmarks": "replace"}}`` the labels alone decide.
+
     With ``dicom=True`` planning and fraction are DICOM folders, and :meth:`Registration.save` also writes what a planning
     system imports: the planning CT on the fraction, the registrations, and ``structures`` (RTSTRUCT of planning) and
     ``dose`` (RTDOSE of the plan) carried to the fraction. ``anonymous`` leaves the patient's identity out of the report
     and of DICOM. ``same_frame`` says that planning and fraction truly lie in the one frame of reference that both claim.
 
-    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` is
-    then a list too.
+    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` and
+    ``fraction_bones`` are then lists too.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -386,7 +396,11 @@ def register(
         raise _errors.usage(
             f"{len(points)} sets of landmarks are given for {len(fractions)} fractions", "give one for each, or None"
         )
-    pairs = [(source("fraction", image), landmark_source("landmarks", each)) for image, each in zip(fractions, points)]
+    labelled = _case.fraction_bones(fraction_bones, fraction_labels, len(fractions), several)
+    pairs = [
+        (source("fraction", image), landmark_source("landmarks", each), own)
+        for image, each, own in zip(fractions, points, labelled)
+    ]
     ct = source("planning", planning)
     with told(progress) as function:
         natives = _aventail.register(ct, given, pairs, more, settled, threads, function)

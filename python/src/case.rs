@@ -43,9 +43,17 @@ fn on_bones(any: &Bound<'_, PyAny>) -> PyResult<Given<Vec<BoneLandmark>>> {
 }
 
 /// A fraction with its landmarks.
-pub(crate) fn fraction(image: &Bound<'_, PyAny>, marks: Option<&Bound<'_, PyAny>>) -> PyResult<FractionSources> {
+pub(crate) fn fraction(
+    image: &Bound<'_, PyAny>,
+    marks: Option<&Bound<'_, PyAny>>,
+    bones: Option<&(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+) -> PyResult<FractionSources> {
     let mut one = FractionSources::new(arrays::image(image)?);
     one.landmarks = marks.map(landmarks).transpose()?;
+    let labelled = |(labels, names): &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)| {
+        Ok::<_, PyErr>((arrays::labels(labels)?, names.as_ref().map(arrays::names).transpose()?))
+    };
+    one.bones = bones.map(labelled).transpose()?;
     Ok(one)
 }
 
@@ -60,7 +68,12 @@ pub(crate) fn make_bones(
     quiet: bool,
     runtime: &Runtime,
 ) -> Result<()> {
-    side.make_bones(needed, BonesBy { beside, command: COMMAND, quiet }, runtime)
+    side.make_bones(needed, asks(beside, quiet), runtime)
+}
+
+/// Who asks for bones that TotalSegmentator is to find.
+pub(crate) fn asks(beside: &Path, quiet: bool) -> BonesBy<'_> {
+    BonesBy { beside, command: COMMAND, quiet }
 }
 
 /// Inputs beside the images.

@@ -201,8 +201,7 @@ impl Wanted {
         let Self { mut request, beside, runs } = self;
         let quiet = progress.is_none();
         let found = runs.run(py, progress, move |runtime| {
-            let needed = request.needed();
-            case::make_bones(&mut request.planning, &needed, &beside, quiet, runtime)?;
+            request.make_bones(case::asks(&beside, quiet), runtime)?;
             request.expected_memory()?;
             let mut all = Vec::new();
             Session::open(request, runtime)?.register_all(runtime, |one| {
@@ -215,6 +214,10 @@ impl Wanted {
     }
 }
 
+/// A fraction, its landmarks, and the labels of its bones with their names.
+type GivenFraction<'py> =
+    (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Option<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
+
 /// Registers one or several fractions of a patient, in their order; what depends on planning alone is done once. Marks that belong
 /// to one fraction are refused for several before.
 #[pyfunction]
@@ -224,7 +227,7 @@ pub(crate) fn register(
     py: Python<'_>,
     planning: &Bound<'_, PyAny>,
     bones: &Bound<'_, PyAny>,
-    fractions: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    fractions: Vec<GivenFraction<'_>>,
     more: More<'_>,
     settings: Settings,
     threads: usize,
@@ -232,7 +235,7 @@ pub(crate) fn register(
 ) -> PyResult<Vec<Registration>> {
     let config = more.settled(&settings).raised(py)?;
     let side = more.planning(planning, bones)?;
-    let all = fractions.iter().map(|(image, marks)| case::fraction(image, marks.as_ref()));
+    let all = fractions.iter().map(|(image, marks, bones)| case::fraction(image, marks.as_ref(), bones.as_ref()));
     let mut all = all.collect::<PyResult<Vec<FractionSources>>>()?;
     if let [only] = all.as_mut_slice() {
         (only.bone_landmarks, only.start) = (more.marks()?.1, more.start().raised(py)?.map(Given::Memory));

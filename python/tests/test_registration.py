@@ -368,3 +368,16 @@ def test_antspyx_reads_the_saved_field(
     own = registration.planning_on_fraction.array.transpose(2, 1, 0)
     inside = registration.inside_planning.array.transpose(2, 1, 0)
     assert np.sqrt(np.mean((moved.numpy() - own)[inside] ** 2)) < 0.3
+
+
+def test_labels_of_the_fraction_place_its_bones(
+    phantom: aventail.Phantom, registration: aventail.Registration
+) -> None:
+    """The labels that a registration has carried, alone."""
+    labels = registration.warp(phantom.bones, to="fraction", kind="labels")
+    alone = {"fit": {"bone_landmarks": "replace"}}
+    made = aventail.register(phantom.planning, phantom.bones, phantom.fraction, settings=alone, fraction_bones=labels)
+    given = [bone for bone in made.report["bones"] if bone["determined_by"] == "given"]
+    assert len(given) > 25
+    with pytest.raises(aventail.Error, match="fraction_bones"):
+        aventail.register(phantom.planning, phantom.bones, phantom.fraction, fraction_labels={1: "skull"})

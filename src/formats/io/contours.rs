@@ -126,9 +126,12 @@ pub fn parse_contours(text: &str, path: impl AsRef<Path>) -> Result<(Contours, O
 }
 
 /// A polygon in its plane, or what is wrong with it.
+/// No scanner's coordinates lie farther out, mm.
+const FARTHEST_MM: f64 = 1e6;
+
 fn polygon(axes: &Matrix3<f64>, points: &[[f64; 3]]) -> Result<Polygon, String> {
-    if let Some(p) = points.iter().find(|p| p.iter().any(|c| !c.is_finite())) {
-        return Err(format!("{p:?} is not finite"));
+    if let Some(p) = points.iter().find(|p| p.iter().any(|c| !c.is_finite() || c.abs() > FARTHEST_MM)) {
+        return Err(format!("{p:?} is no place in a scanner"));
     }
     let mut flat: Vec<Vector3<f64>> = points.iter().map(|p| axes.transpose() * Vector3::from(*p)).collect();
     // Some writers repeat the first point at the end.

@@ -23,15 +23,18 @@ pub(super) fn check(options: &CouchOptions, skeleton: &Skeleton, bones: &LabelMa
     if let Some(name) = options.bones.iter().find(|name| !known(name)) {
         let names: Vec<&str> = skeleton.bones.iter().map(|b| b.name.as_str()).collect();
         return Err(Error::usage(
-            format!("--match {name}: no bone of the planning scan has this name"),
-            format!("give spine, or some of {}", names.join(", ")),
+            format!("the couch shift is to be matched on {name}: no bone of the planning scan has this name"),
+            format!("give some of {}, or none for the spine", names.join(", ")),
         ));
     }
     if let Some(within) = options.box_mm
         && !moments(bones, Some(within)).keys().any(|label| skeleton.bones.iter().any(|b| b.label == *label))
     {
         return Err(Error::usage(
-            format!("--match {}: no bone lies in this box", within.map(|v| v.to_string()).join(",")),
+            format!(
+                "the couch shift is to be matched in {}: no bone lies in this box",
+                within.map(|v| v.to_string()).join(",")
+            ),
             "give least x, y, z, then greatest, in LPS mm of the planning scan, around bones",
         ));
     }

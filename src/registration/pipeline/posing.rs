@@ -14,7 +14,7 @@ use crate::fit::{BoneLandmark, GivenMotion, from_landmarks, given};
 use crate::geometry::{Grid, Rigid};
 use crate::postures::Limits;
 use crate::runtime::Runtime;
-use crate::skeleton::{Pose, Skeleton};
+use crate::skeleton::{Bone, Pose, Skeleton};
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -140,7 +140,7 @@ pub(super) fn known(skeleton: &Skeleton, motion: &BoneMotion) -> Result<Vec<Opti
                 let problem = format!("it has {} joints, the skeleton {}", pose.joints.len(), skeleton.bones.len());
                 return Err(Error::input("pose", problem, "make the pose for this skeleton"));
             }
-            Ok(skeleton.transforms(pose).into_iter().map(|t| exactly(t, "pose")).collect())
+            bounded(skeleton, skeleton.transforms(pose).into_iter().map(|t| exactly(t, "pose")).collect())
         }
         BoneMotion::Transforms(all) => {
             if let Some(name) = all.keys().find(|n| skeleton.bones.iter().all(|b| b.name != **n)) {
@@ -150,9 +150,29 @@ pub(super) fn known(skeleton: &Skeleton, motion: &BoneMotion) -> Result<Vec<Opti
                     "use the names that `aventail skeleton` shows",
                 ));
             }
-            Ok(skeleton.bones.iter().map(|b| all.get(&b.name).and_then(|t| exactly(*t, "transform"))).collect())
+            let given = skeleton.bones.iter().map(|b| all.get(&b.name).and_then(|t| exactly(*t, "transform")));
+            bounded(skeleton, given.collect())
         }
         BoneMotion::Landmarks(all) => from_landmarks(skeleton, all),
+    }
+}
+
+/// Farther than this no bone moves, mm; a rotation that is no number shows in the same place.
+const FARTHEST_MM: f64 = 5000.0;
+
+/// Refuses motions that no patient makes.
+fn bounded(skeleton: &Skeleton, motions: Vec<Option<GivenMotion>>) -> Result<Vec<Option<GivenMotion>>> {
+    let gone = |(bone, motion): (&Bone, &Option<GivenMotion>)| {
+        let moved = (motion.as_ref()?.transform * bone.centroid - bone.centroid).norm();
+        (!moved.is_finite() || moved > FARTHEST_MM).then(|| (bone.name.clone(), moved))
+    };
+    match skeleton.bones.iter().zip(&motions).find_map(gone) {
+        None => Ok(motions),
+        Some((name, moved)) => Err(Error::input(
+            "pose",
+            format!("{name} would move by {moved:.0e} mm"),
+            "give degrees and mm that a patient can move by, at most 5 m",
+        )),
     }
 }
 

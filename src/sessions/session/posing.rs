@@ -6,7 +6,7 @@ use super::planning::PlanningSources;
 use super::registered::{Made, Registered};
 use super::source::{Source, landmarks};
 use crate::config::{Config, InputRole, RecordedInput};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
@@ -18,6 +18,9 @@ use crate::skeleton::{Skeleton, build};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// Widest rim around the planning grid, mm: more is no artificial CT of a patient.
+pub const MOST_MARGIN_MM: f64 = 500.0;
 
 /// How the bones are told to move.
 #[derive(Debug, Clone)]
@@ -119,6 +122,10 @@ impl PoseRequest {
 /// When a file cannot be read or used, or the motion names bones that the skeleton does not have.
 pub fn pose(request: PoseRequest, runtime: &Runtime) -> Result<Registered> {
     let PoseRequest { planning, motion, landmarks: marks, margin_mm, recorded, config, command } = request;
+    if !(0.0..=MOST_MARGIN_MM).contains(&margin_mm) {
+        let problem = format!("a margin of {margin_mm} mm cannot be put around the planning scan");
+        return Err(Error::usage(problem, format!("give 0 to {MOST_MARGIN_MM} mm")));
+    }
     let (mut scan, mut provenance) = planning.read(&recorded, &config, runtime)?;
     let mut of_motion = Provenance::default();
     let marks = marks.map(|marks| landmarks(marks, &mut of_motion)).transpose()?.unwrap_or_default();
