@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::dicom::{Framed, Role};
+use crate::io::dicom::{Framed, Role, dose_at, is_dicom_path};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::{InputFile, Provenance};
@@ -138,9 +138,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
-        let dose = read_dose(&mut provenance, path)?;
+        let (dose, of_whole_plan) = read_told(&mut provenance, path)?;
         if let Some(times) = counts.several(k) {
-            provenance.warnings.extend(whole_plan(path, &provenance, times));
+            provenance.warnings.extend(of_whole_plan.then(|| whole_plan(path, times)));
             provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], times));
         }
         let ct =
@@ -330,9 +330,20 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
-    let mut dose = provenance.take(InputRole::Dose, io::read_dose(path)?);
+    Ok(read_told(provenance, path)?.0)
+}
+
+/// The same, and whether it says that it is the dose of a whole plan.
+fn read_told(provenance: &mut Provenance, path: &Path) -> Result<(Volume<f32>, bool)> {
+    let (mut dose, of_whole_plan) = if is_dicom_path(path) {
+        let dose = provenance.take(InputRole::Dose, dose_at(path)?);
+        let of_whole_plan = dose.is_of_whole_plan();
+        (dose.volume, of_whole_plan)
+    } else {
+        (provenance.take(InputRole::Dose, io::read_dose(path)?), false)
+    };
     provenance.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
-    Ok(dose)
+    Ok((dose, of_whole_plan))
 }
 
 fn histograms(args: &DvhArgs) -> Result<String> {

@@ -74,8 +74,9 @@ fn first(cohort: &Cohort) -> Markup {
     let odd: Vec<&Member> = cohort.runs.iter().filter(|m| stands_out(m)).collect();
     html! {
         @if odd.is_empty() { p { "No run fails, and no figure of any run stands apart." } }
-        @if !odd.is_empty() || !cohort.unfinished.is_empty() {
+        @if !odd.is_empty() || !cohort.unfinished.is_empty() || !cohort.warnings.is_empty() {
             ul.warnings {
+                @for w in &cohort.warnings { li { code { (w.code) } (w.message) } }
                 @for m in odd {
                     li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m)) }
                 }
