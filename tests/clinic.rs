@@ -536,7 +536,7 @@ fn labels_go_out_as_a_segmentation_and_come_back_as_bones() {
     // The same skeleton by the segmentation as by the labels that it was made of.
     let tree = |bones: &Path| done(&["skeleton"], &[("--bones", bones), ("--planning", &planning)]);
     assert_eq!(tree(&seg), tree(&bones));
-    assert_eq!(done(&["skeleton"], &[("--bones", &seg)]), tree(&bones));
+    assert!(refused(2, &["skeleton"], &[("--bones", &seg)]).contains("where the image ends"));
     // Label maps lie on the same voxels, whether the grid is the series or the NIfTI file of it.
     let expected = read_labels(&bones, None).unwrap().value;
     for grid in [&planning, &phantom().join("planning_ct.nii.gz")] {

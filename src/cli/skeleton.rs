@@ -92,8 +92,14 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
 /// Reads the labels; a structure set is drawn on the planning CT's grid.
 fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
     let Some(planning) = &args.planning else {
-        if is_dicom_path(bones) && !is_segmentation(bones) {
-            let problem = format!("{}: a structure set is drawn on a grid, and none is given", bones.display());
+        if is_dicom_path(bones) {
+            // Where the image ends decides about the joints of bones that it cuts.
+            let why = if is_segmentation(bones) {
+                "a segmentation does not say where the image ends"
+            } else {
+                "a structure set is drawn on a grid, and none is given"
+            };
+            let problem = format!("{}: {why}", bones.display());
             return Err(Error::usage(problem, "name the planning CT with --planning"));
         }
         return read_labels(bones, args.labels.as_deref());

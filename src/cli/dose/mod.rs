@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::Direction;
 use crate::findings;
 use crate::geometry::Grid;
-use crate::io::dicom::{Framed, Role, dose_at, is_dicom_path};
+use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::{InputFile, Provenance};
@@ -33,7 +33,7 @@ use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
-use counted::whole_plan;
+use counted::{read_told, whole_plan};
 use out::{GiveBack, beside, check_out, gone, page_beside, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -331,19 +331,6 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
     Ok(read_told(provenance, path)?.0)
-}
-
-/// The same, and whether it says that it is the dose of a whole plan.
-fn read_told(provenance: &mut Provenance, path: &Path) -> Result<(Volume<f32>, bool)> {
-    let (mut dose, of_whole_plan) = if is_dicom_path(path) {
-        let dose = provenance.take(InputRole::Dose, dose_at(path)?);
-        let of_whole_plan = dose.is_of_whole_plan();
-        (dose.volume, of_whole_plan)
-    } else {
-        (provenance.take(InputRole::Dose, io::read_dose(path)?), false)
-    };
-    provenance.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
-    Ok((dose, of_whole_plan))
 }
 
 fn histograms(args: &DvhArgs) -> Result<String> {

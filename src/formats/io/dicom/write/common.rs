@@ -231,7 +231,8 @@ mod tests {
 
     #[test]
     fn uids_tell_study_and_patient_apart_whatever_else_is_the_same() {
-        let change: [(&str, fn(&mut Origin)); 7] = [
+        type Change = (&'static str, fn(&mut Origin));
+        let changes: [Change; 7] = [
             ("study", |o| o.study.uid = "1.2.3.5".into()),
             ("no study", |o| o.study.uid.clear()),
             ("number", |o| o.patient.id = "HN 0002".into()),
@@ -241,7 +242,7 @@ mod tests {
             ("parts", |o| o.parts.swap(0, 1)),
         ];
         let mut seen = vec![origin().uid(&["ct", "series"]), origin().uid(&["ct", "slice"])];
-        for (what, change) in change {
+        for (what, change) in changes {
             let mut other = origin();
             change(&mut other);
             let uid = other.uid(&["ct", "series"]);
