@@ -17,7 +17,7 @@ use super::{planned, record, run_folder};
 use crate::config::InputRole;
 use crate::dose::{
     DensityTable, DoseCounts, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference,
-    doubts, judge, judge_result, question,
+    doubts, judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
