@@ -9,6 +9,7 @@ mod accuracy;
 mod capture;
 mod cli;
 mod clinic;
+mod couch;
 mod curve;
 mod dicom;
 mod docs;

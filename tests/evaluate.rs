@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{aventail, files, files_below, folder, phantom};
+use crate::support::{aventail, done, files, files_below, folder, phantom};
 use assert_cmd::Command;
 use aventail::field::FieldFormat;
 use aventail::geometry::Grid;
@@ -301,4 +301,29 @@ fn help_teaches_with_examples() {
         let help = String::from_utf8(run.get_output().stdout.clone()).unwrap();
         assert!(help.contains("Example") && help.contains("--out"), "{help}");
     }
+}
+
+#[test]
+fn a_field_that_its_own_run_doubts_does_not_pass_when_it_is_measured_again() {
+    // The run's own files, with a warning that puts its result in doubt.
+    let run = folder().join("doubted");
+    fs::create_dir_all(&run).unwrap();
+    let name = "planning_to_fraction.nii.gz";
+    fs::copy(done().out.join(name), run.join(name)).unwrap();
+    let mut report = json(&done().out.join("report.json"));
+    let warnings =
+        serde_json::json!([{ "code": "joint-limit", "message": "skull: its joint is 9 deg beyond its soft range" }]);
+    report["warnings"] = warnings;
+    fs::write(run.join("report.json"), report.to_string()).unwrap();
+    let doubts = |field: &Path, out: &str| {
+        evaluate(out).arg("--planning-to-fraction").arg(field).assert().success();
+        let all = json(&folder().join(out).join("evaluation.json"))["fields"][0]["assessment"]["verdicts"].clone();
+        let told = |v: &serde_json::Value| (v["name"] == "warning: joint-limit").then(|| v["reason"].to_string());
+        all.as_array().unwrap().iter().filter_map(told).collect::<Vec<_>>()
+    };
+    let told = doubts(&run.join(name), "of_its_run");
+    assert!(told.len() == 1 && told[0].contains("told by the run that wrote it: skull"), "{told:?}");
+    // Another field beside that report is not its own.
+    fs::copy(truth(), run.join(name)).unwrap();
+    assert_eq!(doubts(&run.join(name), "of_another"), Vec::<String>::new());
 }

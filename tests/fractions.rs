@@ -90,7 +90,7 @@ fn a_region_is_a_part_of_the_whole() {
     let (size, spacing) = (part.grid().size(), part.grid().spacing());
     let text = fs::read_to_string(roi.out.join("report.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let couch = Vector3::from_fn(|a, _| report["couch_shift"][a].as_f64().expect("the report has the couch shift"));
+    let couch = Vector3::from_fn(|a, _| report["common_shift"][a].as_f64().expect("the report has the mean motion"));
     let length = |n: usize| (Vector3::from(part.data()[n].map(f64::from)) - couch).norm();
     let (mut border, mut steepest) = (0.0f64, [0.0f64; 2]);
     for n in 0..part.data().len() {

@@ -174,7 +174,7 @@ fn the_scanner_origin_only_shifts_the_result() {
     let bones = bones_apart(outcome, &other, shift);
     println!("origin shifted by {:.0} mm: bones {bones:.4} mm", shift.norm());
     assert!(bones <= 0.02, "{bones} mm");
-    let couch = (other.couch_shift - outcome.couch_shift - shift).norm();
+    let couch = (other.common_shift - outcome.common_shift - shift).norm();
     assert!(couch <= 1.0, "the couch shift differs by {couch} mm");
     // Single precision resolves 3e-5 mm at 500 mm.
     let mut back = other.push.clone();

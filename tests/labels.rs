@@ -2,8 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{aventail, files, folder, small_phantom};
-use aventail::io::read_labels;
+use crate::support::{Register, aventail, files, folder, small_phantom};
+use aventail::io::{self, read_labels};
 use aventail::volume::{LabelMap, Volume};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -324,4 +324,74 @@ cp "$here/$task.nii.gz" "$out"
         on_path(skeleton(&here, dicom_planning()), Some(&here)).assert().success();
         assert_eq!(kept(&here), files);
     }
+}
+
+/// The phantom's bones where they truly lie in the fraction, on its grid.
+fn fraction_labels() -> &'static Path {
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
+    MADE.get_or_init(make_fraction_labels)
+}
+
+fn make_fraction_labels() -> PathBuf {
+    let f = small_phantom();
+    let out = folder().join("fraction_bones.nii.gz");
+    let truth = f.planning.with_file_name("true_planning_to_fraction.nii.gz");
+    let mut warp = aventail();
+    warp.args(["warp", "--from", "planning", "--to", "fraction", "--kind", "labels", "--field"]).arg(truth);
+    warp.arg("--input").arg(&f.bones).arg("--grid").arg(&f.fraction).arg("--out").arg(&out).assert().success();
+    out
+}
+
+#[test]
+fn labels_of_both_scans_place_the_bones_without_an_image() {
+    let labels = fraction_labels();
+    let run = Register::quick("by_labels").with("--fraction-bones", labels).with("--fit", "labels");
+    run.command().assert().success();
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(run.out.join("report.json")).unwrap()).unwrap();
+    let given = |b: &&serde_json::Value| b["determined_by"] == "given";
+    let bones = report["bones"].as_array().unwrap();
+    assert!(bones.iter().filter(given).count() > 25, "{}", bones.iter().filter(given).count());
+    assert!(report["inputs"].as_array().unwrap().iter().any(|i| i["role"] == "fraction-bones"));
+    let read = |path: &Path| -> serde_json::Value { serde_json::from_slice(&fs::read(path).unwrap()).unwrap() };
+    let truth = read(&small_phantom().planning.with_file_name("true_bone_transforms.json"));
+    let found = read(&run.out.join("bone_transforms.json"));
+    let matrix = |m: &serde_json::Value| nalgebra::Matrix4::from_fn(|r, c| m[r][c].as_f64().unwrap());
+    let map = io::read_labels(&small_phantom().bones, None).unwrap().value;
+    let grid = map.volume.grid();
+    let mut errors = Vec::new();
+    let placed = bones.iter().filter(given).map(|b| b["name"].as_str().unwrap());
+    for name in placed {
+        let label = map.names.iter().find(|(_, n)| *n == name).map(|(l, _)| *l).unwrap();
+        let own: Vec<usize> = (0..grid.len()).filter(|&l| map.volume.data()[l] == label).collect();
+        let [a, b] = [&truth[name], &found[name]].map(matrix);
+        let square = |l: &usize| {
+            let x = grid.centre(grid.voxel(*l));
+            (a.transform_point(&x) - b.transform_point(&x)).norm_squared()
+        };
+        errors.push((own.iter().map(square).sum::<f64>() / own.len() as f64).sqrt());
+    }
+    errors.sort_by(f64::total_cmp);
+    let middle = errors[errors.len() / 2];
+    // Voxels of 9 mm: labels of both scans are staircases of their own, of which thin bones have few steps.
+    println!("bones by labels alone, middle {middle:.2} mm, worst {:.2}", errors[errors.len() - 1]);
+    assert!(middle < 2.5, "{errors:?}");
+    let again = folder().join("by_labels_again");
+    let config = run.out.join("report.json");
+    aventail().args(["register", "-q", "--config"]).arg(config).arg("--out").arg(&again).assert().success();
+    let name = "planning_to_fraction.nii.gz";
+    assert!(fs::read(run.out.join(name)).unwrap() == fs::read(again.join(name)).unwrap(), "labels are an input");
+}
+
+#[test]
+fn labels_that_name_no_bone_of_planning_are_refused() {
+    let mut map = io::read_labels(fraction_labels(), None).unwrap().value;
+    map.names.values_mut().for_each(|name| *name = format!("left_out_{name}"));
+    let path = folder().join("unknown.nii.gz");
+    io::write_labels(&path, &map, &io::WriteOptions::default()).unwrap();
+    let run = Register::quick("unknown").with("--fraction-bones", &path);
+    let told = run.command().assert().code(4).get_output().stderr.clone();
+    let told = String::from_utf8(told).unwrap();
+    assert!(told.contains("no bone of the skeleton has labels in both scans"), "{told}");
+    let run = Register::quick("fit_alone").with("--fit", "labels");
+    run.command().assert().code(2);
 }

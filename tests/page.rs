@@ -165,7 +165,7 @@ fn the_first_screen_tells_the_verdict_and_has_room_to_sign() {
 fn planning_can_be_moved_by_the_couch_shift_alone() {
     let Some(browser) = opened("couch") else { return };
     let report: Value = serde_json::from_slice(&std::fs::read(done().out.join("report.json")).unwrap()).unwrap();
-    let shift: Vector3<f64> = serde_json::from_value(report["couch_shift"].clone()).expect("a shift");
+    let shift: Vector3<f64> = serde_json::from_value(report["couch"]["shift_mm"].clone()).expect("a shift");
     let planning = read_image(crate::support::phantom().planning.clone()).unwrap().value;
     browser.press("2");
     let press = |moved: &str| browser.value(&format!("document.querySelector('[data-moved={moved}]').click()"));

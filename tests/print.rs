@@ -36,6 +36,18 @@ fn pages_of(pdf: &[u8]) -> Vec<(bool, usize)> {
         .collect()
 }
 
+/// Headings, text, pictures and tables of a printed page that lie on each other, by their rectangles, two pixels apart from rounding.
+const MEETING: &str = "(() => {
+    const all = [...document.querySelectorAll('h1,h2,h3,p,li,figcaption,img,table,.card,section.sign')]
+        .map(e => [e, [...e.getClientRects()].filter(r => r.width > 2 && r.height > 2)]).filter(([, rects]) => rects.length);
+    const over = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 2
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 2;
+    const name = e => e.tagName + ' ' + (e.innerText || e.alt || '').slice(0, 30);
+    return all.flatMap(([a, ra], n) => all.slice(n + 1)
+        .filter(([b, rb]) => !a.contains(b) && !b.contains(a) && ra.some(x => rb.some(y => over(x, y))))
+        .map(([b]) => name(a) + ' meets ' + name(b))).slice(0, 5).join('; ');
+})()";
+
 /// A page printed on a paper: its PDF pages. Nothing of it is cut off where it is told to be on one page, and pictures
 /// are large enough to be looked at.
 fn printed(browser: &Browser, (paper, [wide, high]): (&str, [f64; 2])) -> Vec<(bool, usize)> {
@@ -48,6 +60,7 @@ fn printed(browser: &Browser, (paper, [wide, high]): (&str, [f64; 2])) -> Vec<(b
     let cut = "[...document.querySelectorAll('.sheet')].filter(s => s.scrollHeight > s.clientHeight + 1)\
                .map(s => s.scrollHeight + ' of ' + s.clientHeight + ': ' + s.innerText.slice(0, 60)).join('; ')";
     assert_eq!(browser.text(cut), "", "{paper}");
+    assert_eq!(browser.text(MEETING), "", "{paper}");
     let least =
         "Math.min(1e4, ...[...document.images].filter(i => i.getClientRects().length).map(i => i.clientHeight))";
     let least = browser.value(least).as_f64().expect("a number");
@@ -153,6 +166,35 @@ fn the_report_of_a_run_prints_on_four_pages_and_is_signed_on_the_first() {
     let Some(papers) = on_paper("run", &done().out.join("report.html")) else { return };
     for (paper, pages) in papers {
         assert!((2..=4).contains(&pages.len()) && pages[0].0 && pages[1].0, "{paper}: {pages:?}");
+    }
+}
+
+#[test]
+fn nothing_lies_on_anything_else_whatever_parts_a_report_has() {
+    let read = || Report::read(&done().out.join("report.json"), "").expect("a report");
+    for parts in 0..16u32 {
+        let has = |bit: u32| parts >> bit & 1 == 1;
+        let mut report = read();
+        let mut drawn = pictures(1080, [1500, 2200][usize::from(has(3))]);
+        let mut without = |files: &[&str]| drawn.retain(|p| !files.contains(&p.file));
+        if !has(0) {
+            report.landmarks = None;
+            without(&["landmarks.png", "residuals.png"]);
+        }
+        if !has(1) {
+            report.uncertainty = None;
+            without(&["uncertainty.png"]);
+        }
+        if !has(2) {
+            without(&["fusion_couch.png", "fusion_lung.png"]);
+            report.agreement = None;
+            report.warnings.clear();
+        }
+        let html = page(&report, &drawn, None);
+        let name = format!("parts_{parts}");
+        let file = files::bytes(&folder().join(format!("{name}.html")), html.as_bytes());
+        let Some(papers) = on_paper(&name, &file) else { return };
+        assert!(papers.iter().all(|(_, pages)| (2..=4).contains(&pages.len())), "{name}: {papers:?}");
     }
 }
 

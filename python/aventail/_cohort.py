@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from . import _aventail
+from . import _errors, _given
 from ._image import Path
+from ._native import native as _aventail
 
 if TYPE_CHECKING:
     from .reports import CohortSummary
@@ -34,7 +34,9 @@ def summary(runs: Path | Sequence[Path], out: Path | None = None, *, anonymous: 
     >>> sorted(file["name"] for file in found["outputs"])
     ['summary.csv', 'summary.html']
     """
-    folders = [runs] if isinstance(runs, (str, os.PathLike)) else runs
-    told = _aventail.summary([os.fspath(f) for f in folders], None if out is None else os.fspath(out), anonymous)
-    found: CohortSummary = json.loads(told)
+    folders, target = _given.paths("runs", runs), _given.path_or_none("out", out)
+    if not folders:
+        raise _given.wrong("runs", runs, "give at least one folder")
+    with _errors.naming(out="out"):
+        found: CohortSummary = json.loads(_aventail.summary(folders, target, _given.flag("anonymous", anonymous)))
     return found

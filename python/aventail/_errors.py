@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+
 
 class Error(Exception):
     """An error of aventail; its subclasses are its causes.
@@ -68,9 +73,82 @@ _KINDS: dict[int, type[Error]] = {
 }
 
 
+# What the program's options are called here. An option that is not named is no argument of the package, or another program's.
+_ARGUMENTS: dict[str, str] = {
+    "bone-landmarks": "bone_landmarks",
+    "bones": "bones",
+    "cbct": "cbct",
+    "config": "settings",
+    "ct": "ct",
+    "dicom-like": "like",
+    "dose": "dose",
+    "dvf-format": "format",
+    "fit": "runs",
+    "fraction": "fraction",
+    "fraction-to-planning": "fraction_to_planning",
+    "fractions": "fractions",
+    "grid": "grid",
+    "labels": "labels",
+    "landmarks": "landmarks",
+    "mask": "mask",
+    "method": "method",
+    "organs": "organs",
+    "out": "folder",
+    "plan": "plan",
+    "planning": "planning",
+    "planning-to-fraction": "planning_to_fraction",
+    "pose": "pose",
+    "reference": "reference",
+    "reject": "reject",
+    "same-frame": "same_frame=True",
+    "sample": "sample",
+    "skeleton": "skeleton",
+    "start": "start",
+    "structures": "structures",
+    "threads": "threads",
+    "transforms": "transforms",
+    "volume-change": "volume_change",
+    "weights": "weights",
+}
+# Phrases that an argument alone does not make right.
+_PHRASES: tuple[tuple[str, str], ...] = (
+    ("as --out, or leave --dicom-like out", "as --out"),
+    ("name it *.dcm, or leave --dicom-like out", "name it *.dcm"),
+    ("with --dicom-like the result is", "the result is"),
+    ("the --out folder", "the folder"),
+    ("take --method interpolate", 'take method="interpolate"'),
+    ("--bones auto", 'bones="auto"'),
+    ("report it with the command line", "report it with the call"),
+)
+# In backticks stands a command of a program, right as it is; behind an option may stand what its value is.
+_OPTION = re.compile(r"`[A-Za-z][^`]*`|(?<![\w/.-])--([a-z][a-z-]*[a-z]|[a-z])(?:(?: |=)(?:FILE|SERIES|N)\b)?(?![\w/])")
+
+_own_words: ContextVar[Mapping[str, str] | None] = ContextVar("_own_words", default=None)
+
+
+@contextmanager
+def naming(**words: str) -> Iterator[None]:
+    """Messages of the compiled module name an option as this call does: ``naming(out="path")``."""
+    token = _own_words.set({option.replace("_", "-"): argument for option, argument in words.items()})
+    try:
+        yield
+    finally:
+        _own_words.reset(token)
+
+
+def in_python(text: str) -> str:
+    """A text of the program with the names of this package's arguments in place of the program's options."""
+    for phrase, own in _PHRASES:
+        text = text.replace(phrase, own)
+    names = {**_ARGUMENTS, **(_own_words.get() or {})}
+    return _OPTION.sub(lambda found: names.get(found[1] or "", found[0]), text)
+
+
 def made(message: str, what: str | None, cause: str, remedy: str, code: str, exit_code: int) -> Error:
     """The exception of an error of the compiled module."""
-    return _KINDS.get(exit_code, Error)(message, what, cause, remedy, code)
+    named = what if what is None or not what.startswith("--") else in_python(what)
+    texts = in_python(message), named, in_python(cause), in_python(remedy)
+    return _KINDS.get(exit_code, Error)(*texts, code)
 
 
 def usage(cause: str, remedy: str) -> UsageError:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _aventail, _errors
-from ._image import Image, Path, _of_raster, _raster, imported
+from . import _errors, _given
+from ._image import Image, Path, _of_raster, _raster, imported, to_numpy
+from ._native import native as _aventail
 
 if TYPE_CHECKING:
     from ._aventail import _Raster
@@ -34,19 +35,25 @@ class Field:
     """
 
     def __init__(self, image: Image | Callable[[], Image], start: str, end: str) -> None:
-        self._source = image
-        self.start = start
+        self._source: Callable[[], Image] | None = None
+        self.start = _given.word("start", start)
         """Frame on whose grid it lies."""
-        self.end = end
+        self.end = _given.word("end", end)
         """Frame where its points arrive."""
+        if isinstance(image, Image):
+            # A cached property lies here once it is known.
+            self.__dict__["image"] = _of_vectors(image)
+        elif callable(image):
+            self._source = image
+        else:
+            raise _given.wrong("image", image, "give an aventail.Image of vectors, or aventail.Field.of(...)")
 
     @cached_property
     def image(self) -> Image:
         """Vectors and grid; float32, made at the first look, with one copy."""
-        image = self._source() if callable(self._source) else self._source
-        if image.array.ndim != 4 or image.array.shape[3] != 3:
-            raise _errors.unsuitable("field", f"its shape is {image.array.shape}", "give [z, y, x, 3]")
-        return image
+        if self._source is None:
+            raise AttributeError("image")
+        return self._source()
 
     @property
     def array(self) -> NDArray[np.float32]:
@@ -77,6 +84,17 @@ class Field:
         x, y, z = self.size
         return f"<aventail.Field {self.start} to {self.end}, {x} x {y} x {z} voxels>"
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """``numpy.asarray(field)`` is :attr:`array`, ``[z, y, x, component]``."""
+        return to_numpy(self.array, dtype, copy)
+
+    @property
+    def __array_interface__(self) -> dict[str, Any]:
+        return self.array.__array_interface__
+
+    def __reduce__(self) -> tuple[type[Field], tuple[Image, str, str]]:
+        return Field, (self.image, self.start, self.end)
+
     def to_sitk(self) -> Any:
         """The field as a SimpleITK DisplacementFieldTransform, which takes points of ``start`` to ``end``.
 
@@ -91,15 +109,18 @@ class Field:
 
     def save(self, path: Path, format: FieldFormat | None = None) -> None:
         """Writes it with its direction in the header; the extension chooses the layout where ``format`` does not."""
-        _aventail.write_field(os.fspath(path), _raster(self.image, np.float32), (self.start, self.end), format)
+        layout = None if format is None else _given.choice("format", format, get_args(FieldFormat))
+        raster = _raster(self.image, np.float32)
+        _aventail.write_field(_given.path("path", path), raster, (self.start, self.end), layout)
 
     def save_dicom(self, path: Path, start: Path, end: Path) -> None:
         """Writes a Deformable Spatial Registration, ``*.dcm``, that lies in the DICOM series ``start`` and leads to ``end``.
 
         Both are folders of the scans whose frames the field joins.
         """
-        scans = os.fspath(start), os.fspath(end)
-        _aventail.write_dicom_field(os.fspath(path), _raster(self.image, np.float32), *scans)
+        out, scans = _given.path("path", path), (_given.path("start", start), _given.path("end", end))
+        with _errors.naming(out="path", dicom_like="start"):
+            _aventail.write_dicom_field(out, _raster(self.image, np.float32), *scans)
 
     @classmethod
     def of(cls, thing: FieldLike, start: str, end: str) -> Field:
@@ -109,20 +130,39 @@ class Field:
         """
         if isinstance(thing, Field):
             return thing
-        if isinstance(thing, (str, os.PathLike)):
-            raster, frames = _aventail.read_field(os.fspath(thing))
-            own = frames or (start, end)
-            return cls(_of_raster(raster), *own)
+        frames = _given.word("start", start), _given.word("end", end)
+        if _given.is_path(thing):
+            raster, own = _aventail.read_field(_given.path("field", thing))
+            return cls(_of_raster(raster), *(own or frames))
         if hasattr(thing, "GetDisplacementField"):
             thing = thing.GetDisplacementField()
-        return cls(Image.of(thing), start, end)
+        return cls(Image.of(thing), *frames)
 
 
-def field_source(thing: FieldLike | None, start: str, end: str) -> str | _Raster | None:
+def _of_vectors(image: Image) -> Image:
+    """An image of displacements as float32."""
+    if image.array.ndim != 4 or image.array.shape[3] != 3:
+        raise _errors.unsuitable("field", f"its shape is {image.array.shape}", "give [z, y, x, 3]")
+    with np.errstate(over="ignore"):
+        vectors = np.asarray(image.array, np.float32)
+    odd = vectors.size - int(np.count_nonzero(np.isfinite(vectors)))
+    if odd:
+        cause = f"{odd} of {vectors.size} components are NaN or infinite"
+        raise _errors.unsuitable("field", cause, "give 0 where it is unknown")
+    return image if vectors is image.array else replace(image, array=vectors)
+
+
+def taken(name: str, thing: FieldLike, start: str, end: str) -> Field:
+    """A field, whose argument is named where it is none."""
+    with _given.about(name):
+        return Field.of(thing, start, end)
+
+
+def field_source(name: str, thing: FieldLike | None, start: str, end: str) -> str | _Raster | None:
     """A field as the compiled module takes it; one that points the other way is refused."""
-    if thing is None or isinstance(thing, (str, os.PathLike)):
-        return None if thing is None else os.fspath(thing)
-    field = Field.of(thing, start, end)
+    if thing is None or _given.is_path(thing):
+        return _given.path_or_none(name, thing)
+    field = taken(name, thing, start, end)
     if field.start == end or field.end == start:
         raise _errors.unsuitable(
             "field",

@@ -19,7 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _aventail, _errors
+from . import _errors, _given
+from ._native import native as _aventail
 
 if TYPE_CHECKING:
     from ._aventail import _Geometry, _Raster
@@ -34,6 +35,9 @@ Names: TypeAlias = Union[Path, Mapping[int, str], Mapping[str, int]]
 """Names of labels: ``{1: "skull"}``, ``{"skull": 1}``, or a JSON file of them."""
 
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+_KINDS = ("image", "labels", "dose")
+_PERPENDICULAR = 1e-3
+_NAMES = 'give {1: "skull"} or {"skull": 1}'
 
 
 def _identity() -> NDArray[np.float64]:
@@ -66,14 +70,21 @@ class Image:
     """What the voxels are, where that is known."""
 
     def __post_init__(self) -> None:
-        array = np.asarray(self.array)
-        if array.ndim not in (3, 4):
-            raise _errors.unsuitable("array", f"its shape is {array.shape}", "give [z, y, x] or [z, y, x, component]")
-        direction = np.asarray(self.direction, np.float64).reshape(3, 3)
-        object.__setattr__(self, "array", array)
-        object.__setattr__(self, "spacing", _three(self.spacing))
-        object.__setattr__(self, "origin", _three(self.origin))
-        object.__setattr__(self, "direction", direction)
+        spacing = _given.three("spacing", self.spacing, "give three numbers above 0: x, y, z, mm")
+        if min(spacing) <= 0:
+            raise _errors.unsuitable("spacing", f"it is {spacing}", "give three numbers above 0: x, y, z, mm")
+        names = None if self.names is None else _given.label_names("names", _given.table("names", self.names, _NAMES))
+        if self.kind is not None:
+            _given.choice("kind", self.kind, _KINDS)
+        object.__setattr__(self, "array", _voxels(self.array))
+        object.__setattr__(self, "spacing", spacing)
+        object.__setattr__(self, "origin", _given.three("origin", self.origin, "give three finite numbers: x, y, z, mm"))
+        object.__setattr__(self, "direction", _direction(self.direction))
+        object.__setattr__(self, "names", names)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """``numpy.asarray(image)`` is :attr:`array`, indexed ``[z, y, x]``; where it lies is lost."""
+        return to_numpy(self.array, dtype, copy)
 
     def __repr__(self) -> str:
         x, y, z = self.size
@@ -96,7 +107,8 @@ class Image:
     def point(self, index: Sequence[float]) -> NDArray[np.float64]:
         """Position of an index (x, y, z), LPS mm."""
         affine = self.affine
-        out: NDArray[np.float64] = affine[:3, :3] @ np.asarray(index, np.float64) + affine[:3, 3]
+        place = np.asarray(_given.three("index", index), np.float64)
+        out: NDArray[np.float64] = affine[:3, :3] @ place + affine[:3, 3]
         return out
 
     @classmethod
@@ -105,14 +117,16 @@ class Image:
 
         ``kind`` says what a file holds.
         """
+        _given.choice("kind", kind, _KINDS)
         if isinstance(thing, Image):
             return thing
-        if isinstance(thing, (str, os.PathLike)):
+        if _given.is_path(thing):
+            path = _given.path("image", thing)
             if kind == "labels":
-                raster, names = _aventail.read_labels(os.fspath(thing))
+                raster, names = _aventail.read_labels(path)
                 return _of_raster(raster, kind="labels", names=names)
-            return _of_raster(_aventail.read_image(os.fspath(thing), kind == "dose"), kind=kind)
-        if hasattr(thing, "GetSpacing") and hasattr(thing, "GetDirection"):
+            return _of_raster(_aventail.read_image(path, kind == "dose"), kind=kind)
+        if all(hasattr(thing, name) for name in ("GetSpacing", "GetOrigin", "GetDirection", "GetPixelIDValue")):
             return _of_sitk(thing, kind)
         if hasattr(thing, "affine") and hasattr(thing, "dataobj"):
             return _of_nibabel(thing, kind)
@@ -124,7 +138,7 @@ class Image:
     def to_sitk(self) -> Any:
         """The same as a SimpleITK image."""
         sitk = imported("SimpleITK")
-        array = self.array.astype(np.uint8) if self.array.dtype == np.bool_ else self.array
+        array = _common(self.array)
         image = sitk.GetImageFromArray(array, isVector=self.array.ndim == 4)
         image.SetSpacing(self.spacing)
         image.SetOrigin(self.origin)
@@ -134,8 +148,9 @@ class Image:
     def to_nibabel(self) -> Any:
         """The same as a nibabel NIfTI image: array ``[x, y, z]``, affine in RAS."""
         nibabel = imported("nibabel")
-        array = self.array.astype(np.uint8) if self.array.dtype == np.bool_ else self.array
-        return nibabel.Nifti1Image(np.moveaxis(array, (0, 1, 2), (2, 1, 0)), _RAS @ self.affine)
+        array = _common(self.array)
+        # It asks for the type of whole numbers of 64 bits by name.
+        return nibabel.Nifti1Image(np.moveaxis(array, (0, 1, 2), (2, 1, 0)), _RAS @ self.affine, dtype=array.dtype)
 
     def save(self, path: Path) -> None:
         """Writes it; the extension chooses the format: ``.nii``, ``.nii.gz``, ``.mha``, ``.nrrd``.
@@ -144,10 +159,10 @@ class Image:
         """
         labels = self.kind == "labels" or self.array.dtype == np.bool_
         if labels:
-            _aventail.write_labels(os.fspath(path), _label_raster(self, "labels"), dict(self.names or {}))
+            _aventail.write_labels(_given.path("path", path), _label_raster(self, "labels"), dict(self.names or {}))
         else:
             whole = bool(np.issubdtype(self.array.dtype, np.integer))
-            _aventail.write_image(os.fspath(path), _raster(self, np.float32), whole)
+            _aventail.write_image(_given.path("path", path), _raster(self, np.float32), whole)
 
     def save_dicom(
         self, path: Path, like: Path, *, of: Path | Sequence[Path] | None = None, registrations: Sequence[Path] = ()
@@ -159,19 +174,22 @@ class Image:
         all of them. ``registrations`` are DICOM registrations that carried a dose, to be referred to as well. Labels are not
         written as DICOM: write contours.
         """
-        of = [of] if isinstance(of, (str, os.PathLike)) else list(of or ())
-        sources = [os.fspath(thing) for thing in of]
-        out, scan = os.fspath(path), os.fspath(like)
+        sources = [] if of is None else _given.paths("of", of)
+        fields = _given.paths("registrations", registrations)
+        out, scan = _given.path("path", path), _given.path("like", like)
         if self.kind == "labels" or self.array.dtype == np.bool_:
             raise _errors.usage("labels are not written as DICOM", "write contours, or the labels in another format")
-        if self.kind == "dose":
-            fields = [os.fspath(r) for r in registrations]
-            for code, message in _aventail.write_dicom_dose(out, _raster(self, np.float32), scan, sources, fields):
-                python_warnings.warn(f"{message} ({code})", RuntimeWarning, stacklevel=2)
-            return
-        if registrations or len(sources) > 1:
+        if self.kind != "dose" and (fields or len(sources) > 1):
             raise _errors.usage("an image is made of one other", "give registrations and several sources for a dose")
-        _aventail.write_dicom_image(out, _raster(self, np.float32), scan, sources[0] if sources else None)
+        raster = _raster(self, np.float32)
+        with _errors.naming(out="path"):
+            if self.kind != "dose":
+                _aventail.write_dicom_image(out, raster, scan, sources[0] if sources else None)
+                return
+            told = _aventail.write_dicom_dose(out, raster, scan, sources, fields)
+        for code, message in told:
+            text = f"{_errors.in_python(message)} ({code})"
+            python_warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def imported(name: str) -> Any:
@@ -182,34 +200,95 @@ def imported(name: str) -> Any:
         raise _errors.usage(f"{name} is not installed", f"pip install {name}") from None
 
 
-def _three(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
+def to_numpy(array: NDArray[Any], dtype: Any, copy: bool | None) -> NDArray[Any]:
+    """What ``__array__`` returns: the array itself where nothing asks for another."""
+    if copy:
+        return np.array(array, dtype)
+    if copy is False and dtype is not None and np.dtype(dtype) != array.dtype:
+        # numpy's own protocol asks for this error.
+        raise ValueError(f"values of {array.dtype} become {np.dtype(dtype)} by a copy only")
+    return np.asarray(array, dtype)
+
+
+def perpendicular(name: str, axes: NDArray[np.float64], given: Any) -> None:
+    """Refuses columns that are no perpendicular unit vectors."""
+    off = float(np.abs(axes.T @ axes - np.eye(axes.shape[1])).max())
+    if not off <= _PERPENDICULAR:
+        what = "its axes are not perpendicular or not of unit length"
+        raise _errors.unsuitable(name, f"it is {_given.shown(given)}: {what} (departure {off:.2g})", "give unit vectors")
+
+
+def _direction(given: Any) -> NDArray[np.float64]:
+    """A 3x3 of perpendicular unit vectors, or its nine numbers row by row, as SimpleITK gives them."""
+    remedy = "give 3x3, one column per axis, x first"
+    try:
+        flat = np.asarray(given).ravel()
+    except Exception:
+        raise _given.wrong("direction", given, remedy) from None
+    direction = _given.array("direction", flat, (9,), remedy).reshape(3, 3)
+    perpendicular("direction", direction, given)
+    return direction
+
+
+def _voxels(given: Any) -> NDArray[Any]:
+    """An array of values, which must be numbers."""
+    if isinstance(given, np.ma.MaskedArray):
+        raise _errors.unsuitable("array", "it is masked, and an image knows no mask", "fill it: array.filled(-1000)")
+    try:
+        array = np.asarray(given)
+    except Exception as error:
+        raise _errors.unsuitable("array", f"it is none: {error}", "give an array [z, y, x]") from None
+    if array.ndim not in (3, 4):
+        raise _errors.unsuitable("array", f"its shape is {array.shape}", "give [z, y, x] or [z, y, x, component]")
+    if array.size == 0:
+        raise _errors.unsuitable("array", f"its shape is {array.shape}: it is empty", "give at least one voxel")
+    if array.dtype.kind not in "biuf":
+        raise _errors.unsuitable("array", f"its values are of type {array.dtype}", "give real numbers")
+    return array
+
+
+def _common(array: NDArray[Any]) -> NDArray[Any]:
+    """The values in a type and byte order that every package knows."""
+    own: np.dtype[Any] = array.dtype.newbyteorder("=")
+    if own.kind == "b":
+        own = np.dtype(np.uint8)
+    elif own.kind == "f":
+        own = np.dtype(np.float32 if own.itemsize <= 4 else np.float64)
+    return np.asarray(array, own)
 
 
 def _of_raster(raster: _Raster, kind: Kind | None = None, names: Mapping[int, str] | None = None) -> Image:
     array, spacing, origin, direction = raster
-    return Image(array, spacing, origin, np.asarray(direction).reshape(3, 3), names, kind)
+    return Image(array, spacing, origin, np.asarray(direction), names, kind)
 
 
 def _of_sitk(image: Any, kind: Kind) -> Image:
     sitk = imported("SimpleITK")
     if image.GetDimension() != 3:
         raise _errors.unsuitable("image", f"it has {image.GetDimension()} dimensions", "give an image of three")
-    # A view of it would point to memory that goes with the image.
-    array = sitk.GetArrayFromImage(image)
+    try:
+        # A view of it would point to memory that goes with the image.
+        array = sitk.GetArrayFromImage(image)
+    except Exception as error:
+        raise _errors.unsuitable("image", f"SimpleITK gives no array of it: {error}", "cast it to numbers") from None
     return Image(array, image.GetSpacing(), image.GetOrigin(), np.asarray(image.GetDirection()), kind=kind)
 
 
 def _of_nibabel(image: Any, kind: Kind) -> Image:
-    affine = _RAS @ np.asarray(image.affine, np.float64)
-    array = np.asanyarray(image.dataobj)
+    try:
+        affine, array = np.asarray(image.affine, np.float64), np.asanyarray(image.dataobj)
+    except Exception as error:
+        raise _errors.unsuitable("image", f"nibabel gives no array of it: {error}", "look at its file") from None
     if array.ndim != 3:
         raise _errors.unsuitable("image", f"its shape is {array.shape}", "give an image of three axes")
-    spacing = np.linalg.norm(affine[:3, :3], axis=0)
+    spacing = np.linalg.norm(affine[:3, :3], axis=0) if affine.shape == (4, 4) else np.zeros(3)
+    if not np.isfinite(affine).all() or not spacing.all():
+        cause = f"it is {_given.shown(affine.tolist())}"
+        raise _errors.unsuitable("affine", cause, "give a 4x4 of a rotation and voxel sizes")
+    affine = _RAS @ affine
     direction = affine[:3, :3] / spacing
     names = _nibabel_names(image) if kind == "labels" else None
-    return Image(array.transpose(2, 1, 0), _three(spacing), _three(affine[:3, 3]), direction, names, kind)
+    return Image(array.transpose(2, 1, 0), spacing, affine[:3, 3], direction, names, kind)  # type: ignore[arg-type]
 
 
 def _nibabel_names(image: Any) -> dict[int, str] | None:
@@ -218,8 +297,12 @@ def _nibabel_names(image: Any) -> dict[int, str] | None:
         content = extension.get_content()
         text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
         if "<LabelTable" in text:
-            labels = ElementTree.fromstring(text.strip("\0 \n")).iter("Label")
-            return {int(e.attrib["Key"]): (e.text or "").strip() for e in labels if e.attrib["Key"] != "0"}
+            try:
+                labels = ElementTree.fromstring(text.strip("\0 \n")).iter("Label")
+                return {int(e.attrib["Key"]): (e.text or "").strip() for e in labels if e.attrib["Key"] != "0"}
+            except (ElementTree.ParseError, KeyError, ValueError) as error:
+                cause = f"its header's table of labels cannot be read: {error}"
+                raise _errors.unsuitable("image", cause, "give the names as labels, and an aventail.Image") from None
     return None
 
 
@@ -228,14 +311,16 @@ def _geometry(image: Image) -> tuple[tuple[float, float, float], tuple[float, fl
 
 
 def _raster(image: Image, dtype: Any) -> _Raster:
-    """The image as the compiled module takes it."""
-    return (np.ascontiguousarray(image.array, dtype), *_geometry(image))
+    """The image as the compiled module takes it, which refuses what becomes infinite."""
+    with np.errstate(over="ignore"):
+        return (np.ascontiguousarray(image.array, dtype), *_geometry(image))
 
 
 def _label_raster(image: Image, what: str) -> _Raster:
     """The same as labels, which must be whole numbers from 0 to 65535."""
     array = image.array
-    labels = array.astype(np.uint16)
+    with np.errstate(invalid="ignore", over="ignore"):
+        labels = array.astype(np.uint16)
     if array.dtype not in (np.uint8, np.uint16, np.bool_) and not np.array_equal(labels, array):
         raise _errors.unsuitable(
             what,
@@ -245,42 +330,54 @@ def _label_raster(image: Image, what: str) -> _Raster:
     return _raster(Image(labels, image.spacing, image.origin, image.direction), np.uint16)
 
 
-def source(thing: ImageLike, kind: Kind = "image") -> str | _Raster:
+def source(name: str, thing: ImageLike, kind: Kind = "image") -> str | _Raster:
     """An image as the compiled module takes it: a path, or a raster of float32."""
-    if isinstance(thing, (str, os.PathLike)):
-        return os.fspath(thing)
-    return _raster(Image.of(thing, kind), np.float32)
+    if _given.is_path(thing):
+        return _given.path(name, thing)
+    return _raster(_scalar(name, _image(name, thing, kind)), np.float32)
+
+
+def source_or_none(name: str, thing: ImageLike | None) -> str | _Raster | None:
+    """The same, where something is given."""
+    return None if thing is None else source(name, thing)
 
 
 def label_source(thing: ImageLike, labels: Names | None, what: str = "bones") -> tuple[str | _Raster, Any]:
     """A label map and the names of its labels as the compiled module takes them."""
-    names = name_source(labels)
-    if isinstance(thing, (str, os.PathLike)):
-        return os.fspath(thing), names
-    image = Image.of(thing, "labels")
+    names = name_source("labels", labels)
+    if _given.is_path(thing):
+        return _given.path(what, thing), names
+    image = _scalar(what, _image(what, thing, "labels"))
     if names is None and image.names is not None:
         names = dict(image.names)
     return _label_raster(image, what), names
 
 
-def name_source(labels: Names | None) -> str | dict[int, str] | None:
+def name_source(name: str, labels: Names | None) -> str | dict[int, str] | None:
     """Names of labels as the compiled module takes them."""
-    if labels is None or isinstance(labels, (str, os.PathLike)):
-        return None if labels is None else os.fspath(labels)
-    return dict(_numbered(key, value) for key, value in labels.items())
+    if labels is None or _given.is_path(labels):
+        return _given.path_or_none(name, labels)
+    return _given.label_names(name, _given.table(name, labels, f"{_NAMES}, or a JSON file of them"))
 
 
-def _numbered(key: int | str, value: int | str) -> tuple[int, str]:
-    """Number and name, whichever of the two is the key."""
-    by_name = isinstance(key, str) and not key.isdigit()
-    return (int(value), str(key)) if by_name else (int(key), str(value))
-
-
-def grid_source(thing: ImageLike | None) -> _Geometry | None:
+def grid_source(name: str, thing: ImageLike | None) -> _Geometry | None:
     """The grid of an image as the compiled module takes it."""
     if thing is None:
         return None
-    if isinstance(thing, (str, os.PathLike)):
-        return _aventail.read_grid(os.fspath(thing))
-    image = Image.of(thing)
+    if _given.is_path(thing):
+        return _aventail.read_grid(_given.path(name, thing))
+    image = _image(name, thing, "image")
     return (image.size, *_geometry(image))
+
+
+def _image(name: str, thing: ImageLike, kind: Kind) -> Image:
+    """An image, whose argument is named where it is none."""
+    with _given.about(name):
+        return Image.of(thing, kind)
+
+
+def _scalar(name: str, image: Image) -> Image:
+    """An image of one value a voxel."""
+    if image.array.ndim != 3:
+        raise _errors.unsuitable(name, f"its shape is {image.array.shape}", "give one value a voxel, [z, y, x]")
+    return image

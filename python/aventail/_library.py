@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from . import _aventail
+from . import _errors, _given
+from ._case import Settings, settings_source
 from ._image import Path
+from ._native import native as _aventail
 from ._progress import Progress, told
-from ._registration import Settings, settings_source
 
 if TYPE_CHECKING:
     from .reports import Library, PostureModes
-
-
-def _path(thing: Path | None) -> str | None:
-    return None if thing is None else os.fspath(thing)
 
 
 def library(
@@ -65,28 +61,31 @@ def library(
     >>> len(made["training"] + made["implausible"])
     1
     """
+    files = {"plan": plan, "labels": labels, "organs": organs, "skeleton": skeleton, "structures": structures, "dose": dose}
+    as_file = _given.is_path(cbct)
+    noise = None if noise_hu is None else _given.within("noise_hu", noise_hu, 0, 1000)
+    if noise == 0:
+        raise _given.wrong("noise_hu", noise_hu, "give more than 0, or leave it out")
+    if noise is not None and (as_file or _given.flag("cbct", cbct)):
+        raise _errors.usage("cbct and noise_hu are both given, and a cone-beam CT brings its own noise", "give one of them")
     wanted: dict[str, Any] = {
-        "planning": os.fspath(planning),
-        "bones": os.fspath(bones),
-        "out": os.fspath(out),
-        "plan": _path(plan),
-        "sample": sample,
-        "seed": seed,
-        "reject": reject,
-        "margin": float(margin_mm),
-        "labels": _path(labels),
-        "organs": _path(organs),
-        "volume_change": [(organ, [float(a), float(b)]) for organ, (a, b) in (volume_change or {}).items()],
-        "skeleton": _path(skeleton),
-        "structures": _path(structures),
-        "dose": _path(dose),
-        "fields": fields,
-        "cbct": cbct is not False,
-        "cbct_file": None if isinstance(cbct, bool) else os.fspath(cbct),
-        "noise": noise_hu,
+        "planning": _given.path("planning", planning),
+        "bones": _given.path("bones", bones),
+        "out": _given.path("out", out),
+        "sample": None if sample is None else _given.whole("sample", sample),
+        "seed": _given.whole("seed", seed),
+        "reject": _given.flag("reject", reject),
+        "margin": _given.within("margin_mm", margin_mm, 0, 500),
+        "volume_change": _ranges(volume_change),
+        "fields": _given.flag("fields", fields),
+        "cbct": as_file or _given.flag("cbct", cbct),
+        "cbct_file": _given.path("cbct", cbct) if as_file else None,
+        "noise": noise,
     }
-    with told(progress) as function:
-        made: Library = json.loads(_aventail.make_library(wanted, settings_source(settings), threads, function))
+    wanted |= {name: _given.path_or_none(name, thing) for name, thing in files.items()}
+    settled, threads = settings_source(settings), _given.whole("threads", threads)
+    with told(progress) as function, _errors.naming(out="out"):
+        made: Library = json.loads(_aventail.make_library(wanted, settled, threads, function))
     return made
 
 
@@ -95,5 +94,16 @@ def library_modes(runs: Sequence[Path], out: Path) -> PostureModes:
 
     ``runs`` are folders of two or more saved registrations of one planning CT; what ``aventail library --fit`` does.
     """
-    found: PostureModes = json.loads(_aventail.fit_postures([os.fspath(run) for run in runs], os.fspath(out)))
+    with _errors.naming(out="out"):
+        text = _aventail.fit_postures(_given.paths("runs", runs), _given.path("out", out))
+    found: PostureModes = json.loads(text)
     return found
+
+
+def _ranges(volume_change: Mapping[str, tuple[float, float]] | None) -> list[tuple[str, list[float]]]:
+    """Ranges of organs' volumes."""
+    remedy = 'give ranges by organ, {"parotid_left": (0.7, 1.0)}'
+    ranges = [] if volume_change is None else _given.named("volume_change", volume_change, remedy)
+    return [
+        (organ, _given.array(f"volume_change[{organ!r}]", both, (2,), remedy).tolist()) for organ, both in ranges
+    ]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from . import _aventail
-from ._field import Field, FieldLike, field_source
-from ._image import ImageLike, Names, label_source, name_source, source
+from . import _errors, _given
+from ._case import Landmarks, Settings, landmark_source, settings_source
+from ._field import FieldLike, field_source, taken
+from ._image import ImageLike, Names, label_source, name_source, source_or_none
+from ._native import native as _aventail
 from ._progress import Progress, told
-from ._registration import Landmarks, Registration, Settings, landmark_source, settings_source
+from ._registration import Registration
 
 if TYPE_CHECKING:
     from .reports import Assessment, Skeleton
@@ -19,12 +21,17 @@ def both(
     fields: Registration | FieldLike | None, push: FieldLike | None, pull: FieldLike | None
 ) -> tuple[Any, Any]:
     """Both directions as the compiled module takes them."""
+    if fields is not None and (push is not None or pull is not None):
+        raise _errors.usage(
+            "fields is given, and planning_to_fraction or fraction_to_planning too", "give fields, or the directions"
+        )
     if isinstance(fields, Registration):
         push, pull = fields.planning_to_fraction, fields.fraction_to_planning
     elif fields is not None:
-        field = Field.of(fields, "planning", "fraction")
+        field = taken("fields", fields, "planning", "fraction")
         push, pull = (field, None) if field.start != "fraction" else (None, field)
-    return field_source(push, "planning", "fraction"), field_source(pull, "fraction", "planning")
+    there = field_source("planning_to_fraction", push, "planning", "fraction")
+    return there, field_source("fraction_to_planning", pull, "fraction", "planning")
 
 
 def evaluate(
@@ -58,17 +65,23 @@ def evaluate(
     True
     """
     push, pull = both(fields, planning_to_fraction, fraction_to_planning)
-    own_names: Any = name_source(structure_names)
+    for name, idle in (
+        ("labels", labels is not None and bones is None),
+        ("structure_names", structure_names is not None and structures is None and structures_fraction is None),
+    ):
+        if idle:
+            raise _errors.usage(f"{name} is given without what it names", "give bones or structures too")
+    own_names: Any = name_source("structure_names", structure_names)
     given: dict[str, Any] = {
-        "planning": None if planning is None else source(planning),
-        "fraction": None if fraction is None else source(fraction),
-        "mask": None if mask is None else source(mask),
+        "planning": source_or_none("planning", planning),
+        "fraction": source_or_none("fraction", fraction),
+        "mask": source_or_none("mask", mask),
         "bones": None,
         "labels": None,
         "structures": None,
         "structures_fraction": None,
         "structure_names": own_names,
-        "landmarks": landmark_source(landmarks),
+        "landmarks": landmark_source("landmarks", landmarks),
     }
     if bones is not None:
         given["bones"], given["labels"] = label_source(bones, labels)
@@ -76,10 +89,9 @@ def evaluate(
         if thing is not None:
             given[key], names = label_source(thing, structure_names, key)
             given["structure_names"] = given["structure_names"] or names
+    limits, threads = settings_source(settings), _given.whole("threads", threads)
     with told(progress) as function:
-        assessment: Assessment = json.loads(
-            _aventail.evaluate(push, pull, given, settings_source(settings), threads, function)
-        )
+        assessment: Assessment = json.loads(_aventail.evaluate(push, pull, given, limits, threads, function))
     return assessment
 
 

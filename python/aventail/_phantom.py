@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -10,18 +9,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _aventail
+from . import _aventail as _compiled
+from . import _errors, _given
 from ._contours import Contours
 from ._field import Field
 from ._image import Image, _of_raster
-from ._registration import _plain, _point
+from ._native import check, native as _aventail
+
+# Smaller ones fill the memory of any machine.
+_VOXEL_MM = (0.5, 100.0)
 
 
 class Phantom:
     """A planning CT and a fraction CT of the same anatomy, with everything that is true about them."""
 
-    def __init__(self, native: _aventail.Phantom) -> None:
-        self._native = native
+    def __init__(self, native: _aventail.Phantom, options: tuple[Any, ...]) -> None:
+        if not isinstance(native, _compiled.Phantom):
+            raise TypeError("a Phantom is what aventail.phantom returns")
+        self._made = native
+        self._options = options
+
+    @property
+    def _native(self) -> _aventail.Phantom:
+        check()
+        return self._made
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return _phantom, self._options
 
     def __repr__(self) -> str:
         x, y, z = self.planning.size
@@ -92,5 +106,13 @@ def phantom(
     >>> aventail.phantom(spacing=(6, 6, 6))
     <aventail.Phantom, 85 x 59 x 70 voxels, 18 landmarks>
     """
-    text = json.dumps(options, allow_nan=False, default=_plain)
-    return Phantom(_aventail.Phantom(text, None if spacing is None else _point(spacing), second, cbct))
+    remedy = f"give three numbers from {_VOXEL_MM[0]} to {_VOXEL_MM[1]} mm"
+    voxel = None if spacing is None else _given.three("spacing", spacing, remedy)
+    if voxel is not None and not all(_VOXEL_MM[0] <= mm <= _VOXEL_MM[1] for mm in voxel):
+        raise _errors.usage(f"spacing is {voxel}", remedy)
+    text = _given.json_text("options", options, "docs/python.md names them")
+    return _phantom(text, voxel, _given.flag("second", second), _given.flag("cbct", cbct))
+
+
+def _phantom(text: str, spacing: tuple[float, float, float] | None, second: bool, cbct: bool) -> Phantom:
+    return Phantom(_aventail.Phantom(text, spacing, second, cbct), (text, spacing, second, cbct))

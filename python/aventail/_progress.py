@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, TypeAlias, Union
 
+from . import _given
+
 Progress: TypeAlias = Union[bool, Callable[[str, "float | None"], object], None]
 """``True`` for bars (tqdm where it is installed, else lines), or a function of the stage and the share of it that is done.
 
@@ -57,5 +59,7 @@ def told(progress: Progress) -> Iterator[Callable[[str, float | None], object] |
             yield bars
         finally:
             bars.close()
-    else:
+    elif callable(progress):
         yield progress
+    else:
+        raise _given.wrong("progress", progress, "give True, False, or a function of stage and share")

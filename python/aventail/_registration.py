@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 import json
-import os
 import warnings as python_warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Union, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _aventail, _errors
+from . import _aventail as _compiled
+from . import _case, _errors, _given
+from ._case import BoneLandmarks, Landmarks, Settings, landmark_source, settings_source
 from ._contours import Contours
 from ._field import Field
 from ._image import Image, ImageLike, Kind, Names, Path, _of_raster, grid_source, label_source, source
+from ._kept import Kept, Results
+from ._native import check, native as _aventail
 from ._progress import Progress, told
 
 if TYPE_CHECKING:
     from .reports import Report
 
-Preset: TypeAlias = Literal["default", "fast", "thesis"]
-"""Named settings; docs/settings.md says what each is."""
-Settings: TypeAlias = Union[Preset, Path, Mapping[str, Any], None]
-"""A preset, a TOML file (or the report.json of a run), or a dict nested as the TOML is."""
-Landmarks: TypeAlias = Union[Path, Mapping[str, "tuple[Sequence[float], Sequence[float]]"]]
-"""Points known in both images: a CSV file, or ``{name: (planning, fraction)}``, LPS mm."""
-BoneLandmarks: TypeAlias = Union[Path, Sequence["tuple[str, str, Sequence[float], Sequence[float]]"]]
-"""The same on bones: a CSV file with a column ``bone``, or ``(bone, name, planning, fraction)``."""
 Frame: TypeAlias = Literal["planning", "fraction"]
 """One of the two scans' worlds."""
 
-_PRESETS = ("default", "fast", "thesis")
+_FRAMES = ("planning", "fraction")
+_KINDS = ("image", "labels", "dose", "points", "contours")
 
 
 class RunWarning(NamedTuple):
@@ -45,10 +41,31 @@ class RunWarning(NamedTuple):
 
 
 class Registration:
-    """What a registration (or a pose) found, in memory. Arrays are made at the first look, with one copy."""
+    """What a registration (or a pose) found, in memory. Arrays are made at the first look, with one copy.
 
-    def __init__(self, native: _aventail.Registration) -> None:
-        self._native = native
+    It can be pickled, with all its arrays. What comes of the pickle has every result, but neither carries nor saves.
+    """
+
+    def __init__(self, found: Results) -> None:
+        if not isinstance(found, (_compiled.Registration, Kept)):
+            raise TypeError("a Registration is what aventail.register and aventail.pose return")
+        self._found = found
+
+    @property
+    def _native(self) -> Results:
+        if not isinstance(self._found, Kept):
+            check()
+        return self._found
+
+    def __reduce__(self) -> tuple[type[Registration], tuple[Kept]]:
+        return Registration, (Kept.of(self._native),)
+
+    def __copy__(self) -> Registration:
+        return Registration(self._found)
+
+    def __deepcopy__(self, memo: object) -> Registration:
+        # What was found is never changed; arrays are made anew at the first look.
+        return Registration(self._found)
 
     def __repr__(self) -> str:
         return f"<aventail.Registration of {len(self.bones)} bones, {len(self.warnings)} warnings>"
@@ -116,7 +133,7 @@ class Registration:
     @property
     def warnings(self) -> list[RunWarning]:
         """What you should know."""
-        return [RunWarning(code, message) for code, message in self._native.warnings()]
+        return [RunWarning(code, _errors.in_python(message)) for code, message in self._native.warnings()]
 
     @property
     def report(self) -> Report:
@@ -131,7 +148,7 @@ class Registration:
         leaves the volumes out of the page.
         """
         with told(progress) as function:
-            self._native.save(os.fspath(folder), view, function)
+            self._native.save(_given.path("folder", folder), _given.flag("view", view), function)
 
     @overload
     def warp(self, thing: Contours, to: Frame, *, grid: ImageLike | None = None) -> Contours: ...
@@ -169,36 +186,51 @@ class Registration:
         is carried to, or of ``grid``; ``outside`` is an image's value where nothing maps, and ``interpolation`` is an
         image's. Points outside the field stay where they are, with a warning.
         """
-        if to not in ("planning", "fraction"):
-            raise _errors.usage(f"to is {to!r}", 'give to="fraction" or to="planning"')
-        forward = to == "fraction"
-        kind = kind or _kind(thing)
-        target = grid_source(grid)
+        forward = _given.choice("to", to, _FRAMES) == "fraction"
+        if kind is None:
+            kind = _kind(thing)
+        else:
+            _given.choice("kind", kind, _KINDS)
+        if kind is None:
+            remedy = 'give kind="image", "labels" or "dose"; points are an array, contours aventail.Contours'
+            raise _errors.usage(f"kind is not given: nothing tells what {_given.shown(thing)} is", remedy)
+        cubic = _given.choice("interpolation", interpolation, ("linear", "cubic")) == "cubic"
+        # NaN is a value that says that there is none.
+        fill = float(outside) if isinstance(outside, (float, np.floating)) else _given.number("outside", outside)
+        idle = {
+            "labels": labels is not None and kind != "labels",
+            "interpolation": cubic and kind != "image",
+            "outside": fill != -1000.0 and kind != "image",
+            "grid": grid is not None and kind == "points",
+        }
+        if any(idle.values()):
+            without = " and ".join(name for name, given in idle.items() if given)
+            raise _errors.usage(f"{without} has no meaning for {kind}", f"leave {without} out")
+        target = grid_source("grid", grid)
         if kind == "points":
             return self._warp_points(thing, forward, to)
         if kind == "contours":
-            text = self._native.warp_contours(Contours.of(thing)._json(), forward, target)
+            with _given.about("thing"):
+                contours = Contours.of(thing)
+            text = self._native.warp_contours(contours._json(), forward, target)
             return Contours._parse(text)
         if kind == "labels":
-            given, names = label_source(thing, labels, "labels")
+            given, names = label_source(thing, labels, "thing")
             if isinstance(names, str):
-                raise _errors.usage("names of labels are a file", "give them as a dict")
+                raise _errors.usage(f"labels is the file {names}", "give the names as a dict")
             raster, own = self._native.warp_labels(given, names, forward, target)
             return _of_raster(raster, "labels", own)
-        if kind in ("image", "dose"):
-            cubic, dose = interpolation == "cubic", kind == "dose"
-            given = source(thing, kind)
-            raster = self._native.warp_image(given, forward, cubic, float(outside), dose, target)
-            return _of_raster(raster, kind)
-        raise _errors.usage(
-            "it is not known what the voxels are" if kind is None else f"kind is {kind!r}",
-            'give kind="image", "labels" or "dose"',
-        )
+        raster = self._native.warp_image(source("thing", thing, kind), forward, cubic, fill, kind == "dose", target)
+        return _of_raster(raster, kind)
 
     def _warp_points(self, points: ArrayLike, forward: bool, to: str) -> NDArray[np.float64]:
-        array = np.ascontiguousarray(points, np.float64)
-        one = array.ndim == 1
-        carried, covered = self._native.warp_points(np.atleast_2d(array), forward)
+        remedy = "give an array of shape (n, 3), x, y, z in LPS mm"
+        try:
+            one = np.ndim(points) == 1
+        except ValueError:
+            one = False
+        array = _given.array("thing", [points] if one else points, (None, 3), remedy)
+        carried, covered = self._native.warp_points(array, forward)
         outside = int(np.count_nonzero(~covered))
         if outside:
             python_warnings.warn(
@@ -233,81 +265,6 @@ def _kind(thing: Any) -> Kind | Literal["points", "contours"] | None:
     if isinstance(thing, (np.ndarray, list, tuple)):
         return "points"
     return None
-
-
-def _plain(value: Any) -> Any:
-    """numpy's numbers and arrays as JSON knows them."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} is no setting")
-
-
-def settings_source(settings: Settings) -> dict[str, Any]:
-    """Settings as the compiled module takes them."""
-    out: dict[str, Any] = {"json": None, "file": None, "preset": None}
-    if isinstance(settings, Mapping):
-        try:
-            out["json"] = json.dumps(dict(settings), allow_nan=False, default=_plain)
-        except (TypeError, ValueError) as error:
-            raise _errors.usage(f"the settings are not legal: {error}", "compare with docs/settings.md") from None
-    elif isinstance(settings, str) and (settings in _PRESETS or "." not in settings and not os.path.exists(settings)):
-        out["preset"] = settings
-    elif settings is not None:
-        out["file"] = os.fspath(settings)
-    return out
-
-
-def landmark_source(landmarks: Landmarks | None) -> Any:
-    """Landmarks as the compiled module takes them."""
-    if landmarks is None or isinstance(landmarks, (str, os.PathLike)):
-        return None if landmarks is None else os.fspath(landmarks)
-    return [(str(name), _point(a), _point(b)) for name, (a, b) in landmarks.items()]
-
-
-def _point(values: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
-
-
-def _more(
-    names: Any,
-    landmarks: Landmarks | None,
-    bone_landmarks: BoneLandmarks | None,
-    skeleton: Path | None,
-    start: ArrayLike | None,
-    bones_folder: Path | None = None,
-) -> dict[str, Any]:
-    on_bones: Any = bone_landmarks
-    if bone_landmarks is not None and not isinstance(bone_landmarks, (str, os.PathLike)):
-        on_bones = [(bone, name, _point(a), _point(b)) for bone, name, a, b in bone_landmarks]
-    return {
-        "labels": names,
-        "landmarks": landmark_source(landmarks),
-        "bone_landmarks": on_bones,
-        "skeleton": None if skeleton is None else os.fspath(skeleton),
-        "start": None if start is None else np.asarray(start, np.float64).tolist(),
-        "organs": None,
-        "volume_change": [],
-        "bones_folder": None if bones_folder is None else os.fspath(bones_folder),
-        "dicom": False,
-        "structures": None,
-        "dose": None,
-        "anonymous": False,
-        "same_frame": False,
-    }
-
-
-def _give_back(
-    dicom: bool, structures: Path | None, dose: Path | None, anonymous: bool, same_frame: bool
-) -> dict[str, Any]:
-    """What goes back to a planning system, as the compiled module takes it."""
-    if not dicom and (structures is not None or dose is not None):
-        raise _errors.usage(
-            "structures and dose go back as DICOM, which is not asked for", "give dicom=True too, or leave them out"
-        )
-    paths = {"structures": structures, "dose": dose}
-    files = {role: None if path is None else os.fspath(path) for role, path in paths.items()}
-    return {"dicom": bool(dicom), **files, "anonymous": bool(anonymous), "same_frame": bool(same_frame)}
 
 
 @overload
@@ -409,25 +366,30 @@ def register(
     ['body', 'brainstem', 'ctv']
     """
     given, names = label_source(bones, labels)
-    more = _more(names, None, bone_landmarks, skeleton, start, bones_folder)
-    more |= _give_back(dicom, structures, dose, anonymous, same_frame)
-    more["organs"] = None if organs is None else os.fspath(organs)
-    more["volume_change"] = [(str(organ), float(factor)) for organ, factor in (volume_change or {}).items()]
-    settled = settings_source(settings)
+    more = _case.more(names, None, bone_landmarks, skeleton, start, bones_folder)
+    more |= _case.give_back(dicom, structures, dose, anonymous, same_frame)
+    more["organs"] = _given.path_or_none("organs", organs)
+    more["volume_change"] = _case.volume_changes(volume_change)
+    settled, threads = settings_source(settings), _given.whole("threads", threads)
     several = isinstance(fraction, list)
     fractions = fraction if several else [fraction]
     if several and (bone_landmarks is not None or start is not None):
         raise _errors.usage(
             "bone_landmarks and start belong to one fraction, and several are given", "register the fractions one by one"
         )
+    if several and not fractions:
+        raise _given.wrong("fraction", fraction, "give one fraction, or a list of at least one")
+    if several and landmarks is not None and not isinstance(landmarks, (list, tuple)):
+        raise _given.wrong("landmarks", landmarks, "several fractions have a list of landmarks, or None")
     points = [landmarks] * len(fractions) if landmarks is None or not several else list(landmarks)
     if len(points) != len(fractions):
         raise _errors.usage(
             f"{len(points)} sets of landmarks are given for {len(fractions)} fractions", "give one for each, or None"
         )
-    pairs = [(source(image), landmark_source(each)) for image, each in zip(fractions, points)]
+    pairs = [(source("fraction", image), landmark_source("landmarks", each)) for image, each in zip(fractions, points)]
+    ct = source("planning", planning)
     with told(progress) as function:
-        natives = _aventail.register(source(planning), given, pairs, more, settled, threads, function)
+        natives = _aventail.register(ct, given, pairs, more, settled, threads, function)
     registrations = [Registration(native) for native in natives]
     return registrations if several else registrations[0]
 
@@ -457,30 +419,24 @@ def pose(
     ``bones_folder`` are those of :func:`register`.
     """
     motion: dict[str, Any] = {"text": None, "file": None, "transforms": None}
+    ways = {"pose": pose, "couch": couch, "transforms": transforms, "bone_landmarks": bone_landmarks}
+    given_ways = [name for name, thing in ways.items() if thing is not None]
+    in_file = "couch" in given_ways and _given.is_path(pose)
+    if in_file or given_ways != ["pose", "couch"] and len(given_ways) > 1:
+        raise _errors.usage(f"several motions are given: {', '.join(given_ways)}", "give one, or pose and couch as dicts")
     if transforms is not None:
-        motion["transforms"] = [(name, np.asarray(m, np.float64).tolist()) for name, m in transforms.items()]
-    elif isinstance(pose, (str, os.PathLike)):
-        motion["file"] = os.fspath(pose)
+        entries = _given.named("transforms", transforms, 'give {"skull": 4x4}, planning to fraction, LPS mm')
+        motion["transforms"] = [(bone, _given.matrix(f"transforms[{bone!r}]", rows)) for bone, rows in entries]
+    elif _given.is_path(pose):
+        motion["file"] = _given.path("pose", pose)
     elif pose is not None or couch is not None:
-        motion["text"] = _pose_text(pose or {}, couch or {})
+        motion["text"] = _case.pose_text(pose, couch)
     elif bone_landmarks is None:
         raise _errors.usage("no motion is given", "give pose, transforms or bone_landmarks")
     given, names = label_source(bones, labels)
-    more = _more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
+    more = _case.more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
+    settled, threads = settings_source(settings), _given.whole("threads", threads)
+    margin, ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
     with told(progress) as function:
-        native = _aventail.pose(
-            source(planning), given, motion, margin_mm, more, settings_source(settings), threads, function
-        )
+        native = _aventail.pose(ct, given, motion, margin, more, settled, threads, function)
     return Registration(native)
-
-
-def _pose_text(pose: Mapping[str, Mapping[str, Any]], couch: Mapping[str, Any]) -> str:
-    """A pose file's text; JSON's texts, numbers and lists are TOML's."""
-
-    def lines(table: Mapping[str, Any]) -> list[str]:
-        return [f"{json.dumps(key)} = {json.dumps(value, default=_plain)}" for key, value in table.items()]
-
-    out = ["[couch]", *lines(couch)] if couch else []
-    for bone, motion in pose.items():
-        out += [f"[bones.{json.dumps(bone)}]", *lines(motion)]
-    return "\n".join(out)

@@ -15,11 +15,12 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from . import _aventail, _errors
+from . import _errors, _given
 from ._contours import Contours
 from ._field import FieldLike
-from ._image import Image, ImageLike, Names, _of_raster, grid_source, label_source, source
+from ._image import Image, ImageLike, Names, _of_raster, grid_source, label_source, source, source_or_none
 from ._measure import both
+from ._native import native as _aventail
 from ._progress import Progress, told
 from ._registration import Frame, Registration
 
@@ -37,6 +38,9 @@ class Mapped(NamedTuple):
     report: DoseReport
     """Balance, inversion, and where the result deserves doubt."""
 
+    def __repr__(self) -> str:
+        return f"<aventail.dose.Mapped {self.report['direction']}: {self.dose!r}>"
+
 
 class Compared(NamedTuple):
     """How two doses differ."""
@@ -47,6 +51,9 @@ class Compared(NamedTuple):
     """Distance to dose difference, mm: how exactly a field must be known so that no dose changes by the tolerance."""
     figures: DoseDifference
     """Where both are known and either is above 10 % of the maximum, Gy."""
+
+    def __repr__(self) -> str:
+        return f"<aventail.dose.Compared: {self.difference!r}>"
 
 
 def map(
@@ -68,14 +75,14 @@ def map(
     ``energy-mass`` carries energy and mass together and conserves energy; it needs ``ct``, the CT in the frame that the
     dose comes from. The result lies on ``grid``, or on that of the field in its frame.
     """
-    if to not in ("planning", "fraction"):
-        raise _errors.usage(f"to is {to!r}", 'give to="fraction" or to="planning"')
+    forward = _given.choice("to", to, ("planning", "fraction")) == "fraction"
+    by_mass = _given.choice("method", method, ("interpolate", "energy-mass")) == "energy-mass"
+    parts, threads = _given.whole("parts", parts, 1, 8), _given.whole("threads", threads)
     push, pull = both(fields, planning_to_fraction, fraction_to_planning)
-    by_mass = parts if method == "energy-mass" else None
-    scan = None if ct is None else source(ct)
+    scan, target, given = source_or_none("ct", ct), grid_source("grid", grid), source("dose", dose, "dose")
     with told(progress) as function:
         raster, report = _aventail.map_dose(
-            source(dose, "dose"), push, pull, to == "fraction", grid_source(grid), by_mass, scan, threads, function
+            given, push, pull, forward, target, parts if by_mass else None, scan, threads, function
         )
     return Mapped(_of_raster(raster, "dose"), json.loads(report))
 
@@ -88,15 +95,15 @@ def accumulate(
     ``weights``: of doses of the whole plan, the share of it that each stands for, from 0 to 1. ``fractions``: of doses of one
     fraction, how many fractions were given so.
     """
-    given = [source(dose, "dose") for dose in doses]
-    return _of_raster(_aventail.accumulate(given, _numbers("weights", weights), _numbers("fractions", fractions)), "dose")
-
-
-def _numbers(name: str, given: Sequence[float] | None) -> list[float]:
-    try:
-        return [] if given is None else [float(n) for n in given]
-    except (TypeError, ValueError):
-        raise _errors.usage(f"{name} is {given!r}", "give one number for each dose") from None
+    each = "give one number of 0 or more for each dose"
+    shares = [] if weights is None else _given.numbers_of("weights", weights, each)
+    times = [] if fractions is None else _given.numbers_of("fractions", fractions, each)
+    all_of_them = _given.several("doses", doses, "give a list of doses")
+    given = [source(f"doses[{n}]", dose, "dose") for n, dose in enumerate(all_of_them)]
+    for name, counts in (("weights", weights), ("fractions", fractions)):
+        if counts is not None and not (shares if name == "weights" else times) and given:
+            raise _given.wrong(name, counts, each)
+    return _of_raster(_aventail.accumulate(given, shares, times), "dose")
 
 
 def dvh(
@@ -118,12 +125,18 @@ def dvh(
     path: str | None = None
     if isinstance(structures, (Contours, Mapping)):
         text = Contours.of(structures)._json()
-    elif isinstance(structures, (str, os.PathLike)) and _of_contours(os.fspath(structures)):
-        path = os.fspath(structures)
+    elif _given.is_path(structures) and _of_contours(_given.path("structures", structures)):
+        path = _given.path("structures", structures)
     else:
         given, names = label_source(structures, labels, "structures")
+    if labels is not None and given is None:
+        raise _errors.usage("labels has no meaning for contours, which have names", "leave labels out")
+    doses = _given.numbers_of("at", at, "give doses of 0 Gy or more")
+    if any(gy < 0 for gy in doses):
+        raise _given.wrong("at", at, "give doses of 0 Gy or more")
+    width = _given.number("bin", bin, "give the width of a bin, 0.001 Gy or more")
     curves: list[Dvh] = json.loads(
-        _aventail.dvh(source(dose, "dose"), given, names, text, path, [float(d) for d in at], bin)
+        _aventail.dvh(source("dose", dose, "dose"), given, names, text, path, doses, width)
     )
     return curves
 
@@ -137,7 +150,8 @@ def compare(
     dose: ImageLike, reference: ImageLike, *, tolerance: float | None = None, limit: float = 20.0
 ) -> Compared:
     """Difference of two doses of one frame; ``tolerance`` in Gy is 3 % of the reference's maximum without it."""
-    difference, distance, figures = _aventail.compare_doses(
-        source(dose, "dose"), source(reference, "dose"), tolerance, limit
-    )
+    least = None if tolerance is None else _given.number("tolerance", tolerance, "give a dose above 0 Gy")
+    most = _given.number("limit", limit, "give a distance above 0 and up to 100 mm")
+    given, other = source("dose", dose, "dose"), source("reference", reference, "dose")
+    difference, distance, figures = _aventail.compare_doses(given, other, least, most)
     return Compared(_of_raster(difference, "image"), _of_raster(distance, "image"), json.loads(figures))

@@ -67,6 +67,7 @@ pub(crate) fn evaluate(
 ) -> PyResult<String> {
     let limits = settings.config().raised(py)?.verdict;
     let (push, pull) = (push.map(arrays::field).transpose()?, pull.map(arrays::field).transpose()?);
+    let written = push.as_ref().or(pull.as_ref()).and_then(|field| field.path()).map(Path::to_owned);
     let image = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::image).transpose();
     let labels = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::labels).transpose();
     let names = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::names).transpose();
@@ -118,7 +119,10 @@ pub(crate) fn evaluate(
             landmarks: &landmarks,
             triangle: None,
         };
-        Ok((io::json(&assess(&subject, &limits, runtime)?.0)?, provenance.warnings))
+        let (mut assessment, _) = assess(&subject, &limits, runtime)?;
+        let doubts = |field: &PathBuf| fields::doubts_of_its_run(field, &provenance);
+        assessment.verdicts.extend(written.as_ref().map(doubts).unwrap_or_default());
+        Ok((io::json(&assessment)?, provenance.warnings))
     })?;
     warn(py, &warnings)?;
     Ok(json)

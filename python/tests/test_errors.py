@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import aventail
+from aventail._errors import _ARGUMENTS, in_python
 
 
 def refused(kind: type[aventail.Error], *arguments: object, **keywords: object) -> aventail.Error:
@@ -66,3 +70,77 @@ def test_errors_travel_between_processes() -> None:
     error = pickle.loads(pickle.dumps(aventail.InputError("a: b\n  remedy: c", "a", "b", "c", "code")))
     assert isinstance(error, aventail.InputError)
     assert (str(error), error.what, error.cause, error.remedy, error.code) == ("a: b\n  remedy: c", "a", "b", "c", "code")
+
+
+# Strings of the library that may be told; the program's own verbs are left out but for what Python calls of them.
+SOURCES = [
+    path
+    for path in sorted((ROOT / "src").rglob("*.rs"))
+    if path.stem not in ("tests", "args") and (not {"tests", "cli"} & set(path.parts) or path.parent.name == "library")
+]
+# Options of other programs, and of verbs that Python does not call.
+OTHERS = {
+    "at": "figure",
+    "direction": "evaluate, where no option names the direction",
+    "max-memory": "register",
+    "ml": "TotalSegmentator",
+    "only-bones": "labels merge",
+    "json": "labels merge",
+    "raw": "gdcmconv",
+    "roi": "register",
+    "roi_subset": "TotalSegmentator",
+    "scale-by-jacobian": "warp, of masks",
+    "space": "warp, of points and matrices",
+    "task": "TotalSegmentator",
+    "version": "TotalSegmentator",
+    "labels-planning": "evaluate's page",
+    "labels-fraction": "evaluate's page",
+}
+
+
+def test_messages_name_arguments_and_not_options() -> None:
+    for text, own in {
+        "add --ct FILE, the CT, or take --method interpolate": 'add ct, the CT, or take method="interpolate"',
+        "give another --out: a folder holds one run": "give another folder: a folder holds one run",
+        "give the --out folders of finished runs": "give the folders of finished runs",
+        "a file for --skeleton (`aventail skeleton --out` writes one)": "a file for skeleton (`aventail skeleton --out` writes one)",
+        "written with --ml, or name it in --volume-change.": "written with --ml, or name it in volume_change.",
+        "/data/run--out/x.nii and /data/--out/y: --labels": "/data/run--out/x.nii and /data/--out/y: labels",
+        "but --planning-to-fraction takes planning points": "but planning_to_fraction takes planning points",
+        "made by `--bones auto`": 'made by `bones="auto"`',
+    }.items():
+        assert in_python(text) == own
+    known, seen = set(_ARGUMENTS), set()
+    for path in SOURCES:
+        code = path.read_text().split("#[cfg(test)]")[0]
+        told = "\n".join(line for line in code.splitlines() if not line.lstrip().startswith("//"))
+        # Commands of the program, and the pages' style.
+        told = re.sub(r"`[a-z][^`]*`|var\(--[^)]*\)|--[a-z]+:", "", told)
+        seen |= set(re.findall(r"(?<![\w/.-])--([a-z][a-z_-]*[a-z])(?![\w(])", told))
+    assert seen - known - set(OTHERS) == set(), "an option without a name in Python"
+    assert {"organs", "labels", "bone-landmarks", "start", "out", *OTHERS} <= seen
+
+
+def test_errors_and_warnings_name_arguments(phantom: aventail.Phantom, tmp_path: Path) -> None:
+    p = phantom
+    bare = tmp_path / "bare.nii.gz"
+    aventail.Image(p.bones.array, p.bones.spacing, p.bones.origin, kind="labels").save(bare)
+    p.planning.save(tmp_path / "ct.nii.gz")
+    p.bones.save(tmp_path / "bones.nii.gz")
+    calls: dict[str, Any] = {
+        "labels": lambda: aventail.skeleton(bare),
+        "ct": lambda: aventail.dose.map(p.dose, p.truth, to="fraction", grid=p.fraction, method="energy-mass"),
+        "settings": lambda: aventail.register(p.planning, p.bones, p.fraction, settings=tmp_path / "none.toml"),
+        "threads": lambda: aventail.register(p.planning, p.bones, p.fraction, threads=10**6),
+        "sample": lambda: aventail.library(tmp_path / "ct.nii.gz", tmp_path / "bones.nii.gz", tmp_path / "out"),
+        "folder": lambda: aventail.library_modes([tmp_path / "a", tmp_path / "b"], tmp_path / "out"),
+        "fraction_to_planning": lambda: aventail.evaluate(planning_to_fraction=pulled, bones=p.bones),
+    }
+    pulled = tmp_path / "pull.nii.gz"
+    aventail.Field(p.truth.image, "fraction", "planning").save(pulled)
+    for name, call in calls.items():
+        with pytest.raises(aventail.Error) as caught:
+            call()
+        told = (str(caught.value), caught.value.cause, caught.value.remedy)
+        left = re.findall(r"(?<![\w`])--([a-z-]+)", " ".join(told))
+        assert name in told[0] and set(left) <= {"ml"}, told

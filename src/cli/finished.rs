@@ -90,6 +90,8 @@ impl Finished {
         let mut one = FractionSources::new(Source::File(fraction));
         one.landmarks = path(InputRole::Landmarks).map(Source::File);
         one.bone_landmarks = path(InputRole::BoneLandmarks).map(Source::File);
+        let names = path(InputRole::FractionLabels).map(Source::File);
+        one.bones = path(InputRole::FractionBones).map(|labels| (Source::File(labels), names));
         one.start = named(InputRole::Start).map(|i| Source::File(i.given()));
         one.settle(planning)?;
         let (scan, provenance) = runtime.stage("read the fraction", || one.read(&[]))?;

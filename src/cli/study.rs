@@ -183,7 +183,7 @@ impl StudiedMotion {
                 transforms,
                 pose: report.pose,
                 bones: report.bones,
-                common: Rigid::from_parts(Translation3::from(report.couch_shift), UnitQuaternion::identity()),
+                common: Rigid::from_parts(Translation3::from(report.common_shift), UnitQuaternion::identity()),
                 common_share: 1.0,
                 warnings: Vec::new(),
             },

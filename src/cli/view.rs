@@ -23,7 +23,7 @@ is shown with those structures. Of several fractions one is shown: give its fold
 
 Examples:
   aventail view out
-  aventail view out/fraction_1
+  aventail view week/monday
   aventail view out --structures contours.json";
 
 /// Options of `view`.

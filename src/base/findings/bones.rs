@@ -72,6 +72,16 @@ findings! {
         "Structures of a structure set have names that are no bone's: refused where none is a bone or none lies in the image.",
         "Name them as TG-263 or TotalSegmentator do, or give a TOML file of names with --labels.",
     );
+    FRACTION_LABEL_CONTRADICTS = doubted(
+        "fraction-label-contradicts",
+        "The image places a bone more than 3 mm from where its labels in both scans say.",
+        "Look at both labels and the fusion images; correct the label that is wrong, or leave it out.",
+    );
+    FRACTION_LABEL_UNLIKE = doubted(
+        "fraction-label-unlike",
+        "A bone's labels in planning and fraction do not fit each other rigidly; they are not used.",
+        "Check both labels in a viewer: one may be cut, of another bone, or torn.",
+    );
     JOINT_LIMIT = doubted(
         "joint-limit",
         "A joint lies beyond its soft range.",

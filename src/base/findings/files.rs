@@ -52,6 +52,11 @@ findings! {
         "A MetaImage's AnatomicalOrientation is not what its matrix says; the matrix is used.",
         "Check left, right, front and back in a viewer, and write the file anew.",
     );
+    OTHER_FILE = refused(
+        "other-file",
+        "A result would take the place of a file that no run has written.",
+        "Give another --out, or move the file away.",
+    );
     OTHER_PLANNING = refused(
         "other-planning",
         "Runs to be fitted differ in planning CT or labels.",

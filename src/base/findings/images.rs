@@ -42,6 +42,16 @@ findings! {
         "The fraction CT shows a short piece of the spine that would fit another level nearly as well.",
         "Check the levels in the fusion images; place a vertebra with --bone-landmarks.",
     );
+    MR_FRACTION = doubted(
+        "mr-fraction",
+        "The fraction is an MR: grey values that are no HU, and a geometry that the scanner distorts.",
+        "Look at bones and skin in the fusion images, far from the scanner's middle above all; take no dose from its values.",
+    );
+    NOT_AN_MR = refused(
+        "not-an-mr",
+        "An image that must be an MR holds negative values, as a CT in HU does.",
+        "Leave --modality out for a CT; give the magnitude image.",
+    );
     NO_TISSUE = doubted(
         "no-tissue",
         "The planning CT shows no tissue above the least HU inside the patient.",
@@ -74,7 +84,7 @@ findings! {
     );
     WEAK_START = doubted(
         "weak-start",
-        "The couch shift explains little of the bones' contrast; or, in a short view, the bones where they were found do, or one alone is found.",
+        "One motion of all bones explains little of their contrast; or, in a short view, the bones where they were found do, or one alone is found.",
         "Look at the fusion images first.",
     );
 }

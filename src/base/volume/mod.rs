@@ -6,6 +6,7 @@ pub mod distance;
 pub mod interpolation;
 pub mod label;
 pub mod morphology;
+pub mod ranges;
 pub mod region;
 mod smooth;
 mod spans;

@@ -159,12 +159,16 @@ pub(super) fn not_found(
              DICOM series, and look at both scans in one viewer",
         ),
         None => {
-            let cause = hidden_by(fraction, bone_in_height(skeleton, &drawn.all, fraction));
+            let in_hu = options.measure != Measure::CorrelationRatio;
+            let hidden = || hidden_by(fraction, bone_in_height(skeleton, &drawn.all, fraction));
+            let (cause, units) = if in_hu { (hidden(), ", in HU") } else { (None, "") };
             Error::failed(
                 findings::BONES_NOT_FOUND,
                 cause.map_or(problem.clone(), |cause| format!("{problem}; {cause}")),
-                "check that both CTs show the same patient and a common body region, in HU, without metal or motion over \
-                 the bones; a rigid motion (--start) or landmarks on bones (--bone-landmarks) can place them",
+                format!(
+                    "check that both scans show the same patient and a common body region{units}, without metal or motion over \
+                     the bones; a rigid motion (--start) or landmarks on bones (--bone-landmarks) can place them"
+                ),
             )
         }
     })

@@ -8,6 +8,7 @@ use super::planning::BoneSamples;
 use super::rivals::{SHORT_MM, best_level};
 use super::schedule::{Fitter, Guess, Start, Tried};
 use super::search::{Hypothesis, Search};
+use super::similarity::Measure;
 use super::start::{FitStart, Starts, common_motions, left, near_motions};
 use super::{FitOptions, FitResult};
 use crate::error::{Error, Result};
@@ -80,8 +81,10 @@ pub fn fit_pose(
         }
     }
     let short = |tried: &Tried| attempts.fitter.height_shown(&tried.fit.transforms, fraction.grid()) < SHORT_MM;
+    // In another modality a bone may match well at a wrong place: the skeleton tells.
+    let by_ratio = options.measure == Measure::CorrelationRatio;
     let unsure = match &start {
-        FitStart::Search => found.as_ref().is_none_or(short),
+        FitStart::Search => by_ratio || found.as_ref().is_none_or(short),
         FitStart::Near(_) => found.is_none(),
         FitStart::Placed(_) => false,
     };

@@ -142,7 +142,7 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
     if free.is_empty() {
         return Ok(out);
     }
-    let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
+    let nothing = Samples::default();
     let end = |b: usize| free.iter().position(|&f| f == b).map_or(End::Held(out[b]), End::Moving);
     let body = |b: usize| Body {
         samples: &nothing,

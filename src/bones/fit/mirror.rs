@@ -70,12 +70,13 @@ fn under(samples: &Samples, centre: &Point3<f64>, map: &Matrix3<f64>) -> Samples
 /// All bones as one, where the fit has them; each with the part of the samples that it has of the volume.
 pub(super) fn posed(bones: &[Samples], transforms: &[Rigid]) -> Samples {
     let volume_mm3 = bones.iter().map(|b| b.volume_mm3).sum::<f64>();
-    let mut all = Samples { points: Vec::new(), values: Vec::new(), volume_mm3 };
+    let mut all = Samples { volume_mm3, ..Samples::default() };
     for (bone, t) in bones.iter().zip(transforms) {
         let share = START_SAMPLES as f64 * bone.volume_mm3 / volume_mm3.max(1.0);
         let every = (bone.points.len() as f64 / share.max(1.0)).ceil().max(1.0) as usize;
         all.points.extend(bone.points.iter().step_by(every).map(|p| t * p));
         all.values.extend(bone.values.iter().step_by(every));
+        all.memberships.extend(bone.memberships.iter().step_by(every));
     }
     all
 }

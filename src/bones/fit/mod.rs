@@ -2,6 +2,7 @@
 
 pub use attempts::fit_pose;
 pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
+pub use labels::{contradictions, from_labels};
 pub use planning::BoneSamples;
 pub use prior::BeyondRange;
 pub use similarity::Measure;
@@ -76,6 +77,7 @@ impl DeterminedBy {
 mod accept;
 mod attempts;
 mod given;
+mod labels;
 mod level;
 mod lie;
 mod limbs;
@@ -83,6 +85,7 @@ mod mirror;
 mod planning;
 mod prior;
 mod problem;
+mod relation;
 mod rivals;
 mod samples;
 mod scale;

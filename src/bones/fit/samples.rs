@@ -4,19 +4,22 @@ use super::tissue::Tissue;
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::LabelMap;
+use crate::volume::ranges::RANGES;
 use nalgebra::Point3;
 
 /// Width in mm of the shell of soft tissue around a bone that belongs to its samples: edges carry the information. In
 /// coarser images it is one voxel of the finest axis wide: without any shell a bone has no contrast.
-const SHELL_MM: f64 = 2.5;
+pub(super) const SHELL_MM: f64 = 2.5;
 
 /// Sample voxels of one bone at one resolution.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Samples {
     /// Positions in the planning CT, LPS mm.
     pub points: Vec<Point3<f64>>,
     /// Planning HU there (clamped and smoothed as the fraction is).
     pub values: Vec<f64>,
+    /// Membership of each in the ranges of HU, where another modality is compared; else empty.
+    pub memberships: Vec<[f32; RANGES]>,
     /// Volume in cubic mm of all candidate voxels, of which the samples are a part.
     pub volume_mm3: f64,
 }
@@ -28,6 +31,7 @@ impl Samples {
         Self {
             points: self.points.iter().step_by(every).copied().collect(),
             values: self.values.iter().step_by(every).copied().collect(),
+            memberships: self.memberships.iter().step_by(every).copied().collect(),
             volume_mm3: self.volume_mm3,
         }
     }
@@ -38,7 +42,7 @@ impl Samples {
 /// Shell voxels belong to the first bone of the skeleton that reaches them; another bone's voxels are never taken.
 /// The image's outermost voxels are left out, as those of the fraction are (see [`Tissue::visibility`]): what lies beyond
 /// them is unknown to planning and blurs into the fraction's.
-pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
+pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<Vec<u32>> {
     let grid = labels.volume.grid();
     let size = grid.size();
     let spacing = grid.spacing();
@@ -47,7 +51,7 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap) -> Vec<Vec<u32>> {
     for (b, bone) in skeleton.bones.iter().enumerate() {
         of_label[usize::from(bone.label)] = b;
     }
-    let shell = spacing.into_iter().fold(f64::INFINITY, f64::min).max(SHELL_MM);
+    let shell = spacing.into_iter().fold(f64::INFINITY, f64::min).max(shell_mm);
     let reach: [i64; 3] = std::array::from_fn(|a| (shell / spacing[a]).floor() as i64);
     let mut ball = Vec::new();
     for k in -reach[2]..=reach[2] {
@@ -115,7 +119,7 @@ pub fn draw(candidates: &[u32], grid: &Grid, image: &Tissue, most: usize) -> Sam
         image.at(&p).map(|v| (p, v))
     });
     let (points, values) = chosen.unzip();
-    Samples { points, values, volume_mm3: n as f64 * grid.voxel_volume() }
+    Samples { points, values, memberships: Vec::new(), volume_mm3: n as f64 * grid.voxel_volume() }
 }
 
 /// SplitMix64's finaliser: a fixed, well-mixed hash.

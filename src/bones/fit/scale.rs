@@ -46,16 +46,6 @@ pub(super) struct Scale {
     pub(super) apart: [Option<f64>; 3],
 }
 
-/// Every n-th sample of a bone.
-fn thinned(samples: &Samples) -> Samples {
-    let every = samples.points.len().div_ceil(MOST).max(1);
-    Samples {
-        points: samples.points.iter().step_by(every).copied().collect(),
-        values: samples.values.iter().step_by(every).copied().collect(),
-        volume_mm3: samples.volume_mm3,
-    }
-}
-
 /// A bone that the image determines: its samples, already where they belong in the fraction, and their centre.
 struct Placed {
     samples: Samples,
@@ -73,7 +63,7 @@ pub(super) fn scale(
     measure: Measure,
 ) -> Scale {
     let place = |((samples, t), _): ((&Samples, &Rigid), &bool)| {
-        let mut samples = thinned(samples);
+        let mut samples = samples.thinned(MOST);
         samples.points.iter_mut().for_each(|p| *p = t * *p);
         let n = samples.points.len() as f64;
         let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);

@@ -5,10 +5,11 @@ use super::level::Level;
 use super::planning::BoneSamples;
 use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
+use super::relation::Normal;
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::search::MOST_MM3;
-use super::similarity::{Evaluation, Held};
+use super::similarity::{Evaluation, Held, Measure};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
 use super::stop::Stop;
@@ -35,6 +36,7 @@ const UNLIKE: f64 = 4.0;
 /// A bone that explains less than this at the coarsest level is searched for around; a cut one (less in view than
 /// [`WHOLE`]) below the second share, since an edge hides what would tell a wrong place.
 const DOUBTFUL: f64 = 0.6;
+const DOUBTFUL_RATIO: f64 = 0.75;
 const DOUBTFUL_CUT: f64 = 0.85;
 /// Were every bone a cut one, a cone-beam CT would err by 1.17 mm for 0.77.
 const WHOLE: f64 = 0.9;
@@ -73,7 +75,10 @@ pub(super) struct Tried {
 /// A word about a common motion that explains little of the bones' contrast.
 pub(super) fn weak_start(share: f64) -> Option<Warning> {
     let problem = || {
-        format!("the couch shift explains only {:.0} % of the bone contrast; look at the fusion images", 100.0 * share)
+        format!(
+            "one motion of all bones explains only {:.0} % of their contrast; look at the fusion images",
+            100.0 * share
+        )
     };
     (share < WEAK_START).then(|| Warning::new(findings::WEAK_START, problem()))
 }
@@ -109,7 +114,7 @@ impl<'a> Fitter<'a> {
             radii.push((s.points.iter().map(|p| (p - c).norm_squared()).sum::<f64>() / n).sqrt().max(1.0));
             centres.push(c);
         }
-        let nothing = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
+        let nothing = Samples::default();
         let points = level.drawn.bones.iter().map(|s| s.points.as_slice()).collect();
         Self { skeleton, options, centres, points, radii, nothing }
     }
@@ -140,7 +145,7 @@ impl<'a> Fitter<'a> {
                 None => Level::new(samples, fraction, resolution, options)?,
             };
             // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
-            let hold = n > 0;
+            let hold = n > 0 || options.measure == Measure::CorrelationRatio;
             let mut solution = self.together(&now, &mut transforms, hold)?;
             if self.drop_unexplained(&mut now, &mut transforms, &solution.curvature) {
                 solution = self.together(&now, &mut transforms, hold)?;
@@ -254,17 +259,21 @@ impl<'a> Fitter<'a> {
         links: impl Fn() -> Vec<Link<'b>>,
         search: bool,
     ) -> Result<Option<(Rigid, Stop)>> {
-        let problem = |base| PoseProblem {
-            bodies: vec![self.body(level, bone, base)],
+        let problem = |base, held| PoseProblem {
+            bodies: vec![Body { held, ..self.body(level, bone, base) }],
             links: links(),
             fraction: Some(&level.fraction),
             measure: self.options.measure,
         };
-        if problem(start).similarities(&[start], false)[0].visible < LEAST_VISIBLE {
+        let now = problem(start, None).similarities(&[start], false).remove(0);
+        if now.visible < LEAST_VISIBLE {
             return Ok(None);
         }
+        // By another modality a bone matches less well, so that what comes into view would draw it.
+        let hold = !search && self.options.measure == Measure::CorrelationRatio;
+        let held = hold.then_some(Held { view: now.visible, gain: 0.0, grey: None });
         let fit = |base| {
-            let solution = solve(problem(base), level.tolerance_mm, self.options.max_iterations)?;
+            let solution = solve(problem(base, held), level.tolerance_mm, self.options.max_iterations)?;
             Ok::<_, Error>((
                 solution.cost,
                 self.body(level, bone, base).transform(solution.x.as_slice()),
@@ -272,7 +281,7 @@ impl<'a> Fitter<'a> {
             ))
         };
         let mut best = fit(start)?;
-        if search && doubtful(&problem(best.1).similarities(&[best.1], false)[0]) {
+        if search && doubtful(&problem(best.1, None).similarities(&[best.1], false)[0]) {
             let centre = start * self.centres[bone];
             for axis in 0..3 {
                 for sign in [-1.0, 1.0] {
@@ -385,7 +394,9 @@ pub(super) fn neighbours(skeleton: &Skeleton, bone: usize) -> impl Iterator<Item
 
 /// Whether a bone may be at a wrong place: it explains little, or an edge hides what would tell.
 pub(super) fn doubtful(e: &Evaluation) -> bool {
-    e.explained < DOUBTFUL || (e.visible < WHOLE && e.explained < DOUBTFUL_CUT)
+    // By another modality a true place explains less, and a wrong one more: both are searched around.
+    let least = if e.normal.is_some() { DOUBTFUL_RATIO } else { DOUBTFUL };
+    e.explained < least || (e.visible < WHOLE && e.explained < DOUBTFUL_CUT)
 }
 
 /// Whether each bone is too little in view, or the image does not explain it as it does the others.
@@ -400,7 +411,10 @@ pub(super) fn unexplained(bones: &[Evaluation]) -> Vec<bool> {
 /// What is in view of each bone, and the gain of all together; nothing where no bone shows a contrast.
 pub(super) fn held(bones: &[Evaluation]) -> Vec<Option<Held>> {
     let [covariance, variance] = bones.iter().fold([0.0; 2], |[c, v], e| [c + e.contrast[0], v + e.contrast[1]]);
-    let held = |e: &Evaluation| Held { view: e.visible, gain: covariance / variance };
+    let sums =
+        bones.iter().filter_map(|e| e.normal).reduce(|a, b| Normal { own: a.own + b.own, both: a.both + b.both });
+    let grey = sums.and_then(|s| s.own.try_inverse().map(|inverse| inverse * s.both));
+    let held = |e: &Evaluation| Held { view: e.visible, gain: covariance / variance, grey };
     bones.iter().map(|e| (variance > 0.0).then(|| held(e))).collect()
 }
 

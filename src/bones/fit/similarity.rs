@@ -15,6 +15,7 @@
 //! `g, o` are the best gain and offset of the bone ([`Measure::Correlation`]: then `1 - q` is the squared correlation
 //! when all is visible) or 1 and 0 ([`Measure::SquaredDifference`]).
 
+use super::relation::{self, Normal, Weights};
 use super::samples::Samples;
 use super::tissue::Tissue;
 use crate::geometry::{Rigid, vectorised};
@@ -32,12 +33,14 @@ pub enum Measure {
     Correlation,
     /// Squared difference of HU as they are.
     SquaredDifference,
+    /// Correlation ratio: each range of HU has a grey value of its own, as in an MR.
+    CorrelationRatio,
 }
 
 /// Cubic mm of image that carry one independent sample: residuals are correlated over a few voxels.
 const CORRELATION_VOLUME_MM3: f64 = 60.0;
 /// Unexplained share that every image has; keeps the logarithm finite on noise-free ones.
-const LEAST_SHARE: f64 = 1e-6;
+pub(super) const LEAST_SHARE: f64 = 1e-6;
 
 /// Similarity of one bone at one position.
 #[derive(Debug, Clone)]
@@ -55,6 +58,8 @@ pub struct Evaluation {
     /// Covariance of planning and fraction values and variance of the fraction's, each times the number of independent
     /// samples in view: the quotient is the bone's gain.
     pub contrast: [f64; 2],
+    /// What the grey values of ranges of HU follow from, by the correlation ratio.
+    pub normal: Option<Normal>,
 }
 
 /// What a bone's similarity takes from elsewhere instead of finding it anew at each position.
@@ -66,6 +71,8 @@ pub struct Held {
     pub view: f64,
     /// Gain of the HU.
     pub gain: f64,
+    /// Grey value of each range of HU, by the correlation ratio.
+    pub grey: Option<Weights>,
 }
 
 impl Evaluation {
@@ -78,6 +85,7 @@ impl Evaluation {
             explained: 0.0,
             visible: 0.0,
             contrast: [0.0; 2],
+            normal: None,
         }
     }
 }
@@ -186,6 +194,9 @@ pub fn evaluate(
     held: Option<Held>,
     derivatives: bool,
 ) -> Evaluation {
+    if measure == Measure::CorrelationRatio {
+        return relation::evaluate(samples, fraction, t, centre, held, derivatives);
+    }
     let n = samples.points.len();
     let mean = samples.values.iter().sum::<f64>() / n.max(1) as f64;
     let total: f64 = samples.values.iter().map(|a| (a - mean).powi(2)).sum::<f64>().max(1e-9);
@@ -252,6 +263,7 @@ fn finish(s: &Sums, total: f64, independent: f64, n: usize, measure: Measure, he
         explained: 1.0 - q,
         visible: s.w / count,
         contrast: [covariance, variance].map(|c| c * weight),
+        normal: None,
     }
 }
 

@@ -6,6 +6,7 @@
 
 use super::given::GivenMotion;
 use super::problem::{Body, PoseProblem};
+use super::relation;
 use super::samples::Samples;
 use super::similarity::Measure;
 use super::solver::solve;
@@ -14,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::{Rigid, vectorised};
 use crate::volume::Volume;
+use crate::volume::ranges::RANGES;
 use crate::warning::Warning;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -191,14 +193,21 @@ fn shifts(
     let grid = fraction.grid();
     let points: Vec<Point3<f64>> = samples.points.iter().map(|p| centre + turn * (p - centre)).collect();
     let indices: Vec<Vector3<f64>> = points.iter().map(|p| grid.index(p)).collect();
+    let ratio = !samples.memberships.is_empty();
     let every = (indices.len() / SCOUTS).max(1);
     let thinned = |n: &usize| n.is_multiple_of(every);
     let scouts: Vec<Vector3<f64>> = (0..indices.len()).filter(thinned).map(|n| indices[n]).collect();
     let seen: Vec<f64> = (0..indices.len()).filter(thinned).map(|n| samples.values[n]).collect();
-    let score = |points: &[Vector3<f64>], values: &[f64], shift: &Vector3<f64>| {
+    let members: Vec<_> =
+        (0..indices.len()).filter(|_| ratio).filter(thinned).map(|n| samples.memberships[n]).collect();
+    let score = |points: &[Vector3<f64>], values: &[f64], members: &[[f32; RANGES]], shift: &Vector3<f64>| {
+        let step = grid.inverse_step() * shift;
+        if ratio {
+            return relation::evidence(points, members, fraction, &step);
+        }
         vectorised(
             #[inline(always)]
-            || evidence(points, values, fraction, &(grid.inverse_step() * shift)),
+            || evidence(points, values, fraction, &step),
         )
     };
     let range = Range::new(&points, fraction);
@@ -206,13 +215,13 @@ fn shifts(
         .into_par_iter()
         .filter_map(|n| {
             let shift = range.shift(n);
-            let evidence = if range.overlaps(&shift) { score(&scouts, &seen, &shift) } else { 0.0 };
+            let evidence = if range.overlaps(&shift) { score(&scouts, &seen, &members, &shift) } else { 0.0 };
             (evidence > 0.0).then_some(Candidate { evidence, turn, shift })
         })
         .collect();
     scored.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     scored.truncate(FINALISTS);
-    scored.par_iter_mut().for_each(|c| c.evidence = score(&indices, &samples.values, &c.shift));
+    scored.par_iter_mut().for_each(|c| c.evidence = score(&indices, &samples.values, &samples.memberships, &c.shift));
     scored
 }
 

@@ -2,6 +2,7 @@
 
 use super::prior::BeyondRange;
 use super::problem::{Body, End, Link, PoseProblem};
+use super::relation::Weights;
 use super::samples::Samples;
 use super::similarity::{Held, Measure};
 use super::solver::solve;
@@ -10,6 +11,7 @@ use super::tissue::Tissue;
 use crate::geometry::{Grid, Rigid, about};
 use crate::skeleton::{Joint, JointPose};
 use crate::volume::Volume;
+use crate::volume::ranges::memberships;
 use nalgebra::{DVector, Matrix3, Point3, Vector3};
 use proptest::prelude::*;
 
@@ -44,7 +46,7 @@ fn ball(centre: Point3<f64>, truth: &Rigid) -> Samples {
         }
     }
     let values = points.iter().map(|p| texture(&(truth * p))).collect();
-    Samples { points, values, volume_mm3: 2000.0 }
+    Samples { points, values, volume_mm3: 2000.0, ..Samples::default() }
 }
 
 fn joint() -> Joint {
@@ -83,15 +85,19 @@ fn gradient_error(problem: &PoseProblem<'_>, x: &DVector<f64>) -> (f64, f64) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn gradient_matches_central_differences(values in prop::collection::vec(-2.0f64..2.0, 12), cut in any::<bool>(), squared in any::<bool>(), hold in any::<bool>(), scale in prop::sample::select(vec![1.0, 1e-3])) {
+    fn gradient_matches_central_differences(values in prop::collection::vec(-2.0f64..2.0, 12), cut in any::<bool>(), measure in prop::sample::select(vec![Measure::Correlation, Measure::SquaredDifference, Measure::CorrelationRatio]), hold in any::<bool>(), scale in prop::sample::select(vec![1.0, 1e-3])) {
         // A cut image puts part of the second ball on the edge, where visibility has a slope of its own.
         let image = fraction(if cut { [28, 40, 30] } else { [45, 45, 40] }, 1.1, -20.0);
         let truth = Rigid::identity();
         // Values that the image does not explain wholly: at a perfect match the logarithm is a cusp.
-        let unlike = |mut s: Samples| { s.values.iter_mut().enumerate().for_each(|(n, v)| *v += 60.0 * (n as f64).sin()); s };
+        let unlike = |mut s: Samples| {
+            s.values.iter_mut().enumerate().for_each(|(n, v)| *v += 60.0 * (n as f64).sin());
+            s.memberships = s.values.iter().map(|v| memberships(*v as f32)).collect();
+            s
+        };
         let (a, b) = (unlike(ball(Point3::new(0.0, 0.0, 0.0), &truth)), unlike(ball(Point3::new(5.0, 12.0, 3.0), &truth)));
-        let measure = if squared { Measure::SquaredDifference } else { Measure::Correlation };
-        let held = hold.then_some(Held { view: 0.7, gain: 0.95 });
+        let grey = Weights::from_column_slice(&[-100.0, 30.0, 50.0, 300.0, 500.0, 900.0]);
+        let held = hold.then_some(Held { view: 0.7, gain: 0.95, grey: Some(grey) });
         let j = joint();
         let start = about(&Point3::origin(), Vector3::new(0.05, -0.02, 0.03), Vector3::new(1.0, -0.5, 0.7));
         // On the grid itself visibility at the image's edge has a kink, and no derivative.
@@ -114,7 +120,7 @@ proptest! {
     #[test]
     fn the_penalty_alone_has_the_right_gradient(values in prop::collection::vec(-3.0f64..3.0, 12)) {
         let image = fraction([20, 20, 20], 1.0, 0.0);
-        let empty = Samples { points: Vec::new(), values: Vec::new(), volume_mm3: 0.0 };
+        let empty = Samples::default();
         let j = joint();
         let make = |base| Body { samples: &empty, base, centre: Point3::new(3.0, -2.0, 1.0), radius: 9.0, held: None };
         let problem = PoseProblem {
@@ -197,13 +203,13 @@ fn what_is_held_buys_no_match() {
     };
     let (_, visible, gain) = cost(0.0, None);
     assert!((0.3..0.9).contains(&visible) && (gain - 1.0 / 1.1).abs() < 0.05, "{visible} {gain}");
-    let held = Some(Held { view: visible, gain });
+    let held = Some(Held { view: visible, gain, grey: None });
     let best = |held| {
         let at = |n: i32| f64::from(n) * 0.1;
         (-20..=20).map(at).min_by(|a, b| cost(*a, held).0.total_cmp(&cost(*b, held).0)).unwrap()
     };
     assert!(best(held).abs() < 0.15 && best(None) < best(held), "held {}, free {}", best(held), best(None));
-    let wrong = Some(Held { view: visible, gain: 1.5 * gain });
+    let wrong = Some(Held { view: visible, gain: 1.5 * gain, grey: None });
     assert!(cost(0.0, wrong).0 > cost(0.0, held).0);
 }
 

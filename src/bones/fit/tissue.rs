@@ -30,6 +30,11 @@ const ALL: u8 = u8::MAX;
 const BLOCK: f64 = 0.5;
 
 impl Tissue {
+    /// Whether a voxel is air or padding.
+    pub fn is_air(hu: f32) -> bool {
+        hu.is_nan() || hu <= AIR_HU
+    }
+
     /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
         let block = ct.grid().spacing().map(|s| ((BLOCK * sigma / s).floor() as usize).max(1));

@@ -122,6 +122,33 @@ pub fn in_hounsfield(what: &str, image: &Volume<f32>) -> Result<Option<Warning>>
     }))
 }
 
+/// More voxels of an MR than this share are not negative: magnitudes are none, but for what resampling makes of an edge.
+const MOST_NEGATIVE: f64 = 0.01;
+/// Below this a value is no ringing of a resampling, as a share of the brightest.
+const NEGATIVE: f32 = -0.02;
+
+/// Judges an image that must be an MR: magnitudes, of any scale.
+///
+/// # Errors
+/// [`Error::Input`] where it holds negative values, as a CT in HU does.
+pub fn no_hounsfield(what: &str, image: &Volume<f32>) -> Result<()> {
+    let [lowest, highest] = image.extremes();
+    let least = NEGATIVE * highest.abs();
+    let negative = image.data().par_iter().filter(|v| **v < least).count() as f64 / image.data().len().max(1) as f64;
+    if negative <= MOST_NEGATIVE {
+        return Ok(());
+    }
+    Err(Error::refused(
+        findings::NOT_AN_MR,
+        what,
+        format!(
+            "it is no MR: its values run from {lowest} to {highest}, and {:.0} % of them are negative, where an MR shows magnitudes",
+            100.0 * negative
+        ),
+        "a CT in HU needs no --modality; of a phase or difference image give the magnitude",
+    ))
+}
+
 /// What would mend it.
 fn remedy(histogram: &Histogram, tissue: f32) -> String {
     let low: u64 = histogram.between(LOWEST, LOW).iter().sum();
@@ -135,7 +162,9 @@ fn remedy(histogram: &Histogram, tissue: f32) -> String {
     if low > 0 && tissue > 500.0 {
         return "its grey values look inverted, or air was stored as a large number: export it anew in HU".into();
     }
-    "give a CT in HU: air near -1000, soft tissue near 0; MR, dose, labels and windowed pictures are none".into()
+    "give a CT in HU: air near -1000, soft tissue near 0; dose, labels and windowed pictures are none, and a fraction that is an MR \
+     needs --modality mr"
+        .into()
 }
 
 #[cfg(test)]
@@ -181,6 +210,11 @@ mod tests {
             assert_eq!((error.exit_code(), error.code()), (4, "not-in-hu"));
             assert!(error.to_string().contains(word), "{error}");
         }
+        let mr = |change: &(dyn Fn(f32) -> f32 + Sync)| no_hounsfield("fraction MR", &image(change));
+        assert_eq!(mr(&|v| v).unwrap_err().code(), "not-an-mr");
+        mr(&|v| (v + 1030.0) * 0.4).unwrap();
+        // An edge that was resampled by splines.
+        mr(&|v| if v < -900.0 { -10.0 } else { v + 1024.0 }).unwrap();
         assert!(of(&|v| 0.6 * v).unwrap().unwrap().message.contains("scaled by 0.6"));
     }
 }

@@ -8,7 +8,7 @@ mod labels;
 mod levels;
 mod sides;
 
-pub use hounsfield::in_hounsfield;
+pub use hounsfield::{in_hounsfield, no_hounsfield};
 pub use labels::labels_on_bone;
 pub use levels::levels_by_landmarks;
 pub use sides::sides_and_levels;

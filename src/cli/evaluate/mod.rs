@@ -292,7 +292,9 @@ fn one(
         landmarks: &inputs.landmarks,
         triangle: inputs.triangle.as_ref().map(|[a, b]| [a, b]),
     };
-    let (assessment, maps) = assess(&subject, limits, runtime)?;
+    let (mut assessment, maps) = assess(&subject, limits, runtime)?;
+    let written = push.iter().chain(pull).next();
+    assessment.verdicts.extend(written.map(|field| fields::doubts_of_its_run(field, provenance)).unwrap_or_default());
     let field = Assessed::new(name.clone(), assessment);
     let drawable = Drawable { subject, maps };
     let pictures = runtime.stage("draw", || evaluation::draw(which, &field, &drawable))?;

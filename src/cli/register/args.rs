@@ -29,7 +29,9 @@ Examples:
   aventail register --config out/report.json --out again      # the same run once more
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
                                                               # writes week/monday, week/friday and week/index.html
-  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw";
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw
+  aventail register --planning ct.nii.gz --bones auto --fraction day.nii.gz --fraction-bones auto --out day
+                                                              # labels of both scans place the bones first";
 
 /// Options of `register`.
 #[derive(Debug, Args)]
@@ -41,6 +43,9 @@ pub struct RegisterArgs {
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. Planning is a CT
+    #[arg(long, value_enum)]
+    pub modality: Option<ModalityName>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -54,6 +59,16 @@ pub struct RegisterArgs {
     /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
+    /// Labels of bones in the fraction, named as planning's (label map, structure set, or auto for TotalSegmentator): where both
+    /// scans have a bone's label, its surface places the bone before the image does. With several fractions one for each
+    #[arg(long, value_name = "FILE|auto", conflicts_with = "bone_landmarks")]
+    pub fraction_bones: Vec<PathBuf>,
+    /// Names of the fraction's labels (JSON), where its label map has none
+    #[arg(long, value_name = "FILE", requires = "fraction_bones")]
+    pub fraction_labels: Option<PathBuf>,
+    /// What places the bones in the end: the image, or the fraction's labels alone (--fraction-bones)
+    #[arg(long, value_enum, requires = "fraction_bones", conflicts_with = "bone_landmarks_use")]
+    pub fit: Option<FitName>,
     /// Rigid motion of the whole patient from planning to the fraction, near which the fit begins instead of searching: a DICOM
     /// Spatial Registration, ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
     #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
@@ -65,6 +80,10 @@ pub struct RegisterArgs {
     /// cut to it (see `region` in docs/settings.md)
     #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub roi: Option<String>,
+    /// What the couch shift is matched on, for setup: spine (the vertebrae nearest the middle of what both scans show), names of
+    /// bones, or a box in LPS mm of the planning scan whose bones count. It changes no field
+    #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
+    pub couch_match: Option<String>,
     /// Refuse to begin when the run is expected to need more memory than this
     #[arg(long, value_name = "GB")]
     pub max_memory: Option<f64>,
@@ -80,6 +99,24 @@ pub struct RegisterArgs {
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+/// What places bones that have labels in both scans.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum FitName {
+    /// The image, which the labels start
+    Image,
+    /// The labels alone; bones without follow their joints
+    Labels,
+}
+
+/// What makes an image.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ModalityName {
+    /// CT or cone-beam CT, HU
+    Ct,
+    /// Magnetic resonance: magnitudes of any scale and sequence
+    Mr,
 }
 
 /// What bone landmarks do.

@@ -4,16 +4,17 @@ mod args;
 mod index;
 
 pub(super) use args::HELP;
-pub use args::{LandmarkUseName, RegisterArgs};
+pub use args::{FitName, LandmarkUseName, ModalityName, RegisterArgs};
 
 use super::args::{PresetName, RunArgs, SpeedName};
 use super::inputs::{config_file, either, needed, planning_side};
 use super::run_folder;
 use super::terminal::{command_line, progress};
-use crate::config::{Config, ConfigFile, InputRole, Preset};
+use crate::config::{Config, ConfigFile, InputRole, Modality, Preset};
 use crate::error::{Error, Result};
+use crate::evaluate::couch::CouchOptions;
 use crate::fit::LandmarkUse;
-use crate::io::{self, RunFolder};
+use crate::io::{self, RunFolder, auto::AUTO};
 use crate::progress::Progress;
 use crate::report::{self, Clinic};
 use crate::runtime::Runtime;
@@ -36,9 +37,9 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
 pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
     let (mut request, names) = asked(args)?;
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet || args.estimate))?;
-    let beside = BonesBy { beside: &args.out, command: &request.command, quiet: args.run.shown.quiet };
-    let others = request.needed();
-    request.planning.make_bones(&others, beside, &runtime)?;
+    let command = request.command.clone();
+    let beside = BonesBy { beside: &args.out, command: &command, quiet: args.run.shown.quiet };
+    request.make_bones(beside, &runtime)?;
     if args.estimate {
         let memory_bytes = request.expected_memory()?;
         return Estimate { memory_bytes, threads: runtime.threads() }.told(args.run.told.json);
@@ -131,20 +132,60 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
             LandmarkUseName::Replace => LandmarkUse::Replace,
         };
     }
+    if let Some(FitName::Labels) = args.fit {
+        config.fit.bone_landmarks = LandmarkUse::Replace;
+    }
+    if let Some(modality) = args.modality {
+        config.fraction.modality = match modality {
+            ModalityName::Ct => Modality::Ct,
+            ModalityName::Mr => Modality::Mr,
+        };
+    }
     args.organs.apply(&mut config)?;
     if let Some(text) = &args.roi {
-        let numbers: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
-        let corners = numbers.and_then(|n| <[f64; 6]>::try_from(n).ok());
+        let corners = corners(text).map_err(|problem| {
+            Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1")
+        })?;
         let label = corners.is_none().then(|| text.clone());
         config.region = RegionOptions { label, box_mm: corners, ..config.region };
         if let Some(problem) = config.region.problem() {
             return Err(Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1"));
         }
     }
+    if let Some(text) = &args.couch_match {
+        config.couch = couch_of(text)?;
+    }
     if args.clinic.dicom {
         Clinic::check(&config)?;
     }
     Ok(config)
+}
+
+/// Six numbers as a box; nothing where the text is a name.
+fn corners(text: &str) -> std::result::Result<Option<[f64; 6]>, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+    match numbers.map(<[f64; 6]>::try_from) {
+        None => Ok(None),
+        Some(Ok(corners)) => Ok(Some(corners)),
+        Some(Err(other)) => Err(match other.len() {
+            1 => "1 number is no box".to_owned(),
+            n => format!("{n} numbers are no box: 6 are needed"),
+        }),
+    }
+}
+
+/// What the couch shift is matched on.
+fn couch_of(text: &str) -> Result<CouchOptions> {
+    const REMEDY: &str = "give spine, names of bones (skull,vertebrae_C1) or x0,y0,z0,x1,y1,z1 in LPS mm";
+    let wrong = |problem: String| Error::usage(format!("--match {text}: {problem}"), REMEDY);
+    let box_mm = corners(text).map_err(wrong)?;
+    let names = || text.split(',').map(|name| name.trim().to_owned()).collect::<Vec<_>>();
+    let bones = if box_mm.is_some() || text == "spine" { Vec::new() } else { names() };
+    if bones.iter().any(String::is_empty) {
+        return Err(wrong("a name is empty".into()));
+    }
+    let couch = CouchOptions { bones, box_mm };
+    couch.problem().map_or(Ok(couch), |problem| Err(wrong(problem)))
 }
 
 /// The fractions that the arguments name, else the one of the recorded run; and their names, which are those of their folders.
@@ -164,6 +205,7 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
             ));
         }
     };
+    let labelled = fraction_labels(args, file, files.len())?;
     let several = files.len() > 1;
     if several && (args.bone_landmarks.is_some() || args.start.is_some()) {
         return Err(Error::usage(
@@ -180,20 +222,37 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
     if distinct.len() < names.len() || names.iter().any(String::is_empty) {
         names = (1..=files.len()).map(|n| n.to_string()).collect();
     }
+    let given = either(&args.fraction_labels, InputRole::FractionLabels, &file.inputs);
+    let names_of = |labels: &Path| given.clone().filter(|_| labels != Path::new(AUTO));
     let recorded_start = || file.inputs.iter().find(|i| i.role == InputRole::Start).map(|i| i.given());
-    let one = |((file, landmarks), name): ((PathBuf, Option<PathBuf>), &String)| {
+    let one = |(((file, landmarks), labels), name): (((PathBuf, Option<PathBuf>), Option<PathBuf>), &String)| {
         let mut one = FractionSources::new(Source::File(file));
         one.landmarks = landmarks.map(Source::File);
+        let names = |labels: &PathBuf| names_of(labels).map(Source::File);
+        one.bones = labels.map(|labels| (Source::File(labels.clone()), names(&labels)));
         one.name = if several { name.clone() } else { String::new() };
         one
     };
-    let mut all: Vec<FractionSources> = files.into_iter().zip(landmarks).zip(&names).map(one).collect();
+    let mut all: Vec<FractionSources> = files.into_iter().zip(landmarks).zip(labelled).zip(&names).map(one).collect();
     if let [only] = all.as_mut_slice() {
         let marks = either(&args.bone_landmarks, InputRole::BoneLandmarks, &file.inputs);
         only.bone_landmarks = marks.map(Source::File);
         only.start = args.start.clone().or_else(recorded_start).map(Source::File);
     }
     Ok((all, names))
+}
+
+/// The bone labels of each fraction.
+fn fraction_labels(args: &RegisterArgs, file: &ConfigFile, fractions: usize) -> Result<Vec<Option<PathBuf>>> {
+    match args.fraction_bones.as_slice() {
+        [] if fractions == 1 => Ok(vec![either(&None, InputRole::FractionBones, &file.inputs)]),
+        [] => Ok(vec![None; fractions]),
+        some if some.len() == fractions => Ok(some.iter().cloned().map(Some).collect()),
+        some => Err(Error::usage(
+            format!("{} label maps of fractions are given for {fractions} fractions", some.len()),
+            "give --fraction-bones once for each --fraction, in their order, or not at all",
+        )),
+    }
 }
 
 /// Saves a result into `out` and tells of it; shared with `pose` and `demo`. `files` lie there already.

@@ -4,6 +4,7 @@
 
 mod fill;
 mod lung;
+pub mod mr;
 
 pub use lung::lung;
 

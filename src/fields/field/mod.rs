@@ -38,7 +38,7 @@ use crate::volume::{Mask, Volume};
 pub struct PushField {
     /// Displacement `u`, mm, at each voxel of the planning grid; finite everywhere.
     pub displacement: Volume<[f32; 3]>,
-    /// Voxels whose displacement the model computed; elsewhere it is a smooth extension that fades to the couch shift.
+    /// Voxels whose displacement the model computed; elsewhere it is a smooth extension that fades to the mean motion.
     pub computed: Mask,
 }
 

@@ -98,9 +98,24 @@ pub struct View {
 impl View {
     /// Finds what of a CT (HU) was measured.
     pub fn of(ct: &Volume<f32>) -> Self {
-        let mut blank = blank_ends(ct);
+        let blank = blank_ends(ct);
         let mut report = ViewReport { measured_percent: 100.0, ..ViewReport::default() };
-        let mut unknown = padding(ct, blank, &mut report);
+        let unknown = padding(ct, blank, &mut report);
+        Self::from_parts(ct, blank, unknown, report)
+    }
+
+    /// Finds what of a scan was measured by its blank ends alone: what lies beside the patient has one value.
+    pub fn of_ends(scan: &Volume<f32>) -> Self {
+        let report = ViewReport { measured_percent: 100.0, ..ViewReport::default() };
+        Self::from_parts(scan, blank_ends(scan), None, report)
+    }
+
+    fn from_parts(
+        ct: &Volume<f32>,
+        mut blank: [[usize; 2]; 3],
+        mut unknown: Option<Mask>,
+        mut report: ViewReport,
+    ) -> Self {
         if let Some(circle) = &report.circle {
             // Beside the circle there is nothing but its padding.
             (0..3).filter(|a| *a != circle.along).for_each(|a| blank[a] = [0; 2]);

@@ -7,8 +7,11 @@
 
 use super::atomic::sweep;
 use super::guard::{check_files, guarded};
-use super::held::{Held, Journal, LOCK, REPORTS, all_held, is_inside, line, lock, of_another_run, outputs_of};
+use super::held::{
+    Held, Journal, LOCK, REPORTS, all_held, is_inside, is_report, line, lock, of_another_run, outputs_of,
+};
 use crate::error::{Error, Result};
+use crate::findings;
 use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -46,6 +49,8 @@ pub struct RunFolder {
     reports: Vec<String>,
     /// Folders in it that hold files of the run, the inner ones first.
     parts: Vec<PathBuf>,
+    /// Folders that were made for it, the outermost first: they go with a run that has written nothing.
+    made: Vec<PathBuf>,
     begun: bool,
     finished: bool,
 }
@@ -62,6 +67,8 @@ impl RunFolder {
         let all: Vec<PathBuf> = planned.reports.iter().chain(&planned.names).map(at).collect();
         check_files(inputs, &all)?;
         let refuse = |e: io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
+        let mut made: Vec<PathBuf> = folder.ancestors().take_while(|f| missing(f)).map(Path::to_owned).collect();
+        made.reverse();
         std::fs::create_dir_all(folder).map_err(refuse)?;
         let real = std::fs::canonicalize(folder).map_err(refuse)?;
         let (file, unfinished) = lock(folder, command)?;
@@ -72,10 +79,11 @@ impl RunFolder {
         let more: BTreeSet<&Path> = planned.names.iter().filter_map(|name| Path::new(name).parent()).collect();
         parts.extend(more.into_iter().rev().filter(|part| is_inside(part)).map(Path::to_owned));
         let reports = planned.reports.clone();
-        let mut own = Self { held, leftovers: unfinished, reports, parts, begun: false, finished: false };
+        let mut own = Self { held, leftovers: unfinished, reports, parts, made, begun: false, finished: false };
         sweep(folder);
         own.parts.iter().for_each(|part| sweep(&folder.join(part)));
         own.earlier(folder, planned)?;
+        own.spares_others(folder, planned)?;
         Ok(own)
     }
 
@@ -92,6 +100,23 @@ impl RunFolder {
         let inputs = &self.held.inputs;
         let spare = |name: &PathBuf| inputs.iter().try_for_each(|input| input.spare(&folder.join(name)));
         self.leftovers.iter().try_for_each(spare)
+    }
+
+    /// Refuses to take the place of a file that no run of ours has written.
+    fn spares_others(&self, folder: &Path, planned: &Planned) -> Result<()> {
+        let known = planned.reports.iter().map(String::as_str).chain(REPORTS);
+        let listed: BTreeSet<PathBuf> = known.flat_map(|report| outputs_of(&folder.join(report))).collect();
+        let own = |name: &Path| self.leftovers.contains(name) || listed.contains(name);
+        // The report for machines tells of the page beside it.
+        let ours =
+            planned.reports.first().is_some_and(|report| own(Path::new(report)) || is_report(&folder.join(report)));
+        let reports = planned.reports.iter().filter(|_| !ours);
+        let foreign = reports.chain(&planned.names).find(|name| !own(Path::new(name)) && folder.join(name).is_file());
+        foreign.map_or(Ok(()), |name| {
+            let problem = "no run of aventail tells that it wrote this file, which the results would take the place of";
+            let remedy = "give another --out, or move the file away";
+            Err(Error::refused(findings::OTHER_FILE, folder.join(name).display().to_string(), problem, remedy))
+        })
     }
 
     /// Removes the reports of an earlier run, then its other files: from here on the folder holds this run alone.
@@ -178,6 +203,10 @@ impl Drop for RunFolder {
         if self.begun || self.leftovers_listed_elsewhere() {
             let _ = std::fs::remove_file(folder.join(LOCK));
         }
+        if !self.finished {
+            // Whatever has come into them since stays, and they with it.
+            self.made.iter().rev().for_each(|made| drop(std::fs::remove_dir(made)));
+        }
     }
 }
 
@@ -188,6 +217,11 @@ impl RunFolder {
             self.reports.iter().flat_map(|report| outputs_of(&self.held.folder.join(report))).collect();
         self.leftovers.is_subset(&told)
     }
+}
+
+/// Whether there is nothing of this name.
+fn missing(path: &Path) -> bool {
+    !path.as_os_str().is_empty() && std::fs::symlink_metadata(path).is_err_and(|e| e.kind() == ErrorKind::NotFound)
 }
 
 /// Removes a file of a folder; links on the way there are not followed, and a folder in its place stays.
@@ -333,6 +367,28 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_made_for_a_refused_run_goes_with_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("a/b");
+        drop(open(&out).unwrap());
+        assert_eq!(names(dir.path()), [""; 0]);
+        std::fs::create_dir(dir.path().join("a")).unwrap();
+        let run = open(&out).unwrap();
+        std::fs::write(out.join("notes.txt"), b"mine").unwrap();
+        drop(run);
+        assert_eq!(names(&out), ["notes.txt"]);
+    }
+
+    #[test]
+    fn a_page_that_no_run_has_written_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("report.html"), b"mine").unwrap();
+        let error = open(dir.path()).unwrap_err();
+        assert!(error.code() == "other-file" && error.to_string().contains("report.html"), "{error}");
+        assert_eq!(std::fs::read(dir.path().join("report.html")).unwrap(), b"mine");
+    }
+
+    #[test]
     fn inputs_are_spared_before_the_work_and_after() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
@@ -344,6 +400,10 @@ mod tests {
             let error = RunFolder::open(dir.path(), &planned(), &[&at(name)], "").unwrap_err();
             assert!(error.code() == "input-overwritten" && error.to_string().contains(name), "{error}");
         }
+        // A file that no run tells of is nobody's to overwrite.
+        let error = RunFolder::open(dir.path(), &planned(), &[], "").unwrap_err();
+        assert!(error.code() == "other-file" && error.to_string().contains("a.nii"), "{error}");
+        std::fs::remove_file(at("a.nii")).unwrap();
         let run = RunFolder::open(dir.path(), &planned(), &[&at("c.nii")], "").unwrap();
         let error = write_file(at("c.nii"), |out| out.write_all(b"y")).unwrap_err();
         assert_eq!(error.code(), "input-overwritten");

@@ -231,6 +231,12 @@ pub fn at_work(folder: &Path) -> Option<String> {
     })
 }
 
+/// Whether a file is the report of a run for machines: it lists what the run has written.
+pub(super) fn is_report(file: &Path) -> bool {
+    let text = std::fs::read(file).unwrap_or_default();
+    serde_json::from_slice::<serde_json::Value>(&text).is_ok_and(|report| report["outputs"].is_array())
+}
+
 /// Names in `outputs` of a report, which may be another tool's or damaged: those that lie in its folder.
 pub(super) fn outputs_of(report: &Path) -> BTreeSet<PathBuf> {
     let text = std::fs::read(report).unwrap_or_default();

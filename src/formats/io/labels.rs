@@ -245,12 +245,16 @@ fn label_values(path: &Path, raster: &Raster<'_>) -> Result<Volume<u16>> {
         all[first],
         raster.grid.voxel(first)
     );
-    Err(Error::input(
-        path.display().to_string(),
-        problem,
-        "give a label map, resampled with nearest neighbour if at all",
-    ))
+    let remedy = if all.iter().any(|v| *v < LIKE_AIR) {
+        "this looks like a CT: give the label map here, and check whether two files are swapped"
+    } else {
+        "give a label map, resampled with nearest neighbour if at all"
+    };
+    Err(Error::input(path.display().to_string(), problem, remedy))
 }
+
+/// A value of a CT's air, HU, which no label map holds.
+const LIKE_AIR: f64 = -500.0;
 
 /// Whether a value is an integer that a label can be.
 pub(super) fn is_label(value: f64) -> bool {

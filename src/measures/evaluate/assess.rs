@@ -1,5 +1,6 @@
 //! Everything that can be measured of a field with what is given.
 
+use super::agreement::{self, Agreement};
 use super::consistency::{self, Consistency};
 use super::contour::{self, ContourMetrics};
 use super::jacobian::tissue;
@@ -68,6 +69,9 @@ pub struct Assessment {
     pub transitivity: Option<Consistency>,
     /// Similarity of the CTs.
     pub similarity: Option<SimilarityReport>,
+    /// How far the CTs agree in windows, by the rules of `register`. Earlier reports lack it.
+    #[serde(default)]
+    pub agreement: Option<Agreement>,
     /// What the rules say of the figures that have a limit.
     pub verdicts: Vec<Verdict>,
     /// Where regularity and consistency were measured, in words.
@@ -100,7 +104,7 @@ pub struct Maps {
 /// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
 pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Result<(Assessment, Maps)> {
     let pair = subject.pair;
-    let (mask, measured_in) = runtime.stage("find the tissue", || domain(subject))?;
+    let Domain { mask, patient, told: measured_in } = runtime.stage("find the tissue", || domain(subject))?;
     let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
     let mask_push = same_grid(&mask, push.grid());
     let mask_pull = carried(&mask, pull);
@@ -149,6 +153,15 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         (Some(a), Some(b)) => Some(runtime.stage("similarity", || similarity::evaluate(pull, a, b, &mask))),
         _ => None,
     };
+    let agreement = match (subject.planning, subject.fraction) {
+        (Some(planning), Some(fraction)) if shows_air(fraction) => Some(runtime.stage("compare images", || {
+            let couch = shift.as_ref().map_or_else(Vector3::zeros, |s| s.mm);
+            let body = same_grid(patient.as_ref().unwrap_or(&mask), planning.grid());
+            let bones = subject.bones;
+            agreement::evaluate(&agreement::Images { pull, planning, fraction, body: &body, bones, couch })
+        })),
+        _ => None,
+    };
     let mut assessment = Assessment {
         regularity,
         shift,
@@ -159,6 +172,7 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         inversion: pair.inversion,
         transitivity,
         similarity,
+        agreement,
         verdicts: Vec::new(),
         measured_in,
     };
@@ -184,19 +198,37 @@ fn mean_shift(subject: &Subject<'_>, push: &Volume<[f32; 3]>, mask: &Mask) -> Op
     Some(MeanShift { mm, of: of.into() })
 }
 
-/// Where to measure, on a grid of the planning frame, and in words.
-fn domain(subject: &Subject<'_>) -> Result<(Mask, String)> {
+/// Whether an image has values of air, as CTs in HU do and MR images do not.
+fn shows_air(image: &Volume<f32>) -> bool {
+    image.extremes()[0] < AIR_HU
+}
+
+/// Every CT of a patient has lower values somewhere, HU.
+const AIR_HU: f32 = -500.0;
+
+/// Where to measure, on a grid of the planning frame.
+struct Domain {
+    mask: Mask,
+    /// Inside of the skin with all cavities, where no mask is given and a planning CT is.
+    patient: Option<Mask>,
+    /// In words.
+    told: String,
+}
+
+fn domain(subject: &Subject<'_>) -> Result<Domain> {
     if let Some(mask) = subject.mask {
-        return Ok((mask.clone(), "the given mask".into()));
+        return Ok(Domain { mask: mask.clone(), patient: None, told: "the given mask".into() });
     }
     match subject.planning {
         Some(ct) => {
             let body = body::find(ct, subject.bones, &body::BodyOptions::default())?;
-            Ok((tissue(&body, ct), "the patient in the planning CT above -500 HU".into()))
+            let told = "the patient in the planning CT above -500 HU".into();
+            Ok(Domain { mask: tissue(&body, ct), patient: Some(body), told })
         }
         None => {
             let grid = subject.pair.push.displacement.grid().clone();
-            Ok((Volume::filled(grid, true), "the whole grid: neither mask nor planning CT was given".into()))
+            let told = "the whole grid: neither mask nor planning CT was given".into();
+            Ok(Domain { mask: Volume::filled(grid, true), patient: None, told })
         }
     }
 }
@@ -274,6 +306,9 @@ fn verdicts(a: &Assessment, pair: &FieldPair, limits: &Limits) -> Vec<Verdict> {
     all.push(limits.consistency(&format!("inverse consistency ({two})"), there.max(back), voxel));
     if let Some(t) = &a.transitivity {
         all.push(limits.consistency("transitivity", t.distance_mm.p95, voxel));
+    }
+    if let Some(images) = &a.agreement {
+        all.extend(limits.images(images));
     }
     all
 }

@@ -1,12 +1,14 @@
 //! Rank 4: how good a field is. Landmark residuals, contours, Jacobian characteristics, folds, curl, consistency, rigidity
 //! of bones and image similarity, and one set of rules that judges them; `docs/metrics.md` has the formulas.
 
+pub mod agreement;
 mod assess;
 mod cell;
 mod characteristics;
 pub mod consistency;
 pub mod contact;
 pub mod contour;
+pub mod couch;
 pub mod curl;
 mod interface;
 pub mod jacobian;

@@ -74,6 +74,16 @@ impl Surface {
             .collect()
     }
 
+    /// The nearest point of the surface to each of `points`. Neighbouring points in the list are found faster.
+    pub fn closest(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        let mut last = 0;
+        let one = |p: &Point3<f64>| {
+            last = self.nearest(p, last).1;
+            p - from_nearest(p, &self.corners(last))
+        };
+        points.iter().map(one).collect()
+    }
+
     fn corners(&self, triangle: usize) -> [Point3<f64>; 3] {
         self.triangles[triangle].map(|v| self.vertices[v as usize])
     }
@@ -132,38 +142,42 @@ impl SurfaceNode {
     }
 }
 
-/// Squared distance from a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-fn squared_distance(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> f64 {
+fn squared_distance(p: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> f64 {
+    from_nearest(p, triangle).norm_squared()
+}
+
+/// From the nearest point of a triangle to a point (Ericson, Real-Time Collision Detection, 5.1.5).
+fn from_nearest(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {
-        return ap.norm_squared();
+        return ap;
     }
     let bp = p - b;
     let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
     if d3 >= 0.0 && d4 <= d3 {
-        return bp.norm_squared();
+        return bp;
     }
     let vc = d1 * d4 - d3 * d2;
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return (ap - ab * (d1 / (d1 - d3).max(f64::MIN_POSITIVE))).norm_squared();
+        return ap - ab * (d1 / (d1 - d3).max(f64::MIN_POSITIVE));
     }
     let cp = p - c;
     let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
     if d6 >= 0.0 && d5 <= d6 {
-        return cp.norm_squared();
+        return cp;
     }
     let vb = d5 * d2 - d1 * d6;
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return (ap - ac * (d2 / (d2 - d6).max(f64::MIN_POSITIVE))).norm_squared();
+        return ap - ac * (d2 / (d2 - d6).max(f64::MIN_POSITIVE));
     }
     let va = d3 * d6 - d5 * d4;
     let (e, f) = (d4 - d3, d5 - d6);
     if va <= 0.0 && e >= 0.0 && f >= 0.0 {
-        return (bp - (c - b) * (e / (e + f).max(f64::MIN_POSITIVE))).norm_squared();
+        return bp - (c - b) * (e / (e + f).max(f64::MIN_POSITIVE));
     }
     let sum = (va + vb + vc).max(f64::MIN_POSITIVE);
-    (ap - ab * (vb / sum) - ac * (vc / sum)).norm_squared()
+    ap - ab * (vb / sum) - ac * (vc / sum)
 }
 
 /// Vertices, one per crossed cell, and the quadrilaterals between them.

@@ -27,8 +27,14 @@ use std::path::{Path, PathBuf};
 /// Folder in that of the run.
 const FOLDER: &str = "dicom";
 /// Names in it, as far as they do not depend on the images.
-const NAMES: [&str; 5] =
-    ["RS.dcm", "RD.dcm", "REG_couch.dcm", "REG_fraction_to_planning.dcm", "REG_planning_to_fraction.dcm"];
+const NAMES: [&str; 6] = [
+    "RS.dcm",
+    "RD.dcm",
+    "REG_couch.dcm",
+    "REG_couch_rotation.dcm",
+    "REG_fraction_to_planning.dcm",
+    "REG_planning_to_fraction.dcm",
+];
 
 /// What is to go back as DICOM beside the planning CT and the registrations.
 #[derive(Debug, Clone, Default)]
@@ -308,9 +314,14 @@ impl Set<'_> {
             to: self.fraction,
         };
         let back = DerivedRegistration { from: there.to, to: there.from, ..there };
-        let rigid = Rigid::from_parts(Translation3::from(outcome.couch_shift), UnitQuaternion::identity());
+        let rigid = Rigid::from_parts(Translation3::from(outcome.couch.shift()), UnitQuaternion::identity());
         let path = self.path("REG_couch.dcm", "couch shift, planning to fraction, DICOM Spatial Registration");
         write_rigid(&path, &rigid, &there, &self.origin)?;
+        let what = "couch shift with its rotation, planning to fraction, DICOM Spatial Registration";
+        let path = self.path("REG_couch_rotation.dcm", what);
+        let description = "Couch shift and rotation (aventail, research only)";
+        let turned = DerivedRegistration { role: "couch-rotation", description, number: 907, ..there };
+        write_rigid(&path, &outcome.couch.rigid(), &turned, &self.origin)?;
         let what = "push field, DICOM Deformable Spatial Registration on the planning grid";
         let path = self.path("REG_planning_to_fraction.dcm", what);
         let description = "Planning to fraction (aventail, research only)";

@@ -4,6 +4,7 @@ use super::{OutputFile, Run};
 use crate::chainmail::{LinkReport, Pruning};
 use crate::config::InputRole;
 use crate::evaluate::contact::{BoneOverlap, ContactReport, JointGap};
+use crate::evaluate::couch::{CouchMatch, CouchResidual};
 use crate::evaluate::{CellKinds, jacobian as jacobians, landmark, rigidity};
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::findings;
@@ -64,6 +65,24 @@ fn head(p: &Point3<f64>) -> (f32, u16, bool) {
     (hu as f32, label, inside)
 }
 
+/// The couch shift of the scene, matched on its vertebra.
+fn couch(offset: Vector3<f64>) -> CouchMatch {
+    let left = |bone: &str, matched, shift_mm, rotation_mm| CouchResidual {
+        bone: bone.to_owned(),
+        matched,
+        shift_mm,
+        rotation_mm,
+    };
+    CouchMatch {
+        on: vec!["vertebrae_C4".into()],
+        chosen: "bones of the spine nearest the middle of what both scans show".into(),
+        shift_mm: offset.into(),
+        rotation_deg: [1.0, 0.0, -0.5],
+        centre: [0.0; 3],
+        residuals: vec![left("skull", false, 4.25, 3.75), left("vertebrae_C4", true, 0.75, 0.25)],
+    }
+}
+
 /// The scene with a perfect registration, but for landmarks that are off by up to 1 mm.
 #[expect(clippy::too_many_lines, reason = "one scene, spelled out")]
 pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
@@ -105,7 +124,9 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
     let outcome = Outcome {
         skeleton: Skeleton { bones: skeleton() },
         pose: Default::default(),
-        couch_shift: offset,
+        common_shift: offset,
+        couch: couch(offset),
+        agreement: None,
         kind: None,
         bone_fits: fits(offset),
         body,

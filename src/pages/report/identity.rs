@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::io::checksum::sha256;
 use crate::pipeline::Case;
 use crate::provenance::InputFile;
+use crate::volume::LabelMap;
 
 /// All that decides about a run's content, beside the program's version.
 #[derive(Debug, Clone, Copy)]
@@ -34,14 +35,20 @@ impl Decided<'_> {
         let mut parts = vec![self.config.toml()?, files.join("\n")];
         parts.extend(given.iter().map(|(name, value)| format!("{name} {value}")));
         let Case { planning, fraction } = self.case;
-        let labels: Vec<u8> = planning.bones.volume.data().iter().flat_map(|label| label.to_le_bytes()).collect();
-        parts.push(format!("{:?} {} {:?}", planning.bones.volume.grid(), sha256(&labels), planning.bones.names));
+        parts.push(of_labels(&planning.bones));
         parts.push(format!("{:?}", planning.skeleton));
         parts.push(format!("{:?}", fraction.start));
         parts.push(format!("{:?}", fraction.bone_landmarks));
+        parts.push(fraction.bones.as_ref().map_or(String::new(), of_labels));
         parts.push(format!("{:?}", fraction.landmarks));
         Ok(parts)
     }
+}
+
+/// Grid, values and names of a label map.
+fn of_labels(map: &LabelMap) -> String {
+    let values: Vec<u8> = map.volume.data().iter().flat_map(|label| label.to_le_bytes()).collect();
+    format!("{:?} {} {:?}", map.volume.grid(), sha256(&values), map.names)
 }
 
 #[cfg(test)]

@@ -2,7 +2,9 @@
 
 use crate::chainmail::{LinkReport, Pruning};
 use crate::error::{Error, Result};
+use crate::evaluate::agreement::Agreement;
 use crate::evaluate::contact::ContactReport;
+use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
@@ -89,8 +91,12 @@ pub struct Report {
     pub planning_grid: Grid,
     /// Grid of the fraction CT.
     pub fraction_grid: Grid,
-    /// Couch shift and difference of scanner origins, planning to fraction.
-    pub couch_shift: Vector3<f64>,
+    /// Mean motion of all that the scans show, at the middle of the planning scan, planning to fraction.
+    #[serde(alias = "couch_shift")]
+    pub common_shift: Vector3<f64>,
+    /// The couch shift, matched on bones, and what it leaves of each.
+    #[serde(default)]
+    pub couch: CouchMatch,
     /// What kind of image the fraction is; nothing where images took no part in soft tissue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fraction_kind: Option<FractionKind>,
@@ -113,6 +119,9 @@ pub struct Report {
     pub volume_changes: Vec<VolumeReached>,
     /// How far the result may be trusted, when it was asked for.
     pub uncertainty: Option<UncertaintyReport>,
+    /// How far the images agree, where a fraction was registered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agreement: Option<Agreement>,
     /// Waves that were pruned, and the most that this can change; where a bound is known.
     #[serde(default, alias = "let_go")]
     pub pruning: Option<Pruning>,
@@ -168,7 +177,8 @@ impl Report {
             verdicts,
             planning_grid: case.planning.ct.grid().clone(),
             fraction_grid: case.fraction.ct.grid().clone(),
-            couch_shift: outcome.couch_shift,
+            common_shift: outcome.common_shift,
+            couch: outcome.couch.clone(),
             fraction_kind: outcome.kind.clone(),
             bones: outcome.bone_fits.clone(),
             own_motion_mm: outcome.own_motion_mm(),
@@ -178,6 +188,7 @@ impl Report {
             contact: outcome.contact.clone(),
             volume_changes: outcome.volume_changes.clone(),
             uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
+            agreement: outcome.agreement,
             pruning: outcome.pruning,
             links: outcome.links,
             inverse: outcome.inverse,

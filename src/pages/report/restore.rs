@@ -30,7 +30,8 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
     Ok(Outcome {
         skeleton: skeleton_of(report, planning)?,
         pose: report.pose.clone(),
-        couch_shift: report.couch_shift,
+        common_shift: report.common_shift,
+        couch: report.couch.clone(),
         bone_fits: report.bones.clone(),
         body: mask("body")?,
         push: PushField { displacement: read_field(file("planning_to_fraction")?)?.value, computed: mask("computed")? },
@@ -48,6 +49,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
         volume_changes: report.volume_changes.clone(),
         kind: report.fraction_kind.clone(),
         uncertainty,
+        agreement: report.agreement,
         pruning: report.pruning,
         links: report.links,
         inverse: report.inverse,

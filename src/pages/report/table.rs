@@ -1,8 +1,12 @@
 //! The short table at the end of a run on the terminal.
 
 use super::numbers::Report;
+use crate::evaluate::agreement::{Agreement, TissueAgreement};
+use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::verdict::{Verdict, against, overall};
+use crate::findings::{Finding, Told};
 use crate::fit::DeterminedBy;
+use crate::warning::Warning;
 use std::fmt::Write;
 
 /// The figures that matter as a text table of one screen.
@@ -22,6 +26,12 @@ pub fn terminal_table(report: &Report) -> String {
                 l.after.n
             ),
         ));
+    }
+    if let Some(images) = &report.agreement {
+        rows.push(("images", agreement(images)));
+    }
+    if let Some(couch) = couch(&report.couch) {
+        rows.push(("couch shift", couch));
     }
     rows.push(("bones", bones(report)));
     if let Some(worst) = report.least_rigid() {
@@ -73,13 +83,65 @@ pub fn terminal_table(report: &Report) -> String {
     ));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
     rows.push(("run", format!("{:.1} s on {} threads{memory}", report.seconds(), report.threads)));
-    if !report.warnings.is_empty() {
-        rows.push(("warnings", format!("{}, see the report", report.warnings.len())));
+    for (n, told) in warnings(&report.warnings).into_iter().enumerate() {
+        rows.push((if n == 0 { "warnings" } else { "" }, told));
     }
     rows.iter().fold(String::new(), |mut text, (name, value)| {
         writeln!(text, "  {name:<11} {value}").expect("writing to a string does not fail");
         text
     })
+}
+
+/// Warnings that the terminal tells.
+const WARNED: usize = 8;
+/// Letters of a line of warning, about.
+const LETTERS: usize = 150;
+
+/// One line for each warning, those that put the result in doubt first; what to do stands in the report.
+fn warnings(all: &[Warning]) -> Vec<String> {
+    let doubt = |w: &Warning| Finding::of(&w.code).map_or((false, false), |f| (f.told == Told::Refused, f.doubted));
+    let mut ordered: Vec<&Warning> = all.iter().collect();
+    ordered.sort_by_key(|w| std::cmp::Reverse(doubt(w)));
+    let mut lines: Vec<String> = ordered.iter().take(WARNED).map(|w| one_line(w)).collect();
+    if ordered.len() > WARNED {
+        lines.push(format!("and {} more in the report", ordered.len() - WARNED));
+    }
+    lines
+}
+
+/// Code and first words of a warning.
+fn one_line(warning: &Warning) -> String {
+    let words = warning.message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let text = format!("{}: {words}", warning.code);
+    match text.char_indices().nth(LETTERS) {
+        None => text,
+        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head)),
+    }
+}
+
+/// Local correlation of the images, as scanned, with the couch shift and registered.
+fn agreement(images: &Agreement) -> String {
+    let told = |value: Option<f64>| value.map_or("?".to_owned(), |v| format!("{v:.2}"));
+    let of = |(name, tissue): (&str, Option<TissueAgreement>)| {
+        tissue.map(|t| format!("{name} {} -> {} (couch shift) -> {:.2}", told(t.before), told(t.couch), t.after))
+    };
+    let parts: Vec<String> =
+        [("bones", images.bones), ("soft tissue", images.soft_tissue)].into_iter().filter_map(of).collect();
+    if parts.is_empty() { "nothing to compare".to_owned() } else { format!("local correlation: {}", parts.join("; ")) }
+}
+
+/// The couch shift, and what it leaves of the bones that it is matched on.
+fn couch(couch: &CouchMatch) -> Option<String> {
+    let worst = couch.worst()?;
+    let [x, y, z] = couch.shift_mm.map(|c| (c * 10.0).round() / 10.0 + 0.0);
+    Some(format!(
+        "left {x:.1}, back {y:.1}, head {z:.1} mm on {} bones; leaves {:.1} mm at most ({}), {:.1} turned by {:.1} deg",
+        couch.on.len(),
+        worst.shift_mm,
+        worst.bone,
+        worst.rotation_mm,
+        couch.angle_deg()
+    ))
 }
 
 /// Verdicts that the line names.
@@ -121,7 +183,7 @@ mod tests {
         let (case, outcome, run) = example::small();
         let report = Report::new(&case, &outcome, &run);
         let text = terminal_table(&report);
-        assert!(text.lines().count() <= 13 && text.lines().all(|l| l.chars().count() <= 120), "{text}");
+        assert!(text.lines().count() <= 15 && text.lines().all(|l| l.chars().count() <= 120), "{text}");
         let landmarks = report.landmarks.as_ref().unwrap();
         assert!(
             text.contains(&format!("{:.2} -> {:.2} mm mean", landmarks.before.mean, landmarks.after.mean))

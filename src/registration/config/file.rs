@@ -15,6 +15,8 @@ pub struct ConfigFile {
     pub inputs: Vec<RecordedInput>,
     /// The folder of that report when it was written.
     pub folder: Option<PathBuf>,
+    /// The file itself, for messages.
+    pub(super) file: Option<PathBuf>,
 }
 
 impl ConfigFile {
@@ -40,7 +42,7 @@ impl ConfigFile {
             let inputs =
                 serde_json::from_value(recorded).map_err(|e| bad(format!("its `inputs` are damaged ({e})")))?;
             let folder = report.get("folder").and_then(Value::as_str).map(PathBuf::from);
-            return Ok(Self { settings, inputs, folder });
+            return Ok(Self { settings, inputs, folder, file: Some(path.to_owned()) });
         }
         let value: Value = toml::from_str(text).map_err(|e| bad(format!("it is no TOML: {e}")))?;
         if let Some(key) = not_finite(&value) {
@@ -49,7 +51,8 @@ impl ConfigFile {
                 "give a finite number, or leave the line out",
             ));
         }
-        Ok(Self { settings: value.as_object().cloned().unwrap_or_default(), ..Self::default() })
+        let settings = value.as_object().cloned().unwrap_or_default();
+        Ok(Self { settings, file: Some(path.to_owned()), ..Self::default() })
     }
 
     /// Settings in memory, as the TOML file or `settings` of a report nests them.
@@ -73,7 +76,10 @@ impl ConfigFile {
     pub fn resolve(&self, preset: Option<Preset>) -> Result<Config> {
         let bad = |e: String| {
             Error::usage(
-                format!("the settings are not legal: {e}"),
+                match &self.file {
+                    Some(file) => format!("{}: the settings are not legal: {e}", file.display()),
+                    None => format!("the settings are not legal: {e}"),
+                },
                 "compare with docs/settings.md; `settings` of any report.json is a complete example",
             )
         };

@@ -28,6 +28,7 @@ impl Config {
             (self.soft_tissue != SoftTissue::ChainMail && !self.chainmail.volume_change.is_empty())
                 .then(|| "chainmail.volume_change needs soft_tissue = \"chain-mail\"".to_owned()),
             self.region.problem(),
+            self.couch.problem(),
             within("refine.weight", r.weight, 0.0, 1e6),
             count("refine.passes", r.passes),
             count("refine.rounds", r.rounds),

@@ -40,6 +40,8 @@ roles! {
     Skeleton = "skeleton", "Skeleton in place of the built one.";
     Landmarks = "landmarks", "Evaluation landmarks.";
     BoneLandmarks = "bone-landmarks", "Landmarks on bones.";
+    FractionBones = "fraction-bones", "Bone labels in the fraction.";
+    FractionLabels = "fraction-labels", "Names of the fraction's bone labels.";
     Start = "start", "Motion that the fit begins with.";
     Structures = "structures", "Structures.";
     Dose = "dose", "Dose.";

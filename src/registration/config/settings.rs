@@ -3,15 +3,17 @@
 use crate::body::BodyOptions;
 use crate::chainmail::{ChainmailOptions, VolumeChange};
 use crate::error::{Error, Result};
+use crate::evaluate::couch::CouchOptions;
 use crate::evaluate::verdict::Limits;
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
-use crate::fit::FitOptions;
+use crate::fit::{FitOptions, Measure};
 use crate::plausibility::CheckOptions;
 use crate::refine::RefineOptions;
 use crate::skeleton::SlidingOptions;
 use crate::volume::region::RegionOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::borrow::Cow;
 
 /// Complete settings of a registration.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -21,6 +23,9 @@ pub struct Config {
     pub preset: Preset,
     /// What the checks of the inputs may do.
     pub checks: CheckOptions,
+    /// What the fraction is.
+    #[serde(default)]
+    pub fraction: FractionOptions,
     /// Finding the patient.
     pub body: BodyOptions,
     /// Fitting the skeleton.
@@ -33,6 +38,8 @@ pub struct Config {
     pub chainmail: ChainmailOptions,
     /// Refining soft tissue by the images.
     pub refine: RefineOptions,
+    /// Which bones the couch shift is matched on.
+    pub couch: CouchOptions,
     /// Where results are wanted.
     pub region: RegionOptions,
     /// Inverting the field.
@@ -45,6 +52,25 @@ pub struct Config {
     pub output: OutputOptions,
     /// By which limits the result is judged.
     pub verdict: Limits,
+}
+
+/// What the fraction is.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FractionOptions {
+    /// What made it.
+    pub modality: Modality,
+}
+
+/// What made an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Modality {
+    /// A CT or cone-beam CT in HU.
+    #[default]
+    Ct,
+    /// Magnetic resonance: grey values of any scale, and no HU.
+    Mr,
 }
 
 /// What carries bone motion to soft tissue.
@@ -96,6 +122,19 @@ impl Default for OutputOptions {
 }
 
 impl Config {
+    /// Whether the fraction is an MR.
+    pub fn is_mr(&self) -> bool {
+        self.fraction.modality == Modality::Mr
+    }
+
+    /// The fit's options, by the measure that the fraction's modality needs.
+    pub fn fit_options(&self) -> Cow<'_, FitOptions> {
+        if !self.is_mr() {
+            return Cow::Borrowed(&self.fit);
+        }
+        Cow::Owned(FitOptions { measure: Measure::CorrelationRatio, ..self.fit.clone() })
+    }
+
     /// All settings as a value, as reports hold them.
     ///
     /// # Errors

@@ -1,14 +1,16 @@
 //! From bone motions to an outcome: soft tissue, inverse, resampling, evaluation. Shared by all ways to move bones.
 
 use super::contact;
-use super::couch::{Couch, couch_shift};
+use super::couch::{Couch, common_shift};
 use super::elements::{alone_mm, bone_of_label, tissue};
 use super::fraction::Fraction;
 use super::kind::MisledTissue;
+use super::matching::couch_match;
 use super::outcome::CARRYING;
 use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
+use crate::body::mr::DARKEST;
 use crate::chainmail::{
     self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, LinkReport, Propagation, Tissue, Variant,
     VolumeChange, check_links,
@@ -28,7 +30,7 @@ use crate::findings;
 use crate::fit::FitResult;
 use crate::geometry::{Grid, Rigid, rotation_matrices};
 use crate::progress::Silent;
-use crate::refine::{Images, Kind, Scan, Shading};
+use crate::refine::{Images, Kind, Scan, Shading, translated};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Mask, Spans, Volume, trilinear_vector};
@@ -41,10 +43,18 @@ pub(super) const OUTSIDE_HU: f32 = -1000.0;
 /// What carrying the motion gives.
 pub(super) struct Carried {
     pub(super) outcome: Outcome,
-    /// Displacements that the bones alone would give, on coarse elements, mm; where images pulled.
+    pub(super) shown: Shown,
+}
+
+/// What images told of soft tissue, where they pulled.
+#[derive(Default)]
+pub(super) struct Shown {
+    /// Displacements that the bones alone would give, on coarse elements, mm.
     pub(super) alone: Option<Volume<[f32; 3]>>,
     /// Where images misled and do not pull, on the elements' grid in planning.
     pub(super) misled: Option<Mask>,
+    /// Planning as the fraction's modality shows it, where that is another one.
+    pub(super) translated: Option<Volume<f32>>,
 }
 
 /// A patient whose bones have moved, in the frame that the couch has brought along.
@@ -91,10 +101,7 @@ impl<'a> Moved<'a> {
 struct Propagated {
     propagation: Propagation,
     regions: Option<LabelMap>,
-    /// As in [`Carried`].
-    alone: Option<Volume<[f32; 3]>>,
-    /// As in [`Carried`].
-    misled: Option<Mask>,
+    shown: Shown,
     kind: Option<FractionKind>,
 }
 
@@ -103,18 +110,21 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let Moved { scan, body, resting, config, .. } = moved;
     let Some(fraction) = fraction else {
         let (propagation, regions) = soft_tissue(moved, None, runtime)?;
-        return Ok(Propagated { propagation, regions, alone: None, misled: None, kind: None });
+        return Ok(Propagated { propagation, regions, shown: Shown::default(), kind: None });
     };
     let alone = resting.chain_mail.as_ref().map(|chain_mail| bones_alone(chain_mail, moved)).transpose()?;
     let bone = bone_of_label(moved.skeleton);
     let soft = |voxel: usize| body.data()[voxel] && bone[usize::from(scan.bones.volume.data()[voxel])].is_none();
-    let shading = alone.as_ref().map(|a| Shading::of(&scan.ct, soft, &fraction.ct, a));
+    let planning = Scan { ct: &scan.ct, body };
+    let mr = alone.as_ref().filter(|_| fraction.mr.is_some());
+    let translated = mr.map(|alone| translated(planning, &fraction.ct, DARKEST, alone));
+    let shading = alone.as_ref().filter(|_| mr.is_none()).map(|a| Shading::of(&scan.ct, soft, &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
-    let planning = Scan { ct: &scan.ct, body };
+    let planning = Scan { ct: translated.as_ref().unwrap_or(&scan.ct), body };
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
-    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() };
+    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() || translated.is_some() };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
     let (mut propagation, mut regions) = soft_tissue(moved, Some(&images), runtime)?;
     let misled = images.misled(&propagation.lattice, &propagation.displacement);
@@ -123,8 +133,9 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     }
     let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
     let told = misled.as_ref().map(|m| MisledTissue { percent: m.percent, centre_mm: m.centre.into() });
-    let kind = FractionKind { view: fraction.view, grey, corrected, misled: told };
-    Ok(Propagated { propagation, regions, alone, misled: misled.map(|m| m.at), kind: Some(kind) })
+    let kind = FractionKind { view: fraction.view, grey, corrected, misled: told, mr: fraction.mr };
+    let misled = misled.map(|m| m.at);
+    Ok(Propagated { propagation, regions, shown: Shown { alone, misled, translated }, kind: Some(kind) })
 }
 
 /// What the bones alone would have made of soft tissue, coarsely.
@@ -190,8 +201,7 @@ pub(super) fn carry_out(
     let couch = Couch::of(fit, scan.ct.grid(), config.chainmail.variant.carry);
     let transforms = couch.transforms(&fit.transforms);
     let moved = Moved { scan, skeleton, body, transforms: &transforms, resting, config };
-    let mut propagated =
-        runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
+    let propagated = runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
     let links = runtime.stage("check links", || moved.links(&propagated.propagation));
     let mut push = propagated.propagation.push;
     let (mut pull, mut inverse) = runtime.stage("invert", || moved.inverted(&push, &couch.grid(target)))?;
@@ -200,19 +210,22 @@ pub(super) fn carry_out(
     let carried = runtime.stage("resample", || resampled(scan, &push, &pull, config))?;
     let judged = runtime.stage("evaluate", || Judged::of(through, &fitted, &push));
     inverse.multiple = judged.multiple.count();
-    propagated.alone = propagated.alone.map(|alone| couch.added(alone));
-    let couch_shift = couch_shift(fit, scan.ct.grid());
+    let mut shown = propagated.shown;
+    shown.alone = shown.alone.map(|alone| couch.added(alone));
+    let common_shift = common_shift(fit, scan.ct.grid());
+    let grids = [scan.ct.grid(), target];
+    let matched = couch_match(&config.couch, skeleton, &scan.bones, fit, grids, &common_shift);
     let volume_changes = reached(&scan.bones, &judged.jacobian, config);
     let found = [
         propagated.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
         field_warnings(&push, &judged.jacobian_report, &inverse),
         contact::warnings(&judged.contact, coarsest(scan.ct.grid())),
         volume_changes.iter().filter_map(missed).collect(),
-        judged.of_landmarks(through.landmarks, &push, &couch_shift),
+        judged.of_landmarks(through.landmarks, &push, &matched.shift()),
     ];
     let outcome = Outcome {
         pose: fitted.fit.pose,
-        couch_shift,
+        common_shift,
         bone_fits: fitted.fit.bones,
         skeleton: fitted.skeleton,
         body: fitted.body,
@@ -228,15 +241,17 @@ pub(super) fn carry_out(
         volume_changes,
         kind: propagated.kind,
         uncertainty: None,
+        agreement: None,
         pruning: propagated.propagation.pruning,
         links,
         inverse,
         consistency,
-        landmarks: judged.residuals.map(|report| report.with_shift(&couch_shift)),
+        landmarks: judged.residuals.map(|report| report.with_shift(&matched.shift())),
         regions: propagated.regions,
+        couch: matched,
         warnings: warnings.into_iter().chain(found.into_iter().flatten()).collect(),
     };
-    Ok(Carried { outcome, alone: propagated.alone, misled: propagated.misled })
+    Ok(Carried { outcome, shown })
 }
 
 /// The largest edge of a voxel, mm.

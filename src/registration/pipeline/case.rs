@@ -35,6 +35,8 @@ pub struct FractionScan {
     pub landmarks: Vec<Landmark>,
     /// Landmarks on bones, which place the skeleton; see [`crate::fit::LandmarkUse`].
     pub bone_landmarks: Vec<BoneLandmark>,
+    /// Labels of bones on the fraction's grid or another, which place the skeleton as landmarks do; those come before them.
+    pub bones: Option<LabelMap>,
     /// Motion of all bones together, planning to fraction, near which the fit begins; bone landmarks come before it.
     pub start: Option<Rigid>,
 }
@@ -42,7 +44,7 @@ pub struct FractionScan {
 impl FractionScan {
     /// Of a CT alone.
     pub fn new(ct: Volume<f32>) -> Self {
-        Self { ct, landmarks: Vec::new(), bone_landmarks: Vec::new(), start: None }
+        Self { ct, landmarks: Vec::new(), bone_landmarks: Vec::new(), bones: None, start: None }
     }
 }
 

@@ -4,7 +4,7 @@ use super::PlanningScan;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use crate::plausibility::in_hounsfield;
+use crate::plausibility::{in_hounsfield, no_hounsfield};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use rayon::prelude::*;
@@ -41,9 +41,13 @@ pub fn check_grids(ct: &Grid, bones: &Grid) -> Result<()> {
 /// Judges the fraction of a case by itself, in little time: before anything long begins.
 ///
 /// # Errors
-/// [`Error::Input`] where it is no CT in HU.
+/// [`Error::Input`] where it is no CT in HU, or no MR where the settings say that it is one.
 pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
-    check_image("fraction CT", fraction, config)
+    if !config.is_mr() {
+        return check_image("fraction CT", fraction, config);
+    }
+    check_values("fraction MR", fraction, "an MR")?;
+    config.checks.told(no_hounsfield("fraction MR", fraction).map(|()| Vec::new()))
 }
 
 /// Whether an image of this grid can show a patient; headers are enough to tell.
@@ -58,17 +62,24 @@ pub fn check_size(what: &str, grid: &Grid) -> Result<()> {
     Err(Error::input(what, problem, "a volume of at least 4 voxels along every axis is needed"))
 }
 
-/// An image that can show a patient.
+/// A CT that can show a patient.
 pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
+    check_values(what, image, "a CT in HU")?;
+    config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
+}
+
+/// An image that shows something; `kind` is what to give instead.
+fn check_values(what: &str, image: &Volume<f32>, kind: &str) -> Result<()> {
     check_size(what, image.grid())?;
     let first = image.data()[0];
     if image.data().iter().all(|v| v.to_bits() == first.to_bits()) {
-        return Err(Error::input(what, format!("every voxel is {first}"), "give a CT that shows the patient, in HU"));
+        let remedy = format!("give {kind} that shows the patient");
+        return Err(Error::input(what, format!("every voxel is {first}"), remedy));
     }
     let odd = image.data().par_iter().filter(|v| !v.is_finite()).count();
     if odd > 0 {
         let problem = format!("{odd} voxels are NaN or infinite");
-        return Err(Error::input(what, problem, "give a CT whose every voxel has a value, in HU"));
+        return Err(Error::input(what, problem, format!("give {kind} whose every voxel has a value")));
     }
-    config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
+    Ok(())
 }

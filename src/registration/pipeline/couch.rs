@@ -1,7 +1,7 @@
 //! The frame that the couch has brought along.
 //!
 //! A patient is laid down somewhere else, before his joints move. In a frame that goes with him, what neither bones nor images
-//! move stays where it is, and a field that fades with the distance from the patient fades to the couch shift.
+//! move stays where it is, and a field that fades with the distance from the patient fades to the mean motion.
 
 use crate::chainmail::Carry;
 use crate::field::{PullField, PushField, in_steps};
@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// How far the middle of the planning grid has moved with all bones, LPS mm.
-pub(super) fn couch_shift(fit: &FitResult, planning: &Grid) -> Vector3<f64> {
+pub(super) fn common_shift(fit: &FitResult, planning: &Grid) -> Vector3<f64> {
     let middle = planning.middle();
     fit.common * middle - middle
 }
@@ -26,7 +26,7 @@ impl Couch {
     pub(super) fn of(fit: &FitResult, planning: &Grid, carry: Carry) -> Self {
         match carry {
             Carry::Rigid => {
-                let shift = couch_shift(fit, planning);
+                let shift = common_shift(fit, planning);
                 Self(in_steps([shift.x as f32, shift.y as f32, shift.z as f32]))
             }
             Carry::Translation | Carry::ConstraintBased | Carry::LinearDecay => Self([0.0; 3]),

@@ -18,12 +18,14 @@ fn part<T: Copy + Send + Sync>(volume: &Volume<T>, grid: &Grid, beyond: T) -> Vo
 
 /// A fraction CT with the patient in it.
 pub(super) struct Fraction<'a> {
-    /// HU; no number where nothing was measured.
+    /// HU, or an MR on the scale of [`crate::body::mr::tissue_scale`]; no number where nothing was measured.
     pub(super) ct: Cow<'a, Volume<f32>>,
     /// Inside of the skin.
     pub(super) body: Mask,
     /// What of it was measured.
     pub(super) view: ViewReport,
+    /// Dark and bright grey values of the patient in an MR; `None` for a CT.
+    pub(super) mr: Option<[f32; 2]>,
 }
 
 impl<'a> Fraction<'a> {
@@ -31,20 +33,25 @@ impl<'a> Fraction<'a> {
     ///
     /// # Errors
     /// As [`body::find`].
-    pub(super) fn new(ct: Cow<'a, Volume<f32>>, view: ViewReport, config: &Config) -> Result<Self> {
+    pub(super) fn new(
+        ct: Cow<'a, Volume<f32>>,
+        view: ViewReport,
+        mr: Option<[f32; 2]>,
+        config: &Config,
+    ) -> Result<Self> {
         let body = body::find(&ct, None, &config.body)?;
-        Ok(Self { ct, body, view })
+        Ok(Self { ct, body, view, mr })
     }
 
     /// In the frame that the couch has brought along.
     pub(super) fn shifted(&self, couch: &Couch) -> Fraction<'static> {
         let ct = couch.volume(Volume::clone(&self.ct));
-        Fraction { ct: Cow::Owned(ct), body: couch.volume(self.body.clone()), view: self.view.clone() }
+        Fraction { ct: Cow::Owned(ct), body: couch.volume(self.body.clone()), view: self.view.clone(), mr: self.mr }
     }
 
     /// The part of it on a part of its grid.
     pub(super) fn part(&self, grid: &Grid) -> Fraction<'static> {
         let ct = part(&self.ct, grid, f32::NAN);
-        Fraction { ct: Cow::Owned(ct), body: part(&self.body, grid, false), view: self.view.clone() }
+        Fraction { ct: Cow::Owned(ct), body: part(&self.body, grid, false), view: self.view.clone(), mr: self.mr }
     }
 }

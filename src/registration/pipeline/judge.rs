@@ -26,6 +26,9 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     if let Some((_, u)) = &outcome.uncertainty {
         all.push(limits.uncertainty(u.soft_tissue_mm.p95, u.above_2mm_ml));
     }
+    if let Some(images) = &outcome.agreement {
+        all.extend(limits.images(images));
+    }
     all.extend(of_warnings(&outcome.warnings));
     all
 }

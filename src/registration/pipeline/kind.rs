@@ -10,6 +10,13 @@ use std::fmt;
 /// A fraction of whose grid more than this was not measured is cut, percent.
 const UNMEASURED_PERCENT: f64 = 1.0;
 
+/// Where dark and bright of an MR are shown, HU.
+const SHOWN_HU: [f32; 2] = [-150.0, 170.0];
+/// What is said of every MR.
+const MR_TOLD: &str = "the fraction is an MR: on MR-like images made of CTs whole bones err by 0.2 mm, bones that the scan's edge cuts \
+                       by up to 2, soft tissue by about 0.5; the scanner's geometric distortion is taken for none, and its grey values \
+                       are no HU, so that no dose is computed on them. Look at the fusion images";
+
 /// What kind of image the fraction is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FractionKind {
@@ -22,6 +29,9 @@ pub struct FractionKind {
     /// Soft tissue that its image misled: bones alone carry it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misled: Option<MisledTissue>,
+    /// Of an MR: grey values that 2 and 98 % of the patient are darker than.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mr: Option<[f32; 2]>,
 }
 
 /// Soft tissue that images drew without agreeing better for it.
@@ -40,23 +50,40 @@ impl fmt::Display for FractionKind {
             told.push(format!("slope {:.2}, shading {:.0} HU", grey.gain.recip(), grey.shading));
         }
         told.extend(self.view.words());
-        f.write_str(if self.corrected { "CBCT-like" } else { "CT" })?;
+        f.write_str(match self.mr {
+            Some(_) => "MR",
+            None if self.corrected => "CBCT-like",
+            None => "CT",
+        })?;
         if told.is_empty() { Ok(()) } else { write!(f, " ({})", told.join(", ")) }
     }
 }
 
 impl FractionKind {
-    /// HU of the fraction on planning's scale, shading apart, where its grey values were corrected; else as they are.
+    /// HU of the fraction on planning's scale, shading apart, where its grey values were corrected, and an MR in the window of soft
+    /// tissue; else as they are.
     pub fn on_plannings_scale(&self, hu: f32) -> f32 {
+        if let Some([dark, bright]) = self.mr {
+            let [low, high] = SHOWN_HU;
+            return low + (high - low) * (hu - dark) / (bright - dark).max(f32::MIN_POSITIVE);
+        }
         match &self.grey {
             Some(grey) if self.corrected => (grey.gain * f64::from(hu) + grey.offset) as f32,
             _ => hu,
         }
     }
 
+    /// Whether equal tissue has other grey values than in planning, so that colours of a fusion would not tell of motion alone.
+    pub fn unlike(&self) -> bool {
+        self.corrected || self.mr.is_some()
+    }
+
     /// What the user should know of it.
     pub(super) fn warnings(&self) -> Vec<Warning> {
         let mut out = Vec::new();
+        if self.mr.is_some() {
+            out.push(Warning::new(findings::MR_FRACTION, MR_TOLD));
+        }
         if self.corrected {
             let message = format!(
                 "the fraction is {self}: its soft tissue was compared after shading was taken out by planning's grey values; \
@@ -95,13 +122,13 @@ mod tests {
         let circle = Circle { centre_mm: [0.0; 3], along: 2, radius_mm: 125.0, rim_mm: 0.0 };
         let view =
             ViewReport { circle: Some(circle), padding: Some(-1000.0), measured_percent: 40.0, ..Default::default() };
-        let kind = FractionKind { view, grey: Some(grey), corrected: true, misled: None };
+        let kind = FractionKind { view, grey: Some(grey), corrected: true, misled: None, mr: None };
         assert_eq!(kind.to_string(), "CBCT-like (slope 0.80, shading 118 HU, circle of 250 mm)");
         let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
         assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
         assert!((kind.on_plannings_scale(-100.0) + 105.0).abs() < 1e-4);
         let all = ViewReport { measured_percent: 100.0, ..Default::default() };
-        let ct = FractionKind { view: all, grey: None, corrected: false, misled: None };
+        let ct = FractionKind { view: all, grey: None, corrected: false, misled: None, mr: None };
         assert_eq!(ct.to_string(), "CT");
         assert!(ct.warnings().is_empty());
         let misled = Some(MisledTissue { percent: 7.2, centre_mm: [1.0, -40.0, 120.0] });
@@ -111,5 +138,8 @@ mod tests {
             "{warnings:?}"
         );
         assert!((ct.on_plannings_scale(-100.0) + 100.0).abs() < 1e-9);
+        let mr = FractionKind { mr: Some([40.0, 840.0]), ..ct };
+        assert!(mr.to_string() == "MR" && mr.warnings()[0].is(findings::MR_FRACTION));
+        assert!((mr.on_plannings_scale(440.0) - 10.0).abs() < 1e-4);
     }
 }

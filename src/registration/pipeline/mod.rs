@@ -12,6 +12,7 @@ mod fraction;
 mod judge;
 mod kind;
 mod landmarks;
+mod matching;
 mod memory;
 mod outcome;
 mod planning;

@@ -2,7 +2,9 @@
 
 use super::FractionKind;
 use crate::chainmail::{LinkReport, Pruning};
+use crate::evaluate::agreement::Agreement;
 use crate::evaluate::contact::ContactReport;
+use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
@@ -57,9 +59,11 @@ pub struct Outcome {
     pub skeleton: Skeleton,
     /// Its fitted pose.
     pub pose: Pose,
-    /// Translation that brings the planning scan onto the fraction before any bone moves: couch shift and difference of
-    /// scanner origins, planning to fraction, LPS mm.
-    pub couch_shift: Vector3<f64>,
+    /// Mean motion of all that the scans show, at the middle of the planning scan, planning to fraction, LPS mm: difference of
+    /// scanner origins and couch included. Fields fade to it.
+    pub common_shift: Vector3<f64>,
+    /// The couch shift, matched on the bones that the settings name, and what it leaves of each bone.
+    pub couch: CouchMatch,
     /// Each bone's fit, in the order of the skeleton.
     pub bone_fits: Vec<BoneFit>,
     /// The patient in the planning CT: inside the skin, cavities included.
@@ -88,6 +92,8 @@ pub struct Outcome {
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
+    /// How far the images agree before, with the couch shift and after; where a fraction was registered.
+    pub agreement: Option<Agreement>,
     /// Waves that were pruned, and the most that this can change; where a bound is known.
     pub pruning: Option<Pruning>,
     /// Chain-mail links of the result.
@@ -108,6 +114,6 @@ impl Outcome {
     /// Motion of each bone's centroid apart from the couch shift, mm, in the order of the skeleton.
     pub fn own_motion_mm(&self) -> Vec<f64> {
         let bones = self.skeleton.bones.iter().zip(&self.bone_fits);
-        bones.map(|(bone, fit)| (fit.transform * bone.centroid - bone.centroid - self.couch_shift).norm()).collect()
+        bones.map(|(bone, fit)| (fit.transform * bone.centroid - bone.centroid - self.couch.shift()).norm()).collect()
     }
 }

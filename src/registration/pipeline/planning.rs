@@ -4,6 +4,7 @@ use super::PlanningScan;
 use super::checks::{check_image, check_labels};
 use super::contact;
 use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
+use super::matching;
 use super::outcome::LINKING;
 use super::uncertainty;
 use crate::body;
@@ -117,7 +118,8 @@ impl Resting {
             };
             let wanted = config.soft_tissue == SoftTissue::ChainMail;
             let window = config.refine.window(lung.is_some());
-            let side = || mapped.then(|| uncertainty::side(planning, skeleton, body, window)).transpose();
+            let side =
+                || mapped.then(|| uncertainty::side(&planning.ct, &planning.bones, skeleton, body, window)).transpose();
             let bones = || contact::resting(&planning.bones, skeleton);
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &planning.ct);
@@ -176,7 +178,7 @@ impl Planning {
     pub fn new(planning: &PlanningScan, config: &Config, runtime: &Runtime) -> Result<Self> {
         let by_landmarks = config.fit.bone_landmarks == LandmarkUse::Replace;
         let draw = |skeleton: &Skeleton| {
-            (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit))
+            (!by_landmarks).then(|| BoneSamples::new(skeleton, &planning.ct, &planning.bones, &config.fit_options()))
         };
         let (patient, samples) = Patient::new_beside(planning, config, runtime, draw)?;
         let resting = || Resting::new(planning, &patient.skeleton, &patient.body, true, config, runtime);
@@ -187,6 +189,7 @@ impl Planning {
 
 /// Judges planning CT and labels by themselves and against each other.
 pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
+    matching::check(&config.couch, skeleton, &planning.bones)?;
     let mut warnings = check_image("planning CT", &planning.ct, config)?;
     warnings.extend(config.checks.told(sides_and_levels(&planning.bones))?);
     warnings.extend(levels_by_landmarks(&planning.bones));

@@ -6,12 +6,18 @@ use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
-use super::{Case, Outcome, uncertainty};
+use super::{Case, FractionKind, Outcome, uncertainty};
+use crate::body::mr::{self, TissueScale};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::evaluate::agreement;
 use crate::findings;
-use crate::fit::{BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, fit_pose, from_landmarks, given};
+use crate::fit::{
+    BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, GivenMotion, contradictions, fit_pose, from_labels,
+    from_landmarks, given,
+};
 use crate::runtime::Runtime;
+use crate::skeleton::Skeleton;
 use crate::view::View;
 use crate::warning::Warning;
 use std::borrow::Cow;
@@ -38,21 +44,23 @@ pub fn register_fraction(
 ) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
-    let placed = match case.fraction.bone_landmarks.as_slice() {
-        [] => None,
-        landmarks => Some(from_landmarks(skeleton, landmarks)?),
-    };
+    let (placed, unlike) = placed(case, skeleton)?;
     let drawn;
     let samples = match (&planning.samples, &placed) {
         // The settings would let landmarks alone place the bones, and there are none.
         (None, None) => {
-            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit);
+            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit_options());
             Some(&drawn)
         }
         (samples, _) => samples.as_ref(),
     };
-    let view = View::of(&case.fraction.ct);
-    let known = view.known(&case.fraction.ct);
+    // Grey values of an MR are brought to a scale on which air is told from the patient.
+    let tissue = config.is_mr().then(|| mr::tissue_scale(&case.fraction.ct)).transpose()?;
+    let (view, grey) = match &tissue {
+        Some(TissueScale { image, range }) => (View::of_ends(image), Some(*range)),
+        None => (View::of(&case.fraction.ct), None),
+    };
+    let known = view.known(tissue.as_ref().map_or(&case.fraction.ct, |mr| &mr.image));
     let fit = || match (samples, &placed) {
         (Some(samples), start) => {
             let start = match (start, case.fraction.start) {
@@ -60,16 +68,25 @@ pub fn register_fraction(
                 (None, Some(common)) => FitStart::Near(common),
                 (None, None) => FitStart::Search,
             };
-            fit_pose(skeleton, samples, &known, start, &config.fit, runtime.progress())
+            fit_pose(skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
         }
         (None, Some(known)) => given(skeleton, known),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     };
-    let seen = || images_pull(config).then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), config));
+    // An MR is shown and told of as one whether it pulls or not.
+    let seen = || {
+        (images_pull(config) || grey.is_some())
+            .then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), grey, config))
+    };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let (fit, fraction) = (fit?, fraction.transpose()?);
-    let warnings = [warnings, &odd, &fit.warnings, &fit_warnings(&fit)].map(|w| w.as_slice()).concat();
+    let mislabelled = match (&placed, &case.fraction.bones) {
+        (Some(placed), Some(_)) => contradictions(skeleton, placed, &fit.transforms),
+        _ => Vec::new(),
+    };
+    let warnings =
+        [warnings, &odd, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled].map(|w| w.as_slice()).concat();
     if config.region.is_some() {
         let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
@@ -84,6 +101,19 @@ pub fn register_fraction(
     Ok((carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)?, None))
 }
 
+/// Motions of bones that landmarks or labels give, where there are any, and what is to be said of them.
+#[expect(clippy::type_complexity, reason = "each bone's motion, where it is known, and words")]
+fn placed(case: &Case, skeleton: &Skeleton) -> Result<(Option<Vec<Option<GivenMotion>>>, Vec<Warning>)> {
+    match (case.fraction.bone_landmarks.as_slice(), &case.fraction.bones) {
+        ([], None) => Ok((None, Vec::new())),
+        ([], Some(labels)) => {
+            let (motions, warnings) = from_labels(skeleton, &case.planning.bones, labels)?;
+            Ok((Some(motions), warnings))
+        }
+        (landmarks, _) => Ok((Some(from_landmarks(skeleton, landmarks)?), Vec::new())),
+    }
+}
+
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
     case: &Case,
@@ -94,16 +124,38 @@ fn carried(
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
-    let through = Through::of(case, resting, fraction);
-    let Carried { mut outcome, alone, misled } = carry_out(through, moved, warnings, config, runtime)?;
+    let through = Through::of(case, resting, fraction.filter(|_| images_pull(config)));
+    let Carried { mut outcome, shown } = carry_out(through, moved, warnings, config, runtime)?;
+    if let (None, Some(Fraction { mr: Some(mr), view, .. })) = (&outcome.kind, fraction) {
+        let kind = FractionKind { view: view.clone(), grey: None, corrected: false, misled: None, mr: Some(*mr) };
+        outcome.warnings.extend(kind.warnings());
+        outcome.kind = Some(kind);
+    }
     if let Some(side) = &resting.side {
         let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
         let map = runtime.stage("uncertainty", || {
-            let images = uncertainty::Shown { fraction: seen, bones_alone: alone.as_ref(), misled: misled.as_ref() };
-            uncertainty::of(&case.planning, &outcome, side, &resting.tissue, images)
+            let window = config.refine.window(resting.lung.is_some());
+            let of = |ct| uncertainty::side(ct, &case.planning.bones, &outcome.skeleton, &outcome.body, window);
+            let translated = shown.translated.as_ref().map(of).transpose()?;
+            let (bones_alone, misled) = (shown.alone.as_ref(), shown.misled.as_ref());
+            let images = uncertainty::Shown { fraction: seen, bones_alone, misled };
+            uncertainty::of(&case.planning, &outcome, translated.as_ref().unwrap_or(side), &resting.tissue, images)
         })?;
         outcome.uncertainty = Some(map);
     }
+    // An MR's grey values are no function of HU in every window.
+    if outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()) {
+        return Ok(outcome);
+    }
+    let compared = agreement::Images {
+        pull: &outcome.pull.displacement,
+        planning: &case.planning.ct,
+        fraction: fraction.map_or(&case.fraction.ct, |f| &f.ct),
+        body: &outcome.body,
+        bones: Some(&case.planning.bones),
+        couch: outcome.couch.shift(),
+    };
+    outcome.agreement = Some(runtime.stage("compare images", || agreement::evaluate(&compared)));
     Ok(outcome)
 }
 
@@ -130,7 +182,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
-            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there; it follows its joint", bone.name, 100.0 * bone.visible)));
+            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there (voxels of 2.5 mm and more do that to thin bones, too); it follows its joint", bone.name, 100.0 * bone.visible)));
         }
         let beyond = &bone.beyond_range;
         if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {

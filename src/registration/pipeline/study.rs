@@ -29,7 +29,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, seen: bool, config: &Config, ru
     }
     let find = || {
         let view = View::of(&case.fraction.ct);
-        Fraction::new(view.known(&case.fraction.ct), view.report, config)
+        Fraction::new(view.known(&case.fraction.ct), view.report, None, config)
     };
     let wanted = seen && images_pull(config);
     let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;

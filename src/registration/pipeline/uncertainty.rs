@@ -7,17 +7,23 @@ use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyRepo
 use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::skeleton::{Bone, Skeleton};
-use crate::volume::{Mask, Volume, Window};
+use crate::volume::{LabelMap, Mask, Volume, Window};
 use crate::warning::Warning;
 use std::collections::BTreeMap;
 
-/// What the maps of all registrations of a patient need of its planning side.
+/// What the maps of all registrations of a patient need of its planning side: the CT (HU), or what another modality shows of it.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub(super) fn side(planning: &PlanningScan, skeleton: &Skeleton, body: &Mask, window: Window) -> Result<PlanningSide> {
+pub(super) fn side(
+    planning: &Volume<f32>,
+    bones: &LabelMap,
+    skeleton: &Skeleton,
+    body: &Mask,
+    window: Window,
+) -> Result<PlanningSide> {
     let bone_of_label = bone_of_label(skeleton);
-    PlanningSide::new(&planning.ct, body, &planning.bones, window, |l| bone_of_label[usize::from(l)].is_some())
+    PlanningSide::new(planning, body, bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
 
 /// What a fraction's image told of soft tissue.

@@ -8,12 +8,14 @@ use super::frames::{FieldRole, NamedFrame, Uids, confirmed, uid_of};
 use super::source::Source;
 use crate::config::InputRole;
 use crate::error::{Error, Result};
+use crate::evaluate::verdict::{Verdict, of_warnings};
 use crate::evaluate::{Direction, FieldPair};
 use crate::field::Chain;
 use crate::findings;
 use crate::geometry::Grid;
 use crate::io::{self, FieldFile, FieldFrames, dicom};
 use crate::provenance::Provenance;
+use crate::report::{OutputFile, Report};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -175,6 +177,21 @@ pub type Given = Option<Source<Volume<[f32; 3]>>>;
 /// A field that is given by its file.
 pub fn file(path: Option<&Path>) -> Given {
     path.map(|path| Source::File(path.to_owned()))
+}
+
+/// What the run that wrote a field has warned of, as verdicts: the report beside the file, where it lists this very file.
+/// So that a field which its own run asks a person to look at does not pass when it is measured again.
+pub fn doubts_of_its_run(field: &Path, provenance: &Provenance) -> Vec<Verdict> {
+    let own = provenance.inputs.iter().find(|input| input.path == field);
+    let (Some(own), Some(folder), Some(name)) = (own, field.parent(), field.file_name()) else { return Vec::new() };
+    let Ok(report) = Report::read(&folder.join("report.json"), "") else { return Vec::new() };
+    let listed = |output: &OutputFile| *output.name == *name && output.sha256 == own.sha256;
+    if !report.outputs.iter().any(listed) {
+        return Vec::new();
+    }
+    let told =
+        |verdict: Verdict| Verdict { reason: format!("told by the run that wrote it: {}", verdict.reason), ..verdict };
+    of_warnings(&report.warnings).into_iter().map(told).collect()
 }
 
 /// The given direction or directions of a case's field, and the missing one, made on the grid of its frame. `option`: the

@@ -87,19 +87,9 @@ impl PlanningSources {
         if !self.wants_bones() {
             return Ok(());
         }
-        if self.names.is_some() {
-            let problem = "bones are \"auto\" and labels are given: labels that are made have their names";
-            return Err(Error::usage(problem, "leave labels out, or name a label map as bones"));
-        }
-        let Some(planning) = self.ct.path() else {
-            let problem = "bones are \"auto\" and the planning CT is in memory: TotalSegmentator reads a file";
-            return Err(Error::usage(problem, "give the path of the planning CT"));
-        };
         let own = self.organs.iter().chain(&self.skeleton);
         let needed: Vec<&Path> = needed.iter().chain(own).map(PathBuf::as_path).collect();
-        let BonesBy { beside, command, quiet } = by;
-        let ask = Ask { planning, needed: &needed, beside, command, quiet };
-        let made = runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))?;
+        let made = made_bones("bones", self.ct.path(), self.names.is_some(), &needed, by, runtime)?;
         (self.bones, self.made) = (Source::File(made.file), made.warnings);
         Ok(())
     }
@@ -122,7 +112,13 @@ impl PlanningSources {
                 Source::Memory(ct) => Some(ct.grid().clone()),
                 Source::File(_) => None,
             };
-            let mut labels = labelled(self.bones, self.names.clone(), (planning.as_deref(), grid), &mut of_labels)?;
+            let mut labels = labelled(
+                InputRole::Bones,
+                self.bones,
+                self.names.clone(),
+                (planning.as_deref(), grid),
+                &mut of_labels,
+            )?;
             if let Some(organs) = &self.organs {
                 if let (true, Some(planning)) = (is_dicom_path(organs), &planning) {
                     check_frames(Role::Structures.at(organs), Role::Image.at(planning))?;
@@ -152,14 +148,15 @@ impl PlanningSources {
 }
 
 /// Bone labels on the planning grid; a structure set is drawn on it.
-fn labelled(
+pub(super) fn labelled(
+    role: InputRole,
     given: Source<Volume<u16>>,
     names: Option<Source<Names>>,
     (planning, grid): (Option<&Path>, Option<Grid>),
     provenance: &mut Provenance,
 ) -> Result<LabelMap> {
     let Some(set) = given.path().filter(|path| is_dicom_path(path)).map(Path::to_owned) else {
-        return bones(InputRole::Bones, "bones", given, names, provenance);
+        return bones(role, "bones", given, names, provenance);
     };
     let names = match &names {
         Some(Source::Memory(_)) => {
@@ -177,7 +174,32 @@ fn labelled(
         (None, Some(planning)) => io::read_grid(planning)?.0,
         (None, None) => return Err(Error::Internal("a planning CT is a file or in memory".into())),
     };
-    Ok(provenance.take_scan(InputRole::Bones, io::read_bones(&set, names, &grid)?))
+    Ok(provenance.take_scan(role, io::read_bones(&set, names, &grid)?))
+}
+
+/// Labels of a CT that TotalSegmentator makes now or has made of it before; `what` they are called in messages.
+///
+/// # Errors
+/// [`Error::Usage`] when they have names beside their own, or the CT is no file; else as [`AutoBones::of`].
+pub(super) fn made_bones(
+    what: &str,
+    ct: Option<&Path>,
+    named: bool,
+    needed: &[&Path],
+    by: BonesBy<'_>,
+    runtime: &Runtime,
+) -> Result<AutoBones> {
+    if named {
+        let problem = format!("{what} are \"auto\" and labels are given: labels that are made have their names");
+        return Err(Error::usage(problem, "leave labels out, or name a label map"));
+    }
+    let Some(planning) = ct else {
+        let problem = format!("{what} are \"auto\" and their CT is in memory: TotalSegmentator reads a file");
+        return Err(Error::usage(problem, "give the path of the CT"));
+    };
+    let BonesBy { beside, command, quiet } = by;
+    let ask = Ask { planning, needed, beside, command, quiet };
+    runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))
 }
 
 /// A word about images of the planning CT that its structures were drawn on and that are not there.

@@ -2,7 +2,7 @@
 
 use super::fraction::FractionSources;
 use super::headers;
-use super::planning::PlanningSources;
+use super::planning::{BonesBy, PlanningSources};
 use super::registered::{Made, Registered};
 use crate::config::{Config, RecordedInput};
 use crate::error::{Error, Result};
@@ -46,6 +46,16 @@ impl Request {
     pub fn needed(&self) -> Vec<PathBuf> {
         let clinic = self.clinic.iter().flat_map(ClinicFiles::paths).map(Path::to_owned);
         self.fractions.iter().flat_map(FractionSources::files).chain(clinic).collect()
+    }
+
+    /// Makes the labels that are `auto`, of planning and fractions, or takes those that were made before.
+    ///
+    /// # Errors
+    /// As [`PlanningSources::make_bones`].
+    pub fn make_bones(&mut self, by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
+        let needed = self.needed();
+        self.planning.make_bones(&needed, by, runtime)?;
+        self.fractions.iter_mut().try_for_each(|one| one.make_bones(by, runtime))
     }
 
     /// Refuses what the request itself and headers tell; returns the memory that the greediest fraction is expected to need,

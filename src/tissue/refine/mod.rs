@@ -9,11 +9,13 @@ mod options;
 mod planning;
 mod shading;
 mod skin;
+mod translation;
 
 pub use evidence::Misled;
 pub use options::{RefineOptions, ShadingOptions, SkinOptions};
 pub use planning::PlanningSamples;
 pub use shading::{GreyValues, Shading};
+pub use translation::translated;
 
 use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
 use crate::volume::{Mask, Volume};

@@ -9,9 +9,9 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 /// Least share of a bone's voxels that the fraction shows.
-const LEAST_SHARE: f32 = 0.35;
+pub(super) const LEAST_SHARE: f32 = 0.35;
 /// Correlation squared that noise leaves.
-const MOST_CORRELATION: f32 = 0.998;
+pub(super) const MOST_CORRELATION: f32 = 0.998;
 /// Less evidence is none.
 const LEAST_EVIDENCE: f32 = 0.05;
 /// HU that sums are taken about, and their unit: in single precision they must not cancel.
@@ -40,9 +40,9 @@ pub struct Proposal {
 pub struct Ready {
     grid: Grid,
     size: [usize; 3],
-    seen: Vec<f32>,
-    value: Vec<f32>,
-    square: Vec<f32>,
+    pub(super) seen: Vec<f32>,
+    pub(super) value: Vec<f32>,
+    pub(super) square: Vec<f32>,
 }
 
 impl Ready {
@@ -68,6 +68,37 @@ impl Ready {
             value,
         }
     }
+
+    /// What a row of so many places, which begins `margin` voxels before the row (j, k), sees at an offset: where that begins in
+    /// storage and in the row, and how many voxels it is.
+    #[inline(always)]
+    pub(super) fn span(
+        &self,
+        [di, dj, dk]: [i32; 3],
+        margin: i32,
+        [j, k]: [i32; 2],
+        width: usize,
+    ) -> Option<(usize, usize, usize)> {
+        let [ni, nj, nk] = self.size.map(|n| n as i32);
+        let (y, z) = (j + dj, k + dk);
+        if y < 0 || y >= nj || z < 0 || z >= nk {
+            return None;
+        }
+        // Place p of the row sees voxel p + shift.
+        let shift = di - margin;
+        let (low, high) = ((-shift).max(0), (ni - shift).min(width as i32));
+        (low < high).then(|| ((low + shift + ni * (y + nj * z)) as usize, low as usize, (high - low) as usize))
+    }
+}
+
+/// Sums of a row of places, of which the evidence for each follows.
+pub trait Row {
+    /// For so many places.
+    fn new(width: usize) -> Self;
+    /// Sums those that begin `margin` voxels before the row (j, k) of the image.
+    fn row(&mut self, turned: &Turned, image: &Ready, margin: i32, at: [i32; 2]);
+    /// Evidence for the i-th place, of so many voxels of the bone.
+    fn evidence(&self, i: usize, voxels: usize) -> f32;
 }
 
 /// Places of the bone's middle: the image and a margin about it.
@@ -86,7 +117,7 @@ impl Places {
 }
 
 /// The best places of a bone, best first, at most `most`. The first `scouts` of the turns are looked at everywhere.
-pub fn proposals(
+pub fn proposals<S: Row>(
     bone: &Template<'_>,
     ready: &Ready,
     turns: &[UnitQuaternion<f64>],
@@ -102,7 +133,7 @@ pub fn proposals(
     let width = places.size[0];
     let mut best = vec![0f32; places.size.iter().product()];
     best.par_chunks_mut(width).enumerate().for_each_init(
-        || Sums::new(width),
+        || S::new(width),
         |sums, (row, best)| {
             let [_, j, k] = places.voxel(row * width);
             for turned in &few {
@@ -122,7 +153,7 @@ pub fn proposals(
     found.truncate(FINALISTS);
     // The best turn of each, one voxel around.
     let closer = |&n: &usize| {
-        let mut sums = Sums::new(3);
+        let mut sums = S::new(3);
         let [i, j, k] = places.voxel(n);
         let mut best = Proposal { evidence: 0.0, middle: Point3::origin(), turn: UnitQuaternion::identity() };
         for (turned, turn) in all.iter().zip(turns) {
@@ -166,9 +197,9 @@ fn peak(best: &[f32], places: &Places, n: usize) -> bool {
 }
 
 /// Sums of a row of places: of what is seen its number, planning's values and squares, the fraction's, and both together.
-struct Sums([Vec<f32>; 6]);
+pub struct Sums([Vec<f32>; 6]);
 
-impl Sums {
+impl Row for Sums {
     fn new(width: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; width]))
     }
@@ -176,21 +207,9 @@ impl Sums {
     #[inline(always)]
     fn row(&mut self, turned: &Turned, image: &Ready, margin: i32, [j, k]: [i32; 2]) {
         self.0.iter_mut().for_each(|s| s.fill(0.0));
-        let [ni, nj, nk] = image.size.map(|n| n as i32);
-        let width = self.0[0].len() as i32;
-        for ([di, dj, dk], hu) in turned.offsets.iter().zip(&turned.values) {
-            let (y, z) = (j + dj, k + dk);
-            if y < 0 || y >= nj || z < 0 || z >= nk {
-                continue;
-            }
-            // Place p of the row sees voxel p + shift.
-            let shift = di - margin;
-            let (low, high) = ((-shift).max(0), (ni - shift).min(width));
-            if low >= high {
-                continue;
-            }
-            let start = (low + shift + ni * (y + nj * z)) as usize;
-            let (low, n) = (low as usize, (high - low) as usize);
+        let width = self.0[0].len();
+        for (offset, hu) in turned.offsets.iter().zip(&turned.values) {
+            let Some((start, low, n)) = image.span(*offset, margin, [j, k], width) else { continue };
             let t = (hu - MIDDLE_HU) / UNIT_HU;
             let [count, a, aa, f, ff, fa] = &mut self.0;
             let part = low..low + n;

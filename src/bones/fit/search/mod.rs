@@ -3,6 +3,7 @@
 
 mod coarse;
 mod correlate;
+mod ratio;
 mod template;
 mod tie;
 mod tree;
@@ -19,8 +20,9 @@ use crate::geometry::Rigid;
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
 use coarse::Coarse;
-use correlate::{Proposal, Ready, proposals};
+use correlate::{Proposal, Ready, Sums, proposals};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use ratio::RatioSums;
 use rayon::prelude::*;
 use template::Template;
 use tie::tie;
@@ -106,8 +108,7 @@ impl Search<'_> {
         let ready = Ready::new(&Coarse::new(fraction));
         let turns = TURNS.map(|t| t.map(f64::to_radians)).map(|[x, y, z]| UnitQuaternion::from_euler_angles(x, y, z));
         let templates = self.anatomy.templates(self.skeleton);
-        let found: Vec<Vec<Proposal>> =
-            templates.iter().map(|bone| proposals(bone, &ready, &turns, EVERYWHERE, CANDIDATES)).collect();
+        let found: Vec<Vec<Proposal>> = templates.iter().map(|bone| self.proposals(bone, &ready, &turns)).collect();
         let samples: Vec<Samples> = self.bones.iter().map(|bone| bone.thinned(SAMPLES)).collect();
         let each: Vec<(&Template<'_>, &Proposal)> =
             templates.iter().zip(&found).flat_map(|(t, list)| list.iter().map(move |p| (t, p))).collect();
@@ -157,6 +158,13 @@ impl Search<'_> {
             }
         }
         Ok(out)
+    }
+
+    fn proposals(&self, bone: &Template<'_>, ready: &Ready, turns: &[UnitQuaternion<f64>]) -> Vec<Proposal> {
+        match self.measure {
+            Measure::CorrelationRatio => proposals::<RatioSums>(bone, ready, turns, EVERYWHERE, CANDIDATES),
+            _ => proposals::<Sums>(bone, ready, turns, EVERYWHERE, CANDIDATES),
+        }
     }
 
     /// How far other motions take the bones of a hypothesis from where it has them, on the mean over its evidence, mm.

@@ -1,9 +1,11 @@
 //! What a bone looks like with its surroundings, turned.
 
 use super::coarse::{Coarse, block, blocks, of_blocks};
+use super::ratio::GROUPS;
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::morphology::dilate;
+use crate::volume::ranges::{RANGES, memberships};
 use crate::volume::{LabelMap, Mask, Volume, trilinear};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -20,6 +22,8 @@ const VOXELS: usize = 500;
 pub struct Anatomy {
     planning: Coarse,
     labels: Volume<u16>,
+    /// Membership in groups of ranges of HU, where another modality is compared; else empty.
+    groups: Vec<Volume<f32>>,
 }
 
 /// A bone with its surroundings in planning.
@@ -41,11 +45,13 @@ pub struct Turned {
     pub offsets: Vec<[i32; 3]>,
     /// HU.
     pub values: Vec<f32>,
+    /// Membership in groups of ranges of HU, where another modality is compared; else empty.
+    pub memberships: Vec<[f32; GROUPS]>,
 }
 
 impl Anatomy {
     /// Of the planning CT (HU) and its labels, which share a grid.
-    pub fn new(planning: &Volume<f32>, labels: &LabelMap) -> Self {
+    pub fn new(planning: &Volume<f32>, labels: &LabelMap, by_ranges: bool) -> Self {
         let fine = labels.volume.grid();
         let block = block(fine);
         let grid = blocks(fine, block);
@@ -57,7 +63,8 @@ impl Anatomy {
         };
         let values = of_blocks(fine, block, &grid, most);
         let labels = Volume::new(grid, values).expect("one label per block");
-        Self { planning: Coarse::new(planning), labels }
+        let groups = if by_ranges { groups(planning) } else { Vec::new() };
+        Self { planning: Coarse::new(planning), labels, groups }
     }
 
     /// The bones that are large enough.
@@ -74,6 +81,30 @@ impl Anatomy {
     }
 }
 
+/// Air, HU.
+const AIR_HU: f32 = -600.0;
+/// The group of each range.
+const GROUP: [usize; RANGES] = [0, 1, 1, 2, 3, 3];
+
+/// Mean membership of each block's tissue in the groups.
+fn groups(planning: &Volume<f32>) -> Vec<Volume<f32>> {
+    let fine = planning.grid();
+    let block = block(fine);
+    let grid = blocks(fine, block);
+    let of = |voxels: &[usize]| {
+        let mut sums = [0f32; GROUPS];
+        let tissue = voxels.iter().map(|&v| planning.data()[v]).filter(|hu| *hu > AIR_HU);
+        for hu in tissue {
+            memberships(hu).iter().zip(GROUP).for_each(|(m, group)| sums[group] += m);
+        }
+        let all: f32 = sums.iter().sum();
+        // A block of air counts as cortical bone: both are dark.
+        if all > 0.0 { sums.map(|s| s / all) } else { [0.0, 0.0, 0.0, 1.0] }
+    };
+    let all = of_blocks(fine, block, &grid, of);
+    (0..GROUPS).map(|a| Volume::from_fn(grid.clone(), |n| all[n][a])).collect()
+}
+
 impl Template<'_> {
     /// The bone turned about its middle, on a grid of the fraction.
     pub fn turned(&self, turn: &UnitQuaternion<f64>, fraction: &Grid) -> Turned {
@@ -87,7 +118,8 @@ impl Template<'_> {
                 *r = [r[0].min(v.floor() as i32), r[1].max(v.ceil() as i32)];
             }
         }
-        let mut all = Turned { offsets: Vec::new(), values: Vec::new() };
+        let mut all = Turned { offsets: Vec::new(), values: Vec::new(), memberships: Vec::new() };
+        let groups = &self.anatomy.groups;
         let back = turn.inverse();
         for k in range[2][0]..=range[2][1] {
             for j in range[1][0]..=range[1][1] {
@@ -101,6 +133,10 @@ impl Template<'_> {
                     if let Some(hu) = trilinear(value, &index) {
                         all.offsets.push([i, j, k]);
                         all.values.push(hu as f32);
+                        if !groups.is_empty() {
+                            let share = |a: usize| trilinear(&groups[a], &index).map_or(0.0, |v| v as f32);
+                            all.memberships.push(std::array::from_fn(share));
+                        }
                     }
                 }
             }
@@ -119,6 +155,7 @@ impl Turned {
         Self {
             offsets: chosen.iter().map(|&n| self.offsets[n]).collect(),
             values: chosen.iter().map(|&n| self.values[n]).collect(),
+            memberships: chosen.iter().filter_map(|&n| self.memberships.get(n).copied()).collect(),
         }
     }
 }

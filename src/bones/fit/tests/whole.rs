@@ -1,6 +1,6 @@
 //! The whole fit on a neck of five blocks with a texture of their own, whose motions are known.
 
-use crate::fit::{BoneSamples, DeterminedBy, FitOptions, FitResult, FitStart, GivenMotion, fit_pose};
+use crate::fit::{BoneSamples, DeterminedBy, FitOptions, FitResult, FitStart, GivenMotion, Measure, fit_pose};
 use crate::geometry::{Grid, Rigid, about};
 use crate::progress::Silent;
 use crate::skeleton::{Skeleton, build};
@@ -155,6 +155,46 @@ fn a_neck_that_bends_is_found_bone_by_bone() {
         .collect();
     let placed = scene.fit(&fraction(&truth, whole(), None), FitStart::Placed(&known)).unwrap();
     assert!(NECK.iter().zip(&truth).all(|(name, truth)| scene.error(&placed, name, truth) < 0.5));
+}
+
+/// What an MR shows of the neck, on the scale that its patient is brought to: bright fat and marrow, dark cortical bone, darker
+/// towards one side.
+fn mr(ct: &Volume<f32>) -> Volume<f32> {
+    let grid = ct.grid();
+    let middle = grid.world(&Vector3::from(grid.size().map(|n| 0.5 * n as f64)));
+    Volume::from_fn(grid.clone(), |l| {
+        let hu = f64::from(ct.data()[l]);
+        let grey = match hu {
+            hu if hu < -500.0 => return -1000.0,
+            hu if hu < 60.0 => 0.3 * hu + 140.0,
+            hu if hu < 400.0 => 160.0 + 0.5 * (hu - 60.0),
+            hu => 330.0 - 0.6 * (hu - 400.0),
+        };
+        let coil = 1.0 + (grid.centre(grid.voxel(l)) - middle).x / 300.0;
+        (-150.0 + coil * grey) as f32
+    })
+}
+
+#[test]
+fn a_neck_is_found_in_an_mr_and_nothing_in_one_of_something_else() {
+    let scene = Scene::new();
+    let options = FitOptions { measure: Measure::CorrelationRatio, ..FitOptions::default() };
+    let samples = BoneSamples::new(&scene.skeleton, &scene.planning, &scene.labels, &options);
+    let fit = |image: &Volume<f32>| fit_pose(&scene.skeleton, &samples, image, FitStart::Search, &options, &Silent);
+    let truth = motions(couch(), bend());
+    let ct = fraction(&truth, whole(), None);
+    let found = fit(&mr(&ct)).unwrap();
+    for (name, truth) in NECK.iter().zip(&truth) {
+        let error = scene.error(&found, name, truth);
+        assert!(error < 1.0, "{name}: {error}");
+    }
+    assert!(found.bones.iter().all(|b| b.determined_by == DeterminedBy::Image), "{:?}", found.bones);
+    // The linear relation of two CTs does not hold.
+    let by_hu = scene.fit(&mr(&ct), FitStart::Search);
+    assert!(by_hu.is_err_and(|e| matches!(e, crate::error::Error::Registration { .. })));
+    let soft = mr(&ct.map(|v| if *v > 100.0 { 35.0 } else { *v }));
+    let refused = fit(&soft).unwrap_err();
+    assert!(matches!(refused, crate::error::Error::Registration { .. }), "{refused:?}");
 }
 
 #[test]

@@ -284,6 +284,14 @@ impl std::fmt::Display for Summary {
         if frames.len() > 1 {
             writeln!(f, "  {} frames of reference: positions can be compared within one letter only", frames.len())?;
         }
+        let series = self.entries.iter().filter(|e| e.modality == "CT" && e.number.is_some()).nth(1);
+        if let Some(number) = series.and_then(|e| e.number) {
+            let path = self.path.display();
+            writeln!(
+                f,
+                "  several CT series: {path}#{number} means the one whose number in the column `series` is {number}"
+            )?;
+        }
         if self.other_files > 0 {
             writeln!(f, "  {} other files", self.other_files)?;
         }

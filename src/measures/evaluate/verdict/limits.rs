@@ -1,6 +1,7 @@
 //! The table of limits, and the rules that need nothing but a number.
 
 use super::{Figure, Mark, TG132, Verdict};
+use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::stats::Summary;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,12 @@ pub struct Limits {
     pub curl: [f64; 2],
     /// Uncertainty of soft tissue, 95th percentile, mm; beyond it is reviewed.
     pub uncertainty_mm: f64,
+    /// Mean local correlation of the images at bones after registration: passes and is reviewed from these on.
+    pub image_bones: [f64; 2],
+    /// The same in soft tissue.
+    pub image_soft_tissue: [f64; 2],
+    /// Volume at bones, and of soft tissue, that agrees less than with the couch shift alone, percent.
+    pub image_worse_percent: [f64; 2],
 }
 
 impl Default for Limits {
@@ -50,6 +57,9 @@ impl Default for Limits {
             rigidity_mm: [1.0, 2.0],
             curl: [5.0, 10.0],
             uncertainty_mm: 3.0,
+            image_bones: [0.85, 0.5],
+            image_soft_tissue: [0.5, 0.3],
+            image_worse_percent: [10.0, 30.0],
         }
     }
 }
@@ -157,6 +167,32 @@ impl Limits {
         verdict
     }
 
+    /// How far the images agree after registration, at bones and in soft tissue, and where the couch shift alone did better.
+    pub fn images(&self, agreement: &Agreement) -> Vec<Verdict> {
+        let all = [
+            ("at bones", agreement.bones, self.image_bones),
+            ("in soft tissue", agreement.soft_tissue, self.image_soft_tissue),
+        ];
+        let of = |(where_, tissue, least): (&str, Option<TissueAgreement>, [f64; 2])| {
+            let remedy = "look at the fusion pictures: the images do not show the same there, or lie apart";
+            let figure = |what: &str, value: f64, unit: &'static str| Figure {
+                name: format!("images {where_}, {what}"),
+                value,
+                unit,
+                source: "docs/metrics.md",
+                remedy,
+            };
+            let tissue = tissue?;
+            let mut mean = figure("local correlation", tissue.after, "").at_least(least);
+            let told = |value: Option<f64>| value.map_or("unknown".to_owned(), |v| format!("{v:.2}"));
+            let [before, couch] = [tissue.before, tissue.couch].map(told);
+            mean.reason.push_str(&format!("; {before} as scanned, {couch} with the couch shift alone"));
+            let worse = figure("worse than with the couch shift", tissue.worse_percent, "%");
+            Some([mean, worse.at_most(self.image_worse_percent)])
+        };
+        all.into_iter().filter_map(of).flatten().collect()
+    }
+
     /// What is impossible in these limits, if anything.
     pub fn problem(&self) -> Option<String> {
         let upward = [
@@ -167,7 +203,10 @@ impl Limits {
             ("folded_ml", self.folded_ml),
             ("rigidity_mm", self.rigidity_mm),
             ("curl", self.curl),
+            ("image_worse_percent", self.image_worse_percent),
             ("dice, second and first", [self.dice[1], self.dice[0]]),
+            ("image_bones, second and first", [self.image_bones[1], self.image_bones[0]]),
+            ("image_soft_tissue, second and first", [self.image_soft_tissue[1], self.image_soft_tissue[0]]),
         ];
         let single = [
             ("landmark_greatest_mm", self.landmark_greatest_mm),

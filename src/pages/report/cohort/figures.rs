@@ -48,7 +48,7 @@ const PLAIN: FigureOfRuns = FigureOfRuns {
 };
 
 /// All figures, in the order of the columns.
-pub(super) const KINDS: [FigureOfRuns; 16] = [
+pub(super) const KINDS: [FigureOfRuns; 18] = [
     FigureOfRuns {
         key: "couch_shift_mm",
         title: "couch shift",
@@ -56,7 +56,7 @@ pub(super) const KINDS: [FigureOfRuns; 16] = [
         worse: Worse::Unlike,
         least: 5.0,
         course: true,
-        of: |r| Some(r.couch_shift.norm()),
+        of: |r| Some(r.couch.shift().norm()),
         ..PLAIN
     },
     FigureOfRuns {
@@ -67,6 +67,24 @@ pub(super) const KINDS: [FigureOfRuns; 16] = [
         worse: Worse::Low,
         least: 1.0,
         of: |r| Some(r.bones_by_image() as f64),
+        ..PLAIN
+    },
+    FigureOfRuns {
+        key: "images_bones",
+        title: "images agree at bones",
+        unit: "",
+        worse: Worse::Low,
+        least: 0.1,
+        of: |r| Some(r.agreement?.bones?.after),
+        ..PLAIN
+    },
+    FigureOfRuns {
+        key: "images_soft_tissue",
+        title: "images agree in soft tissue",
+        unit: "",
+        worse: Worse::Low,
+        least: 0.1,
+        of: |r| Some(r.agreement?.soft_tissue?.after),
         ..PLAIN
     },
     FigureOfRuns {

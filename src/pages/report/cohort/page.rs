@@ -4,7 +4,7 @@ use super::super::html::head;
 use super::super::numbers::utc;
 use super::super::viewer::policy;
 use super::figures::{FigureOfRuns, KINDS};
-use super::text::{counts, stands_out, value, why};
+use super::text::{counts, stand_out, value, why};
 use super::{Cohort, Member};
 use crate::evaluate::verdict::Mark;
 use maud::{DOCTYPE, Markup, html};
@@ -15,6 +15,7 @@ body { max-width: 1400px; }
 .odd { color: var(--warn); font-weight: 700; }
 table.runs th { white-space: normal; }
 .left { text-align: left; }
+.scrolled { overflow-x: auto; }
 table.runs tr.first td { border-top: 1.5px solid var(--line); }
 svg.course { width: 132px; height: 34px; display: block; }
 svg.course polyline { fill: none; stroke: var(--bar); stroke-width: 1.6; }
@@ -71,9 +72,9 @@ pub(super) fn report_link(m: &Member) -> String {
 
 /// What stands apart, and what is not finished.
 fn first(cohort: &Cohort) -> Markup {
-    let odd: Vec<&Member> = cohort.runs.iter().filter(|m| stands_out(m)).collect();
+    let odd = stand_out(cohort);
     html! {
-        @if odd.is_empty() { p { "No run fails, and no figure of any run stands apart." } }
+        @if odd.is_empty() { p { "Every finished run passes its own rules, and no figure of any run stands apart." } }
         @if !odd.is_empty() || !cohort.unfinished.is_empty() || !cohort.warnings.is_empty() {
             ul.warnings {
                 @for w in &cohort.warnings { li { code { (w.code) } (w.message) } }
@@ -94,7 +95,7 @@ fn runs(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
         @if !common.is_empty() {
             p.note { "Every run warns of " @for (n, w) in common.iter().enumerate() { @if n > 0 { ", " } code { (w) } } "." }
         }
-        table.runs {
+        div.scrolled { table.runs {
             thead {
                 tr {
                     th { "Patient" } th { "Fraction" } th { "Verdict" }
@@ -122,7 +123,7 @@ fn runs(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
                     }
                 }
             }
-        }
+        } }
     }
 }
 

@@ -40,15 +40,35 @@ fn apart(cohort: &Cohort, m: &Member) -> String {
     told.collect::<Vec<_>>().join("; ")
 }
 
-/// Whether a person looks at a run first: it fails by its own report, or is unlike the others.
-pub(super) fn stands_out(m: &Member) -> bool {
-    m.verdict == Some(Mark::Fail) || !m.stand_apart.is_empty()
+/// Runs that a person looks at first: those that fail by their own report, then those to be reviewed, then those that are unlike the
+/// others.
+pub(super) fn stand_out(cohort: &Cohort) -> Vec<&Member> {
+    let counts = |m: &&Member| m.verdict > Some(Mark::Pass) || !m.stand_apart.is_empty();
+    let mut all: Vec<&Member> = cohort.runs.iter().filter(counts).collect();
+    all.sort_by_key(|m| std::cmp::Reverse((m.verdict, m.stand_apart.len())));
+    all
 }
 
-/// Why one does.
+/// Reasons that are named.
+const NAMED: usize = 3;
+/// Letters of a reason, about.
+const LETTERS: usize = 70;
+
+/// Why one does: what stands apart, then what its own report says, in a few words.
 pub(super) fn why(cohort: &Cohort, m: &Member) -> String {
-    let failed = m.reasons.iter().filter(|_| m.verdict == Some(Mark::Fail)).map(|reason| format!("FAIL: {reason}"));
-    failed.chain(Some(apart(cohort, m)).filter(|text| !text.is_empty())).collect::<Vec<_>>().join("; ")
+    let mark = m.verdict.filter(|mark| *mark > Mark::Pass).map(|mark| mark.name().to_uppercase());
+    let reasons: Vec<String> = m.reasons.iter().take(NAMED).map(|reason| shortened(reason)).collect();
+    let more = m.reasons.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
+    let against = mark.map(|mark| format!("{mark}: {}{more}", reasons.join("; ")));
+    Some(apart(cohort, m)).filter(|text| !text.is_empty()).into_iter().chain(against).collect::<Vec<_>>().join("; ")
+}
+
+/// The first words of a reason.
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(LETTERS) {
+        None => text.to_owned(),
+        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head)),
+    }
 }
 
 /// How many fail, are to be looked at and pass.
@@ -85,7 +105,7 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
             let _ = writeln!(text, "  {:<28} {median} median, {low} to {high}", kind.title);
         }
     }
-    for m in cohort.runs.iter().filter(|m| stands_out(m)) {
+    for m in stand_out(cohort) {
         let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, why(cohort, m));
     }
     for w in &cohort.warnings {

@@ -11,6 +11,7 @@ mod view;
 use super::numbers::{Report, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
+use crate::pipeline::FractionKind;
 use crate::provenance::InputFile;
 use crate::warning::Warning;
 use base64::{Engine, engine::general_purpose::STANDARD};
@@ -53,7 +54,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if let Some(view) = view { (section(view)) }
                     div.together.fill {
                         h2 { "Fusion" }
-                        (colour_key())
+                        (colour_key(report))
                         div.pair.three[shifted] {
                             (picture("fusion_before.png")) (picture("fusion_couch.png")) (picture("fusion_after.png"))
                         }
@@ -74,7 +75,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                     @if has_landmarks {
                         div.together.fill {
                             h2 { "Landmarks" }
-                            (colour_key())
+                            (colour_key(report))
                             div.pair {
                                 (picture("landmarks.png"))
                                 div.stack { (picture("residuals.png")) (tables::landmark_figures(report)) }
@@ -112,7 +113,10 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
 }
 
 /// What the colours of every fusion mean.
-fn colour_key() -> Markup {
+fn colour_key(report: &Report) -> Markup {
+    if report.fraction_kind.as_ref().is_some_and(FractionKind::unlike) {
+        return html! { p.key { "Planning and fraction in squares in turns: skin and bones go on from one to the next where both agree." } };
+    }
     html! {
         p.key {
             span { i style="background: var(--blue)" {} "planning CT blue" }

@@ -3,6 +3,7 @@
 use super::super::numbers::{Report, count, utc};
 use super::verdict::identity;
 use crate::config::InputRole;
+use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::landmark::LandmarkReport;
 use crate::fit::DeterminedBy;
 use crate::geometry::Grid;
@@ -46,7 +47,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
         scan(InputRole::Fraction)
     };
     // Adding 0 turns the minus of a zero away.
-    let s = report.couch_shift.map(|c| (c * 10.0).round() / 10.0 + 0.0);
+    let s = report.couch.shift().map(|c| (c * 10.0).round() / 10.0 + 0.0);
     html! {
         header {
             p.brand { "aventail \u{b7} deformable registration report" }
@@ -54,11 +55,51 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             dl.case {
                 div { dt.planning { "Planning" } dd { (scan(InputRole::Planning)) br; span.note { (grid(&report.planning_grid)) } } }
                 div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
-                div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) } } }
+                div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) br; (matched(report)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }
         }
     }
+}
+
+/// On what the couch shift is matched, and what it leaves there.
+fn matched(report: &Report) -> String {
+    let couch = &report.couch;
+    let on = match couch.on.as_slice() {
+        [] => return couch.chosen.clone(),
+        [one] => one.clone(),
+        [first, .., last] if couch.on.len() > 3 => format!("{} bones, {first} to {last}", couch.on.len()),
+        some => some.join(", "),
+    };
+    let left = couch.worst().map_or(String::new(), |worst| {
+        format!(
+            "; leaves {:.1} mm there at most, {:.1} mm with a rotation of {:.1}\u{b0}",
+            worst.shift_mm,
+            worst.rotation_mm,
+            couch.angle_deg()
+        )
+    });
+    format!("matched on {on}{left}")
+}
+
+/// A mean local correlation; a dash where nothing can be compared.
+fn correlation(tissue: Option<TissueAgreement>) -> String {
+    tissue.map_or("\u{2013}".to_owned(), |t| format!("{:.2}", t.after))
+}
+
+/// How far the images agreed before, bones and soft tissue, in words.
+fn before(images: &Agreement) -> String {
+    let told = |of: &dyn Fn(TissueAgreement) -> Option<f64>, digits: usize| {
+        let one =
+            |t: Option<TissueAgreement>| t.and_then(of).map_or("\u{2013}".to_owned(), |v| format!("{v:.digits$}"));
+        format!("{} / {}", one(images.bones), one(images.soft_tissue))
+    };
+    format!(
+        "local correlation; as scanned {}, by couch {}; worse than by couch {} %",
+        told(&|t| t.before, 2),
+        told(&|t| t.couch, 2),
+        told(&|t| Some(t.worse_percent), 0)
+    )
 }
 
 fn grid(grid: &Grid) -> String {
@@ -102,9 +143,15 @@ pub(super) fn cards(report: &Report) -> Markup {
             } @else {
                 (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; the others follow their joints")))
             }
+            @if let Some(images) = &report.agreement {
+                (card("Images agree at bones / in soft tissue", html! { (correlation(images.bones)) " / " (correlation(images.soft_tissue)) }, &before(images)))
+            }
             (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
-            (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.max, count(inverse.unconverged_tissue), count(inverse.multiple))))
-            (card("Links violated", html! { (format!("{:.2}", report.links.violated_percent)) small { " %" } }, &format!("mean excess {:.2} mm, worst {:.2} mm", report.links.mean_excess_mm, report.links.max_excess_mm)))
+            @if let Some(u) = &report.uncertainty {
+                (card("Uncertainty of soft tissue, 95th percentile", mm(u.soft_tissue_mm.p95, 1), &format!("{:.0} ml have more than 2 mm or are not known", u.above_2mm_ml)))
+            } @else {
+                (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.max, count(inverse.unconverged_tissue), count(inverse.multiple))))
+            }
         }
     }
 }

@@ -32,14 +32,14 @@ pub(super) fn bones(report: &Report) -> Markup {
     let on_paper = printed(&motion, BONES_ON_PAPER);
     html! {
         p.note {
-            "Motion is the displacement of a bone's centre, from planning to fraction; own motion is that apart from the couch shift. Uncertainty is one standard "
-            "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the couch "
-            "shift alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
+            "Motion is the displacement of a bone's centre, from planning to fraction; left is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Uncertainty is one standard "
+            "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the mean "
+            "motion alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
         table {
             thead {
                 tr {
-                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Own" br; "mm" } th.n { "Rotation" br; "deg" }
+                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Left by couch" br; "mm" } th.n { "Rotation" br; "deg" }
                     th.n { "Uncertainty" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
                 }
             }
@@ -51,7 +51,7 @@ pub(super) fn bones(report: &Report) -> Markup {
                         td { (format!("{:.0} %", 100.0 * b.visible)) span.meter { i style=(format!("width: {:.0}%", 100.0 * b.visible)) {} } }
                         td.n { (number(b.similarity_before, 2)) " \u{2192} " (number(b.similarity_after, 2)) }
                         td.n { (format!("{:.1}", b.motion_mm)) }
-                        td.n { (number(own(n), 1)) }
+                        td.n { (left(report, &b.name)) }
                         td.n { (format!("{:.1}", rotation_angle_deg(&b.transform))) }
                         td.n { (uncertainty(b)) }
                         td.n { @if b.beyond_range.any() { (b.beyond_range) } @else { (MISSING) } }
@@ -63,6 +63,14 @@ pub(super) fn bones(report: &Report) -> Markup {
         }
         (more(report.bones.len(), BONES_ON_PAPER, "bones, which move least on their own", "report.json"))
     }
+}
+
+/// What the couch shift leaves of a bone, without and with its rotation; marked where it is matched on the bone.
+fn left(report: &Report, bone: &str) -> String {
+    let residual = report.couch.residuals.iter().find(|r| r.bone == bone);
+    residual.map_or(MISSING.to_owned(), |r| {
+        format!("{:.1} / {:.1}{}", r.shift_mm, r.rotation_mm, if r.matched { " \u{2022}" } else { "" })
+    })
 }
 
 /// A bone without a finite standard deviation is not determined.

@@ -1,13 +1,15 @@
-//! Fusion of planning and fraction CT, before and after registration: planning blue, fraction orange, equal is grey.
+//! Fusion of planning and fraction, before and after registration: planning blue, fraction orange, equal is grey; of two
+//! modalities, whose brightness means nothing between them, a checkerboard.
 
 use super::super::canvas::{Canvas, Rgb};
-use super::super::colour::{BLUE, ORANGE, fuse, tone};
-use super::super::plane::Plane;
+use super::super::colour::{BLUE, ORANGE, fuse, grey, stepped, tone};
+use super::super::plane::{Plane, nearest};
 use super::legend::{Legend, sheet};
+use super::scene::Overlay;
 use super::{PictureScene, Plate, bones};
 use crate::view::ViewReport;
 use crate::volume::Volume;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use std::ops::RangeInclusive;
 
 /// The planning CT as scanned (or with the couch shift alone) over the fraction CT.
@@ -31,7 +33,7 @@ pub(super) fn before(scene: &PictureScene<'_>) -> Plate {
 
 /// The planning CT moved by the couch shift alone; nothing where that is the picture before already, or hardly a shift.
 pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
-    let s = scene.outcome.couch_shift;
+    let s = scene.outcome.couch.shift();
     if scene.shift_before.is_some() || s.norm() < LEAST_SHIFT_MM {
         return None;
     }
@@ -39,8 +41,8 @@ pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
         file: "fusion_couch.png",
         title: "Couch shift alone",
         caption: format!(
-            "The planning CT moved as a whole by the couch shift ({:.1}, {:.1}, {:.1} mm), same planes: what is coloured here is left for \
-             the deformation.",
+            "The planning CT moved as a whole by the couch shift ({:.1}, {:.1}, {:.1} mm), same planes: what does not agree here is left \
+             for the deformation.",
             s.x, s.y, s.z
         ),
         canvas: panels(scene, &scene.case.planning.ct, &s, &s),
@@ -55,10 +57,14 @@ pub(super) fn after(scene: &PictureScene<'_>) -> Plate {
     Plate {
         file: "fusion_after.png",
         title: "After registration",
-        caption:
-            "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
-                  they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
+        caption: match scene.overlay() {
+            Overlay::Colours => "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
+                                 they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
                 .to_owned(),
+            Overlay::Checks => "The planning CT deformed onto the fraction, same planes: skin and bones go on from square to square where \
+                                both agree."
+                .to_owned(),
+        },
         canvas: panels(
             scene,
             &scene.outcome.planning_on_fraction,
@@ -74,7 +80,7 @@ fn panels(scene: &PictureScene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>
     let planes = scene.fraction.iter().zip(&scene.fraction_hu);
     let rows: Vec<Canvas> = planes
         .map(|(plane, fraction)| {
-            let mut picture = fused(plane, &plane.hu_moved(planning, shift), fraction);
+            let mut picture = fused(scene.overlay(), plane, &plane.hu_moved(planning, shift), fraction);
             outline(scene, plane, &mut picture);
             bones::outlines_at(scene, plane, before, &mut picture);
             plane.row(&picture, [0; 3], [255; 3], [0; 3])
@@ -82,7 +88,7 @@ fn panels(scene: &PictureScene<'_>, planning: &Volume<f32>, shift: &Vector3<f64>
         .collect();
     let limited = limited(scene).is_some();
     sheet(&rows, 1 + usize::from(limited), |legend| {
-        colours(legend);
+        colours(scene.overlay(), legend);
         bones::legend(legend);
         if limited {
             legend.next_line();
@@ -122,9 +128,12 @@ const DASH: (usize, usize) = (8, 12);
 pub(super) fn lung(scene: &PictureScene<'_>) -> Option<Plate> {
     let planning: Vec<Vec<f32>> =
         scene.fraction.iter().map(|plane| plane.hu(&scene.outcome.planning_on_fraction)).collect();
-    let all = planning.iter().flatten();
-    let thin = all.clone().filter(|hu| LUNG_HU.contains(*hu)).count();
-    if thin as f64 <= LEAST_LUNG * all.count() as f64 {
+    let shown = scene.fraction.iter().zip(&planning);
+    let pixels = shown.flat_map(|(plane, hu)| hu.iter().enumerate().map(move |(n, hu)| (plane, n, *hu)));
+    let at = |plane: &Plane, n: usize| plane.world((n % plane.width) as f64, (n / plane.width) as f64);
+    let lung =
+        pixels.clone().filter(|(plane, n, hu)| LUNG_HU.contains(hu) && in_patient(scene, &at(plane, *n))).count();
+    if lung as f64 <= LEAST_LUNG * pixels.count() as f64 {
         return None;
     }
     let planes = scene.fraction.iter().zip(planning.iter().zip(&scene.fraction_hu));
@@ -140,10 +149,16 @@ pub(super) fn lung(scene: &PictureScene<'_>) -> Option<Plate> {
         title: "After registration, lung window",
         caption: "The same planes from -950 to 50 HU: vessels and the lung's border.".to_owned(),
         canvas: sheet(&rows, 1, |legend| {
-            colours(legend);
+            colours(Overlay::Colours, legend);
             bones::legend(legend);
         }),
     })
+}
+
+/// Whether a point of the fraction shows the patient as planning has him: neither foam nor the blur of his skin is lung.
+fn in_patient(scene: &PictureScene<'_>, p: &Point3<f64>) -> bool {
+    let there = nearest(&scene.outcome.pull.displacement, p).map(|v| p + Vector3::from(v.map(f64::from)));
+    there.and_then(|x| nearest(&scene.outcome.body, &x)).unwrap_or(false)
 }
 
 /// Lung, HU; the noise of a scanner's air reaches to -900.
@@ -156,13 +171,24 @@ fn tone_of_lung(hu: f32) -> f64 {
     ((f64::from(hu) + 950.0) / 1000.0).clamp(0.0, 1.0)
 }
 
+/// Side of a square, mm.
+const CHECK_MM: f64 = 20.0;
+
 /// CT numbers of planning and fraction at a plane's pixels, fused.
-pub(super) fn fused(plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
-    plane.paint(|_, n| fuse(tone(f64::from(planning[n])), tone(f64::from(fraction[n]))))
+pub(super) fn fused(overlay: Overlay, plane: &Plane, planning: &[f32], fraction: &[f32]) -> Canvas {
+    let square = |p: &Point3<f64>| p.iter().map(|c| (c / CHECK_MM).floor() as i64).sum::<i64>().rem_euclid(2) == 0;
+    plane.paint(|p, n| match overlay {
+        Overlay::Colours => fuse(tone(f64::from(planning[n])), tone(f64::from(fraction[n]))),
+        Overlay::Checks => grey(stepped(tone(f64::from(if square(&p) { planning[n] } else { fraction[n] })))),
+    })
 }
 
 /// What the colours mean.
-pub(super) fn colours(legend: &mut Legend<'_>) {
+pub(super) fn colours(overlay: Overlay, legend: &mut Legend<'_>) {
+    if overlay == Overlay::Checks {
+        legend.swatch([170; 3], &format!("planning CT and fraction in turns, squares of {CHECK_MM} mm"));
+        return;
+    }
     legend.swatch(BLUE, "planning CT");
     legend.swatch(ORANGE, "fraction CT");
     legend.swatch([170; 3], "both agree");
@@ -172,7 +198,7 @@ pub(super) fn colours(legend: &mut Legend<'_>) {
 mod tests {
     use super::super::super::example::{self, Layout};
     use super::*;
-    use nalgebra::Point3;
+    use crate::pipeline::FractionKind;
 
     /// Red minus blue of a pixel: positive is orange, negative is blue, zero is grey.
     fn tint(panel: &Canvas, [x, y]: [f64; 2]) -> i32 {
@@ -187,7 +213,7 @@ mod tests {
         let scene = PictureScene::new(&case, &outcome);
         for plane in &scene.fraction {
             let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| plane.hu(ct));
-            let panel = fused(plane, &hu[0], &hu[1]);
+            let panel = fused(scene.overlay(), plane, &hu[0], &hu[1]);
             let (mut worst, mut brightest) = (0, 0);
             for y in 0..plane.height {
                 for x in 0..plane.width {
@@ -197,6 +223,23 @@ mod tests {
             }
             assert!(worst <= 1 && brightest > 150, "{worst} {brightest}");
         }
+    }
+
+    #[test]
+    fn an_mr_is_shown_in_turns_with_planning_and_never_in_colours() {
+        let (case, mut outcome, _) = example::small();
+        let view = ViewReport { measured_percent: 100.0, ..ViewReport::default() };
+        outcome.kind =
+            Some(FractionKind { view, grey: None, corrected: false, misled: None, mr: Some([-200.0, 300.0]) });
+        let scene = PictureScene::new(&case, &outcome);
+        let plane = &scene.fraction[0];
+        let panel = fused(scene.overlay(), plane, &vec![170.0; plane.width * plane.height], &scene.fraction_hu[0]);
+        let pixels = || (0..plane.height).flat_map(|y| (0..plane.width).map(move |x| [x, y]));
+        assert!(pixels().all(|[x, y]| tint(&panel, [x as f64, y as f64]) == 0));
+        // Planning is as bright all over, and shown in half of the squares.
+        let bright = pixels().filter(|&[x, y]| panel.pixel(x, y)[0] >= 160).count() as f64;
+        let share = bright / (plane.width * plane.height) as f64;
+        assert!((0.4..0.75).contains(&share), "{share}");
     }
 
     #[test]
@@ -211,7 +254,7 @@ mod tests {
         let scene = PictureScene::new(&case, &outcome);
         let axial = &scene.fraction_through(&Point3::new(0.0, 10.0, 0.0))[0];
         let hu = [&case.planning.ct, &case.fraction.ct].map(|ct| axial.hu(ct));
-        let panel = fused(axial, &hu[0], &hu[1]);
+        let panel = fused(scene.overlay(), axial, &hu[0], &hu[1]);
         // Skin at x = -84 (patient right, image left) is now air; x = 88 is now tissue; the inside agrees but for the gradient.
         let at = |x: f64| tint(&panel, axial.place(&Point3::new(x, 10.0, 0.0)));
         assert!(at(-80.0) < -20 && at(88.0) > 20, "{} {}", at(-80.0), at(88.0));
@@ -225,14 +268,14 @@ mod tests {
         let (case, outcome, _) = example::scene(layout([500.0, -20.0, 300.0]));
         let (near_case, near_outcome, _) = example::scene(layout([0.0; 3]));
         let (far, near) = (PictureScene::new(&case, &outcome), PictureScene::new(&near_case, &near_outcome));
-        assert_eq!(far.shift_before, Some(outcome.couch_shift));
+        assert_eq!(far.shift_before, Some(outcome.couch.shift()));
         assert_eq!(near.shift_before, None);
         assert!(before(&far).caption.contains("couch shift alone (500.0, -20.0, 300.0 mm)"));
         assert!(before(&near).caption.contains("scanner positions"));
         // Apart from the numbers written on it, the picture is the same, but for a step of brightness.
         let panel = |s: &PictureScene<'_>| {
             let shift = s.shift_before.unwrap_or_default();
-            fused(&s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning.ct, &shift), &s.fraction_hu[0])
+            fused(s.overlay(), &s.fraction[0], &s.fraction[0].hu_moved(&s.case.planning.ct, &shift), &s.fraction_hu[0])
         };
         assert!(panel(&far).difference(&panel(&near)) <= 5);
     }
@@ -243,7 +286,7 @@ mod tests {
         let scene = PictureScene::new(&case, &outcome);
         let colour = |planning: &crate::volume::Volume<f32>| {
             let plane = &scene.fraction[2];
-            let panel = fused(plane, &plane.hu(planning), &scene.fraction_hu[2]);
+            let panel = fused(scene.overlay(), plane, &plane.hu(planning), &scene.fraction_hu[2]);
             (0..plane.height)
                 .flat_map(|y| (0..plane.width).map(move |x| [x as f64, y as f64]))
                 .map(|at| tint(&panel, at).unsigned_abs() as usize)

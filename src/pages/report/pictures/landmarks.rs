@@ -19,9 +19,10 @@ pub(super) fn draw(scene: &PictureScene<'_>, report: &LandmarkReport) -> Plate {
         report.each.iter().enumerate().filter(|(_, r)| r.mapped.is_some()).collect();
     let through = densest(&known);
     let rows = scene.fraction_through(&through).map(|plane| {
-        let [planning, fraction] =
+        let [planning, mut fraction] =
             [&scene.outcome.planning_on_fraction, &scene.case.fraction.ct].map(|ct| plane.hu(ct));
-        let mut panel = fused(&plane, &planning, &fraction);
+        scene.on_plannings_scale(&mut fraction);
+        let mut panel = fused(scene.overlay(), &plane, &planning, &fraction);
         bones::outlines(scene, &plane, &mut panel);
         let shown: Vec<_> = known.iter().filter(|(_, r)| distance(&plane, &r.landmark.fraction) <= SLAB_MM).collect();
         let mut taken = Vec::new();
@@ -34,7 +35,7 @@ pub(super) fn draw(scene: &PictureScene<'_>, report: &LandmarkReport) -> Plate {
         plane.row(&panel, [0; 3], [255; 3], [0; 3])
     });
     let canvas = sheet(&rows, 2, |legend| {
-        colours(legend);
+        colours(scene.overlay(), legend);
         bones::legend(legend);
         legend.next_line();
         let y = legend.y;

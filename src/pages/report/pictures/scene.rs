@@ -5,7 +5,7 @@ use super::super::colour::INK;
 use super::super::plane::{KINDS, Kind, Plane, Region, planes};
 use super::focus::{Focus, focus, in_the_patient};
 use crate::geometry::Grid;
-use crate::pipeline::{Case, Outcome};
+use crate::pipeline::{Case, FractionKind, Outcome};
 use nalgebra::{Point3, Vector3};
 
 /// A run with the planes that matter.
@@ -36,6 +36,15 @@ const RIM_MM: f64 = 10.0;
 const POINTS_MM: f64 = 4.0;
 /// What lies this close to a plane decides what it shows, mm.
 const SLAB_MM: f64 = 8.0;
+
+/// How two scans are laid over each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Overlay {
+    /// In two colours that add up to grey.
+    Colours,
+    /// In squares in turns.
+    Checks,
+}
 
 impl<'a> PictureScene<'a> {
     pub(super) fn new(case: &'a Case, outcome: &'a Outcome) -> Self {
@@ -80,14 +89,10 @@ impl<'a> PictureScene<'a> {
         shift_before: Option<Vector3<f64>>,
     ) -> Self {
         let hu = |ct, planes: &[Plane]| planes.iter().map(|plane| plane.hu(ct)).collect::<Vec<_>>();
-        let mut fraction_hu = hu(&case.fraction.ct, &fraction);
-        if let Some(kind) = &outcome.kind {
-            // One window shows both scans: a cone-beam CT on planning's scale.
-            fraction_hu.iter_mut().flatten().for_each(|hu| *hu = kind.on_plannings_scale(*hu));
-        }
-        Self {
+        let fraction_hu = hu(&case.fraction.ct, &fraction);
+        let mut scene = Self {
             planning_hu: hu(&case.planning.ct, &planning),
-            fraction_hu,
+            fraction_hu: Vec::new(),
             case,
             outcome,
             planning,
@@ -95,7 +100,27 @@ impl<'a> PictureScene<'a> {
             moved,
             focus,
             shift_before,
+        };
+        let shown = |mut hu: Vec<f32>| {
+            scene.on_plannings_scale(&mut hu);
+            hu
+        };
+        scene.fraction_hu = fraction_hu.into_iter().map(shown).collect();
+        scene
+    }
+
+    /// Brings the fraction's values to where one window shows both scans: a cone-beam CT on planning's scale, an MR by its own
+    /// dark and bright.
+    pub(super) fn on_plannings_scale(&self, values: &mut [f32]) {
+        if let Some(kind) = &self.outcome.kind {
+            values.iter_mut().for_each(|hu| *hu = kind.on_plannings_scale(*hu));
         }
+    }
+
+    /// How both scans are laid over each other.
+    pub(super) fn overlay(&self) -> Overlay {
+        let unlike = self.outcome.kind.as_ref().is_some_and(FractionKind::unlike);
+        if unlike { Overlay::Checks } else { Overlay::Colours }
     }
 
     /// The planning CT's planes with `colour` of each position and its CT number, as rows of a sheet.
@@ -142,7 +167,7 @@ fn patient(outcome: &Outcome, shift: Vector3<f64>) -> (Vec<Point3<f64>>, Vec<Poi
 
 /// Shift of the planning CT in what is shown of before the registration; `None` where the scans meet as they are.
 pub(in crate::report) fn shift_before(case: &Case, outcome: &Outcome) -> Option<Vector3<f64>> {
-    (overlap(case.planning.ct.grid(), case.fraction.ct.grid()) < LEAST_OVERLAP).then_some(outcome.couch_shift)
+    (overlap(case.planning.ct.grid(), case.fraction.ct.grid()) < LEAST_OVERLAP).then_some(outcome.couch.shift())
 }
 
 /// Share of `fraction`'s box that lies inside `planning`'s.

@@ -1,60 +1,64 @@
 //! Map of uncertainty over a faint planning CT.
 
-use super::super::canvas::Rgb;
-use super::super::colour::{heat, shaded, tone};
+use super::super::canvas::{Rgb, mix};
+use super::super::colour::{grey, heat, tone};
 use super::super::plane::nearest;
-use super::displacement::{ceil_nice, short};
+use super::displacement::short;
 use super::legend::sheet;
 use super::{PictureScene, Plate};
-use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// Air and everything outside the patient.
 const BACKDROP: Rgb = [198, 203, 210];
+/// Brightness of soft tissue, for the legend.
+const LEGEND_TONE: f64 = 0.4;
 /// Patient of whom nothing is known.
 const NOT_KNOWN: Rgb = [120, 120, 128];
-/// Brightness of the darkest tissue: the CT shows through.
-const SHADE: f64 = 0.5;
-/// Share of what is known that the scale spans, percent.
-const SPANNED: f64 = 99.0;
-/// Values that tell that share, about.
-const ENOUGH: usize = 200_000;
+/// Upper end of the scale, mm: twice the looser of the limits that are marked. One scale for all runs, so that one map can be
+/// set beside another, and a far-off corner does not darken the rest.
+const TOP_MM: f64 = 6.0;
+/// Marks on it, mm: TG-132's 2 to 3.
+const MARKS_MM: [f64; 4] = [0.0, 2.0, 3.0, TOP_MM];
+/// How much of a colour lies over the CT, where the map is 0 and from the looser limit on.
+const COVER: [f64; 2] = [0.15, 0.8];
 
-/// Upper end of a scale for the map, mm, which few values exceed, and the greatest value.
+/// Upper end of the scale for the map, and its greatest value, mm.
 pub(in crate::report) fn scale(map: &Volume<f32>) -> [f64; 2] {
     let greatest = map.data().par_iter().copied().reduce(|| 0.0, f32::max);
-    let every = map.data().len().div_ceil(ENOUGH);
-    let mut known: Vec<f64> =
-        map.data().iter().step_by(every).filter(|mm| **mm >= 0.0).map(|mm| f64::from(*mm)).collect();
-    known.sort_by(f64::total_cmp);
-    [ceil_nice(percentile(&known, SPANNED)), f64::from(greatest)]
+    [TOP_MM, f64::from(greatest)]
+}
+
+/// Colour of a value over tissue of a brightness: what is sure looks like the CT.
+fn over(mm: f64, tone: f64) -> Rgb {
+    let cover = COVER[0] + (COVER[1] - COVER[0]) * (mm / MARKS_MM[2]).clamp(0.0, 1.0);
+    mix(grey(0.25 + 0.75 * tone), heat(mm / TOP_MM), cover)
 }
 
 /// The map in the planes of the planning CT.
 pub(super) fn draw(scene: &PictureScene<'_>, map: &Volume<f32>) -> Plate {
-    let [top, greatest] = scale(map);
+    let [_, greatest] = scale(map);
     let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&scene.outcome.body, &p).unwrap_or(false) {
             return BACKDROP;
         }
-        let shade = SHADE + (1.0 - SHADE) * tone(f64::from(hu));
         match nearest(map, &p) {
-            Some(mm) if mm >= 0.0 => shaded(heat(f64::from(mm) / top), shade),
-            _ => shaded(NOT_KNOWN, shade),
+            Some(mm) if mm >= 0.0 => over(f64::from(mm), tone(f64::from(hu))),
+            _ => NOT_KNOWN,
         }
     };
     let rows = scene.planning_rows(colour, BACKDROP);
-    let ticks: Vec<_> = (0..=4).map(|n| (f64::from(n) / 4.0, short(top * f64::from(n) / 4.0))).collect();
+    let ticks: Vec<_> = MARKS_MM.iter().map(|mm| (mm / TOP_MM, short(*mm))).collect();
     let canvas = sheet(&rows, 1, |legend| {
-        legend.bar("mm", 420.0, heat, &ticks);
+        legend.bar("mm", 420.0, |share| over(share * TOP_MM, LEGEND_TONE), &ticks);
+        legend.swatch(NOT_KNOWN, "not known");
         legend.text(&format!("greatest {greatest:.1} mm"));
     });
     Plate {
         file: "uncertainty.png",
         title: "Uncertainty",
-        caption: "How far the result may be trusted: one standard deviation, mm, on the planning CT; the scale ends at the 99th percentile. From the disagreement between \
+        caption: "How far the result may be trusted: one standard deviation, mm, on the planning CT; marked are TG-132's 2 and 3 mm, and the scale ends at 6. From the disagreement between \
                   bones alone and bones with images, and from what of the images still differs; where images say nothing, from \
                   the distance to the nearest bone. Grey: not known."
             .to_owned(),
@@ -68,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_scale_leaves_out_what_is_not_known_and_the_rare() {
+    fn the_scale_is_one_for_all_runs_and_the_greatest_is_told() {
         let grid = crate::geometry::Grid::axis_aligned([100, 10, 10], [1.0; 3], [0.0; 3]).unwrap();
         let map = Volume::from_fn(grid, |l| match l % 1000 {
             0 => 25.0,
@@ -76,11 +80,11 @@ mod tests {
             _ => 0.7,
         });
         let [top, greatest] = scale(&map);
-        assert!((top - 0.8).abs() < 1e-6 && (greatest - 25.0).abs() < 1e-9, "{top} {greatest}");
+        assert!((top - 6.0).abs() < 1e-6 && (greatest - 25.0).abs() < 1e-9, "{top} {greatest}");
     }
 
     #[test]
-    fn the_uncertain_side_is_brighter() {
+    fn what_is_sure_looks_like_the_ct_and_what_is_not_is_coloured() {
         let (case, outcome, _) = example::small();
         let grid = outcome.jacobian.grid().clone();
         let map = Volume::from_fn(grid.clone(), |l| if grid.centre(grid.voxel(l)).x > 0.0 { 2.8 } else { 0.2 });
@@ -90,9 +94,13 @@ mod tests {
         let left = (super::super::super::plane::WIDTH - axial.width) / 2;
         let pixel = |x: f64| {
             let [u, v] = axial.place(&Point3::new(x, -40.0, axial.at()));
-            plate.canvas.pixel(u as usize + left, v as usize).iter().map(|c| u32::from(*c)).sum::<u32>()
+            plate.canvas.pixel(u as usize + left, v as usize)
         };
-        assert!(pixel(40.0) > pixel(-40.0) + 150, "{} {}", pixel(40.0), pixel(-40.0));
-        assert_eq!(pixel(110.0), BACKDROP.iter().map(|c| u32::from(*c)).sum::<u32>());
+        let tint = |x: f64| {
+            let pixel = pixel(x).map(i32::from);
+            pixel.iter().max().unwrap() - pixel.iter().min().unwrap()
+        };
+        assert!(tint(40.0) > 80 && tint(-40.0) < 40, "{:?} {:?}", pixel(40.0), pixel(-40.0));
+        assert_eq!(pixel(110.0), BACKDROP);
     }
 }

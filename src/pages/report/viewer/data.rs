@@ -7,7 +7,7 @@ use super::structures;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::io::embed::{FINEST_MM, HuScale, PageGrid, pack};
-use crate::pipeline::{Case, Outcome};
+use crate::pipeline::{Case, FractionKind, Outcome};
 use crate::volume::contour::Contours;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -146,15 +146,18 @@ fn embed_on(
         "grid": grid(page.grid()),
         "coarse": grid(coarse.grid()),
         "own": case.fraction.ct.grid().spacing(),
+        "mr": outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()),
         "hu": { "first": first, "step": step },
         // The fraction on planning's scale, as the pictures show it.
         "scale": [(f64::from(scale(1000.0)) - offset) / 1000.0, offset],
         "steps": { "mm": steps.displacement, "jacobian": JACOBIAN, "uncertainty": steps.uncertainty },
         "shift": shift.as_slice(),
+        // Colours would tell of grey values, not of motion.
+        "mode": if outcome.kind.as_ref().is_some_and(FractionKind::unlike) { "checker" } else { "colour" },
         "shifted": shift_before.is_some(),
         "top": top,
         // Motion of the couch beyond that shift.
-        "couch": (outcome.couch_shift - shift).as_slice(),
+        "couch": (outcome.couch.shift() - shift).as_slice(),
         "unsure": outcome.uncertainty.as_ref().map_or([3.0, 0.0], |(map, _)| uncertainty::scale(map)),
         "names": case.planning.bones.names,
         "structures": structures::about(contours),

@@ -40,7 +40,7 @@ pub(in crate::report) fn section(view: &View) -> Markup {
             p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
             div.planes {
                 (plane("axial"))
-                (panel())
+                (panel(view.about["mr"] == true))
                 (plane("coronal"))
                 (plane("sagittal"))
             }
@@ -120,11 +120,11 @@ fn plane(kind: &str) -> Markup {
     }
 }
 
-/// What is under the crosshair, and where else to look.
-fn panel() -> Markup {
+/// What is under the crosshair, and where else to look; `mr`: the fraction has no HU.
+fn panel(mr: bool) -> Markup {
     let rows = [
         ("at", "Crosshair, LPS mm"),
-        ("fraction", "Fraction, HU"),
+        ("fraction", if mr { "Fraction, grey value" } else { "Fraction, HU" }),
         ("deformed", "Planning deformed, HU"),
         ("planning", "Planning before, HU"),
         ("from", "Comes from, LPS mm"),

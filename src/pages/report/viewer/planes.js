@@ -12,7 +12,7 @@ const PRESETS = {
 const CHECK_MM = 20, SLAB_MM = 4, AIR_HU = -900;
 
 const s = {
-  pos: grid.nearest(about.start), moved: 'deformed', mode: 'colour', preset: 'both', level: 40, width: 400, zoom: 1,
+  pos: grid.nearest(about.start), moved: 'deformed', mode: about.mode, preset: 'both', level: 40, width: 400, zoom: 1,
   curtain: 0.5, flip: false, bonesBefore: true, bonesAfter: true, arrows: false, marks: true, map: '',
   structures: new Set(about.structures.keys()),
 };
