@@ -6,9 +6,11 @@ use crate::support::{aventail, files_below, folder, quick_settings};
 use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
-use aventail::io::{Stored, WriteOptions, read_bone_transforms, read_contours, read_field, read_image, write_image};
-use aventail::volume::Volume;
+use aventail::io::{
+    Stored, WriteOptions, read_bone_transforms, read_contours, read_field, read_image, read_labels, write_image,
+};
 use aventail::volume::contour::Polygon;
+use aventail::volume::{LabelMap, Volume};
 use nalgebra::{Vector2, Vector3};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -516,6 +518,42 @@ fn a_fit_begins_where_it_is_told() {
         ],
     );
     assert!(said.contains("joins the frames of reference"), "{said}");
+}
+
+#[test]
+fn labels_go_out_as_a_segmentation_and_come_back_as_bones() {
+    let (planning, bones) = (phantom().join("dicom/planning"), phantom().join("bones.nii.gz"));
+    let at = |name: &str| folder().join(name);
+    let same = at("same.txt");
+    std::fs::write(&same, "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n").unwrap();
+    let link = format!("planning:copy={}#lps", same.display());
+    let words = ["warp", "--quiet", "--from", "planning", "--to", "copy", "--kind", "labels", "--field", &link];
+    let seg = at("SEG.dcm");
+    let paths: [(&str, &Path); 3] = [("--input", &bones), ("--dicom-like", &planning), ("--out", &seg)];
+    done(&words, &paths);
+    let said = refused(2, &words, &[&paths[..2], &[("--out", &at("SEG.nii.gz"))]].concat());
+    assert!(said.contains("*.dcm"), "{said}");
+    // The same skeleton by the segmentation as by the labels that it was made of.
+    let tree = |bones: &Path| done(&["skeleton"], &[("--bones", bones), ("--planning", &planning)]);
+    assert_eq!(tree(&seg), tree(&bones));
+    assert!(refused(2, &["skeleton"], &[("--bones", &seg)]).contains("where the image ends"));
+    // Label maps lie on the same voxels, whether the grid is the series or the NIfTI file of it.
+    let expected = read_labels(&bones, None).unwrap().value;
+    for grid in [&planning, &phantom().join("planning_ct.nii.gz")] {
+        let out = at("merged.nii.gz");
+        let seg = seg.to_str().unwrap();
+        done(&["labels", "merge", seg], &[("--grid", grid), ("--out", &out)]);
+        let merged = read_labels(&out, None).unwrap().value;
+        assert!(merged.volume.grid().matches(expected.volume.grid(), 1e-3));
+        let name = |map: &LabelMap, n: usize| map.names.get(&map.volume.data()[n]).cloned();
+        assert!((0..expected.volume.data().len()).all(|n| name(&merged, n) == name(&expected, n)));
+    }
+    // What belongs to another scan is refused.
+    let strange = phantom().join("dicom/fraction");
+    let said = refused(4, &["skeleton"], &[("--bones", &seg), ("--planning", &strange)]);
+    assert!(said.contains("another frame of reference"), "{said}");
+    let shown = done(&["inspect", seg.to_str().unwrap()], &[]);
+    assert!(shown.contains("DICOM Segmentation") && shown.contains("vertebrae_C1"), "{shown}");
 }
 
 #[test]

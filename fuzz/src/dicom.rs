@@ -9,6 +9,7 @@ const DOSE: &str = "1.2.840.10008.5.1.4.1.1.481.2";
 const STRUCTURES: &str = "1.2.840.10008.5.1.4.1.1.481.3";
 const RIGID: &str = "1.2.840.10008.5.1.4.1.1.66.1";
 const DEFORMABLE: &str = "1.2.840.10008.5.1.4.1.1.66.3";
+const SEGMENTATION: &str = "1.2.840.10008.5.1.4.1.1.66.4";
 /// Letters of representations that an element is given.
 const LETTERS: [&[u8; 2]; 12] = [b"UN", b"SQ", b"OB", b"OW", b"UI", b"DS", b"IS", b"LO", b"PN", b"US", b"FD", b"??"];
 /// Lengths that an element claims.
@@ -273,6 +274,50 @@ fn deformable_set() -> Vec<Element> {
     set
 }
 
+/// Two segments on three slices: bits, or fractions where `bits` is 8.
+fn segmentation_set(bits: u16) -> Vec<Element> {
+    let mut set = base(SEGMENTATION, "SEG", "1.5.93");
+    let code = |value: &[u8]| {
+        vec![
+            element([8, 0x100], b"SH", value),
+            element([8, 0x102], b"SH", b"SCT"),
+            element([8, 0x104], b"LO", b"Femur"),
+        ]
+    };
+    let segment = |number: u16, label: &[u8]| {
+        let mut kind = code(b"71341001");
+        kind.push(sequence([0x62, 0x11], vec![code(b"7771000")]));
+        let number = short([0x62, 4], number);
+        vec![number, element([0x62, 5], b"LO", label), sequence([0x62, 0x0f], vec![kind])]
+    };
+    let frame = |number: u16, z: u8| {
+        let place = element([0x20, 0x32], b"DS", format!("0\\0\\{z}").as_bytes());
+        let of = short([0x62, 0x0b], number);
+        vec![sequence([0x20, 0x9113], vec![vec![place]]), sequence([0x62, 0x0a], vec![vec![of]])]
+    };
+    let measures = vec![element([0x18, 0x50], b"DS", b"3"), element([0x28, 0x30], b"DS", b"2\\1.5")];
+    let turned = vec![element([0x20, 0x37], b"DS", b"1\\0\\0\\0\\1\\0")];
+    let shared = vec![sequence([0x20, 0x9116], vec![turned]), sequence([0x28, 0x9110], vec![measures])];
+    set.extend([
+        short([0x28, 2], 1),
+        element([0x28, 4], b"CS", b"MONOCHROME2"),
+        element([0x28, 8], b"IS", b"3"),
+        short([0x28, 0x10], 2),
+        short([0x28, 0x11], 3),
+        short([0x28, 0x100], bits),
+        short([0x28, 0x101], bits),
+        short([0x28, 0x102], bits - 1),
+        short([0x28, 0x103], 0),
+        element([0x62, 1], b"CS", if bits == 1 { b"BINARY".as_slice() } else { b"FRACTIONAL" }),
+        sequence([0x62, 2], vec![segment(1, b"mandible"), segment(2, b"thigh")]),
+        short([0x62, 0x0e], 200),
+        sequence([0x5200, 0x9229], vec![shared]),
+        sequence([0x5200, 0x9230], vec![frame(1, 0), frame(2, 6), frame(1, 9)]),
+        element([0x7fe0, 0x10], b"OB", if bits == 1 { &[0x0f, 0x30, 0x03] } else { &[150; 18] }),
+    ]);
+    set
+}
+
 fn seeds(set: &[Element]) -> Vec<Vec<u8>> {
     let byte = |n: u8, k: u8| k.wrapping_mul(37).wrapping_add(n.wrapping_mul(11));
     let edits = |n: u8| -> Vec<u8> { b"E".iter().copied().chain((0..12).map(|k| byte(n, k))).collect() };
@@ -296,7 +341,7 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> std::path::PathBuf {
 
 use aventail::io::dicom::registration::{kind_of, read_deformable, read_rigid};
 use aventail::io::dicom::{read_doses, read_structure_set, summary};
-use aventail::io::{read_contours, read_field, read_grid, read_image};
+use aventail::io::{read_bones, read_contours, read_field, read_grid, read_image, read_label_map, read_labels};
 
 /// A CT series of three slices, one of them changed.
 pub fn ct(data: &[u8]) {
@@ -331,6 +376,17 @@ pub fn reg(data: &[u8]) {
     }
 }
 
+/// A segmentation, as labels and as bones.
+pub fn seg(data: &[u8]) {
+    let folder = alone("seg");
+    for bits in [1, 8] {
+        let path = put(&folder, "a.dcm", &edited(&segmentation_set(bits), data));
+        let grid = read_grid(&path);
+        let _ = (read_label_map(&path, None), read_labels(&folder, None), summary(&path, true));
+        let _ = grid.map(|(grid, _)| read_bones(&path, None, &grid));
+    }
+}
+
 pub(super) fn ct_seeds() -> Vec<Vec<u8>> {
     seeds(&slice(2))
 }
@@ -345,4 +401,8 @@ pub(super) fn rtdose_seeds() -> Vec<Vec<u8>> {
 
 pub(super) fn reg_seeds() -> Vec<Vec<u8>> {
     [seeds(&rigid_set()), seeds(&deformable_set())].concat()
+}
+
+pub(super) fn seg_seeds() -> Vec<Vec<u8>> {
+    [seeds(&segmentation_set(1)), seeds(&segmentation_set(8))].concat()
 }

@@ -47,6 +47,7 @@ pub const TARGETS: &[Target] = &[
     ("dicom_rtstruct", dicom::rtstruct, dicom::rtstruct_seeds),
     ("dicom_rtdose", dicom::rtdose, dicom::rtdose_seeds),
     ("dicom_reg", dicom::reg, dicom::reg_seeds),
+    ("dicom_seg", dicom::seg, dicom::seg_seeds),
 ];
 
 /// Images of more voxels are not written back, to keep runs short.

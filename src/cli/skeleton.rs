@@ -5,7 +5,7 @@ use super::inputs::needed;
 use super::terminal::{command_line, progress};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::dicom::{Role, check_frames, is_dicom_path, is_segmentation, missing_images};
 use crate::io::skeleton::{load_override, write_skeleton};
 use crate::io::{Loaded, check_files, check_place, read_bones, read_grid, read_labels};
 use crate::pipeline::check_grids;
@@ -93,7 +93,13 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
 fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
     let Some(planning) = &args.planning else {
         if is_dicom_path(bones) {
-            let problem = format!("{}: a structure set is drawn on a grid, and none is given", bones.display());
+            // Where the image ends decides about the joints of bones that it cuts.
+            let why = if is_segmentation(bones) {
+                "a segmentation does not say where the image ends"
+            } else {
+                "a structure set is drawn on a grid, and none is given"
+            };
+            let problem = format!("{}: {why}", bones.display());
             return Err(Error::usage(problem, "name the planning CT with --planning"));
         }
         return read_labels(bones, args.labels.as_deref());
@@ -102,7 +108,10 @@ fn read(bones: &Path, args: &SkeletonArgs) -> Result<Loaded<LabelMap>> {
     if is_dicom_path(bones) {
         check_frames(Role::Structures.at(bones), Role::Image.at(planning))?;
     }
-    let labels = read_bones(bones, args.labels.as_deref(), &grid)?;
+    let mut labels = read_bones(bones, args.labels.as_deref(), &grid)?;
+    if is_dicom_path(bones) && is_dicom_path(planning) {
+        labels.warnings.extend(missing_images(bones, planning)?);
+    }
     check_grids(&grid, labels.value.volume.grid())?;
     Ok(labels)
 }

@@ -13,6 +13,8 @@ same things as NIfTI and JSON. Each reader opens the DICOM; the table compares w
   dose     greatest difference to dose.nii.gz, Gy
   field    greatest distance between true_planning_to_fraction.nii.gz and PS3.3 C.20.3.1.1 applied to the object, mm
   bone     greatest distance between the skull's transform and PS3.3 C.20.2.1.1 applied to the object, mm
+  labels   voxels whose segment's name is not that of bones.nii.gz, which `aventail warp --kind labels --dicom-like` wrote
+"highdicom, read" is the other way round: its segmentations (bits, fractions, numbers; RLE, JPEG 2000), read by aventail.
 dciodvfy checks every object against the standard's modules; each error is printed. It cannot parse pixels of 32 bits, so the dose is
 checked as a copy of 16 bits. A reader that is not installed is skipped and named. Exit code 1 when a reader differs by more than
 LIMITS or dciodvfy finds an error.
@@ -34,21 +36,38 @@ import numpy as np
 
 warnings.filterwarnings("ignore")
 # HU (NIfTI and DICOM both hold whole HU), mm, Gy, mm, mm. Masks of voxels may be off by half a pixel.
-LIMITS = {"ct": 0.0, "outline": 1.0, "dose": 1e-5, "field": 1e-3, "bone": 1e-6}
+LIMITS = {"ct": 0.0, "outline": 1.0, "dose": 1e-5, "field": 1e-3, "bone": 1e-6, "labels": 0}
 
 
 class Set:
     """The phantom's files."""
 
-    def __init__(self, folder):
-        self.folder = folder
+    def __init__(self, folder, aventail):
+        self.folder, self.aventail = folder, aventail
         self.dicom = os.path.join(folder, "dicom")
         self.planning = os.path.join(self.dicom, "planning")
         self.structures = os.path.join(self.planning, "RS.dcm")
         self.dose = os.path.join(self.planning, "RD.dcm")
         self.field = os.path.join(self.dicom, "registration", "fraction.dcm")
         self.bone = os.path.join(self.dicom, "registration", "fraction_skull.dcm")
+        self.labels = os.path.join(folder, "SEG.dcm")
         self.slices = sorted(glob.glob(os.path.join(self.planning, "CT.*.dcm")))
+
+    def segmentation(self):
+        """The bones, where they are, as a segmentation."""
+        same = os.path.join(self.folder, "same.txt")
+        np.savetxt(same, np.eye(4), fmt="%g")
+        run([self.aventail, "warp", "--field", f"planning:copy={same}", "--space", "lps", "--from", "planning", "--to", "copy",
+             "--kind", "labels", "--input", os.path.join(self.folder, "bones.nii.gz"), "--dicom-like", self.planning,
+             "--out", self.labels])
+
+    def named(self, path):
+        """The name of the label of each voxel (k, j, i)."""
+        told = json.loads(run([self.aventail, "inspect", "--json", path]))["files"][0]["content"]["labels"]
+        names = np.full(1 + max(l["label"] for l in told), "", object)
+        for label in told:
+            names[label["label"]] = label["name"]
+        return names[self.image(os.path.abspath(path))[0]]
 
     def image(self, name):
         """An image as (array k, j, i; spacing; origin), LPS."""
@@ -197,7 +216,57 @@ def read_highdicom(phantom):
     else:
         origin = affine[:3, 3]
     same_place(np.abs([affine[0, 2], affine[1, 1], affine[2, 0]]), origin, expected)
-    return {"ct": np.abs(array - expected[0]).max()}
+    return {"ct": np.abs(array - expected[0]).max(), "labels": segments_off(phantom)}
+
+
+def segments_off(phantom):
+    import highdicom as hd
+
+    segmentation = hd.seg.segread(phantom.labels)
+    volume = segmentation.get_volume(combine_segments=True)
+    truth, spacing, origin = phantom.image("bones.nii.gz")
+    expected = phantom.named(os.path.join(phantom.folder, "bones.nii.gz"))
+    found = np.full(truth.shape, "", object)
+    names = {n: segmentation.get_segment_description(n).segment_label for n in segmentation.segment_numbers}
+    for at in np.argwhere(volume.array):
+        i, j, k = np.rint(((volume.affine @ [*at, 1.0])[:3] - origin) / spacing).astype(int)
+        found[k, j, i] = names[int(volume.array[tuple(at)])]
+    return int((found != expected).sum())
+
+
+def written_by_highdicom(phantom):
+    import highdicom as hd
+    import pydicom
+    from highdicom.sr.coding import CodedConcept
+    from pydicom.uid import JPEG2000Lossless, RLELossless
+
+    slices = [pydicom.dcmread(path) for path in phantom.slices]
+    path = os.path.join(phantom.folder, "bones.nii.gz")
+    expected = phantom.named(path)
+    names = sorted(set(expected.ravel()) - {""})
+    numbers = {name: n + 1 for n, name in enumerate(names)}
+    labels = np.vectorize(lambda name: numbers.get(name, 0))(expected).astype(np.uint8)
+    anatomy = CodedConcept("123037004", "SCT", "Anatomical Structure")
+    made_by = hd.AlgorithmIdentificationSequence("test", CodedConcept("123109", "DCM", "Artificial Intelligence"), "1")
+    segments = [
+        hd.seg.SegmentDescription(n, name, anatomy, anatomy, "AUTOMATIC", algorithm_identification=made_by)
+        for name, n in numbers.items()
+    ]
+    shares = np.stack([(labels == n) * np.float32(0.8) for n in numbers.values()], -1)
+    kinds = [("BINARY", labels, {}), ("BINARY", labels, {"omit_empty_frames": False})]
+    kinds += [("FRACTIONAL", shares, {"transfer_syntax_uid": RLELossless, "max_fractional_value": 200})]
+    kinds += [("FRACTIONAL", shares, {"transfer_syntax_uid": JPEG2000Lossless})]
+    kinds += [("LABELMAP", labels, {}), ("LABELMAP", labels, {"transfer_syntax_uid": RLELossless})]
+    worst = 0
+    with tempfile.TemporaryDirectory() as folder:
+        given, got = os.path.join(folder, "seg.dcm"), os.path.join(folder, "labels.nii.gz")
+        for kind, array, more in kinds:
+            hd.seg.Segmentation(
+                slices, array, kind, segments, hd.UID(), 1, hd.UID(), 1, "test", "test", "1", "1", **more
+            ).save_as(given)
+            run([phantom.aventail, "labels", "merge", given, "--grid", phantom.planning, "--out", got])
+            worst = max(worst, int((phantom.named(got) != expected).sum()))
+    return {"labels": worst}
 
 
 def read_rt_utils(phantom):
@@ -273,7 +342,7 @@ def read_dcmtk(phantom):
 
 def objects(phantom):
     fraction = sorted(glob.glob(os.path.join(phantom.dicom, "fraction", "*.dcm")))
-    return [phantom.slices[0], fraction[-1], phantom.structures, phantom.dose, phantom.field, phantom.bone]
+    return [phantom.slices[0], fraction[-1], phantom.structures, phantom.dose, phantom.field, phantom.bone, phantom.labels]
 
 
 def check_dciodvfy(phantom):
@@ -307,6 +376,7 @@ READERS = {
     "pydicom": read_pydicom,
     "SimpleITK (GDCM)": read_simpleitk,
     "highdicom": read_highdicom,
+    "highdicom, read": written_by_highdicom,
     "rt-utils": read_rt_utils,
     "dicompyler-core": read_dicompyler,
     "plastimatch": read_plastimatch,
@@ -330,7 +400,8 @@ def main():
     folder = args.reuse or tempfile.mkdtemp()
     if not os.path.exists(os.path.join(folder, "phantom.json")):
         run([args.aventail, "phantom", "--dicom", "--out", folder])
-    phantom, bad = Set(folder), 0
+    phantom, bad = Set(folder, args.aventail), 0
+    phantom.segmentation()
     table = []
     for name, read in READERS.items():
         try:
@@ -345,10 +416,10 @@ def main():
         off = [key for key, value in results.items() if value > LIMITS[key]]
         bad += bool(off)
         table.append((name, "differs: " + ", ".join(off) if off else "read", results))
-    print(f"\n{'reader':18} {'ct HU':>9} {'outline mm':>10} {'dose Gy':>9} {'field mm':>9} {'bone mm':>9}")
+    print(f"\n{'reader':18} {'ct HU':>9} {'outline mm':>10} {'dose Gy':>9} {'field mm':>9} {'bone mm':>9} {'labels':>7}")
     for name, verdict, results in table:
         cell = lambda key, width: f"{results[key]:{width}.2g}" if key in results else " " * (width - 1) + "-"
-        cells = " ".join([cell("ct", 9), cell("outline", 10), cell("dose", 9), cell("field", 9), cell("bone", 9)])
+        cells = " ".join([cell("ct", 9), cell("outline", 10), cell("dose", 9), cell("field", 9), cell("bone", 9), cell("labels", 7)])
         print(f"{name:18} {cells}  {verdict}")
     if not args.reuse:
         shutil.rmtree(folder)

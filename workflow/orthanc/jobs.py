@@ -34,12 +34,14 @@ class Jobs:
             return self.rows.execute(words, values).fetchall()
 
     def all(self):
-        return [
-            dict(zip(COLUMNS, row)) for row in self.ask(f"SELECT {', '.join(COLUMNS)} FROM jobs ORDER BY came, rowid")
-        ]
+        return self.read("ORDER BY came, rowid")
 
     def get(self, series):
-        return next((job for job in self.all() if job["series"] == series), None)
+        return next(iter(self.read("WHERE series = ?", series)), None)
+
+    def read(self, which, *values):
+        rows = self.ask(f"SELECT {', '.join(COLUMNS)} FROM jobs {which}", *values)
+        return [dict(zip(COLUMNS, row)) for row in rows]
 
     def came(self, series, patient, digest, state="waiting"):
         """A series is whole. One that is known counts again only if it has grown since."""

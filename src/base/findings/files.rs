@@ -67,6 +67,11 @@ findings! {
         "The voxel spacing (pixdim) and the sform of a NIfTI file differ: readers of the one and the other see another size.",
         "Find out which one is right, and write the file anew.",
     );
+    PLANNING_DIFFERS = warned(
+        "planning-differs",
+        "Runs of one patient's name in a summary were made of different planning CTs.",
+        "Give each patient a folder of the patient's own name; where a patient was planned anew, summarise the plans apart.",
+    );
     QFORM_INVALID = warned(
         "qform-invalid",
         "A NIfTI qform is set but is no valid geometry; the sform is used.",

@@ -67,6 +67,26 @@ findings! {
         "Two structures that become one label map have voxels in common.",
         "The one named first keeps them; give the files in another order if the other should.",
     );
+    SEGMENTS_LEFT_OUT = warned(
+        "segments-left-out",
+        "Segments of a segmentation that are no bone by label or coded term are left out.",
+        "Nothing, where they are no bones; else name them in a TOML file with --labels.",
+    );
+    SEGMENTS_ODD = refused(
+        "segments-odd",
+        "A segmentation contradicts itself: a number twice or undefined, no segment, no frame; or it is of a kind that is not read.",
+        "Export it again, each segment with a number of its own.",
+    );
+    SEGMENTS_OVERLAP = refused(
+        "segments-overlap",
+        "Segments of a segmentation overlap, and a label map has one label for each voxel.",
+        "Export segments that overlap as segmentations of their own, or as contours.",
+    );
+    SEGMENTS_TERMS = doubted(
+        "segments-terms",
+        "A segment is one bone by its label and another by its coded term; the label is taken.",
+        "Correct the label or the term.",
+    );
     STRUCTURE_EMPTY = warned(
         "structure-empty",
         "A structure of a dose-volume histogram has no volume.",
@@ -81,6 +101,11 @@ findings! {
         "structures-empty",
         "Structures of a structure set have no closed contour: refused where none has.",
         "Nothing, where they are meant to be empty.",
+    );
+    STRUCTURES_FRAME = doubted(
+        "structures-frame",
+        "A structure lies in another frame of reference than the CT or most of the set, and is left out.",
+        "Export the structures of each image as a set of their own.",
     );
     STRUCTURES_LEFT_OUT = warned(
         "structures-left-out",

@@ -1,21 +1,34 @@
 //! Doses that may count too often.
 
+use crate::config::InputRole;
+use crate::dose::judge;
+use crate::error::Result;
 use crate::findings;
-use crate::io::dicom::is_dicom_path;
+use crate::io;
+use crate::io::dicom::{dose_at, is_dicom_path};
 use crate::provenance::Provenance;
+use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::Path;
 
-/// A word about a dose of the whole plan, as its header says, that counts as one of several fractions. A dose of anything else
-/// was warned of when it was read.
-pub(super) fn whole_plan(path: &Path, provenance: &Provenance, fractions: f64) -> Option<Warning> {
-    let name = path.display().to_string();
-    let part = provenance.warnings.iter().any(|w| w.is(findings::DOSE_PART) && w.message.contains(&name));
-    let whole = is_dicom_path(path) && !part;
-    let message = || {
-        format!(
-            "{name}: its header says that it is the dose of a whole plan, and it counts {fractions} times; is it that of one fraction?"
-        )
+/// A word about the dose of a whole plan, as its header says, that counts as one of several fractions.
+pub(super) fn whole_plan(path: &Path, fractions: f64) -> Warning {
+    let message = format!(
+        "{}: its header says that it is the dose of a whole plan, and it counts {fractions} times; is it that of one fraction?",
+        path.display()
+    );
+    Warning::new(findings::DOSE_COUNTED, message)
+}
+
+/// Reads a dose and refuses what is none in Gy; also whether it says that it is the dose of a whole plan.
+pub(super) fn read_told(provenance: &mut Provenance, path: &Path) -> Result<(Volume<f32>, bool)> {
+    let (mut dose, of_whole_plan) = if is_dicom_path(path) {
+        let dose = provenance.take(InputRole::Dose, dose_at(path)?);
+        let of_whole_plan = dose.is_of_whole_plan();
+        (dose.volume, of_whole_plan)
+    } else {
+        (provenance.take(InputRole::Dose, io::read_dose(path)?), false)
     };
-    whole.then(|| Warning::new(findings::DOSE_COUNTED, message()))
+    provenance.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
+    Ok((dose, of_whole_plan))
 }

@@ -17,7 +17,7 @@ use super::{planned, record, run_folder};
 use crate::config::InputRole;
 use crate::dose::{
     DensityTable, DoseCounts, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference,
-    doubts, judge, judge_result, question,
+    doubts, judge_result, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
@@ -33,7 +33,7 @@ use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
-use counted::whole_plan;
+use counted::{read_told, whole_plan};
 use out::{GiveBack, beside, check_out, gone, page_beside, parent};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -138,9 +138,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
-        let dose = read_dose(&mut provenance, path)?;
+        let (dose, of_whole_plan) = read_told(&mut provenance, path)?;
         if let Some(times) = counts.several(k) {
-            provenance.warnings.extend(whole_plan(path, &provenance, times));
+            provenance.warnings.extend(of_whole_plan.then(|| whole_plan(path, times)));
             provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], times));
         }
         let ct =
@@ -330,9 +330,7 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
-    let mut dose = provenance.take(InputRole::Dose, io::read_dose(path)?);
-    provenance.warnings.extend(judge(&path.display().to_string(), &mut dose)?);
-    Ok(dose)
+    Ok(read_told(provenance, path)?.0)
 }
 
 fn histograms(args: &DvhArgs) -> Result<String> {

@@ -4,7 +4,7 @@ use crate::config::InputRole;
 use crate::dose::{Dvh, dvh, dvh_of_contours};
 use crate::error::Result;
 use crate::findings;
-use crate::io::dicom::{Framed, Role, check_frames, is_dicom_path};
+use crate::io::dicom::{Framed, Role, check_frames, is_dicom_path, is_segmentation};
 use crate::io::{self, ContourFile};
 use crate::provenance::Provenance;
 use crate::volume::contour::Contours;
@@ -30,7 +30,8 @@ impl Structures {
         near: &[Framed<'_>],
     ) -> Result<Self> {
         let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        if !json && !is_dicom_path(path) {
+        if !json && (!is_dicom_path(path) || is_segmentation(path)) {
+            near.iter().try_for_each(|other| check_frames(Role::Structures.at(path), *other))?;
             let map = Box::new(provenance.take(InputRole::Structures, io::read_structures(path, names)?));
             if names.is_some() {
                 provenance.warnings.extend(missing(&map));

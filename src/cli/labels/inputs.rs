@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::findings;
-use crate::io::dicom::{Role, check_frames, is_dicom_path, is_structure_set};
-use crate::io::{read_bones, read_grid, read_label_map};
+use crate::io::dicom::{Role, check_frames, is_dicom_path, is_segmentation, is_structure_set};
+use crate::io::{read_bones, read_grid, read_label_map, read_label_map_on, read_labels};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
@@ -54,13 +54,13 @@ impl LabelSources {
         files.sort();
         let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| is_image(f));
         if images.is_empty() {
-            if others.iter().any(|f| is_structure_set(f)) {
+            if others.iter().any(|f| is_structure_set(f) || is_segmentation(f)) {
                 self.all.push(LabelSource { path: folder.to_owned(), given: None });
                 return Ok(());
             }
             let remedy =
                 "name a folder of masks (.nii.gz, .nii, .mha, .nrrd), as TotalSegmentator writes it without --ml";
-            return Err(Error::read(folder, "it holds no image and no structure set", remedy));
+            return Err(Error::read(folder, "it holds no image, no structure set and no segmentation", remedy));
         }
         self.all.extend(images.into_iter().map(|path| LabelSource { path, given: None }));
         self.passed_over.extend(others.iter().map(|f| f.display().to_string()));
@@ -117,7 +117,15 @@ impl LabelSource {
         warnings: &mut Vec<Warning>,
     ) -> Result<Option<LabelMap>> {
         let what = self.path.display().to_string();
-        let loaded = if is_dicom_path(&self.path) {
+        let loaded = if is_segmentation(&self.path) {
+            match grid {
+                Some(image) => {
+                    check_frames(Role::Structures.at(&self.path), Role::Image.at(image))?;
+                    read_label_map_on(&self.path, &read_grid(image)?.0)?
+                }
+                None => read_labels(&self.path, None)?,
+            }
+        } else if is_dicom_path(&self.path) {
             let Some(image) = grid else {
                 let problem = format!("{what}: a structure set is drawn on a grid, and none is given");
                 return Err(Error::usage(problem, "name the planning CT with --grid"));

@@ -47,7 +47,8 @@ pub struct WarpArgs {
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
     /// DICOM series of the scan that the result lies in: the result is DICOM of its patient, study and frame of reference.
-    /// Structures and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in the scan of --from
+    /// Structures, labels (as a segmentation) and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in
+    /// the scan of --from
     #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
     /// For a field as DICOM also the series of the scan that it leads to, that of --to: a Deformable Spatial Registration

@@ -22,11 +22,10 @@ pub(super) enum Input {
 /// Refuses an output that does not fit what is written, before anything is read.
 pub(super) fn check(args: &WarpArgs, input: Input, out: &Path) -> Result<()> {
     let like = args.dicom_like.as_deref();
-    let labels = args.kind == Some(VolumeKind::Labels);
-    if like.is_some() && (input == Input::Points || input == Input::Volume && labels) {
+    if like.is_some() && input == Input::Points {
         return Err(Error::usage(
-            "--dicom-like has no meaning for points, meshes and labels: they are not written as DICOM",
-            "leave it out, or give contours",
+            "--dicom-like has no meaning for points and meshes: they are not written as DICOM",
+            "leave it out, or give contours or labels",
         ));
     }
     if input == Input::Contours && like.is_some() && args.grid.is_some() {

@@ -313,7 +313,10 @@ fn map_volume(
         report.kind = "labels";
         let weight = |l: usize| f64::from(u8::from(warped.volume.data()[l] > 0));
         report.missed("the labels' volume", WORTH_OF_LABELS, back, &mapped, &grid, weight);
-        runtime.stage("write", || io::write_labels(out, &warped, &options))?;
+        runtime.stage("write", || match &like {
+            Some(like) => like.labels(out, &warped, input),
+            None => io::write_labels(out, &warped, &options),
+        })?;
         mapped
     } else {
         let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_image };

@@ -6,6 +6,7 @@ use super::image::{WriteOptions, write};
 use super::load::load;
 use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster};
+use super::segments::{all_segments, bone_segments, organ_segments};
 use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::findings;
@@ -30,7 +31,13 @@ const SCALED_TOLERANCE: f64 = 1e-3;
 /// be read.
 pub fn read_labels(path: impl AsRef<Path>, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
-    let read = named(path, names)?;
+    let read = if names.is_none() && dicom::is_segmentation(path) {
+        let read = all_segments(path)?;
+        check(path, &read.value)?;
+        read
+    } else {
+        named(path, names)?
+    };
     one_name_each(path, &read.value)?;
     Ok(read)
 }
@@ -62,20 +69,45 @@ pub fn read_label_names(path: impl AsRef<Path>) -> Result<BTreeMap<u16, String>>
 }
 
 /// Reads bones on the planning CT's grid: a label map as [`read_labels`], or a DICOM structure set whose structures have names
-/// of bones, drawn on `grid`; then `names` is a TOML file of further names ([`BoneNames::read`]).
+/// of bones, drawn on `grid`, or a DICOM segmentation on its voxels; then `names` is a TOML file of further names
+/// ([`BoneNames::read`]), of a segmentation also a JSON file as [`read_labels`] takes it.
 ///
 /// # Errors
-/// As [`read_labels`], or as [`read_structure_set`] and [`labels_from_structures`].
+/// As [`read_labels`], or as [`read_structure_set`] and [`labels_from_structures`]; [`Error::Input`] when a segmentation has no
+/// bone, or other voxels than `grid`.
 pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
     if !dicom::is_place(path) {
         return read_labels(path, names);
+    }
+    if dicom::is_segmentation(path) {
+        let by_number = |names: &&Path| names.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        let read = match names.filter(by_number) {
+            Some(names) => on_grid(read_labels(path, Some(names))?, grid)?,
+            None => bone_segments(path, &names.map(BoneNames::read).transpose()?.unwrap_or_default(), grid)?,
+        };
+        check(path, &read.value)?;
+        return Ok(read);
     }
     let names = names.map(BoneNames::read).transpose()?.unwrap_or_default();
     from_structures(path, grid, |set| {
         let drawn = labels_from_structures(set, grid, &names)?;
         Ok((drawn.map, drawn.warnings))
     })
+}
+
+/// Reads a label map as [`read_label_map`]; a DICOM segmentation on the voxels of `grid`, bones by TotalSegmentator's names.
+///
+/// # Errors
+/// As [`read_label_map`]; [`Error::Input`] when a segmentation has other voxels.
+pub fn read_label_map_on(path: impl AsRef<Path>, grid: &Grid) -> Result<Loaded<LabelMap>> {
+    let path = path.as_ref();
+    if dicom::is_segmentation(path) { on_grid(all_segments(path)?, grid) } else { read_label_map(path, None) }
+}
+
+fn on_grid(read: Loaded<LabelMap>, grid: &Grid) -> Result<Loaded<LabelMap>> {
+    let value = dicom::on_grid(&read.path, &read.value, grid)?;
+    Ok(Loaded { value, ..read })
 }
 
 /// Labels that are drawn on `grid` from a DICOM structure set, with what reading it found.
@@ -93,15 +125,17 @@ fn from_structures(
     Ok(Loaded { value, path: set.path, sha256: set.sha256, header, warnings })
 }
 
-/// Reads organs: a label map or a mask, or of a DICOM structure set those of the names `wanted`, drawn on
-/// `grid`.
+/// Reads organs: a label map or a mask, or of a DICOM structure set or segmentation those of the names `wanted`, on `grid`.
 ///
 /// # Errors
-/// As [`read_label_map`] and [`organs_from_structures`].
+/// As [`read_label_map`] and [`organs_from_structures`]; [`Error::Input`] when a segmentation has none of them, or other voxels.
 pub fn read_organs(path: impl AsRef<Path>, wanted: &[String], grid: &Grid) -> Result<Loaded<LabelMap>> {
     let path = path.as_ref();
     if !dicom::is_place(path) {
         return read_label_map(path, None);
+    }
+    if dicom::is_segmentation(path) {
+        return organ_segments(path, wanted, grid);
     }
     from_structures(path, grid, |set| Ok((organs_from_structures(set, grid, wanted)?, Vec::new())))
 }

@@ -130,7 +130,7 @@ impl Clinic {
             check_frames(Role::Structures.at(path), Role::Image.at(planning))?;
             let mut set = read_structure_set(path)?;
             warnings.append(&mut set.warnings);
-            warnings.extend(set.missing_images(&own));
+            warnings.extend(set.missing_images(&own, planning));
             warnings.extend(set.contours.tidy());
             inputs.push(InputFile::read(InputRole::Structures, path)?);
             structures = Some(set);

@@ -51,6 +51,20 @@ pub fn confirmed(
 ) -> Result<bool> {
     let [a, b] = uids;
     let mut sure = false;
+    let known: Vec<NamedFrame> = known.into_iter().collect();
+    let named = |name: &str| known.iter().find(|k| k.name == name && (k.uid == *a || k.uid == *b));
+    if let (Some(one), Some(other)) = (named(role.from), named(role.to))
+        && a != b
+        && one.uid == other.uid
+    {
+        let problem = format!(
+            "it takes points of the frame of reference {a} to {b}, and {} ({}) and {} ({}) both claim to lie in {}: which of them \
+             is meant cannot be told",
+            one.what, one.name, other.what, other.name, one.uid
+        );
+        let remedy = "give a scan of each frame of reference: of what `register --dicom` has written the series in its folder ct";
+        return Err(Error::refused(findings::DICOM_FRAME, file, problem, remedy));
+    }
     for NamedFrame { name: frame, uid, what } in known {
         let expected = match frame.as_str() {
             f if f == role.from => a,
@@ -197,6 +211,11 @@ mod tests {
             (("fraction", "1.2.9"), "dicom-frame"),
         ] {
             assert_eq!(judged(&[known]).unwrap_err().code(), code, "{known:?}");
+        }
+        // Two scans that claim one frame of reference fit neither way.
+        for uid in ["1.2.3", "1.2.4"] {
+            let error = judged(&[("planning", uid), ("fraction", uid)]).unwrap_err();
+            assert!(error.code() == "dicom-frame" && error.to_string().contains("both claim"), "{error}");
         }
     }
 

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io;
 use crate::io::auto::{AUTO, Ask, AutoBones};
-use crate::io::dicom::{Role, check_frames, is_dicom_path};
+use crate::io::dicom::{Role, check_frames, is_dicom_path, missing_images};
 use crate::pipeline::PlanningScan;
 use crate::provenance::Provenance;
 use crate::runtime::Runtime;
@@ -122,6 +122,7 @@ impl PlanningSources {
             if let Some(organs) = &self.organs {
                 if let (true, Some(planning)) = (is_dicom_path(organs), &planning) {
                     check_frames(Role::Structures.at(organs), Role::Image.at(planning))?;
+                    of_labels.warnings.extend(lost_images(organs, planning)?);
                 }
                 let named = config.chainmail.organs_named();
                 of_labels.warnings.extend(io::add_organs(&mut labels, organs, &named)?);
@@ -159,13 +160,14 @@ pub(super) fn labelled(
     };
     let names = match &names {
         Some(Source::Memory(_)) => {
-            let problem = "bones are a structure set, and a table of numbers and names is given with them";
+            let problem = "bones are DICOM, and a table of numbers and names is given with them";
             return Err(Error::usage(problem, "give a TOML file of names that are not recognised, or none"));
         }
         names => names.as_ref().and_then(Source::path),
     };
     if let Some(planning) = planning {
         check_frames(Role::Structures.at(&set), Role::Image.at(planning))?;
+        provenance.warnings.extend(lost_images(&set, planning)?);
     }
     let grid = match (grid, planning) {
         (Some(grid), _) => grid,
@@ -198,6 +200,11 @@ pub(super) fn made_bones(
     let BonesBy { beside, command, quiet } = by;
     let ask = Ask { planning, needed, beside, command, quiet };
     runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))
+}
+
+/// A word about images of the planning CT that its structures were drawn on and that are not there.
+fn lost_images(set: &Path, planning: &Path) -> Result<Option<Warning>> {
+    if is_dicom_path(planning) { missing_images(set, planning) } else { Ok(None) }
 }
 
 /// Refuses settings that name a region or organs which the labels do not have.

@@ -34,6 +34,15 @@ pub struct Dose {
     pub beams: BTreeSet<[i64; 2]>,
     /// What computed it: maker, model, versions, and whether tissue was taken into account.
     pub computed: String,
+    /// Whether it is the sum of doses of beams, which may not be all of the plan's.
+    pub of_beams: bool,
+}
+
+impl Dose {
+    /// Whether it says that it is the dose of a whole plan, or of several; a sum of beams does not say it.
+    pub fn is_of_whole_plan(&self) -> bool {
+        matches!(self.summation.as_str(), "PLAN" | "MULTI_PLAN" | "PLAN_OVERVIEW") && !self.of_beams
+    }
 }
 
 /// The sum of doses; one alone as it is.
@@ -68,6 +77,7 @@ pub(super) fn summed(path: &Path, mut read: Vec<Loaded<Dose>>) -> Result<Loaded<
     whole.warnings.push(Warning::new(findings::DOSE_PART, message));
     whole.value.beams = beams;
     whole.value.summation = "PLAN".into();
+    whole.value.of_beams = true;
     whole.path = path.into();
     whole.sha256 = sum(sums);
     Ok(whole)

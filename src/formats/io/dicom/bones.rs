@@ -44,7 +44,7 @@ const SPINE: [(char, &[&str]); 4] =
     [('C', &["c", "hwk", "hw"]), ('T', &["t", "th", "bwk", "bw"]), ('L', &["l", "lwk", "lw"]), ('S', &["s"])];
 
 /// Letters and digits of a name, lower case: case and separators do not matter.
-fn plain(name: &str) -> String {
+pub(in crate::io) fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
 

@@ -1,12 +1,16 @@
 //! Images that a series says it has, against those that are there.
 
-use super::elements::{text, whole};
+use super::elements::{Item, items, text, whole};
 use super::find::Object;
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::warning::Warning;
 use dicom_dictionary_std::tags;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Images that a message names.
+const NAMED: usize = 12;
 
 /// Refuses parts of a concatenation (PS3.3 C.7.6.16.2.2.4) without the others, and tells of fewer images than are promised.
 ///
@@ -34,6 +38,54 @@ pub(super) fn fewer(what: &str, objects: &[Object]) -> Result<Vec<Warning>> {
         }
     }
     Ok(warnings)
+}
+
+/// The images that an object refers to, by series: those that a structure set was drawn on (PS3.3 C.8.8.5), or a segmentation
+/// was made of (C.12.2).
+pub(super) fn images_of(set: &Item) -> BTreeMap<String, BTreeSet<String>> {
+    let frames = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
+    let studies = frames.flat_map(|f| items(f, tags::RT_REFERENCED_STUDY_SEQUENCE));
+    let drawn = studies.flat_map(|s| items(s, tags::RT_REFERENCED_SERIES_SEQUENCE));
+    let drawn = drawn.map(|s| (s, items(s, tags::CONTOUR_IMAGE_SEQUENCE)));
+    let made = items(set, tags::REFERENCED_SERIES_SEQUENCE).iter();
+    let made = made.map(|s| (s, items(s, tags::REFERENCED_INSTANCE_SEQUENCE)));
+    let mut all: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (series, images) in drawn.chain(made) {
+        let images = images.iter().map(|i| text(i, tags::REFERENCED_SOP_INSTANCE_UID));
+        all.entry(text(series, tags::SERIES_INSTANCE_UID)).or_default().extend(images.filter(|uid| !uid.is_empty()));
+    }
+    all.remove("");
+    all
+}
+
+/// A word about images of a series that an object refers to and that are not `there`.
+pub(super) fn lost(
+    path: &Path,
+    images: &BTreeMap<String, BTreeSet<String>>,
+    series: &str,
+    there: &BTreeSet<&str>,
+) -> Option<Warning> {
+    let wanted = images.get(series)?;
+    let gone: Vec<&str> = wanted.iter().map(String::as_str).filter(|uid| !there.contains(uid)).collect();
+    (!gone.is_empty()).then(|| {
+        let shown = gone.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+        let more = if gone.len() > NAMED { format!(" and {} more", gone.len() - NAMED) } else { String::new() };
+        let message = format!(
+            "{}: of the {} images that it was drawn on or made of {} are not in the series: {shown}{more}",
+            path.display(),
+            wanted.len(),
+            gone.len()
+        );
+        Warning::new(findings::DICOM_FEWER, message)
+    })
+}
+
+/// Images of a series that structure sets and segmentations among `others` refer to and that are not among `objects`.
+pub(super) fn lost_of(objects: &[&Object], others: &[&Object]) -> Vec<Warning> {
+    let Some(first) = objects.first() else { return Vec::new() };
+    let there: BTreeSet<&str> = objects.iter().map(|o| o.uid.as_str()).collect();
+    let refer = others.iter().filter(|o| ["RTSTRUCT", "SEG"].contains(&o.series.modality.as_str()));
+    refer.filter_map(|o| lost(&o.path, &images_of(&o.header), &first.series.uid, &there)).collect()
 }
 
 /// Objects, each once, or their frames.

@@ -53,14 +53,14 @@ pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series
     let path = path.as_ref();
     match choose(path)? {
         (Chosen::Ct(objects, beside), same) => read(&same, objects, beside),
-        (Chosen::Dose(..), _) => Err(no_ct(path)),
+        (Chosen::Dose(..) | Chosen::Labels(_), _) => Err(no_ct(path)),
     }
 }
 
 /// The refusal of a dose where a CT is asked for.
 pub(super) fn no_ct(path: &Path) -> Error {
     let what = path.display().to_string();
-    Error::refused(findings::DICOM_NO_CT, what, "it is a dose, no CT series", "give the folder of the CT series")
+    Error::refused(findings::DICOM_NO_CT, what, "it is no CT series", "give the folder of the CT series")
 }
 
 /// Puts the images of a series in order; `warnings` are those of the files beside them.

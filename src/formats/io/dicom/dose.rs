@@ -136,6 +136,7 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
         computed: computed.map(|tag| texts(set, tag).join("/")).join(" "),
         volume: Volume::new(planes.grid.clone(), data)?,
         series,
+        of_beams: false,
     };
     let notes = notes("DICOM RT Dose", &object, &planes.grid, Some([scaling, 0.0]), &dose.series.description);
     let warnings = odd(&what, &dose);
@@ -145,7 +146,7 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
 /// What is worth knowing of a dose.
 fn odd(what: &str, dose: &Dose) -> Vec<Warning> {
     let mut all = Vec::new();
-    if !matches!(dose.summation.as_str(), "PLAN" | "MULTI_PLAN" | "PLAN_OVERVIEW") {
+    if !dose.is_of_whole_plan() {
         let message = format!("{what}: it is no dose of a whole plan (Dose Summation Type {:?})", dose.summation);
         all.push(Warning::new(findings::DOSE_PART, message));
     }

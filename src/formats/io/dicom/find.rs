@@ -16,16 +16,18 @@ use std::path::{Path, PathBuf};
 
 /// Folders deeper than this are not looked into: a link may lead in a circle.
 pub(super) const DEEPEST: usize = 16;
-/// SOP classes whose objects are nothing without pixels.
-const PIXELS: [&str; 4] = [
+/// SOP classes whose objects are nothing without pixels; those of CT come first.
+const PIXELS: [&str; 6] = [
     uids::CT_IMAGE_STORAGE,
     uids::ENHANCED_CT_IMAGE_STORAGE,
     uids::LEGACY_CONVERTED_ENHANCED_CT_IMAGE_STORAGE,
     uids::RT_DOSE_STORAGE,
+    uids::SEGMENTATION_STORAGE,
+    uids::LABEL_MAP_SEGMENTATION_STORAGE,
 ];
 /// Modalities of objects of which something stands behind the place of contours: they are read up
 /// to the pixels, as are objects of several frames.
-const LONG: [&str; 3] = ["RTDOSE", "RTPLAN", "REG"];
+const LONG: [&str; 4] = ["RTDOSE", "RTPLAN", "REG", "SEG"];
 
 /// One object: what its header says.
 #[derive(Clone)]
@@ -113,13 +115,47 @@ pub(super) fn series(set: &Item) -> Series {
 /// Frame of Reference UID; of a structure set the one that its contours lie in (PS3.3 C.8.8.5).
 fn frame_of_reference(set: &Item) -> String {
     let own = text(set, tags::FRAME_OF_REFERENCE_UID);
-    let referenced = || {
+    let listed = || {
         let items = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
-        let rois = set.get(tags::STRUCTURE_SET_ROI_SEQUENCE).and_then(|e| e.items()).unwrap_or_default().iter();
-        let rois = rois.map(|r| text(r, tags::REFERENCED_FRAME_OF_REFERENCE_UID));
-        rois.chain(items.map(|i| text(i, tags::FRAME_OF_REFERENCE_UID))).find(|uid| !uid.is_empty())
+        items.map(|i| text(i, tags::FRAME_OF_REFERENCE_UID)).find(|uid| !uid.is_empty())
     };
-    if text(set, tags::MODALITY) == "RTSTRUCT" { referenced().unwrap_or(own) } else { own }
+    if text(set, tags::MODALITY) != "RTSTRUCT" {
+        return own;
+    }
+    frame_of_structures(set, None).or_else(listed).unwrap_or(own)
+}
+
+/// The frame of reference of a structure set: of several that of the CT that it was drawn on, where it says so, else that of most
+/// structures. `drawn` are the numbers of those that count, all where it is not given; `None` where no structure tells.
+pub(super) fn frame_of_structures(set: &Item, drawn: Option<&BTreeSet<i64>>) -> Option<String> {
+    let rois = items(set, tags::STRUCTURE_SET_ROI_SEQUENCE).iter();
+    let counted = |roi: &&Item| {
+        drawn.is_none_or(|drawn| whole(roi, tags::ROI_NUMBER).is_some_and(|number| drawn.contains(&number)))
+    };
+    let mut frames: Vec<(String, usize)> = Vec::new();
+    for uid in rois.filter(counted).map(|roi| text(roi, tags::REFERENCED_FRAME_OF_REFERENCE_UID)) {
+        match frames.iter_mut().find(|f| f.0 == uid) {
+            Some(frame) => frame.1 += 1,
+            None if !uid.is_empty() => frames.push((uid, 1)),
+            None => {}
+        }
+    }
+    let ct = frames_of_ct(set);
+    // Of as many the first.
+    let rank = |(n, f): &(usize, &(String, usize))| (ct.contains(&f.0), f.1, usize::MAX - n);
+    frames.iter().enumerate().max_by_key(rank).map(|(_, f)| f.0.clone())
+}
+
+/// Frames of reference in which a structure set was drawn on CT images.
+fn frames_of_ct(set: &Item) -> BTreeSet<String> {
+    let is_ct = |frame: &&Item| {
+        let studies = items(frame, tags::RT_REFERENCED_STUDY_SEQUENCE).iter();
+        let series = studies.flat_map(|s| items(s, tags::RT_REFERENCED_SERIES_SEQUENCE));
+        let mut images = series.flat_map(|s| items(s, tags::CONTOUR_IMAGE_SEQUENCE));
+        images.any(|image| PIXELS[..3].contains(&text(image, tags::REFERENCED_SOP_CLASS_UID).as_str()))
+    };
+    let frames = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
+    frames.filter(is_ct).map(|frame| text(frame, tags::FRAME_OF_REFERENCE_UID)).collect()
 }
 
 /// The objects of files and folders.

@@ -2,7 +2,7 @@
 //! C.7.4.1).
 
 use super::super::series_path::root_of;
-use super::place::{Chosen, choose, is_place, objects};
+use super::place::{Chosen, choose, is_place, is_segmentation, objects, segmentation};
 use crate::error::{Error, Result};
 use crate::findings;
 use std::path::Path;
@@ -12,7 +12,7 @@ use std::path::Path;
 pub enum Role {
     /// A CT series.
     Image,
-    /// A structure set.
+    /// A structure set or a segmentation.
     Structures,
     /// A dose.
     Dose,
@@ -65,12 +65,14 @@ pub fn frame_of(Framed { path, role }: Framed<'_>) -> Result<Option<String>> {
         Ok::<_, Error>(frames.into_iter().next())
     };
     let frame = match role {
+        Role::Structures if is_segmentation(path) => segmentation(path)?.map(|(o, _)| o.series.frame_of_reference),
         Role::Structures => of("RTSTRUCT")?,
         Role::Dose => of("RTDOSE")?,
         Role::Image => match choose(path)?.0 {
             Chosen::Ct(objects, _) | Chosen::Dose(objects, _) => {
                 objects.into_iter().next().map(|o| o.series.frame_of_reference)
             }
+            Chosen::Labels(object) => Some(object.series.frame_of_reference),
         },
     };
     Ok(frame.filter(|f| !f.is_empty()))

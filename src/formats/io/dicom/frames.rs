@@ -74,21 +74,37 @@ pub(super) fn frames(at: usize, object: &Object) -> Result<Vec<Frame>> {
 /// Where an element of a frame may stand: in its functional groups, in those shared by all, or in
 /// the object itself.
 #[derive(Clone, Copy)]
-struct Places<'a> {
-    set: &'a Item,
-    own: Option<&'a Item>,
-    shared: Option<&'a Item>,
+pub(super) struct Places<'a> {
+    pub(super) set: &'a Item,
+    pub(super) own: Option<&'a Item>,
+    pub(super) shared: Option<&'a Item>,
 }
 
 impl<'a> Places<'a> {
-    fn group(self, sequence: Tag) -> &'a Item {
+    pub(super) fn group(self, sequence: Tag) -> &'a Item {
         let of = |places: Option<&'a Item>| places.and_then(|item| first(item, sequence));
         of(self.own).or_else(|| of(self.shared)).unwrap_or(self.set)
     }
 }
 
-fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result<Frame> {
-    let path = &object.path;
+/// Where an image lies.
+#[derive(Debug, Clone)]
+pub(super) struct Plane {
+    /// Centre of the first pixel, LPS mm.
+    pub(super) position: Point3<f64>,
+    /// Directions in which the column index and the row index grow, orthonormal.
+    pub(super) axes: [Vector3<f64>; 2],
+    /// Distances between columns and between rows, mm.
+    pub(super) spacing: [f64; 2],
+    /// Columns and rows.
+    pub(super) size: [usize; 2],
+}
+
+/// Where an image lies, by what is said of it.
+///
+/// # Errors
+/// [`Error::Input`] naming the element that is missing or cannot be used.
+pub(super) fn plane(path: &Path, places: Places<'_>) -> Result<Plane> {
     let missing = |name: &str| refuse(path, format!("it has no usable {name}"));
     let position = some::<3>(places.group(tags::PLANE_POSITION_SEQUENCE), tags::IMAGE_POSITION_PATIENT)
         .ok_or_else(|| missing("Image Position (Patient)"))?;
@@ -103,6 +119,13 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
         (Some(columns), Some(rows)) => [columns, rows],
         _ => return Err(missing("Rows and Columns")),
     };
+    Ok(Plane { position: position.into(), axes: axes(path, orientation)?, spacing: [columns_apart, rows_apart], size })
+}
+
+fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result<Frame> {
+    let path = &object.path;
+    let missing = |name: &str| refuse(path, format!("it has no usable {name}"));
+    let Plane { position, axes, spacing, size } = plane(path, places)?;
     let scale = places.group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE);
     if !items(places.set, tags::MODALITY_LUT_SEQUENCE).is_empty() {
         return Err(refuse(
@@ -123,9 +146,9 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
         index,
         multi: places.own.is_some(),
         uid: object.uid.clone(),
-        position: position.into(),
-        axes: axes(path, orientation)?,
-        spacing: [columns_apart, rows_apart],
+        position,
+        axes,
+        spacing,
         size,
         scale: [slope, intercept],
         unit: text(scale, tags::RESCALE_TYPE),

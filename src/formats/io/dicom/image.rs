@@ -5,7 +5,10 @@ use super::super::bytes::sha256_of;
 use super::super::raster::Raster;
 use super::super::series_path::Place;
 use super::super::voxels::{Element, Layout};
-use super::place::{Chosen, choose, objects};
+use super::counts::lost_of;
+use super::find::Object;
+use super::place::{Chosen, choose, is_segmentation, objects};
+use super::segmentation::{self, Segment};
 use super::{Dose, Series, ct, dose};
 use crate::error::{Error, Result};
 use crate::findings;
@@ -35,7 +38,14 @@ pub(in super::super) fn read_image(path: &Path) -> Result<Loaded<Volume<f32>>> {
             };
             Ok(Loaded { value: value.volume, path, sha256, header, warnings })
         }
+        (Chosen::Labels(_), _) => Err(no_image(path)),
     }
+}
+
+/// The refusal of labels where an image is asked for.
+fn no_image(path: &Path) -> Error {
+    let (what, problem) = (path.display().to_string(), "it is a segmentation, no image (modality \"SEG\")");
+    Error::refused(findings::DICOM_NO_CT, what, problem, "give it where labels or bones are asked for")
 }
 
 /// Reads a dose where a dose is meant: of a folder that also holds a CT the dose.
@@ -77,6 +87,7 @@ pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
             let read = dose::read(&same, &objects, beside)?;
             Ok((read.value.volume.grid().clone(), read.warnings))
         }
+        (Chosen::Labels(object), _) => segmentation::read_grid(&object.path),
     }
 }
 
@@ -91,31 +102,76 @@ pub fn describe_series(path: &Path) -> Result<(Series, Grid)> {
             Ok((planned.series, planned.stack.grid))
         }
         (Chosen::Dose(..), _) => Err(ct::no_ct(path)),
+        (Chosen::Labels(_), _) => Err(no_image(path)),
     }
 }
 
-/// The same image as a parsed file, for what is read from rasters.
+/// A word about images that the structure set or segmentation of a path was drawn on or made of and that are not in the series of
+/// another; nothing where it lies beside the series, for reading that tells it then.
 ///
 /// # Errors
-/// As [`read_image`].
+/// As for finding both.
+pub fn missing_images(of: &Path, series: &Path) -> Result<Option<Warning>> {
+    let (series, objects) = match choose(series)? {
+        (Chosen::Ct(objects, _), _) => (series, objects),
+        _ => return Ok(None),
+    };
+    let beside = |file: &Path| objects_root(series).is_some_and(|folder| file.starts_with(folder));
+    let there: Vec<&Object> = objects.iter().collect();
+    let others: Vec<Object> = self::objects(&Place::of(of).root)?.objects;
+    let others: Vec<&Object> = others.iter().filter(|o| !beside(&o.path)).collect();
+    Ok(lost_of(&there, &others).into_iter().next())
+}
+
+/// The folder of a series.
+fn objects_root(series: &Path) -> Option<PathBuf> {
+    let root = Place::of(series).root;
+    if root.is_dir() { Some(root) } else { root.parent().map(Path::to_owned) }
+}
+
+/// The same image, or a segmentation, as a parsed file, for what is read from rasters.
+///
+/// # Errors
+/// As [`read_image`], or as [`segmentation::read_segmentation`].
 pub(in super::super) fn load<T>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> Result<T>) -> Result<Loaded<T>> {
+    if is_segmentation(path) {
+        let named = |segment: &Segment| Some(segment.name.clone());
+        let Loaded { value, path, sha256, header, warnings } = segmentation::read_segmentation(path, &named)?;
+        let bytes: Vec<u8> = value.volume.data().iter().flat_map(|v| v.to_le_bytes()).collect();
+        let stored = Stored { grid: value.volume.grid().clone(), element: Element::U16, bytes, names: value.names };
+        return raster(Loaded { value: stored, path, sha256, header, warnings }, take);
+    }
     let Loaded { value, path, sha256, header, warnings } = read_image(path)?;
     let bytes: Vec<u8> = value.data().par_iter().flat_map_iter(|v| v.to_le_bytes()).collect();
+    let stored = Stored { grid: value.grid().clone(), element: Element::F32, bytes, names: BTreeMap::new() };
+    raster(Loaded { value: stored, path, sha256, header, warnings }, take)
+}
+
+/// Decoded values, little endian.
+struct Stored {
+    grid: Grid,
+    element: Element,
+    bytes: Vec<u8>,
+    names: BTreeMap<u16, String>,
+}
+
+fn raster<T>(stored: Loaded<Stored>, take: impl FnOnce(&mut Raster<'_>) -> Result<T>) -> Result<Loaded<T>> {
+    let Loaded { value: stored, path, sha256, header, warnings } = stored;
     let mut notes = header;
     // The values are scaled already.
     let scaling = notes.scaling.take();
     notes.big_endian = false;
     let mut raster = Raster {
-        grid: value.grid().clone(),
+        grid: stored.grid,
         components: 1,
         layout: Layout::Planar,
         vectors: Err("a DICOM image is no displacement field".into()),
-        element: Element::F32,
-        bytes: Cow::Owned(bytes),
+        element: stored.element,
+        bytes: Cow::Owned(stored.bytes),
         offset: 0,
         notes,
         extensions: Vec::new(),
-        names: BTreeMap::new(),
+        names: stored.names,
         warnings,
     };
     let value = take(&mut raster)?;
@@ -135,6 +191,7 @@ pub(in super::super) fn checksum(path: &Path) -> Result<String> {
             ct::used(&ct::plan(&same, objects, beside)?).into_iter().cloned().collect()
         }
         Ok((Chosen::Dose(objects, _), _)) => objects.into_iter().map(|o| o.path).collect(),
+        Ok((Chosen::Labels(object), _)) => vec![object.path],
         Err(Error::Input { .. }) if Place::of(path).choice.is_none() => {
             objects(path)?.objects.into_iter().map(|o| o.path).collect()
         }

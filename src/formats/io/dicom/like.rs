@@ -1,19 +1,21 @@
 //! Results as DICOM beside a scan: `--dicom-like SERIES`. The series tells patient, study and frame of reference.
 
 use super::Dose;
+use super::elements::Item;
 use super::image::{describe_series, dose_at};
-use super::place::is_dicom_path;
+use super::place::{is_dicom_path, is_segmentation, segmentation};
 use super::registration::{DerivedRegistration, reference_of, write_deformable};
 use super::series::{Patient, Series};
 use super::structures::{Roi, StructureSet};
 use super::write::{
-    CAUTION, DerivedCt, DerivedDose, DerivedStructures, Origin, no_plan, write_ct, write_dose, write_structures,
+    CAUTION, DerivedCt, DerivedDose, DerivedSegmentation, DerivedStructures, Origin, no_plan, write_ct, write_dose,
+    write_segmentation, write_structures,
 };
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io::contours::contour_json;
-use crate::volume::Volume;
 use crate::volume::contour::{Contours, Structure};
+use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
@@ -147,6 +149,29 @@ impl Like {
         let refers_to = sources.iter().map(|series| series.uid.clone());
         write_ct(out, ct, &about, &self.origin(digest(ct, |v, bytes| bytes.extend(v.to_le_bytes())), refers_to))
             .map(|_| ())
+    }
+
+    /// Writes labels as a segmentation. `of` is the file that they come from: what it says of segments of the same names is kept
+    /// where it is a segmentation.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; [`Error::Input`] when it is of another patient.
+    pub fn labels(&self, out: &Path, map: &LabelMap, of: &Path) -> Result<()> {
+        let source = if is_segmentation(of) { segmentation(of)? } else { None };
+        if let Some((object, _)) = &source {
+            self.same_patient(of, &object.series.patient)?;
+        }
+        let about = DerivedSegmentation {
+            role: "labels",
+            description: "Labels carried by registration (aventail, research only)",
+            number: 908,
+            on: &self.series,
+        };
+        let held = digest(&map.volume, |v, bytes| bytes.extend(v.to_le_bytes()));
+        let from = source.as_ref().map_or(String::new(), |(object, _)| object.uid.clone());
+        let header = source.as_ref().map(|(object, _)| object.header.as_ref());
+        let header: Option<&Item> = header.map(|object| &**object);
+        write_segmentation(out, map, &about, &self.origin(held, [format!("{:?}", map.names), from]), header)
     }
 
     /// Writes a dose that was made of the doses of files by fields, registrations among which are referred to; returns what

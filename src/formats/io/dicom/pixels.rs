@@ -100,8 +100,8 @@ impl Pixels {
         let promised =
             [rows, columns, count, allocated as usize / 8].iter().fold(1u64, |n, f| n.saturating_mul(*f as u64));
         believable(path, promised, length)?;
-        let bytes = decode(path, object, count)?;
         let (width, frame) = (allocated as usize / 8, rows * columns);
+        let bytes = decode(path, object, count, [frame, width])?;
         if frame.checked_mul(count).and_then(|n| n.checked_mul(width)).is_none_or(|need| bytes.len() < need) {
             let problem = format!(
                 "{columns} x {rows} x {count} values of {allocated} bits are promised, and {} bytes are there",
@@ -133,8 +133,46 @@ impl Pixels {
     }
 }
 
-/// The pixels' bytes, in this machine's order.
-fn decode(path: &Path, object: &DefaultDicomObject, count: usize) -> Result<Vec<u8>> {
+/// Refuses a frame of run lengths (PS3.5 G) whose segments, one for each byte of a value, are not there or do not hold all values,
+/// which the decoder takes for granted.
+fn whole_runs(path: &Path, syntax: &str, part: &[u8], [values, width]: [usize; 2]) -> Result<()> {
+    if syntax != uids::RLE_LOSSLESS {
+        return Ok(());
+    }
+    let word = |n: usize| Some(u32::from_le_bytes(*part.get(4 * n..)?.first_chunk::<4>()?) as usize);
+    let segments = word(0).filter(|n| (1..=15).contains(n)).unwrap_or(0);
+    let lengths = (1..=segments).map(|n| {
+        let end = if n == segments { part.len() } else { word(n + 1)? };
+        part.get(word(n)?..end).map(run_lengths)
+    });
+    let held: Option<Vec<usize>> = lengths.collect();
+    if held.is_some_and(|held| held.len() >= width && held.iter().take(width).all(|own| *own >= values)) {
+        return Ok(());
+    }
+    let problem = "its pixels cannot be decoded: a frame of run lengths (RLE) does not hold what is promised";
+    Err(Error::read(path, problem, "copy or export it again"))
+}
+
+/// Bytes that a segment of run lengths comes to (PS3.5 G.3.2); those before an end within a run.
+fn run_lengths(segment: &[u8]) -> usize {
+    let (mut at, mut bytes) = (0, 0);
+    while let Some(head) = segment.get(at) {
+        let run = usize::from(*head);
+        let (step, own) = match run {
+            0..128 => (run + 2, run + 1),
+            128 => (1, 0),
+            _ => (2, 257 - run),
+        };
+        if at + step > segment.len() {
+            break;
+        }
+        (at, bytes) = (at + step, bytes + own);
+    }
+    bytes
+}
+
+/// The pixels' bytes, in this machine's order; `frame` are values of a frame, and bytes of one.
+fn decode(path: &Path, object: &DefaultDicomObject, count: usize, frame: [usize; 2]) -> Result<Vec<u8>> {
     let syntax = object.meta().transfer_syntax().trim_end_matches('\0').trim();
     let refused = |what: &str, tool: &str| {
         let problem = format!("its pixels are compressed as {what}, which is not read");
@@ -154,11 +192,26 @@ fn decode(path: &Path, object: &DefaultDicomObject, count: usize) -> Result<Vec<
         let problem = format!("it says {count} frames, and holds {} fragments of pixels", parts.len());
         return Err(Error::read(path, problem, "copy or export the object again"));
     }
-    let decoded = object.decode_pixel_data().map_err(|e| match e.to_string() {
+    let failed = |e: &dyn std::error::Error| match e.to_string() {
         e if e.contains("ransfer syntax") => refused(&format!("transfer syntax {syntax}"), "gdcmconv --raw IN OUT"),
-        _ => Error::read(path, format!("its pixels cannot be decoded: {}", told(&e)), "copy or export it again"),
-    })?;
-    let bytes = decoded.into_data();
+        _ => Error::read(path, format!("its pixels cannot be decoded: {}", told(e)), "copy or export it again"),
+    };
+    let bytes = match pixels.value().fragments() {
+        // One by one: all at once are judged by the first, which may be empty and small.
+        Some(parts) if count > 1 && parts.len() == count => {
+            let mut bytes = Vec::new();
+            for (n, part) in parts.iter().enumerate() {
+                whole_runs(path, syntax, part, frame)?;
+                let decoded = object.decode_pixel_data_frame(n as u32).map_err(|e| failed(&e))?;
+                bytes.extend_from_slice(decoded.data());
+            }
+            bytes
+        }
+        parts => {
+            parts.into_iter().flatten().try_for_each(|part| whole_runs(path, syntax, part, frame))?;
+            object.decode_pixel_data().map_err(|e| failed(&e))?.into_data()
+        }
+    };
     let half = bytes.len() / 2;
     if jpeg && count == 1 && bytes.get(half..).is_some_and(|rest| rest.iter().all(|b| *b == 0)) {
         // Values of 8 bits where 16 are promised fill half of the room.

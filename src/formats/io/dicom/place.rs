@@ -3,6 +3,7 @@
 
 use super::super::series_path::{Place, root_of};
 use super::beside::beside;
+use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Damaged, Group, Object, find, medium};
 use super::open::{Opened, is_dicom, open};
@@ -15,6 +16,9 @@ use std::path::{Path, PathBuf};
 /// SOP classes that are CT images (PS3.4 B.5): CT, Enhanced CT, Legacy Converted Enhanced CT.
 pub(super) const CT: [&str; 3] =
     ["1.2.840.10008.5.1.4.1.1.2", "1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.2.2"];
+
+/// Modality of segmentations.
+const SEG: &str = "SEG";
 
 /// Whether a path is for this room to read: a folder, a choice in one, or a DICOM file.
 pub(in super::super) fn is_place(path: &Path) -> bool {
@@ -30,11 +34,62 @@ pub fn is_dicom_path(path: &Path) -> bool {
 
 /// Whether a file is a DICOM structure set.
 pub fn is_structure_set(path: &Path) -> bool {
-    let set = || match open(path, tags::ROI_CONTOUR_SEQUENCE) {
-        Opened::Object(object, _) => text(&object, tags::MODALITY) == "RTSTRUCT",
-        _ => false,
+    is_dicom(path) && modality(path) == "RTSTRUCT"
+}
+
+/// Whether labels of a path are those of a segmentation: a file of modality SEG, a folder with one and without a structure set, or
+/// `FOLDER#NUMBER`.
+pub fn is_segmentation(path: &Path) -> bool {
+    let place = Place::of(path);
+    if !place.root.is_dir() {
+        return is_dicom(&place.root) && modality(&place.root) == SEG;
+    }
+    let Ok(found) = objects(&place.root) else { return false };
+    match &place.choice {
+        Some(choice) => named(&found, path, choice).is_ok_and(|group| group.series.modality == SEG),
+        None => {
+            let any = |modality: &str| found.objects.iter().any(|o| o.series.modality == modality);
+            any(SEG) && !any("RTSTRUCT")
+        }
+    }
+}
+
+fn modality(file: &Path) -> String {
+    match open(file, tags::ROI_CONTOUR_SEQUENCE) {
+        Opened::Object(object, _) => text(&object, tags::MODALITY),
+        _ => String::new(),
+    }
+}
+
+/// The segmentation that a path means, with what is to be known of the files beside it; `None` where there is none.
+///
+/// # Errors
+/// [`Error::Read`] when there is no DICOM; [`Error::Input`] when it is not clear which is meant, and when a file beside it may be
+/// one and cannot be read.
+pub(super) fn segmentation(path: &Path) -> Result<Option<(Object, Vec<Warning>)>> {
+    let mut place = Place::of(path);
+    place.root = medium(&place.root);
+    let found = objects(&place.root)?;
+    let all: Vec<&Object> = match &place.choice {
+        Some(choice) => named(&found, path, choice)?.objects,
+        None => found.objects.iter().collect(),
     };
-    is_dicom(path) && set()
+    let all: Vec<&Object> = all.into_iter().filter(|o| o.series.modality == SEG).collect();
+    match all.as_slice() {
+        [] => Ok(None),
+        [one] => {
+            let warnings = beside(path, &found, &all, &|damaged| of_kind(damaged, SEG))?;
+            Ok(Some(((*one).clone(), warnings)))
+        }
+        _ => Err(several_labels(path, &all)),
+    }
+}
+
+fn several_labels(path: &Path, all: &[&Object]) -> Error {
+    let list: String = all.iter().map(|o| format!("\n    {}: {:?}", o.path.display(), o.series.description)).collect();
+    let problem = format!("it holds {} segmentations:{list}", all.len());
+    let remedy = "give the file of the one that is meant";
+    Error::refused(findings::DICOM_SEVERAL, path.display().to_string(), problem, remedy)
 }
 
 /// The folder whose DICOM files belong to what a path means: of a slice its own. `None` where it is
@@ -82,6 +137,8 @@ pub(super) enum Chosen {
     Ct(Vec<Object>, Vec<Warning>),
     /// A dose, or the doses of a series, and the same.
     Dose(Vec<Object>, Vec<Warning>),
+    /// A segmentation, which has a grid and is no image.
+    Labels(Box<Object>),
 }
 
 /// The images that a path means, and the path that means the same ones: of a slice's file it is
@@ -167,6 +224,10 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
             if let [one] = dose.as_slice() {
                 return Ok((*one).clone());
             }
+            let labels: Vec<&Group<'_>> = groups.iter().filter(|g| g.series.modality == SEG).collect();
+            if let ([one], true) = (labels.as_slice(), dose.is_empty()) {
+                return Ok((*one).clone());
+            }
             let problem = format!("it holds no CT series:{}", list(&groups));
             Err(Error::refused(
                 findings::DICOM_NO_CT,
@@ -218,13 +279,21 @@ fn readable(path: &Path, group: Group<'_>, found: &Catalogue) -> Result<Chosen> 
             let told = damaged.series.as_ref().filter(|s| !s.uid.is_empty());
             told.map(|s| s.uid == group.series.uid).or(other_kind(damaged, "CT"))
         };
-        let warnings = beside(path, found, &group.objects, &same)?;
+        let mut warnings = beside(path, found, &group.objects, &same)?;
+        let all: Vec<&Object> = found.objects.iter().collect();
+        warnings.extend(lost_of(&group.objects, &all));
         return Ok(Chosen::Ct(owned(group.objects), warnings));
     }
     let (what, remedy) = match group.series.modality.as_str() {
         "RTDOSE" => {
             let warnings = beside(path, found, &group.objects, &|damaged| of_kind(damaged, "RTDOSE"))?;
             return Ok(Chosen::Dose(owned(group.objects), warnings));
+        }
+        SEG => {
+            if let [one] = group.objects.as_slice() {
+                return Ok(Chosen::Labels(Box::new((*one).clone())));
+            }
+            return Err(several_labels(path, &group.objects));
         }
         "RTSTRUCT" => ("a structure set, no image", "give it where structures, contours or bones are asked for"),
         "MR" => ("an MR series: its values are no HU", "give a CT; bones and densities cannot be told from MR values"),

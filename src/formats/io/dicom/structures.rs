@@ -4,10 +4,12 @@
 use super::super::bytes::{read_bytes, sha256};
 use super::super::raster::HeaderNotes;
 use super::super::series_path::root_of;
+use super::beside::beside;
+use super::counts::{images_of, lost};
 use super::elements::{Item, items, numbers, text, whole};
-use super::find::{Object, series};
+use super::find::{Object, frame_of_structures, series};
 use super::open;
-use super::place::objects;
+use super::place::{objects, of_kind};
 use super::planes::{Drawing, planes};
 use super::series::{Patient, Series, Study};
 use crate::error::{Error, Result};
@@ -76,26 +78,32 @@ pub struct StructureSet {
 ///
 /// # Errors
 /// [`Error::Read`] when it is missing or damaged; [`Error::Input`] when it is no structure set,
-/// when a folder holds several, when structures lie in several frames of reference, and when
-/// contours do not lie on parallel planes.
+/// when a folder holds several, or beside one a file that may be one and cannot be read, and when no
+/// structure is left: those of another frame of reference than the others, on other planes, or with a
+/// contour that contradicts itself are left out by name.
 pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     let path = path.as_ref();
-    let object = the_one(path)?;
+    let (object, mut warnings) = the_one(path)?;
     let bytes = read_bytes(&object.path)?;
     let set = open::whole(&object.path, &bytes)?;
     let set: &Item = &set;
     let what = object.path.display().to_string();
-    let mut warnings = Vec::new();
     numbers_once(&what, set)?;
     let mut rois = rois(&what, set, &mut warnings);
-    let frame_of_reference = frame(&what, set, &mut warnings)?;
-    let (drawings, odd) = drawings(&what, set, &rois, &mut warnings);
+    let (frame_of_reference, strangers) = frame(&what, set, &mut warnings);
+    let (mut drawings, odd) = drawings(&what, set, &rois, &mut warnings);
+    let elsewhere = elsewhere(&rois, &mut drawings, &strangers);
     let (contours, tilted) = planes(&what, &drawings)?;
-    let is_left = |r: &Roi| odd.iter().chain(&tilted).any(|l| l.starts_with(&format!("{:?} (", r.name)));
+    let is_left =
+        |r: &Roi| odd.iter().chain(&tilted).chain(&elsewhere).any(|l| l.starts_with(&format!("{:?} (", r.name)));
     let left =
         |left: &[String]| format!("{what}: structures are left out, with all their contours: {}", some_names(left));
     if !odd.is_empty() {
         warnings.push(Warning::new(findings::STRUCTURES_ODD, left(&odd)));
+    }
+    if !elsewhere.is_empty() {
+        let message = format!("{} ({frame_of_reference} is that of the others)", left(&elsewhere));
+        warnings.push(Warning::new(findings::STRUCTURES_FRAME, message));
     }
     if !tilted.is_empty() {
         warnings.push(Warning::new(findings::STRUCTURES_PLANES, left(&tilted)));
@@ -123,8 +131,8 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
         contours,
         rois,
         frame_of_reference,
-        referenced_series: referenced(set).keys().cloned().collect(),
-        referenced_images: referenced(set),
+        referenced_series: images_of(set).keys().cloned().collect(),
+        referenced_images: images_of(set),
         patient: series.patient,
         study: series.study,
         label: text(set, tags::STRUCTURE_SET_LABEL),
@@ -134,14 +142,18 @@ pub fn read_structure_set(path: impl AsRef<Path>) -> Result<StructureSet> {
     })
 }
 
-/// The structure set that a path means.
-fn the_one(path: &Path) -> Result<Object> {
+/// The structure set that a path means, with what is to be known of the files beside it.
+fn the_one(path: &Path) -> Result<(Object, Vec<Warning>)> {
     let found = objects(&root_of(path))?;
-    let mut sets: Vec<Object> = found.objects.into_iter().filter(|o| o.series.modality == "RTSTRUCT").collect();
-    if sets.len() == 1
-        && let Some(one) = sets.pop()
+    let sets: Vec<&Object> = found.objects.iter().filter(|o| o.series.modality == "RTSTRUCT").collect();
+    if let [one] = sets.as_slice() {
+        let warnings = beside(path, &found, &sets, &|damaged| of_kind(damaged, "RTSTRUCT"))?;
+        return Ok(((*one).clone(), warnings));
+    }
+    if let (true, Some(damaged)) =
+        (sets.is_empty(), found.damaged.iter().find(|damaged| of_kind(damaged, "RTSTRUCT") == Some(true)))
     {
-        return Ok(one);
+        return Err(open::damaged(&damaged.path, &damaged.why));
     }
     let list: String = sets
         .iter()
@@ -249,36 +261,39 @@ fn rois(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Vec<Roi> {
     rois
 }
 
-/// The frame of reference of all structures.
-fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> Result<String> {
+/// The frame of reference of the structures, and that of those in another one, by their numbers.
+fn frame(what: &str, set: &Item, warnings: &mut Vec<Warning>) -> (String, BTreeMap<i64, String>) {
     let drawn: BTreeSet<i64> = items(set, tags::ROI_CONTOUR_SEQUENCE)
         .iter()
         .filter(|c| !items(c, tags::CONTOUR_SEQUENCE).is_empty())
         .filter_map(|c| whole(c, tags::REFERENCED_ROI_NUMBER))
         .collect();
-    let own = items(set, tags::STRUCTURE_SET_ROI_SEQUENCE)
-        .iter()
-        .filter(|r| whole(r, tags::ROI_NUMBER).is_some_and(|n| drawn.contains(&n)));
-    let frames: BTreeSet<String> =
-        own.map(|r| text(r, tags::REFERENCED_FRAME_OF_REFERENCE_UID)).filter(|f| !f.is_empty()).collect();
-    if frames.len() > 1 {
-        let list = frames.into_iter().collect::<Vec<_>>().join(", ");
-        let problem = format!("its structures lie in several frames of reference ({list})");
-        let remedy = "export the structures of each image as a set of their own";
-        return Err(Error::refused(findings::DICOM_FRAME, what, problem, remedy));
-    }
-    let listed = || {
+    let one = frame_of_structures(set, Some(&drawn)).unwrap_or_else(|| {
         let all = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
         let all: BTreeSet<String> = all.map(|f| text(f, tags::FRAME_OF_REFERENCE_UID)).collect();
-        if all.len() == 1 { all.into_iter().next() } else { None }
-    };
-    let one = frames.into_iter().next().or_else(listed).unwrap_or_else(|| text(set, tags::FRAME_OF_REFERENCE_UID));
+        let listed = if all.len() == 1 { all.into_iter().next() } else { None };
+        listed.unwrap_or_else(|| text(set, tags::FRAME_OF_REFERENCE_UID))
+    });
     if one.is_empty() {
         let message =
             format!("{what}: it names no frame of reference: whether it belongs to an image cannot be checked");
         warnings.push(Warning::new(findings::DICOM_FRAME, message));
     }
-    Ok(one)
+    let own = items(set, tags::STRUCTURE_SET_ROI_SEQUENCE).iter();
+    let own = own.filter_map(|r| Some((whole(r, tags::ROI_NUMBER)?, text(r, tags::REFERENCED_FRAME_OF_REFERENCE_UID))));
+    let strangers = own.filter(|(n, f)| drawn.contains(n) && !f.is_empty() && *f != one).collect();
+    (one, strangers)
+}
+
+/// Takes the contours of structures away that lie in another frame of reference; returns them by name.
+fn elsewhere(rois: &[Roi], drawings: &mut [Drawing], strangers: &BTreeMap<i64, String>) -> Vec<String> {
+    let all = rois.iter().zip(drawings);
+    let all = all.filter_map(|(roi, drawing)| Some((drawing, strangers.get(&roi.number)?)));
+    all.map(|(drawing, frame)| {
+        drawing.contours.clear();
+        format!("{:?} (in the frame of reference {frame})", drawing.name)
+    })
+    .collect()
 }
 
 /// The closed contours of each structure, and structures of which a contour contradicts itself, by name.
@@ -332,42 +347,23 @@ fn drawings(what: &str, set: &Item, rois: &[Roi], warnings: &mut Vec<Warning>) -
     (all, odd)
 }
 
-/// The images of each series that a set was drawn on.
-fn referenced(set: &Item) -> BTreeMap<String, BTreeSet<String>> {
-    let frames = items(set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE).iter();
-    let studies = frames.flat_map(|f| items(f, tags::RT_REFERENCED_STUDY_SEQUENCE));
-    let series = studies.flat_map(|s| items(s, tags::RT_REFERENCED_SERIES_SEQUENCE));
-    let mut all: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for s in series {
-        let images = items(s, tags::CONTOUR_IMAGE_SEQUENCE).iter().map(|i| text(i, tags::REFERENCED_SOP_INSTANCE_UID));
-        all.entry(text(s, tags::SERIES_INSTANCE_UID)).or_default().extend(images.filter(|uid| !uid.is_empty()));
-    }
-    all.remove("");
-    all
-}
-
 /// The first of many names.
-pub(super) fn some_names<S: AsRef<str>>(names: &[S]) -> String {
+pub(in super::super) fn some_names<S: AsRef<str>>(names: &[S]) -> String {
     let shown = names.iter().take(NAMED).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
     if names.len() > NAMED { format!("{shown} and {} more", names.len() - NAMED) } else { shown }
 }
 
 impl StructureSet {
-    /// A word about images that the set was drawn on and that are not in `series`, which it names.
-    pub fn missing_images(&self, series: &Series) -> Option<Warning> {
+    /// A word about images that the set was drawn on and that are not in `series`, which was read from `place`; nothing where the
+    /// set lies there as well, for reading the series tells it then.
+    pub fn missing_images(&self, series: &Series, place: &Path) -> Option<Warning> {
+        let root = root_of(place);
+        let folder = if root.is_dir() { Some(root.as_path()) } else { root.parent() };
+        if folder.is_some_and(|folder| self.path.starts_with(folder)) {
+            return None;
+        }
         let there: BTreeSet<&str> = series.slices.iter().map(|s| s.uid.as_str()).collect();
-        let wanted = self.referenced_images.get(&series.uid)?;
-        let gone: Vec<&str> = wanted.iter().map(String::as_str).filter(|uid| !there.contains(uid)).collect();
-        (!gone.is_empty()).then(|| {
-            let message = format!(
-                "{}: of the {} images that it was drawn on {} are not in the series: {}",
-                self.path.display(),
-                wanted.len(),
-                gone.len(),
-                some_names(&gone)
-            );
-            Warning::new(findings::DICOM_FEWER, message)
-        })
+        lost(&self.path, &self.referenced_images, &series.uid, &there)
     }
 
     /// Structures with contours, with what the set says of them.

@@ -1,11 +1,12 @@
 //! What a folder of DICOM holds, for people and machines: series and objects, their geometry, what
 //! refers to what.
 
+use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, Group, Object, day, find};
 use super::place::CT;
 use super::series::Patient;
-use super::{ct, dose, structures};
+use super::{ct, dose, segmentation, structures};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use dicom_dictionary_std::tags;
@@ -140,6 +141,10 @@ fn entry(
             problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
         }
     }
+    if s.modality == "CT" {
+        let others: Vec<&Object> = units.iter().flat_map(|u| u.objects.iter().copied()).collect();
+        problems.extend(lost_of(&unit.objects, &others).into_iter().map(|w| w.message));
+    }
     let mut notes = Vec::new();
     if targets.is_empty() && !refers.is_empty() {
         match s.modality.as_str() {
@@ -197,6 +202,10 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
         }
         "RTDOSE" => {
             let (words, grid) = dose::describe(first)?;
+            Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
+        }
+        "SEG" => {
+            let (words, grid) = segmentation::describe(first)?;
             Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
         }
         "RTSTRUCT" => Ok((many(structures::count(&first.header), "structure"), None, Vec::new())),

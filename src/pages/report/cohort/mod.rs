@@ -14,7 +14,9 @@ use super::numbers::Report;
 use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::verdict::{Mark, against};
+use crate::findings;
 use crate::io::write_file;
+use crate::warning::Warning;
 use figures::KINDS;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -33,6 +35,8 @@ pub struct Member {
     /// Its folder as seen from that of the summary.
     #[serde(serialize_with = "crate::io::path_as_text")]
     pub folder: PathBuf,
+    /// SHA-256 of its planning CT; empty where its report names no file.
+    pub planning_sha256: String,
     /// Version of aventail that made it.
     pub version: String,
     /// Its figures by name, with the unit in the name; nothing where the run has none.
@@ -43,14 +47,15 @@ pub struct Member {
     pub reasons: Vec<String>,
     /// Figures that stand apart from those of the cohort.
     pub stand_apart: Vec<&'static str>,
-    /// Codes of its warnings.
+    /// Codes of its warnings, and of what the summary found of it.
     pub warnings: Vec<String>,
 }
 
 impl Member {
     /// Of a report, whose run lies in `folder` as seen from that of the summary.
     pub fn new(patient: String, fraction: String, folder: PathBuf, report: &Report) -> Self {
-        let about = report.inputs.iter().find(|i| i.role == InputRole::Fraction).and_then(|i| i.about.as_ref());
+        let input = |role: InputRole| report.inputs.iter().find(|i| i.role == role);
+        let about = input(InputRole::Fraction).and_then(|i| i.about.as_ref());
         let mut warnings: Vec<String> = report.warnings.iter().map(|w| w.code.clone()).collect();
         warnings.dedup();
         let worst = against(&report.verdicts).into_iter().filter(|v| Some(v.verdict) == report.verdict);
@@ -59,6 +64,7 @@ impl Member {
             fraction,
             date: about.map_or(String::new(), |a| a.date.clone()),
             folder,
+            planning_sha256: input(InputRole::Planning).map_or(String::new(), |i| i.sha256.clone()),
             version: report.version.clone(),
             figures: KINDS.iter().map(|kind| (kind.key, kind.of(report))).collect(),
             verdict: report.verdict,
@@ -88,6 +94,8 @@ pub struct Cohort {
     pub runs: Vec<Member>,
     /// Folders of runs that are at work or were stopped.
     pub unfinished: Vec<String>,
+    /// What was found of several runs.
+    pub warnings: Vec<Warning>,
 }
 
 impl Cohort {
@@ -101,8 +109,9 @@ impl Cohort {
             let apart = odd::outliers(&values, kind.worse, kind.least);
             runs.iter_mut().zip(apart).filter(|(_, apart)| *apart).for_each(|(m, _)| m.stand_apart.push(kind.key));
         }
+        let warnings = several_plannings(&mut runs);
         let created = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-        Self { version: env!("CARGO_PKG_VERSION").into(), created, command, medians, runs, unfinished }
+        Self { version: env!("CARGO_PKG_VERSION").into(), created, command, medians, runs, unfinished, warnings }
     }
 
     /// The runs of each patient.
@@ -123,6 +132,36 @@ impl Cohort {
         write_file(folder.join("summary.csv"), |out| out.write_all(&text::csv(self)?))?;
         write_file(folder.join("summary.html"), |out| out.write_all(page::page(self).as_bytes()))
     }
+}
+
+/// Tells of runs of one patient that were made of different planning CTs: two patients of one name, or a patient planned anew.
+/// `runs` are sorted by patient.
+fn several_plannings(runs: &mut [Member]) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    for patient in runs.chunk_by_mut(|a, b| a.patient == b.patient) {
+        let mut by_planning: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for m in patient.iter().filter(|m| !m.planning_sha256.is_empty()) {
+            by_planning.entry(&m.planning_sha256).or_default().push(m.folder.display().to_string());
+        }
+        if by_planning.len() < 2 {
+            continue;
+        }
+        let each: Vec<String> = by_planning
+            .iter()
+            .map(|(sha256, folders)| {
+                format!("{} of SHA-256 {}", folders.join(", "), sha256.get(..12).unwrap_or(sha256))
+            })
+            .collect();
+        let message = format!(
+            "{}: its runs were made of {} planning CTs, and may be of as many patients: {}",
+            patient[0].patient,
+            each.len(),
+            each.join("; ")
+        );
+        patient.iter_mut().for_each(|m| m.warnings.push(findings::PLANNING_DIFFERS.code.to_owned()));
+        warnings.push(Warning::new(findings::PLANNING_DIFFERS, message));
+    }
+    warnings
 }
 
 /// A name in the order that people give it: runs of digits count as numbers.
@@ -182,6 +221,35 @@ mod tests {
         let first = page.find("P6, fraction_11").unwrap();
         assert!(first < page.find("<table").unwrap() && page.contains("href=\"../r17/report.html\""));
         assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("<script"));
+    }
+
+    #[test]
+    fn runs_of_one_name_with_several_planning_cts_are_told() {
+        let (case, outcome, run) = example::small();
+        let report = Report::new(&case, &outcome, &run);
+        let member = |patient: &str, n: usize, sha256: &str| {
+            let mut m = Member::new(patient.into(), format!("fx{n}"), format!("../r{n}").into(), &report);
+            m.planning_sha256 = sha256.into();
+            m
+        };
+        let [a, b] = ["a".repeat(64), "b".repeat(64)];
+        let runs = vec![
+            member("P1", 1, &a),
+            member("P2", 2, &a),
+            member("P1", 3, &b),
+            member("P2", 4, ""),
+            member("P2", 5, &a),
+        ];
+        let cohort = Cohort::new(runs, Vec::new(), "aventail summary".into());
+        let [one] = cohort.warnings.as_slice() else { panic!("{:?}", cohort.warnings) };
+        assert!(one.is(findings::PLANNING_DIFFERS) && one.message.starts_with("P1: ") && one.message.contains("../r3"));
+        let told = |m: &Member| m.warnings.iter().any(|w| w == "planning-differs");
+        assert_eq!(cohort.runs.iter().filter(|m| told(m)).count(), 2);
+        assert!(cohort.runs.iter().all(|m| told(m) == (m.patient == "P1")));
+        assert!(cohort.terminal_text().contains("P1: its runs were made of 2 planning CTs"));
+        let page = page::page(&cohort);
+        assert!(page.find("2 planning CTs").unwrap() < page.find("<table").unwrap());
+        assert!(String::from_utf8(text::csv(&cohort).unwrap()).unwrap().contains("planning-differs"));
     }
 
     #[test]

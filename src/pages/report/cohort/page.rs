@@ -75,8 +75,9 @@ fn first(cohort: &Cohort) -> Markup {
     let odd = stand_out(cohort);
     html! {
         @if odd.is_empty() { p { "Every finished run passes its own rules, and no figure of any run stands apart." } }
-        @if !odd.is_empty() || !cohort.unfinished.is_empty() {
+        @if !odd.is_empty() || !cohort.unfinished.is_empty() || !cohort.warnings.is_empty() {
             ul.warnings {
+                @for w in &cohort.warnings { li { code { (w.code) } (w.message) } }
                 @for m in odd {
                     li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m)) }
                 }

@@ -108,6 +108,9 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
     for m in stand_out(cohort) {
         let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, why(cohort, m));
     }
+    for w in &cohort.warnings {
+        let _ = writeln!(text, "  warning ({}): {}", w.code, w.message);
+    }
     for folder in &cohort.unfinished {
         let _ = writeln!(text, "  unfinished: {folder}");
     }

@@ -198,3 +198,17 @@ fn other_frames_of_reference_are_refused() {
     // Where a dose is asked for a folder's CT is none.
     assert_eq!(read_any(ct.path()).unwrap_err().code(), "dicom-no-dose");
 }
+
+#[test]
+fn a_dose_tells_whether_it_is_of_a_whole_plan() {
+    let dir = tempfile::tempdir().unwrap();
+    for (summation, expected) in
+        [("PLAN", true), ("MULTI_PLAN", true), ("FRACTION", false), ("BEAM", false), ("", false)]
+    {
+        let mut set = dose("1.5.60", &[0.0, 4.0], |n| n as u16);
+        put(&mut set, tags::DOSE_SUMMATION_TYPE, VR::CS, summation);
+        let read = read_dose(write(dir.path(), "d", &set)).unwrap();
+        assert_eq!(read.value.is_of_whole_plan(), expected, "{summation}");
+        assert_eq!(read.warnings.iter().any(|w| w.code == "dose-part"), !expected, "{summation}");
+    }
+}

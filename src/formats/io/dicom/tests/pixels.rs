@@ -118,6 +118,17 @@ fn run_length_encoding_is_read() {
     }
     let value = 2.0 * f32::from(4u16 * 256 + 7) - 1024.0;
     assert!(read_image(dir.path()).unwrap().value.data().iter().all(|v| *v == value));
+    // Segments that are not there, begin beyond the end, or hold too little.
+    let short = [&encoded[..64], &[0, 4, 0, 7]].concat();
+    let one = [&[1u8, 0, 0, 0], &encoded[4..]].concat();
+    let beyond = [&encoded[..4], &[200u8, 0, 0, 0], &encoded[8..]].concat();
+    for damaged in [encoded[..3].to_vec(), encoded[..64].to_vec(), vec![255; 70], short, one, beyond] {
+        let mut set = slice(2);
+        set.put(DataElement::new(tags::PIXEL_DATA, VR::OB, PixelFragmentSequence::new_fragments(vec![damaged])));
+        write_as(dir.path(), "2", &set, uids::RLE_LOSSLESS);
+        let error = read_image(dir.path()).unwrap_err();
+        assert!(error.exit_code() == 3 && error.to_string().contains("run lengths"), "{error}");
+    }
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! Structure sets.
 
-use super::super::read_structure_set;
+use super::super::{Role, StructureSet, describe_series, frame_of, missing_images, read_structure_set, summary};
 use super::make::*;
 use crate::findings;
-use crate::io::{read_contour_file, read_contours};
+use crate::io::{read_contour_file, read_contours, read_grid, read_image};
+use crate::warning::Warning;
 use dicom_core::VR;
 use dicom_dictionary_std::tags;
 
@@ -178,4 +179,110 @@ fn numbers_that_belong_to_several_structures_are_refused() {
     });
     let read = read_structure_set(write(dir.path(), "rs", &set)).unwrap();
     assert!(read.warnings[0].is(findings::STRUCTURES_NUMBERS) && read.rois[0].interpreted_type == "ORGAN");
+}
+
+/// A set of two axial structures, the second in the frame of reference `other`.
+fn of_two_frames(other: &str) -> Set {
+    let axial = |name| Roi { name, contours: closed(vec![square(2.0, 0.0)]) };
+    let mut set = structure_set(&[axial("cord"), axial("gland")]);
+    set.update_value(tags::STRUCTURE_SET_ROI_SEQUENCE, |value| {
+        if let Some(item) = value.items_mut().and_then(|items| items.last_mut()) {
+            put(item, tags::REFERENCED_FRAME_OF_REFERENCE_UID, VR::UI, other);
+        }
+    });
+    set
+}
+
+#[test]
+fn structures_of_another_frame_of_reference_are_left_out_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let read = |set: &Set| read_structure_set(write(dir.path(), "rs", set)).unwrap();
+    let kept = |set: &StructureSet| set.drawn().map(|(roi, _)| roi.name.clone()).collect::<Vec<_>>();
+    let told = |set: &StructureSet, name: &str, frame: &str| {
+        let [one] = set.warnings.as_slice() else { panic!("{:?}", set.warnings) };
+        assert!(
+            one.is(findings::STRUCTURES_FRAME) && one.message.contains(name) && one.message.contains(frame),
+            "{one:?}"
+        );
+    };
+    let first = read(&of_two_frames("1.88"));
+    assert_eq!((kept(&first), first.frame_of_reference.as_str()), (vec!["cord".to_owned()], "1.8"));
+    told(&first, "\"gland\"", "1.88");
+    // That of the CT counts, where the set says which it is.
+    let mut set = of_two_frames("1.88");
+    let (mut image, mut series, mut study, mut frame) =
+        (Set::new_empty(), Set::new_empty(), Set::new_empty(), Set::new_empty());
+    put(&mut image, tags::REFERENCED_SOP_CLASS_UID, VR::UI, CT);
+    put(&mut image, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, "1.5.0");
+    put_items(&mut series, tags::CONTOUR_IMAGE_SEQUENCE, vec![image]);
+    put(&mut series, tags::SERIES_INSTANCE_UID, VR::UI, "1.7.2");
+    put_items(&mut study, tags::RT_REFERENCED_SERIES_SEQUENCE, vec![series]);
+    put(&mut frame, tags::FRAME_OF_REFERENCE_UID, VR::UI, "1.88");
+    put_items(&mut frame, tags::RT_REFERENCED_STUDY_SEQUENCE, vec![study]);
+    put_items(&mut set, tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE, vec![frame]);
+    let ct = read(&set);
+    assert_eq!((kept(&ct), ct.frame_of_reference.as_str()), (vec!["gland".to_owned()], "1.88"));
+    told(&ct, "\"cord\"", "1.8");
+    // Whoever asks for the frame alone gets the same.
+    let frame = frame_of(Role::Structures.at(&dir.path().join("rs"))).unwrap();
+    assert_eq!(frame.as_deref(), Some("1.88"));
+}
+
+#[test]
+fn a_damaged_set_beside_a_good_one_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let set = structure_set(&[Roi { name: "cord", contours: closed(vec![square(2.0, 0.0)]) }]);
+    let good = write(dir.path(), "rs.dcm", &set);
+    let bytes = std::fs::read(&good).unwrap();
+    let cut = dir.path().join("other.dcm");
+    // What is cut off behind its header is a second set.
+    for (length, code) in
+        [(bytes.len() / 2, "dicom-damaged"), (0, "dicom-damaged"), (bytes.len() - 9, "structures-several")]
+    {
+        std::fs::write(&cut, &bytes[..length]).unwrap();
+        let error = read_structure_set(dir.path()).unwrap_err();
+        assert!(error.code() == code && error.to_string().contains("other.dcm"), "{length}: {error}");
+        assert!(read_structure_set(&good).unwrap().warnings.is_empty());
+    }
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    std::fs::remove_file(&good).unwrap();
+    assert!(read_structure_set(dir.path()).unwrap_err().to_string().contains("other.dcm"));
+}
+
+#[test]
+fn images_that_a_set_was_drawn_on_and_that_are_gone_are_told_by_whoever_reads_the_series() {
+    let dir = series(|_, _| {});
+    let mut set = structure_set(&[Roi { name: "cord", contours: closed(vec![square(2.0, 33.0)]) }]);
+    set.update_value(tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE, |value| {
+        let frame = &mut value.items_mut().unwrap()[0];
+        let image = |uid: &str| {
+            let mut item = Set::new_empty();
+            put(&mut item, tags::REFERENCED_SOP_CLASS_UID, VR::UI, CT);
+            put(&mut item, tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, uid);
+            item
+        };
+        let (mut series, mut study) = (Set::new_empty(), Set::new_empty());
+        put(&mut series, tags::SERIES_INSTANCE_UID, VR::UI, "1.7.2");
+        put_items(&mut series, tags::CONTOUR_IMAGE_SEQUENCE, (0..8).map(|k| image(&format!("1.5.{k}"))).collect());
+        put_items(&mut study, tags::RT_REFERENCED_SERIES_SEQUENCE, vec![series]);
+        put_items(frame, tags::RT_REFERENCED_STUDY_SEQUENCE, vec![study]);
+    });
+    let beside = write(dir.path(), "rs.dcm", &set);
+    let told = |warnings: &[Warning]| {
+        let [one] = warnings else { panic!("{warnings:?}") };
+        assert!(one.is(findings::DICOM_FEWER), "{one:?}");
+        assert!(one.message.contains("of the 8 images") && one.message.contains("1.5.6, 1.5.7"), "{one:?}");
+    };
+    told(&read_image(dir.path()).unwrap().warnings);
+    told(&read_grid(dir.path()).unwrap().1);
+    assert!(summary(dir.path(), false).unwrap().to_string().contains("of the 8 images"));
+    // A set beside the series is told by it, one elsewhere by who uses both.
+    assert_eq!(missing_images(&beside, dir.path()).unwrap(), None);
+    let own = describe_series(dir.path()).unwrap().0;
+    assert_eq!(read_structure_set(&beside).unwrap().missing_images(&own, dir.path()), None);
+    let far = tempfile::tempdir().unwrap();
+    let elsewhere = write(far.path(), "rs.dcm", &set);
+    told(&missing_images(&elsewhere, dir.path()).unwrap().into_iter().collect::<Vec<_>>());
+    let read = read_structure_set(&elsewhere).unwrap();
+    told(&read.missing_images(&own, dir.path()).into_iter().collect::<Vec<_>>());
 }

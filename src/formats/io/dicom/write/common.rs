@@ -64,9 +64,11 @@ impl Origin {
 
     /// The UID of what plays the part `role` (a series, an object, a frame of reference), for example `"ct", "series"`.
     ///
-    /// It depends on the program's version too: another version may give another content.
+    /// It depends on the program's version too: another version may give another content. The patient counts as well: a study
+    /// without a UID tells nobody apart.
     pub fn uid(&self, role: &[&str]) -> String {
-        let own = [PROGRAM, VERSION, self.study.uid.as_str()];
+        let Patient { name, id, birth_date, sex } = &self.patient;
+        let own = [PROGRAM, VERSION, &self.study.uid, name, id, birth_date, sex];
         let parts: Vec<&str> =
             own.into_iter().chain(self.parts.iter().map(String::as_str)).chain(role.iter().copied()).collect();
         uid_of(&parts)
@@ -143,8 +145,8 @@ pub(in crate::io::dicom) fn frame(origin: &Origin, series: &NewSeries<'_>, insta
         optional(&mut object, date, VR::DA, &when.date);
         optional(&mut object, time, VR::TM, &when.time);
     }
-    if !series.modality.starts_with("RT") {
-        // Type 2C of General Series: nobody says whether the body part is one of a pair.
+    if !series.modality.starts_with("RT") && series.modality != "SEG" {
+        // Type 2C of General Series: nobody says whether the body part is one of a pair. Segments say it themselves.
         object.put(empty(tags::LATERALITY, VR::CS));
     }
     if !series.frame_of_reference.is_empty() {
@@ -220,4 +222,38 @@ pub(in crate::io::dicom) fn save(path: &Path, object: InMemDicomObject) -> Resul
     let file: FileDicomObject<_> =
         object.with_meta(meta).map_err(|e| Error::Internal(format!("DICOM file meta information: {e}")))?;
     write_file(path, |out| file.write_all(out).map_err(std::io::Error::other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::fixture::origin;
+    use super::*;
+
+    #[test]
+    fn uids_tell_study_and_patient_apart_whatever_else_is_the_same() {
+        type Change = (&'static str, fn(&mut Origin));
+        let changes: [Change; 7] = [
+            ("study", |o| o.study.uid = "1.2.3.5".into()),
+            ("no study", |o| o.study.uid.clear()),
+            ("number", |o| o.patient.id = "HN 0002".into()),
+            ("name", |o| o.patient.name = "Meier^Jürgen".into()),
+            ("birth", |o| o.patient.birth_date.clear()),
+            ("sex", |o| o.patient.sex.clear()),
+            ("parts", |o| o.parts.swap(0, 1)),
+        ];
+        let mut seen = vec![origin().uid(&["ct", "series"]), origin().uid(&["ct", "slice"])];
+        for (what, change) in changes {
+            let mut other = origin();
+            change(&mut other);
+            let uid = other.uid(&["ct", "series"]);
+            assert!(!seen.contains(&uid), "{what}");
+            seen.push(uid);
+        }
+        // Two patients whose studies have no UID.
+        let [mut a, mut b] = [origin(), origin()];
+        a.study.uid.clear();
+        b.study.uid.clear();
+        b.patient.id = "HN 0002".into();
+        assert!(a.study_uid() != b.study_uid() && a.study_uid() == a.clone().study_uid());
+    }
 }
