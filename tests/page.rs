@@ -292,6 +292,6 @@ fn what_must_not_be_used_says_so_on_the_first_screen() {
     browser.call("Emulation.setDeviceMetricsOverride", screen);
     browser.open(&run.out.join("report.html"));
     let seen = "(() => { const b = document.querySelector('.verdict.fail').getBoundingClientRect(); \
-                return b.height > 60 && b.bottom < 600; })()";
+                return b.height > 60 && b.bottom < 880; })()";
     assert_eq!(browser.value(seen), json!(true));
 }

@@ -54,7 +54,7 @@ findings! {
     );
     OTHER_FILE = refused(
         "other-file",
-        "A result would take the place of a file that no run has written.",
+        "A result would take the place of a page that no run has written.",
         "Give another --out, or move the file away.",
     );
     OTHER_PLANNING = refused(

@@ -1,8 +1,8 @@
 //! Bone motions from labels of both scans: a bone's surface in planning is laid on its surface in the fraction.
 //!
 //! Iterated closest points (Besl and McKay, IEEE PAMI 14 (1992) 239), trimmed, from the labels' centres and from their principal
-//! axes. A label that an edge of its scan cuts has its open side left out, and the smaller label seeks its place on the larger:
-//! part of a bone lies on the whole, not the whole on a part.
+//! axes. Only what both scans show is compared, a label's open side at the edge of its scan left out, and the smaller label seeks
+//! its place on the larger: part of a bone lies on the whole, not the whole on a part.
 
 use super::given::GivenMotion;
 use crate::error::{Error, Result};
@@ -17,23 +17,25 @@ use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQua
 use rayon::prelude::*;
 
 /// Vertices of a surface that take part, about.
-const VERTICES: usize = 2000;
+const VERTICES: usize = 1500;
 /// Every so-manieth of them, and rounds of closest points, for each start.
-const COARSE: (usize, usize) = (6, 40);
+const COARSE: (usize, usize) = (8, 25);
 /// Rounds of closest points with all of them: a long bone slides home slowly.
-const ROUNDS: usize = 150;
+const ROUNDS: usize = 100;
 /// Distances beyond count as this, mm.
 const MOST_MM: f64 = 10.0;
 /// A round that moves a bone by less has settled, mm and radians of its vertices.
 const SETTLED_MM: f64 = 5e-4;
 /// Pairs farther apart than this many times the middle one are left out, but for the least distance, mm.
 const TRIM: f64 = 2.5;
-const LEAST_TRIM_MM: f64 = 1.5;
+const LEAST_TRIM_MM: f64 = 6.0;
+/// Whole labels of one bone have volumes of at least this ratio.
+const LEAST_RATIO: f64 = 0.6;
 /// Labels whose volumes are nearer than this share seek each other.
 const ALIKE: f64 = 0.1;
 /// A turn by the principal axes must fit so much better than none: vertebrae are nearly their own mirror images.
 const BETTER: f64 = 0.8;
-/// Labels that stay farther apart than this, or than the largest voxel edge, are no labels of one bone, rms mm.
+/// Labels that stay farther apart than this, or than a mean voxel edge, are no labels of one bone, rms mm.
 const MOST_RMS_MM: f64 = 1.5;
 /// Share of a label's error that its bone's place has: a label's surface errs in patches, not voxel by voxel.
 const PLACE: f64 = 0.5;
@@ -54,7 +56,7 @@ pub fn from_labels(
     planning: &LabelMap,
     fraction: &LabelMap,
 ) -> Result<(Vec<Option<GivenMotion>>, Vec<Warning>)> {
-    let edge = [planning, fraction].iter().flat_map(|m| m.volume.grid().spacing()).fold(0.0, f64::max);
+    let edge = [planning, fraction].iter().map(|m| m.volume.grid().mean_edge()).fold(0.0, f64::max);
     let bound = MOST_RMS_MM.max(edge);
     let found: Vec<Option<Fitted>> =
         skeleton.bones.par_iter().with_max_len(1).map(|bone| fitted(bone, planning, fraction)).collect();
@@ -113,6 +115,10 @@ struct Side {
     surface: Surface,
     vertices: Vec<Point3<f64>>,
     volume: f64,
+    /// What its scan shows.
+    grid: Grid,
+    /// Whether no edge of the scan cuts it.
+    whole: bool,
 }
 
 impl Side {
@@ -120,11 +126,12 @@ impl Side {
         let grid = labels.volume.grid();
         let surface = Surface::of(&labels.volume, |l| l == label)?;
         let whole: Vec<Point3<f64>> = surface.vertices.iter().filter(|v| !at_the_edge(grid, v)).copied().collect();
+        let uncut = whole.len() == surface.vertices.len();
         let every = whole.len().div_ceil(VERTICES).max(1);
         let vertices: Vec<_> = whole.into_iter().step_by(every).collect();
         let voxels = labels.volume.data().par_iter().filter(|l| **l == label).count();
         let volume = voxels as f64 * grid.voxel_volume();
-        (vertices.len() >= FEWEST).then_some(Self { surface, vertices, volume })
+        (vertices.len() >= FEWEST).then(|| Self { surface, vertices, volume, grid: grid.clone(), whole: uncut })
     }
 
     fn centre(&self) -> Vector3<f64> {
@@ -153,7 +160,7 @@ impl Side {
     }
 }
 
-/// Whether a point lies in the outermost layer of a grid, where a label may be cut.
+/// Whether a point lies outside of a grid or in its outermost layer, where a label may be cut.
 fn at_the_edge(grid: &Grid, p: &Point3<f64>) -> bool {
     let (index, size) = (grid.index(p), grid.size());
     (0..3).any(|a| index[a] < 0.5 || index[a] > size[a] as f64 - 1.5)
@@ -162,8 +169,11 @@ fn at_the_edge(grid: &Grid, p: &Point3<f64>) -> bool {
 fn fitted(bone: &Bone, planning: &LabelMap, fraction: &LabelMap) -> Option<Fitted> {
     let label = fraction.names.iter().find(|(_, name)| **name == bone.name).map(|(label, _)| *label)?;
     let (from, to) = (Side::of(planning, bone.label)?, Side::of(fraction, label)?);
+    if from.whole && to.whole && !(LEAST_RATIO..=1.0 / LEAST_RATIO).contains(&(to.volume / from.volume)) {
+        return Some(Fitted { transform: Rigid::identity(), rms: f64::INFINITY });
+    }
     let (own, other) = (from.axes(), to.axes());
-    let whole = |turn: &Matrix3<f64>| {
+    let coarse = |turn: &Matrix3<f64>| {
         // Part of a long bone may be either end of it.
         let along = turn * own.column(0);
         let room = 0.5 * (from.length(&own.column(0).into_owned()) - to.length(&along));
@@ -172,16 +182,16 @@ fn fitted(bone: &Bone, planning: &LabelMap, fraction: &LabelMap) -> Option<Fitte
             let start = start(&from, &to, turn, &(along * (slide * room)));
             closest_points(&from, &to, start, COARSE.0, COARSE.1)
         });
-        let best = tried.min_by(|a, b| a.rms.total_cmp(&b.rms))?;
-        Some(closest_points(&from, &to, best.transform, 1, ROUNDS))
+        tried.min_by(|a, b| a.rms.total_cmp(&b.rms))
     };
-    let plain = whole(&Matrix3::identity())?;
+    let plain = coarse(&Matrix3::identity())?;
     let turns = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]| {
         let flipped = Matrix3::from_columns(&[other.column(0) * a, other.column(1) * b, other.column(2) * (a * b)]);
         flipped * own.transpose()
     });
-    let turned = turns.iter().filter_map(whole).min_by(|a, b| a.rms.total_cmp(&b.rms))?;
-    Some(if turned.rms < BETTER * plain.rms { turned } else { plain })
+    let turned = turns.iter().filter_map(coarse).min_by(|a, b| a.rms.total_cmp(&b.rms))?;
+    let best = if turned.rms < BETTER * plain.rms { turned } else { plain };
+    Some(closest_points(&from, &to, best.transform, 1, ROUNDS))
 }
 
 /// A turn about the centres and a shift of them, as a start.
@@ -202,14 +212,21 @@ fn closest_points(from: &Side, to: &Side, start: Rigid, every: usize, rounds: us
         if seeks[0] {
             // The fraction's label, as far as it is there, lies on planning's.
             let back = transform.inverse();
-            let there: Vec<Point3<f64>> = other.iter().map(|v| back * v).collect();
-            pairs.extend(from.surface.closest(&there).into_iter().zip(other.iter().copied()));
+            let shown = |v: &&Point3<f64>| !at_the_edge(&from.grid, &(back * *v));
+            let seen: Vec<Point3<f64>> = other.iter().filter(shown).copied().collect();
+            let there: Vec<Point3<f64>> = seen.iter().map(|v| back * v).collect();
+            pairs.extend(from.surface.closest(&there).into_iter().zip(seen));
         }
         if seeks[1] {
-            let moved: Vec<Point3<f64>> = own.iter().map(|v| transform * v).collect();
-            pairs.extend(own.iter().copied().zip(to.surface.closest(&moved)));
+            let shown = |v: &&Point3<f64>| !at_the_edge(&to.grid, &(transform * *v));
+            let seen: Vec<Point3<f64>> = own.iter().filter(shown).copied().collect();
+            let moved: Vec<Point3<f64>> = seen.iter().map(|v| transform * v).collect();
+            pairs.extend(seen.into_iter().zip(to.surface.closest(&moved)));
         }
         let apart = |pair: &(Point3<f64>, Point3<f64>)| (transform * pair.0 - pair.1).norm();
+        if pairs.len() < FEWEST.min(own.len().min(other.len())) {
+            break;
+        }
         let mut distances: Vec<f64> = pairs.iter().map(apart).collect();
         // What is left out of the fit still speaks against it.
         let square: f64 = distances.iter().map(|mm| mm.min(MOST_MM).powi(2)).sum();

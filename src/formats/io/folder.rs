@@ -30,6 +30,9 @@ pub(super) const PARTS: [&str; 10] = [
     "dicom/ct",
     "dicom",
 ];
+/// What every page of ours holds.
+const OWN: &[u8] = b"aventail";
+
 /// What a run is going to write into its folder.
 #[derive(Debug, Clone, Default)]
 pub struct Planned {
@@ -102,18 +105,20 @@ impl RunFolder {
         self.leftovers.iter().try_for_each(spare)
     }
 
-    /// Refuses to take the place of a file that no run of ours has written.
+    /// Refuses to take the place of a page that no run of ours has written.
     fn spares_others(&self, folder: &Path, planned: &Planned) -> Result<()> {
-        let known = planned.reports.iter().map(String::as_str).chain(REPORTS);
-        let listed: BTreeSet<PathBuf> = known.flat_map(|report| outputs_of(&folder.join(report))).collect();
-        let own = |name: &Path| self.leftovers.contains(name) || listed.contains(name);
         // The report for machines tells of the page beside it.
-        let ours =
-            planned.reports.first().is_some_and(|report| own(Path::new(report)) || is_report(&folder.join(report)));
-        let reports = planned.reports.iter().filter(|_| !ours);
-        let foreign = reports.chain(&planned.names).find(|name| !own(Path::new(name)) && folder.join(name).is_file());
-        foreign.map_or(Ok(()), |name| {
-            let problem = "no run of aventail tells that it wrote this file, which the results would take the place of";
+        if planned.reports.first().is_some_and(|report| is_report(&folder.join(report))) {
+            return Ok(());
+        }
+        let foreign = |name: &&String| {
+            let path = folder.join(name);
+            let page =
+                path.extension().is_some_and(|e| e == "html") && !self.leftovers.contains(Path::new(name.as_str()));
+            page && std::fs::read(&path).is_ok_and(|text| !text.windows(OWN.len()).any(|part| part == OWN))
+        };
+        planned.reports.iter().chain(&planned.names).find(foreign).map_or(Ok(()), |name| {
+            let problem = "no run of aventail has written this page, which the results would take the place of";
             let remedy = "give another --out, or move the file away";
             Err(Error::refused(findings::OTHER_FILE, folder.join(name).display().to_string(), problem, remedy))
         })
@@ -400,10 +405,6 @@ mod tests {
             let error = RunFolder::open(dir.path(), &planned(), &[&at(name)], "").unwrap_err();
             assert!(error.code() == "input-overwritten" && error.to_string().contains(name), "{error}");
         }
-        // A file that no run tells of is nobody's to overwrite.
-        let error = RunFolder::open(dir.path(), &planned(), &[], "").unwrap_err();
-        assert!(error.code() == "other-file" && error.to_string().contains("a.nii"), "{error}");
-        std::fs::remove_file(at("a.nii")).unwrap();
         let run = RunFolder::open(dir.path(), &planned(), &[&at("c.nii")], "").unwrap();
         let error = write_file(at("c.nii"), |out| out.write_all(b"y")).unwrap_err();
         assert_eq!(error.code(), "input-overwritten");

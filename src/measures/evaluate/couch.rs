@@ -153,7 +153,8 @@ impl CouchMatch {
             on: on.iter().map(|b| b.name.to_owned()).collect(),
             chosen,
             shift_mm: shift.into(),
-            rotation_deg: turn.scaled_axis().map(f64::to_degrees).into(),
+            // By the quaternion: the matrix's trace may exceed 3 by rounding, and has no angle then.
+            rotation_deg: UnitQuaternion::from_rotation_matrix(&turn).scaled_axis().map(f64::to_degrees).into(),
             centre: centre.into(),
             residuals: bones.iter().map(residual).collect(),
         }

@@ -44,7 +44,10 @@ pub fn register_fraction(
 ) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
-    let (placed, unlike) = placed(case, skeleton)?;
+    let (placed, unlike) = match &case.fraction.bones {
+        None => placed(case, skeleton)?,
+        Some(_) => runtime.stage("lay labels on each other", || placed(case, skeleton))?,
+    };
     let drawn;
     let samples = match (&planning.samples, &placed) {
         // The settings would let landmarks alone place the bones, and there are none.

@@ -52,7 +52,7 @@ pub struct PhantomOptions {
 
 /// Most voxels of a phantom, and what their edges may be, mm.
 const MOST_VOXELS: usize = 1_000_000_000;
-const SPACING_MM: [f64; 2] = [0.1, 30.0];
+const SPACING_MM: [f64; 2] = [0.1, 100.0];
 /// No shift, noise or offset is greater, mm or HU.
 const MOST: f64 = 1e5;
 
@@ -149,30 +149,31 @@ impl PhantomOptions {
         let none_or_more = [self.planning_noise_hu, self.fraction_noise_hu, self.soft_tissue_mm, self.fat_mm];
         let any = [self.fraction_offset_hu, self.top_mm, self.fraction_cut_top_mm, self.fraction_cut_bottom_mm];
         let vectors = [self.fraction_grid_shift, self.scanner_shift_mm, self.couch_shift_mm, self.fraction_spacing_mm];
-        let voxels = self.size.iter().try_fold(1usize, |all, n| all.checked_mul(*n));
-        let spacings = self.spacing_mm.iter().chain(self.fraction_spacing_mm.iter().filter(|s| **s != 0.0));
-        let sensible = voxels.is_some_and(|n| (1..=MOST_VOXELS).contains(&n))
-            && spacings.clone().all(|s| (SPACING_MM[0]..=SPACING_MM[1]).contains(s))
-            && none_or_more.iter().all(|v| *v <= MOST)
-            && any.iter().chain(vectors.iter().flatten()).all(|v| v.abs() <= MOST);
-        if !sensible {
-            let spacing = (self.spacing_mm, self.fraction_spacing_mm);
-            let problem = format!("size {:?}, spacing {spacing:?} mm, or a number beyond {MOST:.0}", self.size);
-            return Err(Error::input(
-                "phantom options",
-                problem,
-                "give at most 10^9 voxels of 0.1 to 30 mm, and smaller numbers",
-            ));
-        }
         let fine = amounts.iter().all(|v| v.is_finite() && *v > 0.0)
             && none_or_more.iter().all(|v| v.is_finite() && *v >= 0.0)
             && any.iter().chain(vectors.iter().flatten()).all(|v| v.is_finite());
         if fine {
-            return Ok(());
+            return self.check_size(&none_or_more, &any, &vectors);
         }
         let problem =
             format!("edge {} mm, gain {}, noise, motion and fat {none_or_more:?}", self.edge_mm, self.fraction_gain);
         Err(Error::input("phantom options", problem, "give finite numbers; edge and gain must be positive"))
+    }
+
+    /// Refuses finite numbers that no memory or patient holds.
+    fn check_size(&self, amounts: &[f64], numbers: &[f64], vectors: &[[f64; 3]]) -> Result<()> {
+        let voxels = self.size.iter().try_fold(1usize, |all, n| all.checked_mul(*n));
+        let mut spacings = self.spacing_mm.iter().chain(self.fraction_spacing_mm.iter().filter(|s| **s != 0.0));
+        let mut all = amounts.iter().chain(numbers).chain(vectors.iter().flatten());
+        let sensible = voxels.is_some_and(|n| n <= MOST_VOXELS)
+            && spacings.all(|s| (SPACING_MM[0]..=SPACING_MM[1]).contains(s))
+            && all.all(|v| v.abs() <= MOST);
+        if sensible {
+            return Ok(());
+        }
+        let spacing = (self.spacing_mm, self.fraction_spacing_mm);
+        let problem = format!("size {:?}, spacing {spacing:?} mm, or a number beyond {MOST:.0}", self.size);
+        Err(Error::input("phantom options", problem, "give at most 10^9 voxels of 0.1 to 100 mm, and smaller numbers"))
     }
 }
 

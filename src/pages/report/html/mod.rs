@@ -148,7 +148,7 @@ fn figure(picture: Option<&Picture>) -> Markup {
 /// Kinds of warnings that are printed, and warnings of one kind.
 const ON_PAPER: [usize; 2] = [4, 2];
 /// Rules that are printed.
-const RULES_ON_PAPER: usize = 16;
+const RULES_ON_PAPER: usize = 13;
 /// Inputs that are printed.
 const INPUTS_ON_PAPER: usize = 10;
 

@@ -10,7 +10,7 @@ use crate::geometry::rotation_angle_deg;
 use maud::{Markup, html};
 
 /// Lines of each table that are printed.
-const BONES_ON_PAPER: usize = 26;
+const BONES_ON_PAPER: usize = 20;
 const LANDMARKS_ON_PAPER: usize = 60;
 /// As many lie in two columns; more need three.
 const FEW: usize = 30;
