@@ -27,7 +27,7 @@ fn it_opens_from_disk_without_the_network_and_is_looked_through() {
     let Some(browser) = opened("look") else { return };
     let first = pixels(&browser, "axial");
     // The wheel turns the slices of the plane that the mouse is on.
-    let middle = on_canvas(&browser, "axial", [0.5, 0.5]);
+    let middle = on_canvas(&browser, "axial", [0.42, 0.45]);
     click(&browser, middle);
     let (clicked, at) = (pixels(&browser, "axial"), numbers(&told(&browser, "at")));
     mouse(&browser, "mouseWheel", middle, json!({ "deltaX": 0, "deltaY": 100 }));
