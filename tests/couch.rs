@@ -1,5 +1,7 @@
 //! The couch shift: on which bones it is matched, what it leaves of them, and that it decides about no field.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
+
 use crate::support::{Register, small_phantom};
 use aventail::io;
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};

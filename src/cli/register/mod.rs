@@ -225,7 +225,8 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
     let given = either(&args.fraction_labels, InputRole::FractionLabels, &file.inputs);
     let names_of = |labels: &Path| given.clone().filter(|_| labels != Path::new(AUTO));
     let recorded_start = || file.inputs.iter().find(|i| i.role == InputRole::Start).map(|i| i.given());
-    let one = |(((file, landmarks), labels), name): (((PathBuf, Option<PathBuf>), Option<PathBuf>), &String)| {
+    let one = |(n, (file, name)): (usize, (PathBuf, &String))| {
+        let (landmarks, labels) = (landmarks[n].clone(), labelled[n].clone());
         let mut one = FractionSources::new(Source::File(file));
         one.landmarks = landmarks.map(Source::File);
         let names = |labels: &PathBuf| names_of(labels).map(Source::File);
@@ -233,7 +234,7 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
         one.name = if several { name.clone() } else { String::new() };
         one
     };
-    let mut all: Vec<FractionSources> = files.into_iter().zip(landmarks).zip(labelled).zip(&names).map(one).collect();
+    let mut all: Vec<FractionSources> = files.into_iter().zip(&names).enumerate().map(one).collect();
     if let [only] = all.as_mut_slice() {
         let marks = either(&args.bone_landmarks, InputRole::BoneLandmarks, &file.inputs);
         only.bone_landmarks = marks.map(Source::File);

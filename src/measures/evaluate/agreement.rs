@@ -112,13 +112,14 @@ impl Images<'_> {
 
 /// The smallest box of places around the patient; nothing where he is in none.
 fn patient_alone(all: &Volume<Place>) -> Option<Volume<Place>> {
-    let mut ends = [0; 3].map(|_| usize::MAX..0);
+    let mut ends = [[usize::MAX, 0]; 3];
     for (l, _) in all.data().iter().enumerate().filter(|(_, place)| place.patient) {
-        for (end, at) in ends.iter_mut().zip(all.grid().voxel(l)) {
-            *end = end.start.min(at)..end.end.max(at + 1);
+        for ([from, to], at) in ends.iter_mut().zip(all.grid().voxel(l)) {
+            (*from, *to) = ((*from).min(at), (*to).max(at + 1));
         }
     }
-    if ends[0].is_empty() { None } else { part(all, &ends).ok() }
+    let [from, to] = ends[0];
+    if from < to { part(all, &ends.map(|[from, to]| from..to)).ok() } else { None }
 }
 
 /// Mean of four points around a place, the corners of a tetrahedron: less noise than at one.

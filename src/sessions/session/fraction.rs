@@ -16,6 +16,9 @@ use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
+/// A label map, and the names of its labels where it has none.
+pub type LabelSources = (Source<Volume<u16>>, Option<Source<Names>>);
+
 /// What a fraction is read from.
 #[derive(Debug, Clone)]
 pub struct FractionSources {
@@ -26,7 +29,7 @@ pub struct FractionSources {
     /// Evaluation landmarks.
     pub landmarks: Option<Source<Vec<Landmark>>>,
     /// Labels of bones in the fraction, a structure set, or the path `auto`, with their names.
-    pub bones: Option<(Source<Volume<u16>>, Option<Source<Names>>)>,
+    pub bones: Option<LabelSources>,
     /// Landmarks on bones.
     pub bone_landmarks: Option<Source<Vec<BoneLandmark>>>,
     /// Motion of all bones together, near which the fit begins; of a file also `FILE#ENTRY`.
