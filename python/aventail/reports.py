@@ -282,6 +282,43 @@ class Stage(TypedDict, total=False):
     processor_seconds: float
 
 
+class CouchResidual(TypedDict):
+    """What the couch shift leaves of a bone, root mean square over its points, mm."""
+
+    bone: str
+    matched: bool
+    shift_mm: float
+    rotation_mm: float
+
+
+class CouchMatch(TypedDict):
+    """The couch shift, matched on bones: translation LPS mm, rotation vector in degrees about ``centre``."""
+
+    on: list[str]
+    chosen: str
+    shift_mm: list[float]
+    rotation_deg: list[float]
+    centre: list[float]
+    residuals: list[CouchResidual]
+
+
+class TissueAgreement(TypedDict):
+    """Mean local correlation of the images in one kind of tissue, as scanned, with the couch shift and after."""
+
+    compared_ml: float
+    before: float | None
+    couch: float | None
+    after: float
+    worse_percent: float
+
+
+class Agreement(TypedDict):
+    """How far the images agree, at bones and in soft tissue."""
+
+    bones: TissueAgreement | None
+    soft_tissue: TissueAgreement | None
+
+
 class _Report(TypedDict):
     version: str
     created: int
@@ -292,7 +329,8 @@ class _Report(TypedDict):
     verdicts: list[Verdict]
     planning_grid: Grid
     fraction_grid: Grid
-    couch_shift: list[float]
+    common_shift: list[float]
+    couch: CouchMatch
     bones: list[BoneFit]
     own_motion_mm: list[float]
     pose: Pose
@@ -320,6 +358,7 @@ class Report(_Report, total=False):
     motion of each bone's centroid apart from the couch shift.
     """
 
+    agreement: Agreement
     verdict: Literal["pass", "review", "fail"]
     fraction_kind: dict[str, Any]
 
@@ -390,6 +429,7 @@ class Assessment(TypedDict):
     inversion: Inverse | None
     transitivity: ThereAndBack | None
     similarity: Similarity | None
+    agreement: Agreement | None
     verdicts: list[Verdict]
     measured_in: str
 
@@ -524,6 +564,13 @@ class WrittenFile(TypedDict):
     sha256: str
 
 
+class CohortWarning(TypedDict):
+    """What was found of several runs."""
+
+    code: str
+    message: str
+
+
 class CohortSummary(TypedDict):
     """Runs side by side, by patient and date; ``medians`` of each figure over the runs that have it."""
 
@@ -533,6 +580,7 @@ class CohortSummary(TypedDict):
     medians: dict[str, float | None]
     runs: list[CohortRun]
     unfinished: list[str]
+    warnings: list[CohortWarning]
     inputs: list[InputFile]
     outputs: list[WrittenFile]
 
