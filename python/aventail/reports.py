@@ -564,13 +564,6 @@ class WrittenFile(TypedDict):
     sha256: str
 
 
-class CohortWarning(TypedDict):
-    """What was found of several runs."""
-
-    code: str
-    message: str
-
-
 class CohortSummary(TypedDict):
     """Runs side by side, by patient and date; ``medians`` of each figure over the runs that have it."""
 
@@ -580,7 +573,7 @@ class CohortSummary(TypedDict):
     medians: dict[str, float | None]
     runs: list[CohortRun]
     unfinished: list[str]
-    warnings: list[CohortWarning]
+    warnings: list[Warned]
     inputs: list[InputFile]
     outputs: list[WrittenFile]
 
