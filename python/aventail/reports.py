@@ -549,6 +549,7 @@ class CohortRun(TypedDict):
     fraction: str
     date: str
     folder: str
+    planning_sha256: str
     version: str
     figures: dict[str, float | None]
     verdict: Literal["pass", "review", "fail"] | None
