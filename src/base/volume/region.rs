@@ -19,6 +19,12 @@ pub struct RegionOptions {
     pub margin_mm: f64,
 }
 
+/// What is wrong with a box, least then greatest x, y, z, if anything; `key`: the setting that it is.
+pub fn box_problem(key: &str, &[x0, y0, z0, x1, y1, z1]: &[f64; 6]) -> Option<String> {
+    let ordered = x0 < x1 && y0 < y1 && z0 < z1 && [x0, y0, z0, x1, y1, z1].iter().all(|v| v.is_finite());
+    (!ordered).then(|| format!("{key} is {x0}, {y0}, {z0}, {x1}, {y1}, {z1}: least x, y, z, then greatest"))
+}
+
 impl Default for RegionOptions {
     fn default() -> Self {
         Self { label: None, box_mm: None, margin_mm: 50.0 }
@@ -36,13 +42,8 @@ impl RegionOptions {
         if self.label.is_some() && self.box_mm.is_some() {
             return Some("region.label and region.box_mm are both given: one of them is needed".into());
         }
-        if let Some([x0, y0, z0, x1, y1, z1]) = self.box_mm {
-            let ordered = x0 < x1 && y0 < y1 && z0 < z1 && [x0, y0, z0, x1, y1, z1].iter().all(|v| v.is_finite());
-            if !ordered {
-                return Some(format!(
-                    "region.box_mm is {x0}, {y0}, {z0}, {x1}, {y1}, {z1}: least x, y, z, then greatest"
-                ));
-            }
+        if let Some(problem) = self.box_mm.and_then(|b| box_problem("region.box_mm", &b)) {
+            return Some(problem);
         }
         let bad = !(0.0..=1000.0).contains(&self.margin_mm);
         bad.then(|| format!("region.margin_mm is {}: it must lie in [0, 1000]", self.margin_mm))

@@ -10,7 +10,7 @@ use super::args::{PresetName, RunArgs, SpeedName};
 use super::inputs::{config_file, either, needed, planning_side};
 use super::run_folder;
 use super::terminal::{command_line, progress};
-use crate::config::{Config, ConfigFile, InputRole, Modality, Preset};
+use crate::config::{Config, ConfigFile, InputRole, Modality, Preset, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::couch::CouchOptions;
 use crate::fit::LandmarkUse;
@@ -194,18 +194,9 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
         [] => vec![needed(&None, InputRole::Fraction, &file.inputs)?],
         files => files.to_vec(),
     };
-    let landmarks: Vec<Option<PathBuf>> = match args.landmarks.as_slice() {
-        [] if files.len() == 1 => vec![either(&None, InputRole::Landmarks, &file.inputs)],
-        [] => vec![None; files.len()],
-        some if some.len() == files.len() => some.iter().cloned().map(Some).collect(),
-        some => {
-            return Err(Error::usage(
-                format!("{} files of landmarks are given for {} fractions", some.len(), files.len()),
-                "give --landmarks once for each --fraction, in their order, or not at all",
-            ));
-        }
-    };
-    let labelled = fraction_labels(args, file, files.len())?;
+    let each = |given: &[PathBuf], role, what| one_each(given, role, what, &file.inputs, files.len());
+    let landmarks = each(&args.landmarks, InputRole::Landmarks, "files of landmarks")?;
+    let labelled = each(&args.fraction_bones, InputRole::FractionBones, "label maps of fractions")?;
     let several = files.len() > 1;
     if several && (args.bone_landmarks.is_some() || args.start.is_some()) {
         return Err(Error::usage(
@@ -243,15 +234,21 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
     Ok((all, names))
 }
 
-/// The bone labels of each fraction.
-fn fraction_labels(args: &RegisterArgs, file: &ConfigFile, fractions: usize) -> Result<Vec<Option<PathBuf>>> {
-    match args.fraction_bones.as_slice() {
-        [] if fractions == 1 => Ok(vec![either(&None, InputRole::FractionBones, &file.inputs)]),
+/// What is given once for each of so many fractions; for one also what a run that is done again has recorded.
+fn one_each(
+    given: &[PathBuf],
+    role: InputRole,
+    what: &str,
+    recorded: &[RecordedInput],
+    fractions: usize,
+) -> Result<Vec<Option<PathBuf>>> {
+    match given {
+        [] if fractions == 1 => Ok(vec![either(&None, role, recorded)]),
         [] => Ok(vec![None; fractions]),
         some if some.len() == fractions => Ok(some.iter().cloned().map(Some).collect()),
         some => Err(Error::usage(
-            format!("{} label maps of fractions are given for {fractions} fractions", some.len()),
-            "give --fraction-bones once for each --fraction, in their order, or not at all",
+            format!("{} {what} are given for {fractions} fractions", some.len()),
+            format!("give --{role} once for each --fraction, in their order, or not at all"),
         )),
     }
 }

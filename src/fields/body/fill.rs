@@ -92,7 +92,7 @@ impl Padded {
 }
 
 /// Sets what the mask encloses within slice `n` across `axis`.
-fn seal_face(mask: &mut Mask, axis: usize, n: usize, radius: f64) {
+pub(super) fn seal_face(mask: &mut Mask, axis: usize, n: usize, radius: f64) {
     let grid = mask.grid();
     let mut size = grid.size();
     size[axis] = 1;

@@ -59,29 +59,12 @@ pub fn find(mr: &Volume<f32>) -> Result<Mask> {
     let core = parts.select(&core, |n| parts.sizes[n] as f64 >= least);
     let near = dilate(&core, opening);
     let body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l]);
-    Ok(filled_slices(fill::cavities(&body, CLOSING_MM)))
-}
-
-/// With what each slice's body encloses: marrow within its cortical bone, which the scan's ends leave open along the slices.
-fn filled_slices(mut body: Mask) -> Mask {
-    let [nx, ny, _] = body.grid().size();
-    let mut stack = Vec::new();
-    for slice in body.data_mut().chunks_mut(nx * ny) {
-        let mut air = vec![false; slice.len()];
-        stack.extend((0..slice.len()).filter(|n| n % nx == 0 || n % nx == nx - 1 || n / nx == 0 || n / nx == ny - 1));
-        while let Some(n) = stack.pop() {
-            if slice[n] || air[n] {
-                continue;
-            }
-            air[n] = true;
-            let (x, y) = (n % nx, n / nx);
-            let beside =
-                [(x > 0, n.wrapping_sub(1)), (x + 1 < nx, n + 1), (y > 0, n.wrapping_sub(nx)), (y + 1 < ny, n + nx)];
-            stack.extend(beside.into_iter().filter(|(there, _)| *there).map(|(_, n)| n));
-        }
-        slice.iter_mut().zip(&air).for_each(|(body, air)| *body = !air);
+    let mut body = fill::cavities(&body, CLOSING_MM);
+    // Marrow within its cortical bone, which the scan's ends leave open along the slices.
+    for slice in 0..body.grid().size()[2] {
+        fill::seal_face(&mut body, 2, slice, 0.0);
     }
-    body
+    Ok(body)
 }
 
 /// An MR on a scale on which air is told from the patient.

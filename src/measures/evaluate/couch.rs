@@ -6,6 +6,7 @@
 
 use crate::geometry::Rigid;
 use crate::volume::LabelMap;
+use crate::volume::region::box_problem;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -27,9 +28,7 @@ impl CouchOptions {
         if self.box_mm.is_some() && !self.bones.is_empty() {
             return Some("couch.bones and couch.box_mm are both given: one of them is needed".into());
         }
-        let [x0, y0, z0, x1, y1, z1] = self.box_mm?;
-        let ordered = x0 < x1 && y0 < y1 && z0 < z1 && [x0, y0, z0, x1, y1, z1].iter().all(|v| v.is_finite());
-        (!ordered).then(|| format!("couch.box_mm is {x0}, {y0}, {z0}, {x1}, {y1}, {z1}: least x, y, z, then greatest"))
+        box_problem("couch.box_mm", &self.box_mm?)
     }
 }
 

@@ -224,6 +224,12 @@ impl Report {
     }
 }
 
+/// The first words of a text, in so many letters about; nothing where it is no longer than that.
+pub(super) fn first_words(text: &str, letters: usize) -> Option<&str> {
+    let (end, _) = text.char_indices().nth(letters)?;
+    Some(text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head))
+}
+
 /// A count with its thousands set apart by thin spaces, as `2 118 297`.
 pub(super) fn count(n: usize) -> String {
     let digits = n.to_string();

@@ -1,6 +1,6 @@
 //! The short table at the end of a run on the terminal.
 
-use super::numbers::Report;
+use super::numbers::{Report, first_words};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::verdict::{Verdict, against, overall};
@@ -113,10 +113,7 @@ fn warnings(all: &[Warning]) -> Vec<String> {
 fn one_line(warning: &Warning) -> String {
     let words = warning.message.split_whitespace().collect::<Vec<_>>().join(" ");
     let text = format!("{}: {words}", warning.code);
-    match text.char_indices().nth(LETTERS) {
-        None => text,
-        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head)),
-    }
+    first_words(&text, LETTERS).map(|head| format!("{head} ...")).unwrap_or(text)
 }
 
 /// Local correlation of the images, as scanned, with the couch shift and registered.

@@ -1,5 +1,6 @@
 //! A cohort as text: a table for programs, and what matters for the terminal.
 
+use super::super::numbers::first_words;
 use super::figures::{FigureOfRuns, KINDS};
 use super::{Cohort, Member};
 use crate::evaluate::verdict::Mark;
@@ -65,10 +66,7 @@ pub(super) fn why(cohort: &Cohort, m: &Member) -> String {
 
 /// The first words of a reason.
 fn shortened(text: &str) -> String {
-    match text.char_indices().nth(LETTERS) {
-        None => text.to_owned(),
-        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head)),
-    }
+    first_words(text, LETTERS).map_or_else(|| text.to_owned(), |head| format!("{head} ..."))
 }
 
 /// How many fail, are to be looked at and pass.

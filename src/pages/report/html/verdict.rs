@@ -1,5 +1,6 @@
 //! The first screen of every page: the verdict with its reasons, whose scans they are, and where a person signs.
 
+use super::super::numbers::first_words;
 use super::paper::more;
 use crate::evaluate::verdict::{Mark, Verdict, against, overall};
 use crate::io::dicom::About;
@@ -54,13 +55,7 @@ fn others(n: usize) -> String {
 /// The first sentences of a long reason.
 fn shortened(text: &str) -> String {
     let text = text.trim_end_matches('.');
-    match text.char_indices().nth(LETTERS) {
-        None => format!("{text}."),
-        Some((end, _)) => {
-            let end = text[..end].rfind(' ').unwrap_or(end);
-            format!("{} \u{2026}", &text[..end])
-        }
-    }
+    first_words(text, LETTERS).map_or_else(|| format!("{text}."), |head| format!("{head} \u{2026}"))
 }
 
 /// A remedy as a sentence.
