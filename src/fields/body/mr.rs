@@ -72,7 +72,7 @@ pub fn find(mr: &Volume<f32>) -> Result<Mask> {
 pub struct TissueScale {
     /// The coil's bias taken out: [`DARKEST`] where the patient is dark, brighter where he is bright, and a CT's air outside of him.
     pub image: Volume<f32>,
-    /// Grey values of the MR that shares of [`DARK`] and [`BRIGHT`] of the patient are darker than.
+    /// Grey values of the MR that shares of `DARK` and `BRIGHT` of the patient are darker than.
     pub range: [f32; 2],
 }
 
