@@ -44,7 +44,7 @@
 //! 10 report    outcome -> files               9 provenance concepts
 //! 8 io phantom                                7 pipeline   case -> outcome
 //! 6 config                                    5 fit plausibility postures refine comparator
-//! 4 skeleton chainmail evaluate dose
+//! 4 skeleton chainmail evaluate dose sampling
 //! 3 field body view                           2 volume     voxels on a grid
 //! 1 geometry   grids, rigid transforms        0 error findings warning progress runtime stats
 //! ```
@@ -53,7 +53,7 @@ pub use aventail_base::{Error, Result, error, findings, geometry, progress, runt
 pub use aventail_bones::{fit, plausibility, postures, skeleton};
 pub use aventail_fields::{body, field, view};
 pub use aventail_formats::io;
-pub use aventail_measures::{dose, evaluate};
+pub use aventail_measures::{dose, evaluate, sampling};
 pub use aventail_pages::{provenance, report};
 pub use aventail_registration::{config, pipeline};
 pub use aventail_scenes::{concepts, phantom};

@@ -15,7 +15,7 @@ const RANKS: [&[&str]; 13] = [
     &["geometry"],
     &["volume"],
     &["field", "body", "view"],
-    &["skeleton", "chainmail", "evaluate", "dose"],
+    &["skeleton", "chainmail", "evaluate", "dose", "sampling"],
     &["fit", "plausibility", "postures", "refine", "comparator"],
     &["config"],
     &["pipeline"],
@@ -30,7 +30,7 @@ const RANKS: [&[&str]; 13] = [
 const CRATES: [(&str, &[&str]); 10] = [
     ("base", &["error", "findings", "warning", "progress", "runtime", "stats", "geometry", "volume"]),
     ("fields", &["field", "body", "view"]),
-    ("measures", &["evaluate", "dose"]),
+    ("measures", &["evaluate", "dose", "sampling"]),
     ("tissue", &["chainmail", "refine", "comparator"]),
     ("bones", &["skeleton", "fit", "plausibility", "postures"]),
     ("registration", &["config", "pipeline"]),

@@ -22,6 +22,7 @@ pub mod pose;
 mod program;
 mod record;
 pub mod register;
+pub mod samples;
 pub mod skeleton;
 pub mod slicer;
 pub mod study;
@@ -69,6 +70,7 @@ pub fn run(cli: &Cli) -> Result<String> {
         Verb::Study(args) => study::run(args),
         Verb::Summary(args) => summary::run(args),
         Verb::Evaluate(args) => evaluate::run(args),
+        Verb::Samples(args) => samples::run(args),
         Verb::Dose(verb) => dose::run(verb),
         Verb::Figure(args) => figure::run(args),
         Verb::View(args) => view::run(args),

@@ -185,6 +185,7 @@ impl StudiedMotion {
                 bones: report.bones,
                 common: Rigid::from_parts(Translation3::from(report.common_shift), UnitQuaternion::identity()),
                 common_share: 1.0,
+                open: None,
                 warnings: Vec::new(),
             },
             motion: sha256(&motion),

@@ -56,6 +56,9 @@ pub enum Verb {
     /// Measure any displacement field, ours or another tool's, or several side by side
     #[command(after_help = super::evaluate::AFTER)]
     Evaluate(Box<super::evaluate::EvaluateArgs>),
+    /// Draw plausible registrations beside the one that a finished run has found, to tell what its error means for a dose
+    #[command(after_help = super::samples::AFTER)]
+    Samples(super::samples::SamplesArgs),
     /// Carry dose through a field, accumulate it, compare it, read dose-volume histograms
     #[command(subcommand)]
     Dose(super::dose::DoseVerb),

@@ -5,6 +5,6 @@
 use aventail_base::{error, findings, geometry, progress, volume, warning};
 use aventail_bones::{fit, postures, skeleton};
 use aventail_fields::{field, view};
-use aventail_measures::{dose, evaluate};
+use aventail_measures::{dose, evaluate, sampling};
 
 pub mod io;

@@ -1,4 +1,4 @@
-//! Crate of aventail: what a registration is judged by, and dose on a deforming patient.
+//! Crate of aventail: what a registration is judged by, dose on a deforming patient, and samples of its errors.
 //!
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
@@ -7,3 +7,4 @@ use aventail_fields::{body, field};
 
 pub mod dose;
 pub mod evaluate;
+pub mod sampling;

@@ -6,7 +6,7 @@ use aventail_base::{Error, error, findings, geometry, runtime, stats, volume, wa
 use aventail_bones::{fit, postures, skeleton};
 use aventail_fields::{field, view};
 use aventail_formats::io;
-use aventail_measures::{dose, evaluate};
+use aventail_measures::{dose, evaluate, sampling};
 use aventail_registration::{config, pipeline};
 use aventail_scenes::concepts;
 use aventail_tissue::chainmail;

@@ -5,7 +5,7 @@
 use aventail_base::{error, findings, geometry, progress, runtime, stats, volume, warning};
 use aventail_bones::{fit, plausibility, postures, skeleton};
 use aventail_fields::{body, field, view};
-use aventail_measures::{dose, evaluate};
+use aventail_measures::{dose, evaluate, sampling};
 use aventail_tissue::{chainmail, comparator, refine};
 
 pub mod config;

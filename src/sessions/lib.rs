@@ -6,7 +6,7 @@ use aventail_base::{error, findings, geometry, progress, runtime, stats, volume,
 use aventail_bones::{fit, skeleton};
 use aventail_fields::{body, field};
 use aventail_formats::io;
-use aventail_measures::evaluate;
+use aventail_measures::{evaluate, sampling};
 use aventail_pages::{provenance, report};
 use aventail_registration::{config, pipeline};
 use aventail_scenes::phantom;

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import orthanc
 import rules
 
-RESULTS = range(901, 908)
+RESULTS = range(901, 910)
 # The number of the series of reports, after those of the results.
-REPORT = 907
+REPORT = 909
 
 
 class Waits(Exception):

@@ -52,6 +52,11 @@ findings! {
         "More than 1 % of the dose's energy falls outside the target grid.",
         "Give a larger --grid.",
     );
+    SAMPLES_OF_ANOTHER_RUN = refused(
+        "samples-of-another-run",
+        "Samples were drawn of another registration than the field that the dose is carried through.",
+        "Give the samples of the run that the field is of.",
+    );
     FOLDS_IN_STEEP_DOSE = warned(
         "folds-in-steep-dose",
         "The field folds where the dose is steep.",

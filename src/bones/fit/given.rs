@@ -205,7 +205,15 @@ pub fn given(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<FitRe
         let c = skeleton.bones[b].centroid;
         Rigid::from_parts(Translation3::from(transforms[b] * c - c), nalgebra::UnitQuaternion::identity())
     });
-    Ok(FitResult { pose, bones: bones.collect(), transforms, common, common_share: 0.0, warnings: Vec::new() })
+    Ok(FitResult {
+        pose,
+        bones: bones.collect(),
+        transforms,
+        common,
+        common_share: 0.0,
+        open: None,
+        warnings: Vec::new(),
+    })
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ pub use stop::Stop;
 use crate::geometry::Rigid;
 use crate::skeleton::Pose;
 use crate::warning::Warning;
+use nalgebra::{DMatrix, Point3};
 use serde::{Deserialize, Serialize};
 
 /// How well one bone's position is known after the fit.
@@ -163,6 +164,19 @@ pub struct FitResult {
     pub common: Rigid,
     /// Share of the bone contrast that the common motion explains.
     pub common_share: f64,
+    /// What the image and the joints leave open of all bones together; nothing where their motions were given.
+    pub open: Option<FitCurvature>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+}
+
+/// The cost around the fitted pose.
+#[derive(Debug, Clone)]
+pub struct FitCurvature {
+    /// Second derivatives, per mm^2: of each bone the rotation vector times its radius, then its shift, about its centre.
+    pub matrix: DMatrix<f64>,
+    /// Centre of each bone's samples in planning, LPS mm.
+    pub centres: Vec<Point3<f64>>,
+    /// Root mean square distance of its samples from there, mm.
+    pub radii: Vec<f64>,
 }

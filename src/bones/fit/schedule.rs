@@ -13,7 +13,7 @@ use super::similarity::{Evaluation, Held, Measure};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
 use super::stop::Stop;
-use super::{BoneFit, DeterminedBy, FitOptions, FitResult};
+use super::{BoneFit, DeterminedBy, FitCurvature, FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::{Rigid, about};
@@ -167,7 +167,10 @@ impl<'a> Fitter<'a> {
         let scale = scale(drawn, &transforms, &determined, apart, &level.fraction, options.measure);
         let warnings = weak_start(share).filter(|_| guess != Guess::Searched).into_iter().collect();
         let pose = skeleton.pose_of(&transforms);
-        let fit = FitResult { pose, transforms, bones, common, common_share: share, warnings };
+        let open =
+            FitCurvature { matrix: solution.curvature, centres: self.centres.clone(), radii: self.radii.clone() };
+        let open = Some(open);
+        let fit = FitResult { pose, transforms, bones, common, common_share: share, open, warnings };
         Ok(Tried { fit, found, scale, cost: solution.cost, guess })
     }
 

@@ -100,6 +100,21 @@ impl PageArgs {
     }
 }
 
+/// How far a carried dose may be off.
+#[derive(Debug, Args)]
+pub struct SampledArgs {
+    /// Folder of samples of the registration (`aventail samples`; of several doses one for each, in their order): tells how far
+    /// the dose may be off. Writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and bands and 90 % intervals into the page
+    #[arg(long, value_name = "DIR", num_args = 1..)]
+    pub samples: Vec<PathBuf>,
+    /// Doses of V_x in the table of intervals, Gy
+    #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
+    pub at: Vec<f64>,
+    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
+    pub limit: Vec<String>,
+}
+
 /// Names of the methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
@@ -146,6 +161,9 @@ pub struct MapArgs {
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// How far it may be off.
+    #[command(flatten)]
+    pub sampled: SampledArgs,
     /// The page.
     #[command(flatten)]
     pub page: PageArgs,
@@ -185,6 +203,9 @@ pub struct AccumulateArgs {
     /// Result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// How far it may be off.
+    #[command(flatten)]
+    pub sampled: SampledArgs,
     /// The page.
     #[command(flatten)]
     pub page: PageArgs,
@@ -246,4 +267,14 @@ pub struct CompareArgs {
     /// How the result is told.
     #[command(flatten)]
     pub told: JsonArgs,
+}
+
+/// Words in the names of the maps beside a dose: deviation and percentiles.
+pub(super) const MAPS: [&str; 3] = ["sd", "p05", "p95"];
+
+impl SampledArgs {
+    /// Words in the names of the maps that will be written.
+    pub(super) fn maps(&self) -> &'static [&'static str] {
+        if self.samples.is_empty() { &[] } else { &MAPS }
+    }
 }

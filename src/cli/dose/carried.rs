@@ -4,7 +4,7 @@ use super::args::PageArgs;
 use super::pages::stem;
 use super::structures::Structures;
 use crate::config::InputRole;
-use crate::dose::{doubts, steep};
+use crate::dose::{Dvh, doubts, steep};
 use crate::error::Result;
 use crate::io;
 use crate::io::dicom::Role;
@@ -49,6 +49,21 @@ impl Scenery {
         let read = |path: &Path| Structures::read(provenance, path, args.labels.as_deref(), &near);
         let structures = args.structures.as_deref().map(read).transpose()?;
         Ok(Some(Self { ct, structures }))
+    }
+
+    /// The CT.
+    pub(super) fn ct(&self) -> Option<&Volume<f32>> {
+        self.ct.as_ref()
+    }
+
+    /// The colours that structures were drawn in.
+    pub(super) fn colours(&self) -> Vec<Option<[u8; 3]>> {
+        self.structures.as_ref().map(Structures::colours).unwrap_or_default()
+    }
+
+    /// Histograms of a dose; none without structures.
+    pub(super) fn counted(&self, dose: &Volume<f32>, at: &[f64]) -> Vec<Dvh> {
+        self.structures.as_ref().map(|s| s.histograms(dose, at, BIN)).unwrap_or_default()
     }
 
     /// Histograms and figures of a dose; nothing without structures.

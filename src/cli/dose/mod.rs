@@ -3,21 +3,24 @@
 mod args;
 mod carried;
 mod counted;
+mod finish;
 mod out;
 mod pages;
+mod sampled;
 mod structures;
 
-pub use args::{AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName, PageArgs};
+pub use args::{
+    AccumulateArgs, CompareArgs, DoseVerb, DvhArgs, Frame, MapArgs, MethodArgs, MethodName, PageArgs, SampledArgs,
+};
 
 use super::args::DirectionName;
-use super::record::Output;
 use super::terminal::command_line;
 use super::terminal::progress;
 use super::{planned, record, run_folder};
 use crate::config::InputRole;
 use crate::dose::{
     DensityTable, DoseCounts, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference,
-    doubts, judge_result, question,
+    doubts, question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
@@ -26,7 +29,7 @@ use crate::geometry::Grid;
 use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
-use crate::provenance::{InputFile, Provenance};
+use crate::provenance::Provenance;
 use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
 use crate::session::fields::{self, Known};
@@ -34,9 +37,9 @@ use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
 use counted::{read_told, whole_plan};
-use out::{GiveBack, beside, check_out, gone, page_beside, parent};
-use serde::Serialize;
-use std::fmt::Write as _;
+use finish::{Carried, finish, listed};
+use out::{GiveBack, check_out};
+use sampled::{Spread, Through};
 use std::path::{Path, PathBuf};
 use structures::Structures;
 
@@ -53,26 +56,14 @@ pub(super) fn run(verb: &DoseVerb) -> Result<String> {
     }
 }
 
-/// What is written beside a mapped or accumulated dose.
-#[derive(Serialize)]
-struct Sidecar<'a> {
-    version: &'a str,
-    command: String,
-    inputs: Vec<InputFile>,
-    weights: Vec<f64>,
-    parts: Vec<DoseReport>,
-    warnings: Vec<Warning>,
-    /// The dose, with its checksum.
-    outputs: Vec<Output>,
-}
-
 fn map(args: &MapArgs) -> Result<String> {
     let method = method(&args.how)?;
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
     let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).chain(args.page.files());
+    let files = files.chain(&args.sampled.samples);
     let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
     let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
-    check_out(&args.out, back.like.is_some(), &files)?;
+    check_out(&args.out, back.like.is_some(), &files, args.sampled.maps())?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut provenance = Provenance::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
@@ -100,14 +91,17 @@ fn map(args: &MapArgs) -> Result<String> {
         method: &method,
         ct: ct.as_ref(),
     };
-    let (mapped, report) = one.carry(&mut provenance, &runtime)?;
+    let mut through = Through::read(&args.sampled, 1, &method, &mut provenance)?;
+    let (mapped, report) = one.carry(through.as_mut().map(|t| (t, 0, 1.0)), &mut provenance, &runtime)?;
     let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
+    let spread = |t: &Through| t.spread(&mapped, direction, scenery.as_ref(), &args.sampled);
+    let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
     let draw = |scenery: &Scenery| {
         let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
         carried::map(scenery, frame, &args.dose, &dose, ct.as_ref(), &mapped, &report)
     };
-    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
-    let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose] };
+    let page = runtime.stage("draw", || page_of(scenery.as_ref(), draw, spread.as_ref(), &mapped))?;
+    let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose], spread };
     finish(&back, carried, provenance, page, &fields)
 }
 
@@ -126,14 +120,16 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let counts = DoseCounts::new(n, &args.weights, &args.fractions)?;
     let weights = counts.factors().to_vec();
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
-    let files: Vec<&Path> = files.chain(args.page.files()).map(PathBuf::as_path).collect();
+    let files = files.chain(args.page.files()).chain(&args.sampled.samples);
+    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
     let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
-    check_out(&args.out, out.like.is_some(), &files)?;
+    check_out(&args.out, out.like.is_some(), &files, args.sampled.maps())?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut provenance = Provenance::default();
     let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
     let to = grid.grid().clone();
     let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
+    let mut through = Through::read(&args.sampled, n, &method, &mut provenance)?;
     let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
@@ -162,7 +158,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             method: &method,
             ct: ct.as_ref(),
         };
-        let (mapped, report) = one.carry(&mut provenance, &runtime)?;
+        let (mapped, report) = one.carry(through.as_mut().map(|t| (t, k, weights[k])), &mut provenance, &runtime)?;
         total = Some(match &total {
             None => accumulate(&[(weights[k], &mapped)])?,
             Some(so_far) => accumulate(&[(1.0, so_far), (weights[k], &mapped)])?,
@@ -175,9 +171,11 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
     let fields: Vec<&Path> = args.fields.iter().map(PathBuf::as_path).collect();
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
+    let spread = |t: &Through| t.spread(&total, Direction::FractionToPlanning, scenery.as_ref(), &args.sampled);
+    let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
     let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
-    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
-    let carried = Carried { dose: &total, weights, parts: reports, sources: &doses };
+    let page = runtime.stage("draw", || page_of(scenery.as_ref(), draw, spread.as_ref(), &total))?;
+    let carried = Carried { dose: &total, weights, parts: reports, sources: &doses, spread };
     finish(&out, carried, provenance, page, &fields)
 }
 
@@ -199,8 +197,13 @@ struct Mapping<'a> {
 }
 
 impl<'a> Mapping<'a> {
-    /// Reads the field and carries the dose.
-    fn carry(&self, provenance: &mut Provenance, runtime: &Runtime) -> Result<(Volume<f32>, DoseReport)> {
+    /// Reads the field and carries the dose, with a weight through the samples of its registration too.
+    fn carry(
+        &self,
+        through: Option<(&mut Through, usize, f64)>,
+        provenance: &mut Provenance,
+        runtime: &Runtime,
+    ) -> Result<(Volume<f32>, DoseReport)> {
         let &Self { dose, dose_file, to, to_file, direction, ct, .. } = self;
         // The missing direction is made where it is needed: on the target's grid, or on the dose's own for energy and mass.
         let frames = match direction {
@@ -222,98 +225,24 @@ impl<'a> Mapping<'a> {
         };
         let read = || fields::pair([self.push, self.pull].map(fields::file), self.option, grids, &all, provenance);
         let pair = runtime.stage("read and invert the field", read)?;
+        if let Some((through, n, weight)) = through {
+            runtime.stage("map dose through samples", || through.add(n, weight, self, &pair, provenance))?;
+        }
         runtime.stage("map dose", || map_dose(dose, &pair, direction, to, self.method, ct))
     }
 }
 
-/// A dose that was carried, alone or as the sum of several.
-struct Carried<'a> {
-    dose: &'a Volume<f32>,
-    weights: Vec<f64>,
-    parts: Vec<DoseReport>,
-    /// The files of the doses.
-    sources: &'a [&'a Path],
-}
-
-/// Writes a dose and what is to be said about it.
-fn finish(
-    back: &GiveBack<'_>,
-    Carried { dose, weights, parts, sources }: Carried<'_>,
-    mut provenance: Provenance,
-    page: Option<PageContent>,
-    fields: &[&Path],
-) -> Result<String> {
-    let (out, json) = (back.out, back.json);
-    provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
-    let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
-    // What tells of an earlier dose goes before that dose does.
-    [beside(out), page_beside(out)].iter().try_for_each(|path| gone(path))?;
-    match &back.like {
-        Some(like) => provenance.warnings.extend(like.dose(out, dose, sources, fields)?),
-        None => io::write_image(out, dose, Stored::Float32, &options)?,
-    }
-    let text = table(&parts) + &listed(&provenance.warnings);
-    let warnings = all_warnings(&provenance, &parts);
-    let mut written = vec![out.to_owned()];
-    if let Some(page) = page {
-        written.push(page_beside(out));
-        let drawn: Vec<Warning> = warnings.iter().cloned().chain(page.warnings).collect();
-        pages::write(&page_beside(out), &page.title, &provenance, &drawn, page.pictures, page.tables)?;
-    }
-    let command = command_line();
-    let inputs = provenance.seen_from(parent(out));
-    let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
-    let outputs = record::outputs(parent(out), &names)?;
-    let sidecar = Sidecar { version: env!("CARGO_PKG_VERSION"), command, inputs, weights, parts, warnings, outputs };
-    write_json(beside(out), &sidecar)?;
-    if json {
-        return io::json(&sidecar);
-    }
-    let page = written.get(1).map_or(String::new(), |page| format!("\nThe page: {}", page.display()));
-    Ok(format!("{text}The dose: {}{page}", out.display()))
-}
-
-/// What was warned of: the inputs, then each dose that was carried.
-fn all_warnings(provenance: &Provenance, parts: &[DoseReport]) -> Vec<Warning> {
-    provenance.warnings.iter().chain(parts.iter().flat_map(|part| &part.warnings)).cloned().collect()
-}
-
-/// The figures of each part for the terminal.
-fn table(parts: &[DoseReport]) -> String {
-    let mut text = String::new();
-    for (n, part) in parts.iter().enumerate() {
-        let mut line = |t: String| writeln!(text, "  {t}").expect("writing to a String cannot fail");
-        line(format!("dose {}: {}", n + 1, part.direction.name()));
-        if let Some(b) = &part.balance {
-            line(format!(
-                "energy: {:.6e} J in, {:.6e} J mapped, {:.3e} J outside the target grid; relative error {:.1e}",
-                b.source_j, b.mapped_j, b.outside_j, b.relative_error
-            ));
-            line(format!("mass: {:.1} g in, {:.1} g mapped", b.source_g, b.mapped_g));
-        }
-        if let Some(i) = &part.inversion {
-            let r = &i.residual_mm;
-            let (mean, worst) = (r.mean, r.max.max(i.unconverged_max_mm));
-            let none = i.unconverged;
-            line(format!(
-                "field inverted: residual {mean:.1e} mm mean, {worst:.1e} mm worst, {none} voxels unconverged"
-            ));
-        }
-        let outside = &part.outside;
-        if outside.volume_percent > 0.0 {
-            line(format!(
-                "{:.1} % of the volume and {:.2} % of the dose lie outside the field",
-                outside.volume_percent, outside.amount_percent
-            ));
-        }
-        text.push_str(&listed(&part.warnings));
-    }
-    text
-}
-
-/// Warnings for the terminal.
-fn listed(warnings: &[Warning]) -> String {
-    warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect()
+/// The page of a carried dose, with how far it may be off where that is known.
+fn page_of(
+    scenery: Option<&Scenery>,
+    draw: impl FnOnce(&Scenery) -> Result<PageContent>,
+    spread: Option<&Spread>,
+    dose: &Volume<f32>,
+) -> Result<Option<PageContent>> {
+    let Some(scenery) = scenery else { return Ok(None) };
+    let mut page = draw(scenery)?;
+    spread.map_or(Ok(()), |spread| spread.show(scenery, dose, &mut page))?;
+    Ok(Some(page))
 }
 
 /// The method with its density table.

@@ -84,6 +84,13 @@ pub struct RegisterArgs {
     /// bones, or a box in LPS mm of the planning scan whose bones count. It changes no field
     #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub couch_match: Option<String>,
+    /// Also draw so many samples of the registration, for `dose map|accumulate --samples`: the folder `samples` of the results
+    /// (see `aventail samples`)
+    #[arg(long, value_name = "N")]
+    pub samples: Option<usize>,
+    /// Seed of the samples
+    #[arg(long, value_name = "N", requires = "samples", default_value_t = 0)]
+    pub seed: u64,
     /// Refuse to begin when the run is expected to need more memory than this
     #[arg(long, value_name = "GB")]
     pub max_memory: Option<f64>,

@@ -16,8 +16,9 @@ use crate::evaluate::couch::CouchOptions;
 use crate::fit::LandmarkUse;
 use crate::io::{self, RunFolder, auto::AUTO};
 use crate::progress::Progress;
-use crate::report::{self, Clinic};
+use crate::report::{self, Clinic, Report};
 use crate::runtime::Runtime;
+use crate::sampling::SamplingOptions;
 use crate::session::{Beside, BonesBy, FractionSources, Registered, Request, Session, Source, within_memory};
 use crate::volume::region::RegionOptions;
 use index::Index;
@@ -36,6 +37,7 @@ pub fn run(args: &RegisterArgs) -> Result<String> {
 /// As [`run`], with another way to show progress; it is told whether to be quiet.
 pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Progress>) -> Result<String> {
     let (mut request, names) = asked(args)?;
+    let samples = sampling(args)?;
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet || args.estimate))?;
     let command = request.command.clone();
     let beside = BonesBy { beside: &args.out, command: &command, quiet: args.run.shown.quiet };
@@ -55,8 +57,10 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     Session::open(request, &runtime)?.register_all(&runtime, |registered| {
         index.iter_mut().filter(|_| texts.is_empty()).try_for_each(Index::begin)?;
         let (out, folder) = waiting.next().ok_or_else(|| Error::Internal("no folder is held".into()))?;
-        texts.push(saved(registered, folder, out, &args.run, &[], &runtime)?);
-        Ok(())
+        let mut registered = registered;
+        let (text, report) = told(&mut registered, folder, out, &args.run, &[], &runtime)?;
+        texts.push(text);
+        samples.as_ref().map_or(Ok(()), |options| registered.save_samples(&report, out, options, &runtime))
     })?;
     all_told(texts, &names, index, args.run.told.json)
 }
@@ -262,11 +266,31 @@ pub(super) fn saved(
     files: &[(String, &str)],
     runtime: &Runtime,
 ) -> Result<String> {
+    Ok(told(&mut registered, folder, out, run, files, runtime)?.0)
+}
+
+/// As [`saved`], with the report.
+fn told(
+    registered: &mut Registered,
+    folder: RunFolder,
+    out: &Path,
+    run: &RunArgs,
+    files: &[(String, &str)],
+    runtime: &Runtime,
+) -> Result<(String, Report)> {
     let report = registered.save(folder, out, Beside { view: !run.no_view, files }, runtime)?;
-    if run.told.json {
-        return report.json();
-    }
-    Ok(format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()))
+    let text = match run.told.json {
+        true => report.json()?,
+        false => format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()),
+    };
+    Ok((text, report))
+}
+
+/// The samples that are asked for; refused before anything is read.
+fn sampling(args: &RegisterArgs) -> Result<Option<SamplingOptions>> {
+    let Some(number) = args.samples else { return Ok(None) };
+    let options = SamplingOptions { number, seed: args.seed, ..SamplingOptions::default() };
+    options.problem().map_or(Ok(Some(options)), |problem| Err(Error::usage(problem, "correct --samples")))
 }
 
 /// The complete settings from file and flags.

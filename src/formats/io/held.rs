@@ -17,7 +17,7 @@ use std::time::Duration;
 /// The file that is locked.
 pub(super) const LOCK: &str = ".aventail-run";
 /// Files that tell in `outputs` what a run has written.
-pub(super) const REPORTS: [&str; 10] = [
+pub(super) const REPORTS: [&str; 11] = [
     "report.json",
     "evaluation.json",
     "dvh_run.json",
@@ -28,6 +28,7 @@ pub(super) const REPORTS: [&str; 10] = [
     "phantom.json",
     "library.json",
     "summary.json",
+    "samples.json",
 ];
 
 /// The folders that this process holds.

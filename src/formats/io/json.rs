@@ -3,6 +3,7 @@
 use super::atomic::write_file;
 use crate::error::{Error, Result};
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// A value as JSON.
@@ -11,6 +12,15 @@ use std::path::Path;
 /// [`Error::Internal`] when it holds what JSON cannot.
 pub fn json<T: Serialize + ?Sized>(value: &T) -> Result<String> {
     serde_json::to_string_pretty(value).map_err(|e| Error::Internal(format!("a value as JSON: {e}")))
+}
+
+/// Reads a value that was written as JSON.
+///
+/// # Errors
+/// [`Error::Read`] with this remedy when the file is missing or holds something else.
+pub fn read_json<T: DeserializeOwned>(path: &Path, remedy: &str) -> Result<T> {
+    let text = std::fs::read(path).map_err(|e| Error::read(path, e.to_string(), remedy))?;
+    serde_json::from_slice(&text).map_err(|e| Error::read(path, format!("it holds something else ({e})"), remedy))
 }
 
 /// Writes a value as JSON.

@@ -19,8 +19,7 @@ pub fn interpolate(dose: &Volume<f32>, field: &Volume<[f32; 3]>, to: &Grid) -> R
     out.par_chunks_mut(nx * ny).enumerate().for_each(|(k, plane)| {
         for (n, o) in plane.iter_mut().enumerate() {
             let p = to.centre([n % nx, n / nx, k]);
-            let x = p + displacement(field, &p);
-            *o = trilinear(dose, &snapped(dose.grid(), &x)).unwrap_or(0.0) as f32;
+            *o = dose_at(dose, &(p + displacement(field, &p))) as f32;
         }
     });
     Volume::new(to.clone(), out)
@@ -52,8 +51,13 @@ pub fn accumulate(doses: &[(f64, &Volume<f32>)]) -> Result<Volume<f32>> {
 }
 
 /// A field's displacement at a point; the identity outside its grid, as in ITK.
-pub(super) fn displacement(field: &Volume<[f32; 3]>, p: &Point3<f64>) -> Vector3<f64> {
+pub fn displacement(field: &Volume<[f32; 3]>, p: &Point3<f64>) -> Vector3<f64> {
     trilinear_vector(field, &snapped(field.grid(), p)).unwrap_or_default()
+}
+
+/// Dose at a point, Gy: trilinear; 0 outside the dose grid.
+pub fn dose_at(dose: &Volume<f32>, p: &Point3<f64>) -> f64 {
+    trilinear(dose, &snapped(dose.grid(), p)).unwrap_or(0.0)
 }
 
 /// Continuous index; a voxel reaches half a step beyond its centre, where the edge's value holds, as in ITK.

@@ -35,8 +35,23 @@ const LINE: usize = 44;
 const LEFT: f64 = 96.0;
 const TEXT: f64 = 26.0;
 
+/// What lies between two curves.
+pub(super) struct Band {
+    pub(super) colour: Rgb,
+    /// `x`, lower and upper `y`, in units of the axes, x rising.
+    pub(super) points: Vec<[f64; 3]>,
+}
+
+/// How much of a band's colour shows.
+const BAND: f64 = 0.25;
+
 /// The curves over `x` from `range[0]` to `range[1]`, `y` from 0 to 100 %, with a key below.
 pub(super) fn chart(title: &str, range: [f64; 2], curves: &[Curve]) -> Canvas {
+    chart_with_bands(title, range, curves, &[])
+}
+
+/// As [`chart`], with bands behind the curves.
+pub(super) fn chart_with_bands(title: &str, range: [f64; 2], curves: &[Curve], bands: &[Band]) -> Canvas {
     let key = key_lines(curves);
     let mut canvas = Canvas::new(WIDTH, HEIGHT + LINE * (key.len() + 1), [255; 3]);
     let (right, top, bottom) = (WIDTH as f64 - 30.0, 60.0, HEIGHT as f64 - 60.0);
@@ -57,6 +72,20 @@ pub(super) fn chart(title: &str, range: [f64; 2], curves: &[Curve]) -> Canvas {
     canvas.line([LEFT, bottom], [right, bottom], 2.0, INK);
     canvas.text(title, [(LEFT + right) / 2.0, bottom + 54.0], pen(INK, Align::Centre));
     canvas.text("share of the volume", [14.0, 26.0], pen(INK, Align::Left));
+    for band in bands {
+        for pair in band.points.windows(2) {
+            let [[u, low, high], [v, next_low, next_high]] = [pair[0], pair[1]];
+            let columns = x(u.max(range[0])).round() as i64..x(v.min(range[1])).round() as i64;
+            for column in columns {
+                let way = ((column as f64 - x(u)) / (x(v) - x(u)).max(1e-9)).clamp(0.0, 1.0);
+                let [low, high] =
+                    [[low, next_low], [high, next_high]].map(|[a, b]| (a + (b - a) * way).clamp(0.0, 100.0));
+                for row in y(high).round() as i64..=y(low).round() as i64 {
+                    canvas.blend(column, row, band.colour, BAND);
+                }
+            }
+        }
+    }
     for curve in curves {
         for pair in curve.points.windows(2) {
             if pair[1][0] >= range[0] && pair[0][0] <= range[1] {

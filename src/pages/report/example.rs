@@ -126,6 +126,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         pose: Default::default(),
         common_shift: offset,
         couch: couch(offset),
+        posterior: None,
         agreement: None,
         kind: None,
         bone_fits: fits(offset),

@@ -8,6 +8,9 @@ use crate::pipeline::Outcome;
 use rayon::prelude::*;
 use std::path::Path;
 
+/// What the fit leaves open of the bones.
+pub const BONE_POSTERIOR: &str = "bone_posterior.json";
+
 /// What a run with these settings may write, besides pictures: what its folder must have room for.
 pub fn planned(config: &Config) -> Planned {
     let format = config.output.field_format.extension();
@@ -15,7 +18,7 @@ pub fn planned(config: &Config) -> Planned {
     let masks = ["planning_on_fraction", "bones_on_fraction", "jacobian", "body", "computed", "inside_planning"];
     let more = ["skin_contact", "uncertainty", "regions"];
     let images = masks.iter().chain(&more).map(|name| format!("{name}.nii.gz"));
-    let others = ["settings.toml", "landmarks.csv", "bone_transforms.json"].map(String::from);
+    let others = ["settings.toml", "landmarks.csv", "bone_transforms.json", BONE_POSTERIOR].map(String::from);
     Planned {
         reports: ["report.json", "report.html"].map(String::from).into(),
         names: fields.into_iter().chain(images).chain(others).collect(),
@@ -79,6 +82,10 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         files.add("uncertainty.nii.gz", what, move |path| {
             io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))
         });
+    }
+    if let Some(posterior) = &outcome.posterior {
+        let what = "what the fit leaves open of the bones' poses, for aventail samples";
+        files.add(BONE_POSTERIOR, what, move |path| io::write_json(path, posterior));
     }
     if let Some(regions) = &outcome.regions {
         let what = "regions of influence on the planning grid: label of the bone that each voxel follows";

@@ -1,10 +1,12 @@
 //! A finished run out of its folder, as it was in memory: what pictures and the viewer are made from.
 
 use super::numbers::Report;
+use super::outputs::BONE_POSTERIOR;
 use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
-use crate::io::{read_field, read_image, read_labels};
+use crate::io::{read_field, read_image, read_json, read_labels};
 use crate::pipeline::{Outcome, PlanningScan};
+use crate::sampling::PosePosterior;
 use crate::skeleton::{Skeleton, build};
 use crate::volume::{Mask, Spans, Volume};
 use std::path::{Path, PathBuf};
@@ -49,6 +51,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
         volume_changes: report.volume_changes.clone(),
         kind: report.fraction_kind.clone(),
         uncertainty,
+        posterior: posterior_of(folder, report)?,
         agreement: report.agreement,
         pruning: report.pruning,
         links: report.links,
@@ -67,6 +70,19 @@ fn file_of(folder: &Path, report: &Report, stem: &str) -> Result<PathBuf> {
         Error::read(folder.join("report.json"), format!("it lists no file {stem}: it is no whole registration"), REMEDY)
     })?;
     Ok(folder.join(&listed.name))
+}
+
+/// What the fit left open of the bones; nothing where the run did not tell.
+fn posterior_of(folder: &Path, report: &Report) -> Result<Option<PosePosterior>> {
+    if report.outputs.iter().all(|o| o.name != BONE_POSTERIOR) {
+        return Ok(None);
+    }
+    let path = folder.join(BONE_POSTERIOR);
+    let posterior: PosePosterior = read_json(&path, REMEDY)?;
+    match posterior.problem() {
+        None => Ok(Some(posterior)),
+        Some(problem) => Err(Error::read(&path, problem, REMEDY)),
+    }
 }
 
 /// The bones of the report with where they lie in planning, in the order of the report.

@@ -53,6 +53,7 @@ roles! {
     Mask = "mask", "Mask of what is evaluated.";
     LabelsPlanning = "labels-planning", "Structures drawn on the planning CT.";
     LabelsFraction = "labels-fraction", "Structures drawn on the fraction CT.";
+    Samples = "samples", "Samples of a registration.";
     Plan = "plan", "Plan of a study, a curve or postures.";
     Peers = "peers", "Figures of other tools.";
     Pose = "pose", "Pose given by hand.";

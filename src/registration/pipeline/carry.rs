@@ -241,6 +241,7 @@ pub(super) fn carry_out(
         volume_changes,
         kind: propagated.kind,
         uncertainty: None,
+        posterior: None,
         agreement: None,
         pruning: propagated.propagation.pruning,
         links,

@@ -89,6 +89,7 @@ mod tests {
             bones: Vec::new(),
             common: Rigid::translation(30.5, -4.25, 12.0),
             common_share: 1.0,
+            open: None,
             warnings: Vec::new(),
         };
         let bits = |carry| Couch::of(&fit, &planning, carry).0.map(f32::to_bits);

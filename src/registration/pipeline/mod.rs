@@ -20,6 +20,7 @@ mod pose;
 mod posing;
 mod region;
 mod register;
+mod sampled;
 mod study;
 mod uncertainty;
 
@@ -35,4 +36,5 @@ pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
 pub use register::{check_inputs, register, register_fraction};
+pub use sampled::{DoseSamples, DoseSpread, correlation, sample};
 pub use study::carry_again;

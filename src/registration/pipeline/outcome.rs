@@ -11,6 +11,7 @@ use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::{BoneFit, DeterminedBy};
+use crate::sampling::PosePosterior;
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
 use crate::warning::Warning;
@@ -92,6 +93,8 @@ pub struct Outcome {
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
+    /// What the fit leaves open of the bones; where a map of uncertainty was made.
+    pub posterior: Option<PosePosterior>,
     /// How far the images agree before, with the couch shift and after; where a fraction was registered.
     pub agreement: Option<Agreement>,
     /// Waves that were pruned, and the most that this can change; where a bound is known.

@@ -128,6 +128,8 @@ fn carried(
     runtime: &Runtime,
 ) -> Result<Outcome> {
     let through = Through::of(case, resting, fraction.filter(|_| images_pull(config)));
+    let mut moved = moved;
+    let open = moved.fit.open.take();
     let Carried { mut outcome, shown } = carry_out(through, moved, warnings, config, runtime)?;
     if let (None, Some(Fraction { mr: Some(mr), view, .. })) = (&outcome.kind, fraction) {
         let kind = FractionKind { view: view.clone(), grey: None, corrected: false, misled: None, mr: Some(*mr) };
@@ -145,6 +147,7 @@ fn carried(
             uncertainty::of(&case.planning, &outcome, translated.as_ref().unwrap_or(side), &resting.tissue, images)
         })?;
         outcome.uncertainty = Some(map);
+        outcome.posterior = Some(uncertainty::posterior(&outcome, open.as_ref()));
     }
     // An MR's grey values are no function of HU in every window.
     if outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()) {
@@ -250,6 +253,7 @@ mod tests {
             bones: vec![bone],
             common: Rigid::identity(),
             common_share: 1.0,
+            open: None,
             warnings: Vec::new(),
         };
         fit_warnings(&fit).into_iter().map(|w| (w.code, w.message)).collect()

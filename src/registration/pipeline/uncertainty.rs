@@ -5,7 +5,8 @@ use super::{Outcome, PlanningScan};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::findings;
-use crate::fit::{BoneFit, DeterminedBy};
+use crate::fit::{BoneFit, DeterminedBy, FitCurvature};
+use crate::sampling::{PosePosterior, PosedBone};
 use crate::skeleton::{Bone, Skeleton};
 use crate::volume::{LabelMap, Mask, Volume, Window};
 use crate::warning::Warning;
@@ -57,6 +58,25 @@ pub(super) fn of(
         bones_alone: images.bones_alone,
         misled: images.misled,
     })
+}
+
+/// What the fit leaves open of the bones, as far as the map says; `open` is the curvature where it ended, if an image took part.
+pub(super) fn posterior(outcome: &Outcome, open: Option<&FitCurvature>) -> PosePosterior {
+    let known = bone_mm(&outcome.skeleton.bones, &outcome.bone_fits);
+    let fits = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).enumerate();
+    let bone = |(n, (bone, fit)): (usize, (&Bone, &BoneFit))| {
+        let centre = open.and_then(|open| open.centres.get(n)).unwrap_or(&bone.centroid);
+        let radius = open.and_then(|open| open.radii.get(n)).copied();
+        PosedBone {
+            name: bone.name.clone(),
+            label: bone.label,
+            centre: fit.transform * centre,
+            // A cube's corners and faces lie about that far from its middle.
+            radius_mm: radius.unwrap_or_else(|| 0.5 * bone.volume_mm3.cbrt()).max(1.0),
+            position_sd_mm: known.get(&bone.label).copied().unwrap_or(0.0),
+        }
+    };
+    PosePosterior::new(fits.map(bone).collect(), open.map(|open| &open.matrix))
 }
 
 /// The fit's standard deviations take the voxels' noise for independent, which a blurred image's is not: so many times too small

@@ -12,6 +12,7 @@ mod planning;
 mod posing;
 mod registered;
 mod registering;
+mod samples;
 mod source;
 mod start;
 
@@ -21,5 +22,6 @@ pub use planning::{BonesBy, PlanningSources};
 pub use posing::{MotionSource, PoseRequest, pose};
 pub use registered::{Beside, Registered};
 pub use registering::{Request, Session};
+pub use samples::{SAMPLES_FOLDER, Sampled, write_samples};
 pub use source::{Names, Source, bones, image, landmarks, structures};
 pub use start::split;

@@ -62,6 +62,11 @@ impl Registered {
         }
     }
 
+    /// What was run.
+    pub(super) fn command(&self) -> &str {
+        &self.command
+    }
+
     /// The numbers of it, before it is saved.
     ///
     /// # Errors

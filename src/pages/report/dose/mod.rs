@@ -7,9 +7,9 @@ pub use isodose::{Levels, differences, isodoses};
 pub use page::{DosePage, DosePicture, DoseTable};
 
 use super::canvas::{Canvas, Rgb};
-use super::chart::{COLOURS, Curve, chart};
+use super::chart::{Band, COLOURS, Curve, chart, chart_with_bands};
 use super::colour::shaded;
-use crate::dose::Dvh;
+use crate::dose::{Dvh, DvhBand};
 use crate::error::{Error, Result};
 use crate::io::{write_file, write_json};
 use crate::warning::Warning;
@@ -54,6 +54,31 @@ pub fn dvh_picture(doses: &[DoseDvh], colours: &[Option<[u8; 3]>]) -> Result<Dos
     let thick = if doses.len() > 1 { "; the first dose is thick" } else { "" };
     let caption = format!("Share of each structure's volume that receives at least this dose{thick}.");
     Ok(DosePicture { title: "Dose-volume histogram".into(), caption, png })
+}
+
+/// The curves of a dose with their bands, in which nine of ten samples lie; `colours` as in [`write_dvh`].
+///
+/// # Errors
+/// [`Error::Internal`] when the picture cannot be encoded.
+pub fn banded_picture(found: &DoseDvh, bands: &[DvhBand], colours: &[Option<[u8; 3]>]) -> Result<DosePicture> {
+    let doses = std::slice::from_ref(found);
+    let most =
+        bands.iter().map(|b| b.high.iter().rposition(|v| *v > 0.0).unwrap_or(0) as f64 * b.bin).fold(1.0, f64::max);
+    let band = |b: &DvhBand| {
+        let n = found.structures.iter().position(|s| s.name == b.name).unwrap_or(0);
+        let points = b.low.iter().zip(&b.high).enumerate();
+        Band {
+            colour: colour_of(n, colours),
+            points: points.map(|(at, (low, high))| [at as f64 * b.bin, 100.0 * low, 100.0 * high]).collect(),
+        }
+    };
+    let bands: Vec<Band> = bands.iter().map(band).collect();
+    let canvas = chart_with_bands("dose, Gy", [0.0, 1.05 * most], &curves_of(doses, colours), &bands);
+    let mut png = Vec::new();
+    canvas.write_png(&mut png).map_err(|e| Error::Internal(format!("histogram with bands: {e}")))?;
+    let caption = "Share of each structure's volume that receives at least this dose: the line of the registration that was found, and a \
+                   band in which nine of ten samples of its error lie.";
+    Ok(DosePicture { title: "Dose-volume histogram with 90 % bands".into(), caption: caption.into(), png })
 }
 
 /// The figures of each dose and structure for a page.
@@ -120,20 +145,28 @@ fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
 fn plot(doses: &[DoseDvh], colours: &[Option<Rgb>]) -> Canvas {
     let all = || doses.iter().flat_map(|d| &d.structures);
     let most = all().map(|s| s.max).fold(1.0, f64::max);
-    let curves: Vec<Curve> = doses
+    chart("dose, Gy", [0.0, 1.05 * most], &curves_of(doses, colours))
+}
+
+/// The colour of a structure by its place.
+fn colour_of(n: usize, colours: &[Option<Rgb>]) -> Rgb {
+    colours.get(n).copied().flatten().map_or(COLOURS[n % COLOURS.len()], legible)
+}
+
+fn curves_of(doses: &[DoseDvh], colours: &[Option<Rgb>]) -> Vec<Curve> {
+    doses
         .iter()
         .enumerate()
         .flat_map(|(d, dose)| {
             let known = |(_, s): &(usize, &Dvh)| !s.cumulative.is_empty();
             dose.structures.iter().enumerate().filter(known).map(move |(n, s)| Curve {
                 name: if doses.len() == 1 { s.name.clone() } else { format!("{}, {}", s.name, dose.name) },
-                colour: colours.get(n).copied().flatten().map_or(COLOURS[n % COLOURS.len()], legible),
+                colour: colour_of(n, colours),
                 width: if d == 0 { 5.0 } else { 2.5 },
                 points: s.cumulative.iter().enumerate().map(|(b, v)| [b as f64 * s.bin, 100.0 * v]).collect(),
             })
         })
-        .collect();
-    chart("dose, Gy", [0.0, 1.05 * most], &curves)
+        .collect()
 }
 
 /// The figures of each dose and structure for the terminal.

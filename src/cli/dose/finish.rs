@@ -1,0 +1,137 @@
+//! Writing a carried dose, and what is to be said about it.
+
+use super::super::record::{self, Output};
+use super::super::terminal::command_line;
+use super::args::MAPS;
+use super::carried::PageContent;
+use super::out::{GiveBack, beside, gone, named, page_beside, parent};
+use super::pages;
+use super::sampled::{SampledDose, Spread};
+use crate::dose::judge_result;
+use crate::error::Result;
+use crate::io::{self, Stored, WriteOptions, write_json};
+use crate::pipeline::DoseReport;
+use crate::provenance::{InputFile, Provenance};
+use crate::volume::Volume;
+use crate::warning::Warning;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What is written beside a mapped or accumulated dose.
+#[derive(Serialize)]
+struct Sidecar<'a> {
+    version: &'a str,
+    command: String,
+    inputs: Vec<InputFile>,
+    weights: Vec<f64>,
+    parts: Vec<DoseReport>,
+    /// How far it may be off, where samples tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    samples: Option<SampledDose>,
+    warnings: Vec<Warning>,
+    /// The dose, with its checksum.
+    outputs: Vec<Output>,
+}
+
+/// A dose that was carried, alone or as the sum of several.
+pub(super) struct Carried<'a> {
+    pub(super) dose: &'a Volume<f32>,
+    pub(super) weights: Vec<f64>,
+    pub(super) parts: Vec<DoseReport>,
+    /// The files of the doses.
+    pub(super) sources: &'a [&'a Path],
+    /// How far it may be off, where samples tell.
+    pub(super) spread: Option<Spread>,
+}
+
+/// Writes a dose and what is to be said about it.
+pub(super) fn finish(
+    back: &GiveBack<'_>,
+    Carried { dose, weights, parts, sources, spread }: Carried<'_>,
+    mut provenance: Provenance,
+    page: Option<PageContent>,
+    fields: &[&Path],
+) -> Result<String> {
+    let (out, json) = (back.out, back.json);
+    provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
+    let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
+    // What tells of an earlier dose goes before that dose does.
+    let maps = MAPS.map(|name| parent(out).join(named(out, name)));
+    [beside(out), page_beside(out)].iter().chain(&maps).try_for_each(|path| gone(path))?;
+    match &back.like {
+        Some(like) => provenance.warnings.extend(like.dose(out, dose, sources, fields)?),
+        None => io::write_image(out, dose, Stored::Float32, &options)?,
+    }
+    let of_samples = spread.as_ref().map(Spread::text).unwrap_or_default();
+    let text = table(&parts) + &of_samples + &listed(&provenance.warnings);
+    let warnings = all_warnings(&provenance, &parts);
+    let mut written = vec![out.to_owned()];
+    if let Some(page) = page {
+        written.push(page_beside(out));
+        let drawn: Vec<Warning> = warnings.iter().cloned().chain(page.warnings).collect();
+        pages::write(&page_beside(out), &page.title, &provenance, &drawn, page.pictures, page.tables)?;
+    }
+    if let Some(spread) = &spread {
+        written.extend(spread.write(out)?);
+    }
+    let command = command_line();
+    let inputs = provenance.seen_from(parent(out));
+    let names: Vec<PathBuf> = written.iter().map(|path| path.file_name().unwrap_or_default().into()).collect();
+    let outputs = record::outputs(parent(out), &names)?;
+    let samples = spread.map(|spread| spread.told);
+    let version = env!("CARGO_PKG_VERSION");
+    let sidecar = Sidecar { version, command, inputs, weights, parts, samples, warnings, outputs };
+    write_json(beside(out), &sidecar)?;
+    if json {
+        return io::json(&sidecar);
+    }
+    let page = written
+        .get(1)
+        .filter(|path| path.extension().is_some_and(|e| e == "html"))
+        .map_or(String::new(), |page| format!("\nThe page: {}", page.display()));
+    Ok(format!("{text}The dose: {}{page}", out.display()))
+}
+
+/// What was warned of: the inputs, then each dose that was carried.
+fn all_warnings(provenance: &Provenance, parts: &[DoseReport]) -> Vec<Warning> {
+    provenance.warnings.iter().chain(parts.iter().flat_map(|part| &part.warnings)).cloned().collect()
+}
+
+/// The figures of each part for the terminal.
+fn table(parts: &[DoseReport]) -> String {
+    let mut text = String::new();
+    for (n, part) in parts.iter().enumerate() {
+        let mut line = |t: String| writeln!(text, "  {t}").expect("writing to a String cannot fail");
+        line(format!("dose {}: {}", n + 1, part.direction.name()));
+        if let Some(b) = &part.balance {
+            line(format!(
+                "energy: {:.6e} J in, {:.6e} J mapped, {:.3e} J outside the target grid; relative error {:.1e}",
+                b.source_j, b.mapped_j, b.outside_j, b.relative_error
+            ));
+            line(format!("mass: {:.1} g in, {:.1} g mapped", b.source_g, b.mapped_g));
+        }
+        if let Some(i) = &part.inversion {
+            let r = &i.residual_mm;
+            let (mean, worst) = (r.mean, r.max.max(i.unconverged_max_mm));
+            let none = i.unconverged;
+            line(format!(
+                "field inverted: residual {mean:.1e} mm mean, {worst:.1e} mm worst, {none} voxels unconverged"
+            ));
+        }
+        let outside = &part.outside;
+        if outside.volume_percent > 0.0 {
+            line(format!(
+                "{:.1} % of the volume and {:.2} % of the dose lie outside the field",
+                outside.volume_percent, outside.amount_percent
+            ));
+        }
+        text.push_str(&listed(&part.warnings));
+    }
+    text
+}
+
+/// Warnings for the terminal.
+pub(super) fn listed(warnings: &[Warning]) -> String {
+    warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect()
+}

@@ -1,0 +1,18 @@
+//! Rank 4: plausible registrations beside the one that was found: what an error of the field may look like.
+//!
+//! A [`PosePosterior`] tells what the fit leaves open of the bones, the map of uncertainty how far soft tissue may be off. A
+//! [`TissueModel`] draws [`Drawn`] samples of both: bones stay rigid, tissue follows them and adds a random field of the
+//! map's deviation. A [`SampleSet`] reads them at any place. What was measured: docs/decisions/samples.md.
+
+mod draw;
+mod model;
+mod noise;
+mod options;
+mod posterior;
+mod set;
+
+pub use draw::Drawn;
+pub use model::{Patient, TissueModel};
+pub use options::{Correlation, SamplingOptions};
+pub use posterior::{CurvatureBlock, PosePosterior, PosedBone};
+pub use set::SampleSet;

@@ -1,0 +1,181 @@
+//! Plausible registrations beside the one that was found, and doses through them.
+
+use super::{Outcome, PlanningScan};
+use crate::dose::{displacement, dose_at};
+use crate::error::{Error, Result};
+use crate::evaluate::uncertainty::LIMIT_MM;
+use crate::evaluate::{Direction, FieldPair};
+use crate::geometry::Grid;
+use crate::sampling::{Correlation, Drawn, Patient, SampleSet, SamplingOptions, TissueModel};
+use crate::volume::Volume;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Over what lengths a registration's errors are alike: longer ones where the fraction's grey values are not a CT's.
+pub fn correlation(outcome: &Outcome) -> Correlation {
+    let other = outcome.kind.as_ref().is_some_and(|k| k.mr.is_some() || k.corrected);
+    if other { Correlation::OTHER } else { Correlation::CT }
+}
+
+/// Draws samples of a registration; the same bits for the same seed, at any number of threads.
+///
+/// # Errors
+/// [`Error::Usage`] for options out of range; [`Error::Input`] when the run has no map of uncertainty.
+pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOptions) -> Result<Vec<Drawn>> {
+    if let Some(problem) = options.problem() {
+        return Err(Error::usage(problem, "give 20 to 100 samples"));
+    }
+    let (Some(posterior), Some((uncertainty, _))) = (&outcome.posterior, &outcome.uncertainty) else {
+        let problem = "it does not tell how far it may be off: there is no map of uncertainty, or nothing of the bones";
+        return Err(Error::input("the registration", problem, "register with uncertainty = true in [output]"));
+    };
+    let patient = Patient {
+        posterior,
+        bones: &planning.bones,
+        body: &outcome.body,
+        uncertainty,
+        unknown_mm: LIMIT_MM,
+        push: &outcome.push.displacement,
+        correlation: correlation(outcome),
+    };
+    TissueModel::new(patient, options.scale)?.draw(options)
+}
+
+/// Rounds that look for the place in planning which a sample brings to a place of the fraction: what a sample adds changes little
+/// over what it adds.
+const ROUNDS: usize = 3;
+
+/// Doses through samples, added up, on one grid.
+#[derive(Debug, Clone)]
+pub struct DoseSamples {
+    grid: Grid,
+    number: usize,
+    /// At each voxel the doses of all samples, Gy.
+    values: Vec<f32>,
+}
+
+/// Mean, deviation and percentiles of a dose over samples, Gy, on its grid.
+#[derive(Debug, Clone)]
+pub struct DoseSpread {
+    /// Mean.
+    pub mean: Volume<f32>,
+    /// Standard deviation.
+    pub sd: Volume<f32>,
+    /// 5th percentile.
+    pub p05: Volume<f32>,
+    /// 95th percentile.
+    pub p95: Volume<f32>,
+}
+
+impl DoseSamples {
+    /// No dose, on a grid.
+    pub fn zero(grid: &Grid, number: usize) -> Self {
+        Self { grid: grid.clone(), number, values: vec![0.0; number * grid.len()] }
+    }
+
+    /// How many samples there are.
+    pub fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Adds `weight` times a dose, carried through each sample of a registration: sample by sample, so that those of another
+    /// fraction add up with these one by one. A dose beyond its grid is 0, as without samples.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when there are fewer samples than of what was added before.
+    pub fn add(
+        &mut self,
+        weight: f64,
+        dose: &Volume<f32>,
+        pair: &FieldPair,
+        direction: Direction,
+        samples: &SampleSet,
+    ) -> Result<()> {
+        if samples.number() != self.number {
+            let problem = format!("{} samples of one registration and {} of another", self.number, samples.number());
+            return Err(Error::input("samples", problem, "draw as many of each"));
+        }
+        let (grid, plane) = (&self.grid, self.number * self.grid.strides()[2]);
+        let way = Way { dose, pair, samples };
+        self.values.par_chunks_mut(plane).enumerate().for_each_init(
+            || vec![Vector3::zeros(); samples.number()],
+            |room, (k, values)| {
+                for (l, out) in values.chunks_mut(samples.number()).enumerate() {
+                    let p = grid.centre(grid.voxel(k * grid.strides()[2] + l));
+                    match direction {
+                        Direction::FractionToPlanning => way.to_planning(weight, &p, room, out),
+                        Direction::PlanningToFraction => way.to_fraction(weight, &p, out),
+                    }
+                }
+            },
+        );
+        Ok(())
+    }
+
+    /// The dose of one sample.
+    ///
+    /// # Errors
+    /// Only for internal inconsistency of grids.
+    pub fn sample(&self, n: usize) -> Result<Volume<f32>> {
+        Volume::new(self.grid.clone(), self.values.iter().skip(n).step_by(self.number).copied().collect())
+    }
+
+    /// What varies over the samples.
+    ///
+    /// # Errors
+    /// Only for internal inconsistency of grids.
+    pub fn spread(&self) -> Result<DoseSpread> {
+        let of = |values: &[f32]| {
+            let mut sorted = values.to_vec();
+            sorted.sort_unstable_by(f32::total_cmp);
+            let n = values.len() as f64;
+            let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / n;
+            let square = values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>();
+            let [low, high] = [0.05, 0.95].map(|share| quantile(&sorted, share));
+            [mean, (square / (n - 1.0).max(1.0)).sqrt(), low, high].map(|v| v as f32)
+        };
+        let all: Vec<[f32; 4]> = self.values.par_chunks(self.number).map(of).collect();
+        let map = |n: usize| Volume::new(self.grid.clone(), all.iter().map(|v| v[n]).collect());
+        Ok(DoseSpread { mean: map(0)?, sd: map(1)?, p05: map(2)?, p95: map(3)? })
+    }
+}
+
+/// Value below which a share of sorted values lies, between them linear.
+fn quantile(sorted: &[f32], share: f64) -> f64 {
+    let at = share * sorted.len().saturating_sub(1) as f64;
+    let (low, way) = (at as usize, at.fract());
+    let value = |n: usize| sorted.get(n).or(sorted.last()).map_or(0.0, |v| f64::from(*v));
+    value(low) * (1.0 - way) + value(low + 1) * way
+}
+
+/// What a dose is carried by.
+struct Way<'a> {
+    dose: &'a Volume<f32>,
+    pair: &'a FieldPair,
+    samples: &'a SampleSet,
+}
+
+impl Way<'_> {
+    /// The fraction's dose at a place `x` of planning.
+    fn to_planning(&self, weight: f64, x: &Point3<f64>, room: &mut [Vector3<f64>], out: &mut [f32]) {
+        let moved = x + displacement(&self.pair.push.displacement, x);
+        self.samples.at(x, &moved, room);
+        for (out, added) in out.iter_mut().zip(room) {
+            *out += (weight * dose_at(self.dose, &(moved + *added))) as f32;
+        }
+    }
+
+    /// Planning's dose at a place `y` of the fraction.
+    fn to_fraction(&self, weight: f64, y: &Point3<f64>, out: &mut [f32]) {
+        let back = |p: Point3<f64>| p + displacement(&self.pair.pull.displacement, &p);
+        let first = back(*y);
+        for (sample, out) in out.iter_mut().enumerate() {
+            let (mut x, mut moved) = (first, *y);
+            for _ in 0..ROUNDS {
+                moved = y - self.samples.one(sample, &x, &moved);
+                x = back(moved);
+            }
+            *out += (weight * dose_at(self.dose, &x)) as f32;
+        }
+    }
+}
