@@ -30,6 +30,7 @@ mod print;
 mod real_cases;
 #[path = "refusals/main.rs"]
 mod refusals;
+mod samples;
 mod skeleton_on_phantom;
 mod slicer;
 mod stress;

@@ -24,8 +24,9 @@ mod printed {
 }
 
 /// What a successful run of `register` writes, landmarks given.
-const RESULTS: [&str; 14] = [
+const RESULTS: [&str; 15] = [
     "body.nii.gz",
+    "bone_posterior.json",
     "bone_transforms.json",
     "bones_on_fraction.nii.gz",
     "computed.nii.gz",

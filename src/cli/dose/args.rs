@@ -1,6 +1,7 @@
 //! The command line of `aventail dose`.
 
 use super::super::args::{CommonArgs, DirectionName, JsonArgs};
+use crate::io::samples::SAMPLES;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -273,6 +274,11 @@ pub struct CompareArgs {
 pub(super) const MAPS: [&str; 3] = ["sd", "p05", "p95"];
 
 impl SampledArgs {
+    /// The files that tell of the samples.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        self.samples.iter().map(|folder| folder.join(SAMPLES)).collect()
+    }
+
     /// Words in the names of the maps that will be written.
     pub(super) fn maps(&self) -> &'static [&'static str] {
         if self.samples.is_empty() { &[] } else { &MAPS }

@@ -60,8 +60,8 @@ fn map(args: &MapArgs) -> Result<String> {
     let method = method(&args.how)?;
     let fields = [&args.planning_to_fraction, &args.fraction_to_planning, &args.ct, &args.how.density];
     let files = fields.into_iter().flatten().chain([&args.dose, &args.grid]).chain(args.page.files());
-    let files = files.chain(&args.sampled.samples);
-    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
+    let samples = args.sampled.files();
+    let files: Vec<&Path> = files.chain(&samples).map(PathBuf::as_path).collect();
     let back = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, back.like.is_some(), &files, args.sampled.maps())?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
@@ -120,8 +120,8 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let counts = DoseCounts::new(n, &args.weights, &args.fractions)?;
     let weights = counts.factors().to_vec();
     let files = args.dose.iter().chain(&args.fields).chain(&args.ct).chain(&args.how.density).chain([&args.grid]);
-    let files = files.chain(args.page.files()).chain(&args.sampled.samples);
-    let files: Vec<&Path> = files.map(PathBuf::as_path).collect();
+    let samples = args.sampled.files();
+    let files: Vec<&Path> = files.chain(args.page.files()).chain(&samples).map(PathBuf::as_path).collect();
     let out = GiveBack::new(args.dicom_like.as_deref(), &args.out, &args.grid, args.how.common.told.json)?;
     check_out(&args.out, out.like.is_some(), &files, args.sampled.maps())?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;

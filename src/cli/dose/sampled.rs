@@ -14,7 +14,6 @@ use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{DoseMethod, DoseSamples, DoseSpread};
 use crate::provenance::Provenance;
 use crate::report::dose::{DoseDvh, DoseTable, Levels, banded_picture, isodoses};
-use crate::sampling::SampleSet;
 use crate::volume::Volume;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -24,19 +23,18 @@ use std::path::{Path, PathBuf};
 pub(super) struct Samples {
     folder: PathBuf,
     about: SamplesFile,
-    pub(super) set: SampleSet,
 }
 
 impl Samples {
-    /// Reads a folder of samples.
-    pub(super) fn read(folder: &Path, provenance: &mut Provenance) -> Result<Self> {
-        let (about, set) = samples::read(folder)?;
+    /// Reads what a folder says of its samples.
+    fn read(folder: &Path, provenance: &mut Provenance) -> Result<Self> {
+        let about = samples::about(folder)?;
         provenance.note(InputRole::Samples, &folder.join(SAMPLES))?;
-        Ok(Self { folder: folder.to_owned(), about, set })
+        Ok(Self { folder: folder.to_owned(), about })
     }
 
     /// Refuses samples of another registration than the field's; `fields` are roles of the field that was read last.
-    pub(super) fn belongs(&self, provenance: &Provenance) -> Result<()> {
+    fn belongs(&self, provenance: &Provenance) -> Result<()> {
         let is_field = |role: InputRole| {
             matches!(role, InputRole::PlanningToFraction | InputRole::FractionToPlanning | InputRole::Fields)
         };
@@ -84,7 +82,9 @@ impl Through {
             let problem = "--samples with --method energy-mass: samples are carried by interpolation";
             return Err(Error::usage(problem, "take --method interpolate"));
         }
-        let samples = args.samples.iter().map(|folder| Samples::read(folder, provenance)).collect::<Result<_>>()?;
+        let read = |folder: &PathBuf| Samples::read(folder, provenance);
+        let samples: Vec<Samples> = args.samples.iter().map(read).collect::<Result<_>>()?;
+        args.limit.iter().try_for_each(|text| DoseLimit::parse(text).map(drop))?;
         Ok(Some(Self { samples, sum: None }))
     }
 
@@ -99,8 +99,10 @@ impl Through {
     ) -> Result<()> {
         let own = self.samples.get(n).ok_or_else(|| Error::Internal("a dose has no samples".into()))?;
         own.belongs(provenance)?;
-        let sum = self.sum.get_or_insert_with(|| DoseSamples::zero(of.to, own.set.number()));
-        sum.add(weight, of.dose, pair, of.direction, &own.set)
+        // One registration's samples are in memory at a time.
+        let (_, set) = samples::read(&own.folder)?;
+        let sum = self.sum.get_or_insert_with(|| DoseSamples::zero(of.to, set.number()));
+        sum.add(weight, of.dose, pair, of.direction, &set)
     }
 
     /// How far the dose may be off.

@@ -95,13 +95,20 @@ pub fn write(
     write_json(folder.join(SAMPLES), &about)
 }
 
+/// Reads what a folder of samples says of itself.
+///
+/// # Errors
+/// [`Error::Read`] when it holds none.
+pub fn about(folder: &Path) -> Result<SamplesFile> {
+    read_json(&folder.join(SAMPLES), REMEDY)
+}
+
 /// Reads a folder of samples.
 ///
 /// # Errors
 /// [`Error::Read`] when a file is missing or damaged; [`Error::Input`] when they do not belong together.
 pub fn read(folder: &Path) -> Result<(SamplesFile, SampleSet)> {
-    let path = folder.join(SAMPLES);
-    let about: SamplesFile = read_json(&path, REMEDY)?;
+    let (path, about) = (folder.join(SAMPLES), about(folder)?);
     let labels = read_labels(folder.join(BONES), None)?.value;
     let motion = |rows: &[[f64; 4]; 4]| {
         let matrix = Matrix4::from_rows(&rows.map(|row| RowVector4::from(row)));
