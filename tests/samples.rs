@@ -173,7 +173,7 @@ fn where_dose_rises_evenly_its_deviation_is_slope_times_displacement() {
 fn figures_have_intervals_and_limits_within_are_undecided() {
     let (dose, contours) = (patient("dose.nii.gz"), patient("contours.json"));
     let names: Vec<String> =
-        aventail::io::read_contours(&contours).unwrap().structures.iter().map(|s| s.name.clone()).collect();
+        aventail::io::read_contours(&contours).unwrap().0.structures.iter().map(|s| s.name.clone()).collect();
     let out = folder().join("interval.nii.gz");
     let structures = ["--structures", contours.to_str().unwrap(), "--samples", drawn().to_str().unwrap()];
     let (code, text) = accumulate(&dose, &out, &[&structures[..], &["--at", "30"]].concat());
@@ -238,6 +238,47 @@ fn a_dose_without_gradient_is_sure_and_the_other_way_varies_alike() {
     };
     let (there, back) = (deviation("fraction"), deviation("planning"));
     assert!(there > 0.05 && (there / back - 1.0).abs() < 0.35, "{there} {back}");
+}
+
+/// `warp` from planning to fraction with the run's field and samples.
+fn warp(input: &Path, out: &Path, more: &[&str]) -> (i32, String) {
+    let mut command = aventail();
+    command.args(["warp", "-q", "--from", "planning", "--to", "fraction", "--input"]).arg(input).arg("--out").arg(out);
+    command.arg("--field").arg(done().out.join("fraction_to_planning.nii.gz")).arg("--samples").arg(drawn()).args(more);
+    let output = command.output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8([output.stdout, output.stderr].concat()).unwrap())
+}
+
+#[test]
+fn contours_and_labels_tell_where_they_may_be() {
+    let out = folder().join("contours_there.json");
+    let (code, text) = warp(&patient("contours.json"), &out, &[]);
+    assert_eq!(code, 0, "{text}");
+    let there = aventail::io::read_contours(&out).unwrap().0;
+    let volume = |name: &str| {
+        let own = there.structures.iter().find(|s| s.name == name).unwrap_or_else(|| panic!("no {name}"));
+        own.volume(there.spacing_of(own, 6.0))
+    };
+    let names: Vec<&String> = there.structures.iter().map(|s| &s.name).filter(|n| !n.ends_with(" %")).collect();
+    assert!(names.len() >= 2 && there.structures.len() == 4 * names.len(), "{text}");
+    for name in names {
+        let [any, half, sure] = [5, 50, 95].map(|percent| volume(&format!("{name} {percent} %")));
+        assert!(sure < half && half < any, "{name}: {sure} {half} {any}");
+        assert!((half / volume(name) - 1.0).abs() < 0.15, "{name}: {half} for {}", volume(name));
+    }
+    let out = folder().join("labels_there.nii.gz");
+    let (code, text) = warp(&phantom().bones, &out, &["--kind", "labels"]);
+    assert_eq!(code, 0, "{text}");
+    let found = read_labels(&out, None).unwrap().value;
+    let (label, _) = found.names.iter().find(|(_, n)| *n == "mandible").unwrap();
+    let share = read_image(folder().join("labels_there_share_mandible.nii.gz")).unwrap().value;
+    let voxels = |least: f32| share.data().iter().filter(|v| **v >= least).count();
+    let own = found.volume.data().iter().filter(|l| *l == label).count();
+    assert!(share.grid().matches(found.volume.grid(), 1e-3) && share.extremes()[1] <= 1.0);
+    assert!(voxels(0.95) < own && own < voxels(0.05), "{} {own} {}", voxels(0.95), voxels(0.05));
+    // Of an image, backwards, or with points they have no meaning.
+    assert_eq!(warp(&phantom().planning, &out, &["--kind", "image"]).0, 2);
+    assert_eq!(warp(&phantom().landmarks, &folder().join("points.csv"), &[]).0, 2);
 }
 
 #[test]

@@ -81,6 +81,8 @@ impl Scenery {
 /// What the page of a carried dose says.
 pub(super) struct PageContent {
     pub(super) title: String,
+    /// Whether it is of one dose, which is shown before and after.
+    pub(super) carried_alone: bool,
     pub(super) pictures: Vec<DosePicture>,
     pub(super) tables: Vec<DoseTable>,
     /// Beyond those that the doses came with.
@@ -122,6 +124,7 @@ pub(super) fn map(
     let after = Levels { through: Levels::of(mapped).through, ..levels };
     let mut page = PageContent {
         title: format!("{} carried to {frame}", stem(name)),
+        carried_alone: true,
         pictures: vec![
             isodoses("Before, where it was computed", dose, ct, &levels, None)?,
             isodoses(&format!("After, on {frame}"), mapped, scenery.ct.as_ref(), &after, Some(&steep))?,
@@ -170,6 +173,7 @@ pub(super) fn sum(
     };
     let mut page = PageContent {
         title: format!("dose accumulated over {} doses", parts.len()),
+        carried_alone: false,
         pictures,
         tables: vec![shares, steep_table(total, &steep, reports)],
         warnings: Vec::new(),

@@ -13,7 +13,7 @@ use crate::io::samples::{self, SAMPLES, SamplesFile};
 use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{DoseMethod, DoseSamples, DoseSpread};
 use crate::provenance::Provenance;
-use crate::report::dose::{DoseDvh, DoseTable, Levels, banded_picture, isodoses};
+use crate::report::dose::{BROKEN, DoseDvh, DosePicture, DoseTable, KEPT, Levels, UNDECIDED, banded_picture, isodoses};
 use crate::volume::Volume;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -151,6 +151,15 @@ struct Decided {
     decision: Decision,
 }
 
+/// What is said of a limit.
+fn word(decision: Decision) -> &'static str {
+    match decision {
+        Decision::Kept => KEPT,
+        Decision::Undecided => UNDECIDED,
+        Decision::Broken => BROKEN,
+    }
+}
+
 /// A dose with how far it may be off.
 pub(super) struct Spread {
     pub(super) told: SampledDose,
@@ -225,15 +234,24 @@ impl Spread {
 
     /// Adds pictures and tables to the page.
     pub(super) fn show(&self, scenery: &Scenery, dose: &Volume<f32>, page: &mut PageContent) -> Result<()> {
+        // Behind the dose: of one that was carried it is the second picture.
+        let behind = if page.carried_alone { 2 } else { 1 };
         let told = &self.told;
         let through = Levels::of(dose).through;
         let levels = Levels { most: told.greatest_sd_gy, through };
         let title = format!("Standard deviation of the dose over {} samples", told.number);
-        page.pictures.insert(page.pictures.len().min(2), isodoses(&title, &self.maps.sd, scenery.ct(), &levels, None)?);
+        let caption = format!(
+            "Lines of equal standard deviation, in shares of the greatest, {:.2} Gy; planes at {:.0}, {:.0}, {:.0} (LPS mm).",
+            told.greatest_sd_gy, levels.through.x, levels.through.y, levels.through.z
+        );
+        let picture = DosePicture { caption, ..isodoses(&title, &self.maps.sd, scenery.ct(), &levels, None)? };
+        page.pictures.insert(page.pictures.len().min(behind), picture);
         if told.structures.is_empty() {
             return Ok(());
         }
         let found = DoseDvh { name: "dose".into(), warnings: Vec::new(), structures: scenery.counted(dose, &[]) };
+        // It has the curves of the plain picture, which came last.
+        page.pictures.pop();
         page.pictures.push(banded_picture(&found, &told.structures, &scenery.colours())?);
         page.tables.insert(0, self.intervals());
         if !told.limits.is_empty() {
@@ -245,7 +263,7 @@ impl Spread {
     /// A structure a line: each figure with its interval.
     fn intervals(&self) -> DoseTable {
         let row = |s: &DvhBand| {
-            let cell = |f: &FigureBand| format!("{:.2} ({:.2} to {:.2})", f.value, f.low, f.high);
+            let cell = |f: &FigureBand| format!("{:.2} ({:.2}\u{2013}{:.2})", f.value, f.low, f.high);
             std::iter::once(s.name.clone()).chain(s.figures.iter().map(cell)).collect()
         };
         let first = self.told.structures.first();
@@ -266,11 +284,7 @@ impl Spread {
     /// What the limits say.
     fn limits(&self) -> DoseTable {
         let row = |d: &Decided| {
-            let word = match d.decision {
-                Decision::Kept => "kept",
-                Decision::Undecided => "undecided",
-                Decision::Broken => "not kept",
-            };
+            let word = word(d.decision);
             let figure = format!("{:.2} ({:.2} to {:.2})", d.found, d.low, d.high);
             vec![d.limit.structure.clone(), d.limit.text(), figure, word.into()]
         };
@@ -296,11 +310,7 @@ impl Spread {
             text += &format!("  {}: {} Gy\n", s.name, cells.join(", "));
         }
         for d in &told.limits {
-            let word = match d.decision {
-                Decision::Kept => "kept",
-                Decision::Undecided => "undecided",
-                Decision::Broken => "not kept",
-            };
+            let word = word(d.decision);
             text += &format!(
                 "  limit {} {}: {word} ({:.2}, {:.2} to {:.2})\n",
                 d.limit.structure,

@@ -68,6 +68,10 @@ pub struct WarpArgs {
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
+    /// Folder of samples of the registration (`aventail samples`): of labels also OUT_share_NAME, the share of the samples in which
+    /// each is at a voxel; of contours also those of 5, 50 and 95 % of the samples. From planning to fraction
+    #[arg(long, value_name = "DIR", requires = "input")]
+    pub samples: Option<PathBuf>,
     /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
     /// One matrix of several can say it as FILE#ras or FILE#lps
     #[arg(long, value_enum)]

@@ -3,6 +3,7 @@
 mod args;
 mod dicom;
 mod report;
+mod sampled;
 
 pub(super) use args::HELP;
 pub use args::WarpArgs;
@@ -21,6 +22,7 @@ use crate::io::dicom::like::Like;
 use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
+use crate::sampling::SampleSet;
 use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
@@ -36,6 +38,7 @@ use std::path::{Path, PathBuf};
 /// Of every kind; see [`Error`].
 pub fn run(args: &WarpArgs) -> Result<String> {
     check_paths(args)?;
+    sampled::check(args)?;
     let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let (links, silent, warnings) = runtime.stage("read the fields", || -> Result<_> {
         let mut warnings = Vec::new();
@@ -109,7 +112,8 @@ fn names(args: &WarpArgs) -> Result<FrameNames> {
 fn check_paths(args: &WarpArgs) -> Result<()> {
     let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
     let more = [&args.input, &args.grid, &args.dicom_like, &args.dicom_to, &args.labels];
-    let inputs = fields.iter().chain(more.into_iter().flatten());
+    let samples = sampled::file(args);
+    let inputs = fields.iter().chain(more.into_iter().flatten()).chain(&samples);
     let outputs: Vec<PathBuf> = [&args.out, &args.out_field].into_iter().flatten().cloned().collect();
     io::check_files(&inputs.map(PathBuf::as_path).collect::<Vec<_>>(), &outputs)?;
     if let Some(out) = &args.out_field {
@@ -141,6 +145,7 @@ fn refuse_volume_options(args: &WarpArgs, input: &Path) -> Result<()> {
         ("--interpolation", args.interpolation.is_some()),
         ("--outside", args.outside.is_some()),
         ("--labels", args.labels.is_some()),
+        ("--samples", args.samples.is_some()),
         ("--scale-by-jacobian", args.scale_by_jacobian),
     ];
     match given.iter().find(|g| g.1) {
@@ -254,7 +259,7 @@ fn map_contours(
         Some(grid) => grid,
         None => target(args, back, &args.to, &mut report.warnings)?,
     };
-    let (moved, mapped) = resample_contours(&contours, forward, back, &grid);
+    let (mut moved, mapped) = resample_contours(&contours, forward, back, &grid);
     let slice = grid.spacing()[2];
     for (old, new) in contours.structures.iter().zip(&moved.structures) {
         let volume = |s: &Structure, gap: f64| s.volume(gap) / 1000.0;
@@ -266,6 +271,9 @@ fn map_contours(
             new.heights().len(),
             volume(new, slice)
         ));
+    }
+    if let Some(samples) = samples_of(args)? {
+        sampled::contours(&contours, &mut moved, back, &grid, &samples, report)?;
     }
     match &like {
         Some(like) => like.structures(out, &moved, set.as_ref())?,
@@ -317,6 +325,10 @@ fn map_volume(
             Some(like) => like.labels(out, &warped, input),
             None => io::write_labels(out, &warped, &options),
         })?;
+        if let Some(samples) = samples_of(args)? {
+            let of = || sampled::labels(&labels.value, &warped, back, &samples, out, report);
+            runtime.stage("carry labels through samples", of)?;
+        }
         mapped
     } else {
         let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_image };
@@ -351,6 +363,14 @@ fn map_volume(
     };
     report.finish(back, mapped, out);
     Ok(())
+}
+
+/// The samples that are asked for.
+fn samples_of(args: &WarpArgs) -> Result<Option<SampleSet>> {
+    match (&args.samples, args.field.first()) {
+        (Some(folder), Some(field)) => sampled::read(folder, field).map(Some),
+        _ => Ok(None),
+    }
 }
 
 /// Options that this kind of volume does not have.

@@ -18,6 +18,7 @@ mod outcome;
 mod planning;
 mod pose;
 mod posing;
+mod probable;
 mod region;
 mod register;
 mod sampled;
@@ -35,6 +36,7 @@ pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, is_placed, moves_mo
 pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
+pub use probable::{Carried, polygons_above};
 pub use register::{check_inputs, register, register_fraction};
 pub use sampled::{DoseSamples, DoseSpread, correlation, sample};
 pub use study::carry_again;

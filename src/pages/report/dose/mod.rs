@@ -4,7 +4,7 @@ mod isodose;
 mod page;
 
 pub use isodose::{Levels, differences, isodoses};
-pub use page::{DosePage, DosePicture, DoseTable};
+pub use page::{BROKEN, DosePage, DosePicture, DoseTable, KEPT, UNDECIDED};
 
 use super::canvas::{Canvas, Rgb};
 use super::chart::{Band, COLOURS, Curve, chart, chart_with_bands};

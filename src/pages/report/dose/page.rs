@@ -16,6 +16,13 @@ const INPUTS_ON_PAPER: usize = 6;
 const TABLES_ON_PAPER: usize = 6;
 const LINES_ON_PAPER: usize = 72;
 
+/// What a cell says of a limit; each has its colour.
+pub const KEPT: &str = "kept";
+/// The limit lies within the figure's interval.
+pub const UNDECIDED: &str = "undecided";
+/// It is not kept.
+pub const BROKEN: &str = "not kept";
+
 /// A picture of a page.
 #[derive(Debug, Clone)]
 pub struct DosePicture {
@@ -118,6 +125,12 @@ impl DosePage<'_> {
     fn table(&self, table: &DoseTable) -> Markup {
         let most = LINES_ON_PAPER / self.tables.len().clamp(1, TABLES_ON_PAPER);
         let class = |n: usize| (n > 0).then_some("n");
+        let class_of = |n: usize, cell: &str| match cell {
+            KEPT => Some("n pass"),
+            UNDECIDED => Some("n review"),
+            BROKEN => Some("n fail"),
+            _ => class(n),
+        };
         html! {
             h2 { (table.title) }
             @if !table.note.is_empty() { p.note { (table.note) } }
@@ -126,7 +139,7 @@ impl DosePage<'_> {
                 tbody {
                     @for (line, row) in table.rows.iter().enumerate() {
                         tr.screen[line >= most] {
-                            @for (n, cell) in row.iter().enumerate() { td class=[class(n)] { @if n == 0 { span.short { (cell) } } @else { (cell) } } }
+                            @for (n, cell) in row.iter().enumerate() { td class=[class_of(n, cell)] { @if n == 0 { span.short { (cell) } } @else { (cell) } } }
                         }
                     }
                 }

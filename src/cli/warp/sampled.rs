@@ -1,0 +1,169 @@
+//! Where labels and contours may be, by samples of the registration that carries them.
+
+use super::super::links::LinkArg;
+use super::args::WarpArgs;
+use super::report::WarpReport;
+use crate::error::{Error, Result};
+use crate::field::Chain;
+use crate::findings;
+use crate::geometry::Grid;
+use crate::io::checksum::sha256_file;
+use crate::io::samples::{self, SAMPLES};
+use crate::io::{self, Stored, WriteOptions};
+use crate::pipeline::{Carried, polygons_above};
+use crate::sampling::SampleSet;
+use crate::volume::contour::{Contours, Structure};
+use crate::volume::{LabelMap, Volume};
+use nalgebra::Point3;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Share of a small box on a contour that counts over this width, mm.
+const SOFT_MM: f64 = 0.5;
+/// Shares of the samples whose contours are drawn, percent.
+const DRAWN: [u32; 3] = [5, 50, 95];
+
+/// Refuses what samples do not go with, before anything is read.
+pub(super) fn check(args: &WarpArgs) -> Result<()> {
+    if args.samples.is_none() {
+        return Ok(());
+    }
+    let wrong = |problem: &str, remedy: &str| Err(Error::usage(problem, remedy));
+    if (args.from.as_str(), args.to.as_str()) != ("planning", "fraction") || args.field.len() != 1 {
+        let problem = "--samples carry labels or contours of planning to its fraction, through one field";
+        return wrong(problem, "give --from planning --to fraction and the --field of the run");
+    }
+    match args.kind {
+        None | Some(super::VolumeKind::Labels) => Ok(()),
+        Some(_) => {
+            wrong("--samples with an image or a dose", "give --kind labels, or see `aventail dose map --samples`")
+        }
+    }
+}
+
+/// Reads the samples, which must be those of the field.
+pub(super) fn read(folder: &Path, field: &LinkArg) -> Result<SampleSet> {
+    let (about, set) = samples::read(folder)?;
+    let sha256 = sha256_file(field.path())?;
+    if about.fields.iter().any(|own| own.sha256 == sha256) {
+        return Ok(set);
+    }
+    let path = field.path();
+    let problem = format!("these samples were drawn of another registration than {} (by its checksum)", path.display());
+    let remedy = "give the field of the run that they lie in, or draw samples of this run with aventail samples";
+    Err(Error::refused(findings::SAMPLES_OF_ANOTHER_RUN, folder.display().to_string(), problem, remedy))
+}
+
+/// The file that tells of the samples.
+pub(super) fn file(args: &WarpArgs) -> Option<PathBuf> {
+    args.samples.as_ref().map(|folder| folder.join(SAMPLES))
+}
+
+/// Adds to each structure the contours that 5, 50 and 95 % of the samples keep within.
+pub(super) fn contours(
+    before: &Contours,
+    after: &mut Contours,
+    back: &Chain<'_>,
+    grid: &Grid,
+    samples: &SampleSet,
+    report: &mut WarpReport,
+) -> Result<()> {
+    let mut more = Vec::new();
+    let spacing = grid.spacing();
+    for (old, new) in before.structures.iter().zip(&after.structures) {
+        let gap = before.spacing_of(old, spacing[2]);
+        let solid = before.solid(old, gap);
+        let inside = |p: &Point3<f64>| solid.share(p, SOFT_MM, gap);
+        let points = new.polygons.iter().flat_map(|p| p.points.iter().map(|q| grid.index(&after.world(*q, p.height))));
+        let around = bounds(points.map(|index| index.into()), grid);
+        let carried = Carried { inside: &inside, back, samples };
+        let Some(share) = carried.probability(grid, &around)? else { continue };
+        let mut volumes = Vec::new();
+        for percent in DRAWN {
+            let polygons = polygons_above(&share, f64::from(percent) / 100.0, &after.axes);
+            let one = Structure { name: format!("{} {percent} %", old.name), colour: new.colour, polygons };
+            volumes.push(format!("{:.2} cm3 in {percent} %", one.volume(spacing[2]) / 1000.0));
+            more.push(one);
+        }
+        report.notes.push(format!("{}: of the samples {}", old.name, volumes.join(", ")));
+    }
+    after.structures.extend(more);
+    Ok(())
+}
+
+/// Writes a map of each label beside `out`: the share of the samples in which it is at each voxel.
+pub(super) fn labels(
+    before: &LabelMap,
+    after: &LabelMap,
+    back: &Chain<'_>,
+    samples: &SampleSet,
+    out: &Path,
+    report: &mut WarpReport,
+) -> Result<()> {
+    let grid = after.volume.grid();
+    let own = before.volume.grid();
+    let mut boxes: BTreeMap<u16, [Range<usize>; 3]> = BTreeMap::new();
+    for (l, label) in after.volume.data().iter().enumerate().filter(|(_, label)| **label != 0) {
+        let voxel = grid.voxel(l);
+        let around = boxes.entry(*label).or_insert_with(|| voxel.map(|v| v..v + 1));
+        (0..3).for_each(|a| around[a] = around[a].start.min(voxel[a])..around[a].end.max(voxel[a] + 1));
+    }
+    for (label, around) in boxes {
+        let inside =
+            |p: &Point3<f64>| own.voxel_at(p).map_or(0.0, |v| f64::from(u8::from(*before.volume.at(v) == label)));
+        let carried = Carried { inside: &inside, back, samples };
+        let Some(share) = carried.probability(grid, &around)? else { continue };
+        let name = before.names.get(&label).cloned().unwrap_or_else(|| label.to_string());
+        let path = beside(out, &name);
+        let description = format!("aventail: share of {} samples with {name}", samples.number());
+        let options = WriteOptions { description, ..WriteOptions::default() };
+        io::write_image(&path, &whole(&share, grid)?, Stored::Float32, &options)?;
+        let ml =
+            |least: f32| share.data().iter().filter(|v| **v >= least).count() as f64 * grid.voxel_volume() / 1000.0;
+        report.notes.push(format!(
+            "{name}: {:.2} cm3 in 95 % of the samples, {:.2} in half, {:.2} in 5 %: {}",
+            ml(0.95),
+            ml(0.5),
+            ml(0.05),
+            path.display()
+        ));
+    }
+    Ok(())
+}
+
+/// The map of a label beside the labels; letters that a file name should not have become `_`.
+fn beside(out: &Path, name: &str) -> PathBuf {
+    let file = out.file_name().unwrap_or_default().to_string_lossy();
+    let end = [".nii.gz", ".nii", ".mha", ".nrrd"].into_iter().find(|e| file.ends_with(e)).unwrap_or(".nii.gz");
+    let stem = [".nii.gz", ".nii", ".mha", ".nrrd", ".dcm"].iter().find_map(|e| file.strip_suffix(e)).unwrap_or(&file);
+    let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    out.with_file_name(format!("{stem}_share_{plain}{end}"))
+}
+
+/// A part on the whole grid, 0 around it.
+fn whole(part: &Volume<f32>, grid: &Grid) -> Result<Volume<f32>> {
+    let first = grid.voxel_at(&part.grid().centre([0; 3])).unwrap_or_default();
+    let size = part.grid().size();
+    let mut out = Volume::filled(grid.clone(), 0f32);
+    for k in 0..size[2] {
+        for j in 0..size[1] {
+            let (from, to) = (part.grid().linear([0, j, k]), grid.linear([first[0], first[1] + j, first[2] + k]));
+            out.data_mut()[to..to + size[0]].copy_from_slice(&part.data()[from..from + size[0]]);
+        }
+    }
+    Ok(out)
+}
+
+/// The voxels around points, by their index.
+fn bounds(points: impl Iterator<Item = [f64; 3]>, grid: &Grid) -> [Range<usize>; 3] {
+    let start = [[f64::MAX; 3], [f64::MIN; 3]];
+    let [low, high] = points.fold(start, |[low, high], p| {
+        [std::array::from_fn(|a| low[a].min(p[a])), std::array::from_fn(|a| high[a].max(p[a]))]
+    });
+    std::array::from_fn(|a| {
+        let end = (high[a].ceil() + 1.0).clamp(0.0, grid.size()[a] as f64) as usize;
+        let first = low[a].floor().max(0.0) as usize;
+        first.min(end)..end
+    })
+}
