@@ -64,6 +64,9 @@ class Kept:
     def save(self, *_: object) -> NoReturn:
         _refuse("save", "call registration.save(folder) in the process that registered")
 
+    def samples(self, *_: object) -> NoReturn:
+        _refuse("samples", "draw them in the process that registered, or with aventail samples of the saved run")
+
     def warp_points(self, *_: object) -> NoReturn:
         _refuse("warp")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings as python_warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
@@ -150,6 +150,18 @@ class Registration:
         with told(progress) as function:
             self._native.save(_given.path("folder", folder), _given.flag("view", view), function)
 
+    def samples(self, number: int = 50, *, seed: int = 0, scale: float | None = None) -> Iterator[Field]:
+        """Fields that may be as right as ``planning_to_fraction``: what an error of the registration may look like.
+
+        They differ as far as ``uncertainty`` says: bones are drawn from what the fit leaves open, neighbours together, and
+        soft tissue varies by itself, alike over some millimetres. The same seed gives the same fields; ``scale`` is the
+        deviation of each component of soft tissue over ``uncertainty``. Each field is made when it is reached.
+        """
+        count = _given.whole("number", number, 2, 1000)
+        factor = None if scale is None else _given.within("scale", scale, 1e-6, 100.0)
+        drawn = self._native.samples(count, _given.whole("seed", seed), factor)
+        return (_sampled(drawn, sample) for sample in range(count))
+
     @overload
     def warp(self, thing: Contours, to: Frame, *, grid: ImageLike | None = None) -> Contours: ...
     @overload
@@ -254,6 +266,11 @@ class Registration:
         mask = self._native.mask(name)
         assert mask is not None
         return _of_raster(mask, "labels")
+
+
+def _sampled(drawn: _compiled.Samples, sample: int) -> Field:
+    """The field of a sample."""
+    return Field(lambda: _of_raster(drawn.field(sample)), "planning", "fraction")
 
 
 def _kind(thing: Any) -> Kind | Literal["points", "contours"] | None:

@@ -34,7 +34,7 @@ mod _aventail {
     #[pymodule_export]
     use crate::phantom::Phantom;
     #[pymodule_export]
-    use crate::registration::{Registration, pose, register};
+    use crate::registration::{Registration, Samples, pose, register};
 
     /// Runs a command line, whose first entry is the program's name; returns the exit code.
     #[pyfunction]

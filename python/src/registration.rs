@@ -5,6 +5,8 @@ use crate::case::{self, More, Settings, transforms};
 use crate::errors::Raised;
 use crate::runs::Runs;
 use crate::warp;
+use aventail::pipeline::{sample_set, sampled_field};
+use aventail::sampling::{SampleSet, SamplingOptions};
 use aventail::session::{self, Beside, FractionSources, MotionSource, PoseRequest, Registered, Request, Session};
 use aventail::volume::{LabelMap, Volume};
 use aventail::{Outcome, Result, io};
@@ -105,6 +107,16 @@ impl Registration {
         })
     }
 
+    /// Samples of its error: what `samples` of the program draws.
+    #[pyo3(signature = (number, seed, scale))]
+    fn samples(&self, py: Python<'_>, number: usize, seed: u64, scale: Option<f64>) -> PyResult<Samples> {
+        let scale = scale.unwrap_or(SamplingOptions::default().scale);
+        let options = SamplingOptions { number, seed, scale };
+        let draw = |found: &Registered| sample_set(&found.case.planning, &found.outcome, &options);
+        let set = self.taken(py, draw).raised(py)?;
+        Ok(Samples { found: Arc::clone(&self.found), set: Arc::new(set) })
+    }
+
     /// Points of one frame in the other, and which of them the field covers.
     fn warp_points<'py>(
         &self,
@@ -179,6 +191,26 @@ impl Registration {
             warp::contours(both, crate::arrays::contours(Some(json), None)?, target.as_ref(), frame)
         })
         .raised(py)
+    }
+}
+
+/// Samples of a registration.
+#[pyclass(frozen, module = "aventail._aventail")]
+pub(crate) struct Samples {
+    found: Arc<RwLock<Registered>>,
+    set: Arc<SampleSet>,
+}
+
+#[pymethods]
+impl Samples {
+    /// The field of one sample, planning to fraction.
+    fn field<'py>(&self, py: Python<'py>, sample: usize) -> PyResult<Raster<'py, f32>> {
+        let field = py.detach(|| {
+            let found = self.found.read().unwrap_or_else(PoisonError::into_inner);
+            let sample = sample.min(self.set.number().saturating_sub(1));
+            sampled_field(&found.outcome.push.displacement, &self.set, sample)
+        });
+        field_raster(py, field)
     }
 }
 

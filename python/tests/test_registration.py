@@ -381,3 +381,30 @@ def test_labels_of_the_fraction_place_its_bones(
     assert len(given) > 25
     with pytest.raises(aventail.Error, match="fraction_bones"):
         aventail.register(phantom.planning, phantom.bones, phantom.fraction, fraction_labels={1: "skull"})
+
+
+def test_samples_vary_as_the_map_says_and_keep_bones_rigid(
+    phantom: aventail.Phantom, registration: aventail.Registration
+) -> None:
+    found = registration.planning_to_fraction.array
+    fields = [field.array for field in registration.samples(6, seed=3)]
+    again = next(iter(registration.samples(2, seed=3)))
+    assert np.array_equal(again.array, fields[0]) and again.start == "planning" and again.end == "fraction"
+    added = np.stack(fields) - found
+    assert registration.uncertainty is not None
+    told = registration.uncertainty.array
+    soft = (told > 0) & (phantom.bones.array == 0)
+    spread = added[:, soft].std(axis=0)
+    # Where the map tells more, samples differ more.
+    high, low = told[soft] > np.percentile(told[soft], 75), told[soft] < np.percentile(told[soft], 25)
+    assert 0.05 < spread.mean() < 20.0 and spread[high].mean() > 1.5 * spread[low].mean()
+    # Bones stay rigid: lengths between voxels of the skull do.
+    label = next(number for number, name in (phantom.bones.names or {}).items() if name == "skull")
+    voxels = np.argwhere(phantom.bones.array == label)[::97]
+    places = voxels[:, ::-1] @ (phantom.bones.affine[:3, :3].T) + phantom.bones.affine[:3, 3]
+    for field in [found, *fields]:
+        moved = places + field[tuple(voxels.T)]
+        lengths = np.linalg.norm(moved[1:] - moved[:-1], axis=1)
+        assert np.allclose(lengths, np.linalg.norm(places[1:] - places[:-1], axis=1), atol=1e-3)
+    with pytest.raises(aventail.Error):
+        registration.samples(1)

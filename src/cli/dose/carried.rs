@@ -4,8 +4,9 @@ use super::args::PageArgs;
 use super::pages::stem;
 use super::structures::Structures;
 use crate::config::InputRole;
-use crate::dose::{Dvh, doubts, steep};
+use crate::dose::{DvhPlaces, doubts, steep};
 use crate::error::Result;
+use crate::geometry::Grid;
 use crate::io;
 use crate::io::dicom::Role;
 use crate::pipeline::DoseReport;
@@ -18,7 +19,7 @@ use std::path::Path;
 /// Fractions whose share is drawn.
 pub(super) const MOST_DRAWN: usize = 6;
 /// Width of a bin of the curves, Gy.
-const BIN: f64 = 0.1;
+pub(super) const BIN: f64 = 0.1;
 /// An image with less than this is a CT, HU.
 const CT_HU: f32 = -500.0;
 /// A dose below this share of the greatest is not counted.
@@ -61,9 +62,9 @@ impl Scenery {
         self.structures.as_ref().map(Structures::colours).unwrap_or_default()
     }
 
-    /// Histograms of a dose; none without structures.
-    pub(super) fn counted(&self, dose: &Volume<f32>, at: &[f64]) -> Vec<Dvh> {
-        self.structures.as_ref().map(|s| s.histograms(dose, at, BIN)).unwrap_or_default()
+    /// The structures on the grid of doses; none without structures.
+    pub(super) fn places(&self, grid: &Grid) -> Option<DvhPlaces> {
+        self.structures.as_ref().map(|s| s.places(grid))
     }
 
     /// Histograms and figures of a dose; nothing without structures.

@@ -2,10 +2,10 @@
 
 use super::Mapping;
 use super::args::{MAPS, SampledArgs};
-use super::carried::{PageContent, Scenery};
+use super::carried::{BIN, PageContent, Scenery};
 use super::out::{named, parent};
 use crate::config::InputRole;
-use crate::dose::{Decision, DoseLimit, DvhBand, FigureBand, steep};
+use crate::dose::{Decision, DoseLimit, Dvh, DvhBand, FigureBand, steep};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::findings;
@@ -163,6 +163,8 @@ fn word(decision: Decision) -> &'static str {
 /// A dose with how far it may be off.
 pub(super) struct Spread {
     pub(super) told: SampledDose,
+    /// Histograms of the registration that was found.
+    found: Vec<Dvh>,
     maps: DoseSpread,
 }
 
@@ -180,12 +182,14 @@ impl Spread {
         let limits: Vec<DoseLimit> = args.limit.iter().map(|text| DoseLimit::parse(text)).collect::<Result<_>>()?;
         let mut at = args.at.clone();
         at.extend(limits.iter().filter_map(DoseLimit::volume_above).filter(|gy| !args.at.contains(gy)));
-        let structures = match scenery {
+        let places = scenery.and_then(|scenery| scenery.places(dose.grid()));
+        let found = places.as_ref().map(|places| places.histograms(dose, &at, BIN)).unwrap_or_default();
+        let structures = match &places {
             None => Vec::new(),
-            Some(scenery) => {
-                let each = |n: usize| Ok(scenery.counted(&all.sample(n)?, &at));
+            Some(places) => {
+                let each = |n: usize| Ok(places.histograms(&all.sample(n)?, &at, BIN));
                 let each: Vec<_> = (0..all.number()).into_par_iter().map(each).collect::<Result<_>>()?;
-                crate::dose::bands(&scenery.counted(dose, &at), &each)
+                crate::dose::bands(&found, &each)
             }
         };
         let decided = |limit: DoseLimit| {
@@ -213,7 +217,7 @@ impl Spread {
             structures,
             limits,
         };
-        Ok(Self { told, maps })
+        Ok(Self { told, found, maps })
     }
 
     /// Writes the maps beside the dose; returns their paths.
@@ -249,7 +253,7 @@ impl Spread {
         if told.structures.is_empty() {
             return Ok(());
         }
-        let found = DoseDvh { name: "dose".into(), warnings: Vec::new(), structures: scenery.counted(dose, &[]) };
+        let found = DoseDvh { name: "dose".into(), warnings: Vec::new(), structures: self.found.clone() };
         // It has the curves of the plain picture, which came last.
         page.pictures.pop();
         page.pictures.push(banded_picture(&found, &told.structures, &scenery.colours())?);

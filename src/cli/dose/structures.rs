@@ -1,9 +1,10 @@
 //! The structures whose dose is counted.
 
 use crate::config::InputRole;
-use crate::dose::{Dvh, dvh, dvh_of_contours};
+use crate::dose::{Dvh, DvhPlaces, dvh, dvh_of_contours};
 use crate::error::Result;
 use crate::findings;
+use crate::geometry::Grid;
 use crate::io::dicom::{Framed, Role, check_frames, is_dicom_path, is_segmentation};
 use crate::io::{self, ContourFile};
 use crate::provenance::Provenance;
@@ -51,6 +52,14 @@ impl Structures {
         match self {
             Self::Labels(map) => dvh(dose, map, at, bin),
             Self::Contours(all) => dvh_of_contours(dose, all, at, bin),
+        }
+    }
+
+    /// For the histograms of many doses on a grid.
+    pub(super) fn places(&self, grid: &Grid) -> DvhPlaces {
+        match self {
+            Self::Labels(map) => DvhPlaces::of_labels(grid, map),
+            Self::Contours(all) => DvhPlaces::of_contours(grid, all),
         }
     }
 

@@ -14,13 +14,15 @@ use crate::pipeline::{Carried, polygons_above};
 use crate::sampling::SampleSet;
 use crate::volume::contour::{Contours, Structure};
 use crate::volume::{LabelMap, Volume};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Share of a small box on a contour that counts over this width, mm.
 const SOFT_MM: f64 = 0.5;
+/// Pixels of the planes on which contours are drawn, mm, at most.
+const PIXEL_MM: f64 = 1.0;
 /// Shares of the samples whose contours are drawn, percent.
 const DRAWN: [u32; 3] = [5, 50, 95];
 
@@ -71,14 +73,15 @@ pub(super) fn contours(
 ) -> Result<()> {
     let mut more = Vec::new();
     let spacing = grid.spacing();
+    let fine = &refined(grid)?;
     for (old, new) in before.structures.iter().zip(&after.structures) {
         let gap = before.spacing_of(old, spacing[2]);
         let solid = before.solid(old, gap);
         let inside = |p: &Point3<f64>| solid.share(p, SOFT_MM, gap);
-        let points = new.polygons.iter().flat_map(|p| p.points.iter().map(|q| grid.index(&after.world(*q, p.height))));
-        let around = bounds(points.map(|index| index.into()), grid);
+        let points = new.polygons.iter().flat_map(|p| p.points.iter().map(|q| fine.index(&after.world(*q, p.height))));
+        let around = bounds(points.map(|index| index.into()), fine);
         let carried = Carried { inside: &inside, back, samples };
-        let Some(share) = carried.probability(grid, &around)? else { continue };
+        let Some(share) = carried.probability(fine, &around)? else { continue };
         let mut volumes = Vec::new();
         for percent in DRAWN {
             let polygons = polygons_above(&share, f64::from(percent) / 100.0, &after.axes);
@@ -90,6 +93,19 @@ pub(super) fn contours(
     }
     after.structures.extend(more);
     Ok(())
+}
+
+/// The grid with pixels of a millimetre or less on the same planes, on which small structures have a shape.
+fn refined(grid: &Grid) -> Result<Grid> {
+    let (size, spacing) = (grid.size(), grid.spacing());
+    let parts = [0, 1].map(|a| (spacing[a] / PIXEL_MM).ceil().max(1.0));
+    let first = Vector3::new(0.5 / parts[0] - 0.5, 0.5 / parts[1] - 0.5, 0.0);
+    Grid::new(
+        [size[0] * parts[0] as usize, size[1] * parts[1] as usize, size[2]],
+        [spacing[0] / parts[0], spacing[1] / parts[1], spacing[2]],
+        grid.world(&first),
+        *grid.direction(),
+    )
 }
 
 /// Writes a map of each label beside `out`: the share of the samples in which it is at each voxel.

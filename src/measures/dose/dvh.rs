@@ -2,6 +2,7 @@
 
 use super::sample::{self, Sampled};
 use crate::findings;
+use crate::geometry::Grid;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
@@ -62,13 +63,33 @@ const UNLIKE: f64 = 0.1;
 /// at its centre, or at the middles of its parts where it is larger than the dose's voxels, so that
 /// grids may differ. `at` lists the doses of V_x, Gy; `bin` is in Gy.
 pub fn dvh(dose: &Volume<f32>, structures: &LabelMap, at: &[f64], bin: f64) -> Vec<Dvh> {
-    sample::labels(dose, structures).into_iter().map(|s| of(s, at, bin)).collect()
+    sample::labels(dose.grid(), structures).iter().map(|s| of(s.read(dose), at, bin)).collect()
 }
 
 /// Dose-volume histogram of each structure, in their order, none left out. Each is sampled inside the dose's voxels, the finer
 /// the smaller it is; structures may overlap.
 pub fn dvh_of_contours(dose: &Volume<f32>, contours: &Contours, at: &[f64], bin: f64) -> Vec<Dvh> {
-    contours.structures.iter().map(|s| of(sample::contours(dose, contours, s), at, bin)).collect()
+    contours.structures.iter().map(|s| of(sample::contours(dose.grid(), contours, s).read(dose), at, bin)).collect()
+}
+
+/// Structures on a dose's grid, for the histograms of many doses there: as [`dvh`] and [`dvh_of_contours`] make them one by one.
+pub struct DvhPlaces(Vec<sample::Places>);
+
+impl DvhPlaces {
+    /// Of a label map.
+    pub fn of_labels(grid: &Grid, structures: &LabelMap) -> Self {
+        Self(sample::labels(grid, structures))
+    }
+
+    /// Of contours.
+    pub fn of_contours(grid: &Grid, contours: &Contours) -> Self {
+        Self(contours.structures.iter().map(|s| sample::contours(grid, contours, s)).collect())
+    }
+
+    /// The histograms of a dose on the grid.
+    pub fn histograms(&self, dose: &Volume<f32>, at: &[f64], bin: f64) -> Vec<Dvh> {
+        self.0.iter().map(|places| of(places.read(dose), at, bin)).collect()
+    }
 }
 
 /// What of the histograms deserves a word: structures outside the dose, without volume, or unlike their contours.
@@ -158,7 +179,6 @@ fn of(sampled: Sampled, at: &[f64], bin: f64) -> Dvh {
 mod tests {
     use super::super::sample::DoseSample;
     use super::*;
-    use crate::geometry::Grid;
     use crate::volume::contour::{Polygon, Structure};
     use nalgebra::Matrix3;
 

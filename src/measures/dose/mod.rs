@@ -16,7 +16,7 @@ pub use caution::{Caution, STEEP, caution, steep};
 pub use count::DoseCounts;
 pub use density::DensityTable;
 pub use difference::{DoseDifference, difference, distance_to_difference};
-pub use dvh::{Dvh, Share, doubts, dvh, dvh_of_contours};
+pub use dvh::{Dvh, DvhPlaces, Share, doubts, dvh, dvh_of_contours};
 pub use energy::{EnergyBalance, EnergyMassOptions, energy_mass};
 pub use interpolate::{accumulate, displacement, dose_at, interpolate};
 pub use judge::{judge, judge_result, question};

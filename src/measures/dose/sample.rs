@@ -4,7 +4,7 @@ use super::interpolate::snapped;
 use crate::geometry::Grid;
 use crate::volume::contour::{Contours, Structure};
 use crate::volume::{LabelMap, Surrounding, Volume, cubic};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -33,25 +33,52 @@ pub(super) struct Sampled {
     pub outside: f64,
 }
 
-/// The dose at a point by cubic convolution, within what the voxels around it hold; a dose's voxels reach half a step beyond
+/// The dose at a continuous index by cubic convolution, within what the voxels around it hold; a dose's voxels reach half a step beyond
 /// their centres. Linear interpolation cuts peaks off, by 11 % in one of 6 mm on voxels of 4 mm.
-fn at(dose: &Volume<f32>, point: &Point3<f64>) -> Option<f32> {
-    let index = snapped(dose.grid(), point);
-    let (value, _) = cubic(dose, &index)?;
-    let around = Surrounding::of(dose.grid(), &index)?.voxels.map(|l| dose.data()[l]);
+fn at(dose: &Volume<f32>, index: &Vector3<f64>) -> Option<f32> {
+    let (value, _) = cubic(dose, index)?;
+    let around = Surrounding::of(dose.grid(), index)?.voxels.map(|l| dose.data()[l]);
     let [low, high] = around.iter().fold([f32::MAX, f32::MIN], |[low, high], d| [low.min(*d), high.max(*d)]);
     Some((value as f32).clamp(low, high))
 }
 
-/// Samples of every label that occurs, sorted by label.
-pub(super) fn labels(dose: &Volume<f32>, structures: &LabelMap) -> Vec<Sampled> {
+/// A place of a structure: where it lies in the dose's continuous index, and the volume that it stands for.
+struct Place {
+    index: Vector3<f64>,
+    weight: f32,
+}
+
+/// Where a structure is sampled on a dose's grid; doses on that grid are read there one after the other.
+pub(super) struct Places {
+    name: String,
+    places: Vec<Place>,
+    unit_ml: f64,
+    own_ml: f64,
+}
+
+impl Places {
+    /// The samples of a dose.
+    pub(super) fn read(&self, dose: &Volume<f32>) -> Sampled {
+        let mut outside = 0.0;
+        let sample = |place: &Place| {
+            let gy = at(dose, &place.index);
+            outside += if gy.is_none() { f64::from(place.weight) } else { 0.0 };
+            DoseSample { gy: gy.unwrap_or_default(), weight: place.weight }
+        };
+        let samples = self.places.iter().map(sample).collect();
+        Sampled { name: self.name.clone(), samples, unit_ml: self.unit_ml, own_ml: self.own_ml, outside }
+    }
+}
+
+/// Places of every label that occurs, sorted by label, for doses on `dose`.
+pub(super) fn labels(dose: &Grid, structures: &LabelMap) -> Vec<Places> {
     let grid = structures.volume.grid();
     let mut voxels: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
     for (l, label) in structures.volume.data().iter().enumerate().filter(|(_, l)| **l > 0) {
         voxels.entry(*label).or_default().push(l);
     }
     // Parts of a voxel along each axis, no larger than the dose's voxels; a thousandth is rounding of a header.
-    let dose_spacing = dose.grid().spacing();
+    let dose_spacing = dose.spacing();
     let parts: [usize; 3] =
         std::array::from_fn(|a| ((grid.spacing()[a] / dose_spacing[a] - 1e-3).ceil() as usize).clamp(1, 8));
     let unit_ml = grid.voxel_volume() / 1000.0 / parts.iter().product::<usize>() as f64;
@@ -66,27 +93,21 @@ pub(super) fn labels(dose: &Volume<f32>, structures: &LabelMap) -> Vec<Sampled> 
         .map(|(label, voxels)| {
             let name = structures.names.get(label).cloned().unwrap_or_else(|| label.to_string());
             let own_ml = voxels.len() as f64 * grid.voxel_volume() / 1000.0;
-            let mut out = Sampled { name, samples: Vec::new(), unit_ml, own_ml, outside: 0.0 };
-            out.samples.reserve(voxels.len() * middles.len());
-            for l in voxels {
+            let place = |l: &usize| {
                 let voxel = Vector3::from(grid.voxel(*l).map(|c| c as f64));
-                out.samples.extend(middles.iter().map(|m| {
-                    let gy = at(dose, &grid.world(&(voxel + m)));
-                    out.outside += f64::from(u8::from(gy.is_none()));
-                    DoseSample { gy: gy.unwrap_or_default(), weight: 1.0 }
-                }));
-            }
-            out
+                let at = move |m: &Vector3<f64>| snapped(dose, &grid.world(&(voxel + m)));
+                middles.iter().map(move |m| Place { index: at(m), weight: 1.0 })
+            };
+            Places { name, places: voxels.iter().flat_map(place).collect(), unit_ml, own_ml }
         })
         .collect()
 }
 
-/// Samples of a structure on a lattice along the dose's axes around it.
-pub(super) fn contours(dose: &Volume<f32>, all: &Contours, structure: &Structure) -> Sampled {
-    let grid = dose.grid();
+/// Places of a structure on a lattice along the axes of doses on `grid`, around it.
+pub(super) fn contours(grid: &Grid, all: &Contours, structure: &Structure) -> Places {
     let spacing = all.spacing_of(structure, grid.spacing()[2]);
     let own_ml = structure.volume(spacing) / 1000.0;
-    let empty = Sampled { name: structure.name.clone(), samples: Vec::new(), unit_ml: 0.0, own_ml, outside: 0.0 };
+    let empty = Places { name: structure.name.clone(), places: Vec::new(), unit_ml: 0.0, own_ml };
     let Some([low, high]) = around(grid, all, structure, spacing) else { return empty };
     let step = steps(grid, &(high - low));
     // Lattice points lie in the middles of equal parts of voxels, where the lattice is finer than these.
@@ -101,27 +122,23 @@ pub(super) fn contours(dose: &Volume<f32>, all: &Contours, structure: &Structure
         let part = Vector3::new(i as f64, j as f64, k as f64);
         (first + part).zip_map(&step, |m, s| (m + 0.5) * s - 0.5)
     };
-    let planes: Vec<(Vec<DoseSample>, f64)> = (0..count[2])
+    let planes: Vec<Vec<Place>> = (0..count[2])
         .into_par_iter()
         .map(|k| {
-            let (mut samples, mut outside) = (Vec::new(), 0.0);
+            let mut places = Vec::new();
             for j in 0..count[1] {
                 for i in 0..count[0] {
                     let point = grid.world(&place(i, j, k));
                     let weight = solid.share(&point, soft, along);
                     if weight > 0.0 {
-                        let gy = at(dose, &point);
-                        outside += if gy.is_none() { f64::from(weight as f32) } else { 0.0 };
-                        samples.push(DoseSample { gy: gy.unwrap_or_default(), weight: weight as f32 });
+                        places.push(Place { index: snapped(grid, &point), weight: weight as f32 });
                     }
                 }
             }
-            (samples, outside)
+            places
         })
         .collect();
-    let outside = planes.iter().map(|p| p.1).sum();
-    let samples = planes.into_iter().flat_map(|p| p.0).collect();
-    Sampled { samples, unit_ml: mm.product() / 1000.0, outside, ..empty }
+    Places { places: planes.into_iter().flatten().collect(), unit_ml: mm.product() / 1000.0, ..empty }
 }
 
 /// The box around a structure in the dose's continuous index; `None` without a polygon.

@@ -37,8 +37,8 @@ pub struct Patient<'a> {
     pub body: &'a Mask,
     /// The map of uncertainty, mm, on the planning grid; below 0 where nothing is known.
     pub uncertainty: &'a Volume<f32>,
-    /// What counts where nothing is known, mm.
-    pub unknown_mm: f64,
+    /// The most that counts of it, and what counts where nothing is known, mm.
+    pub most_mm: f64,
     /// Planning to fraction on the planning grid, LPS mm.
     pub push: &'a Volume<[f32; 3]>,
     /// Over what lengths its errors are alike.
@@ -129,7 +129,7 @@ impl Cells {
                         if patient.body.data()[l] {
                             inside += 1;
                             let told = f64::from(patient.uncertainty.data()[l]);
-                            sum += if told < 0.0 { patient.unknown_mm } else { told };
+                            sum += if told < 0.0 { patient.most_mm } else { told.min(patient.most_mm) };
                         }
                     }
                 }

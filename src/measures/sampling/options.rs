@@ -52,7 +52,7 @@ pub struct Correlation {
 impl Correlation {
     /// Of a CT with its planning CT.
     pub const CT: Self =
-        Self { lengths_mm: [8.0, 18.0, 60.0], first_share: 0.5, common_tissue: 0.1, common_bones: 0.0 };
+        Self { lengths_mm: [8.0, 18.0, 60.0], first_share: 0.5, common_tissue: 0.2, common_bones: 0.0 };
     /// Of a fraction with other grey values: a cone-beam CT, an MR.
     pub const OTHER: Self =
         Self { lengths_mm: [17.0, 43.0, 100.0], first_share: 0.45, common_tissue: 0.25, common_bones: 0.85 };

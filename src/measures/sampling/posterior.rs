@@ -39,6 +39,12 @@ pub struct PosePosterior {
     pub curvature: Vec<CurvatureBlock>,
 }
 
+/// Turns bring a bone at its radius at most so many times as far as its deviation tells: the map holds for the whole bone.
+const MOST_TURN: f64 = 1.0;
+/// The fit's own deviations are at most so many times too small: more would tear a bone out of joints whose other bones are known.
+const DEPENDENT: f64 = 2.0;
+/// A bone is taken to be known to this, mm, at worst: of those out of view nine of ten lie within 8 mm of the truth.
+const MOST_MM: f64 = 3.5;
 /// Parameters of a bone.
 const PER_BONE: usize = 6;
 
@@ -100,12 +106,18 @@ impl PosePosterior {
     pub(super) fn draws(&self) -> PoseDraws<'_> {
         let cholesky = self.whole().and_then(DMatrix::cholesky);
         let covariance = cholesky.as_ref().map(nalgebra::Cholesky::inverse);
-        // As the map of uncertainty has it: the fit's own deviations take the voxels' noise for independent.
+        let worst = |at: usize| {
+            let block: Option<Matrix3<f64>> = covariance.as_ref().map(|c| c.fixed_view::<3, 3>(at, at).into_owned());
+            block.map_or(1.0, |block| block.symmetric_eigenvalues().max().max(0.0).sqrt())
+        };
+        // As the map of uncertainty has it: the fit's own deviations take the voxels' noise for independent. The map holds for the
+        // whole bone, so that turns count; both parts keep their share, or the bone would leave its joint.
         let scale = |b: usize| {
-            let block: Option<Matrix3<f64>> =
-                covariance.as_ref().map(|c| c.fixed_view::<3, 3>(PER_BONE * b + 3, PER_BONE * b + 3).into_owned());
-            let own = block.map_or(1.0, |block| block.symmetric_eigenvalues().max().max(0.0).sqrt());
-            if own > 0.0 { self.bones[b].position_sd_mm / own } else { 0.0 }
+            let (turn, shift) = (worst(PER_BONE * b), worst(PER_BONE * b + 3));
+            let largest = shift.max(turn / MOST_TURN);
+            // Of bones that were given the deviation is all that is known.
+            let most = if covariance.is_some() { DEPENDENT } else { f64::INFINITY };
+            if largest > 0.0 { (self.bones[b].position_sd_mm.min(MOST_MM) / largest).min(most) } else { 0.0 }
         };
         let scales = (0..self.bones.len()).map(scale).collect();
         PoseDraws { bones: &self.bones, upper: cholesky.map(|c| c.l().transpose()), scales }
@@ -152,6 +164,8 @@ mod tests {
     /// Two bones of unit information each, tied by a spring on their shifts.
     fn tied(spring: f64) -> PosePosterior {
         let mut whole = DMatrix::identity(12, 12);
+        // Turns are known better.
+        [0, 1, 2, 6, 7, 8].iter().for_each(|a| whole[(*a, *a)] = 16.0);
         for a in 3..6 {
             whole[(a, a)] += spring;
             whole[(6 + a, 6 + a)] += spring;

@@ -15,6 +15,8 @@ use std::ops::Range;
 const STRIDE: usize = 4;
 /// Samples are looked for this much farther than they were found to reach, mm.
 const SPARE_MM: f64 = 2.0;
+/// A polygon smaller than this is none, mm^2.
+const LEAST_MM2: f64 = 0.1;
 /// They are not looked for beyond, mm.
 const MOST_MM: f64 = 40.0;
 
@@ -111,9 +113,17 @@ pub fn polygons_above(volume: &Volume<f32>, level: f64, axes: &Matrix3<f64>) -> 
             let points = points.into_iter().map(|p| place(p)).map(|p| [p.x, p.y]).collect();
             Polygon { height, points }
         };
-        trace(&values, [ni, nj]).into_iter().map(polygon).collect::<Vec<_>>()
+        let large = |p: &Polygon| area(&p.points) >= LEAST_MM2;
+        trace(&values, [ni, nj]).into_iter().map(polygon).filter(large).collect::<Vec<_>>()
     };
     (0..nk).into_par_iter().map(plane).collect::<Vec<_>>().concat()
+}
+
+/// Area within a polygon, mm^2.
+fn area(points: &[[f64; 2]]) -> f64 {
+    let next = points.iter().cycle().skip(1);
+    let twice: f64 = points.iter().zip(next).map(|([x, y], [u, v])| x * v - u * y).sum();
+    0.5 * twice.abs()
 }
 
 #[cfg(test)]
