@@ -61,7 +61,7 @@ pub enum Verb {
     Samples(super::samples::SamplesArgs),
     /// Carry dose through a field, accumulate it, compare it, read dose-volume histograms
     #[command(subcommand)]
-    Dose(super::dose::DoseVerb),
+    Dose(Box<super::dose::DoseVerb>),
     /// Gather many runs into one table and one page: figures, what stands apart, each patient's course over the fractions
     #[command(after_help = super::summary::HELP)]
     Summary(super::summary::SummaryArgs),

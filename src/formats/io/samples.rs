@@ -111,7 +111,7 @@ pub fn read(folder: &Path) -> Result<(SamplesFile, SampleSet)> {
     let (path, about) = (folder.join(SAMPLES), about(folder)?);
     let labels = read_labels(folder.join(BONES), None)?.value;
     let motion = |rows: &[[f64; 4]; 4]| {
-        let matrix = Matrix4::from_rows(&rows.map(|row| RowVector4::from(row)));
+        let matrix = Matrix4::from_rows(&rows.map(RowVector4::from));
         rigid_from_matrix(&matrix).ok_or_else(|| Error::read(&path, "a bone's motion is not rigid", REMEDY))
     };
     let one = |(n, motions): (usize, &Vec<[[f64; 4]; 4]>)| {

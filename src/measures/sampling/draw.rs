@@ -47,23 +47,22 @@ impl TissueModel<'_> {
         let one = |sample: usize| {
             let bones = draws.draw(&mut numbers(1, sample), common_bones);
             let mut rngs = numbers(0, sample);
-            let mut tissue = vec![[0f32; 3]; self.grid.len()];
-            for axis in 0..3 {
-                let fields = noise.each_ref().map(|noise| {
+            let mut fields = || {
+                noise.each_ref().map(|noise| {
                     let [own, common] = rngs.each_mut().map(|rng| noise.draw(rng));
                     let both = own.into_iter().zip(common).map(|(o, c)| shares[0] * o + shares[1] * c);
                     both.collect::<Vec<f32>>()
-                });
-                for node in &self.nodes {
-                    let deviations = split(node.own_mm, first_share as f32, lengths_mm);
-                    let sum = fields.iter().zip(deviations).map(|(field, mm)| mm * field[node.at]).sum();
-                    tissue[node.at][axis] = sum;
-                }
-            }
+                })
+            };
+            let components = [fields(), fields(), fields()];
+            let mut tissue = vec![[0f32; 3]; self.grid.len()];
             for node in &self.nodes {
                 let by_bones = brought(node, &bones);
-                let own = tissue[node.at];
-                let step = |a: usize| ((own[a] + by_bones[a] as f32) * STEPS).round() / STEPS;
+                let deviations = split(node.own_mm, first_share as f32, lengths_mm);
+                let step = |a: usize| {
+                    let own: f32 = components[a].iter().zip(deviations).map(|(field, mm)| mm * field[node.at]).sum();
+                    ((own + by_bones[a] as f32) * STEPS).round() / STEPS
+                };
                 tissue[node.at] = [step(0), step(1), step(2)];
             }
             Ok(Drawn { bones, tissue: Volume::new(self.grid.clone(), tissue)? })
@@ -100,6 +99,7 @@ fn hash(parts: impl Iterator<Item = u64>) -> u64 {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "zeros that nothing was added to")]
 mod tests {
     use super::super::{Patient, PosePosterior, PosedBone};
     use super::*;

@@ -110,7 +110,7 @@ pub fn polygons_above(volume: &Volume<f32>, level: f64, axes: &Matrix3<f64>) -> 
         let place = |[i, j]: [f64; 2]| axes.transpose() * grid.world(&Vector3::new(i, j, k as f64)).coords;
         let height = place([0.0, 0.0]).z;
         let polygon = |points: Vec<[f64; 2]>| {
-            let points = points.into_iter().map(|p| place(p)).map(|p| [p.x, p.y]).collect();
+            let points = points.into_iter().map(place).map(|p| [p.x, p.y]).collect();
             Polygon { height, points }
         };
         let large = |p: &Polygon| area(&p.points) >= LEAST_MM2;
