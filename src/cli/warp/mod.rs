@@ -22,7 +22,6 @@ use crate::io::dicom::like::Like;
 use crate::io::dicom::{Role, is_structure_set};
 use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
 use crate::runtime::Runtime;
-use crate::sampling::SampleSet;
 use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
@@ -272,7 +271,7 @@ fn map_contours(
             volume(new, slice)
         ));
     }
-    if let Some(samples) = samples_of(args)? {
+    if let Some(samples) = sampled::of(args)? {
         sampled::contours(&contours, &mut moved, back, &grid, &samples, report)?;
     }
     match &like {
@@ -325,7 +324,7 @@ fn map_volume(
             Some(like) => like.labels(out, &warped, input),
             None => io::write_labels(out, &warped, &options),
         })?;
-        if let Some(samples) = samples_of(args)? {
+        if let Some(samples) = sampled::of(args)? {
             let of = || sampled::labels(&labels.value, &warped, back, &samples, out, report);
             runtime.stage("carry labels through samples", of)?;
         }
@@ -363,14 +362,6 @@ fn map_volume(
     };
     report.finish(back, mapped, out);
     Ok(())
-}
-
-/// The samples that are asked for.
-fn samples_of(args: &WarpArgs) -> Result<Option<SampleSet>> {
-    match (&args.samples, args.field.first()) {
-        (Some(folder), Some(field)) => sampled::read(folder, field).map(Some),
-        _ => Ok(None),
-    }
 }
 
 /// Options that this kind of volume does not have.

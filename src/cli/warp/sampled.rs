@@ -44,8 +44,16 @@ pub(super) fn check(args: &WarpArgs) -> Result<()> {
     }
 }
 
+/// The samples that are asked for.
+pub(super) fn of(args: &WarpArgs) -> Result<Option<SampleSet>> {
+    match (&args.samples, args.field.first()) {
+        (Some(folder), Some(field)) => read(folder, field).map(Some),
+        _ => Ok(None),
+    }
+}
+
 /// Reads the samples, which must be those of the field.
-pub(super) fn read(folder: &Path, field: &LinkArg) -> Result<SampleSet> {
+fn read(folder: &Path, field: &LinkArg) -> Result<SampleSet> {
     let (about, set) = samples::read(folder)?;
     let sha256 = sha256_file(field.path())?;
     if about.fields.iter().any(|own| own.sha256 == sha256) {
