@@ -57,7 +57,7 @@ impl TissueModel<'_> {
             let components = [fields(), fields(), fields()];
             let mut tissue = vec![[0f32; 3]; self.grid.len()];
             for node in &self.nodes {
-                let by_bones = brought(node, &bones);
+                let by_bones = brought(node, &self.patient.posterior.bones, &bones);
                 let deviations = split(node.own_mm, first_share as f32, lengths_mm);
                 let step = |a: usize| {
                     let own: f32 = components[a].iter().zip(deviations).map(|(field, mm)| mm * field[node.at]).sum();

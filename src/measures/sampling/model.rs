@@ -1,7 +1,7 @@
 //! What samples of soft tissue are drawn from: how far the map says each place may be off, and how it follows the bones.
 
 use super::options::Correlation;
-use super::posterior::PosePosterior;
+use super::posterior::{PosePosterior, PosedBone};
 use crate::error::Result;
 use crate::geometry::{Grid, Rigid};
 use crate::volume::distance::squared_distance;
@@ -186,18 +186,27 @@ fn variance_by_bones(posterior: &PosePosterior, nodes: &[Node]) -> Vec<f32> {
     let mut rngs = [TRIED, TRIED + 1].map(ChaCha8Rng::seed_from_u64);
     let tried: Vec<Vec<Rigid>> = (0..TRIED).map(|_| draws.draw(&mut rngs, 0.0)).collect();
     let of = |node: &Node| {
-        let squares = tried.iter().map(|bones| brought(node, bones).norm_squared());
+        let squares = tried.iter().map(|bones| brought(node, &posterior.bones, bones).norm_squared());
         (squares.sum::<f64>() / (3 * TRIED) as f64) as f32
     };
     nodes.par_iter().map(of).collect()
 }
 
+/// A bone's turn brings tissue no farther than at so many of its radii from its centre: what lies farther away does not swing with
+/// a rib.
+const REACH: f64 = 2.0;
+
 /// What moved bones bring to a node, mm.
-pub(super) fn brought(node: &Node, bones: &[Rigid]) -> Vector3<f64> {
+pub(super) fn brought(node: &Node, bones: &[PosedBone], motions: &[Rigid]) -> Vector3<f64> {
     let follows = node.follows.iter().filter(|(_, share)| *share > 0.0);
     let by = |(bone, share): &(u16, f32)| {
-        let moved = bones.get(usize::from(*bone)).map_or(node.moved, |bone| bone * node.moved);
-        (moved - node.moved) * f64::from(*share)
+        let (Some(own), Some(motion)) = (bones.get(usize::from(*bone)), motions.get(usize::from(*bone))) else {
+            return Vector3::zeros();
+        };
+        let arm = node.moved - own.centre;
+        let reach = (REACH * own.radius_mm / arm.norm().max(1e-9)).min(1.0);
+        let at = own.centre + arm * reach;
+        (motion * at - at) * f64::from(*share)
     };
     follows.map(by).sum()
 }

@@ -21,7 +21,7 @@ impl Default for SamplingOptions {
 }
 
 /// With it nine of ten mean errors of balls of 5 to 15 mm lie within the samples' interval on most cases (docs/decisions/samples.md).
-const SCALE: f64 = 0.5;
+const SCALE: f64 = 0.6;
 /// More samples than this are refused.
 const MOST: usize = 1000;
 

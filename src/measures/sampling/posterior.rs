@@ -39,10 +39,12 @@ pub struct PosePosterior {
     pub curvature: Vec<CurvatureBlock>,
 }
 
-/// Turns bring a bone at its radius at most so many times as far as its deviation tells: the map holds for the whole bone.
-const MOST_TURN: f64 = 1.0;
-/// The fit's own deviations are at most so many times too small: more would tear a bone out of joints whose other bones are known.
+/// Turns bring a bone at its radius at most so many times as far as its deviation tells.
+const MOST_TURN: f64 = 2.0;
+/// The fit's own deviations are at most so many times too small, or less than [`SMALL_MM`]: more would tear a bone out of joints
+/// whose other bones are known.
 const DEPENDENT: f64 = 2.0;
+const SMALL_MM: f64 = 0.25;
 /// A bone is taken to be known to this, mm, at worst: of those out of view nine of ten lie within 8 mm of the truth.
 const MOST_MM: f64 = 3.5;
 /// Parameters of a bone.
@@ -116,8 +118,8 @@ impl PosePosterior {
             let (turn, shift) = (worst(PER_BONE * b), worst(PER_BONE * b + 3));
             let largest = shift.max(turn / MOST_TURN);
             // Of bones that were given the deviation is all that is known.
-            let most = if covariance.is_some() { DEPENDENT } else { f64::INFINITY };
-            if largest > 0.0 { (self.bones[b].position_sd_mm.min(MOST_MM) / largest).min(most) } else { 0.0 }
+            let most = if covariance.is_some() { (DEPENDENT * largest).max(SMALL_MM) } else { MOST_MM };
+            if largest > 0.0 { self.bones[b].position_sd_mm.min(MOST_MM).min(most) / largest } else { 0.0 }
         };
         let scales = (0..self.bones.len()).map(scale).collect();
         PoseDraws { bones: &self.bones, upper: cholesky.map(|c| c.l().transpose()), scales }
