@@ -39,7 +39,7 @@ use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
 use counted::{read_told, whole_plan};
 use finish::{Carried, finish, listed};
 use out::{GiveBack, check_out};
-use sampled::{Spread, Through};
+use sampled::{SampledDoses, Spread};
 use std::path::{Path, PathBuf};
 use structures::Structures;
 
@@ -91,10 +91,10 @@ fn map(args: &MapArgs) -> Result<String> {
         method: &method,
         ct: ct.as_ref(),
     };
-    let mut through = Through::read(&args.sampled, 1, &method, &mut provenance)?;
+    let mut through = SampledDoses::read(&args.sampled, 1, &method, &mut provenance)?;
     let (mapped, report) = one.carry(through.as_mut().map(|t| (t, 0, 1.0)), &mut provenance, &runtime)?;
     let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
-    let spread = |t: &Through| t.spread(&mapped, direction, scenery.as_ref(), &args.sampled);
+    let spread = |t: &SampledDoses| t.spread(&mapped, direction, scenery.as_ref(), &args.sampled);
     let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
     let draw = |scenery: &Scenery| {
         let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
@@ -129,7 +129,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
     let to = grid.grid().clone();
     let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
-    let mut through = Through::read(&args.sampled, n, &method, &mut provenance)?;
+    let mut through = SampledDoses::read(&args.sampled, n, &method, &mut provenance)?;
     let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
@@ -171,7 +171,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
     let fields: Vec<&Path> = args.fields.iter().map(PathBuf::as_path).collect();
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
-    let spread = |t: &Through| t.spread(&total, Direction::FractionToPlanning, scenery.as_ref(), &args.sampled);
+    let spread = |t: &SampledDoses| t.spread(&total, Direction::FractionToPlanning, scenery.as_ref(), &args.sampled);
     let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
     let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
     let page = runtime.stage("draw", || page_of(scenery.as_ref(), draw, spread.as_ref(), &total))?;
@@ -200,7 +200,7 @@ impl<'a> Mapping<'a> {
     /// Reads the field and carries the dose, with a weight through the samples of its registration too.
     fn carry(
         &self,
-        through: Option<(&mut Through, usize, f64)>,
+        through: Option<(&mut SampledDoses, usize, f64)>,
         provenance: &mut Provenance,
         runtime: &Runtime,
     ) -> Result<(Volume<f32>, DoseReport)> {

@@ -20,12 +20,12 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Samples of one registration.
-pub(super) struct Samples {
+pub(super) struct RunSamples {
     folder: PathBuf,
     about: SamplesFile,
 }
 
-impl Samples {
+impl RunSamples {
     /// Reads what a folder says of its samples.
     fn read(folder: &Path, provenance: &mut Provenance) -> Result<Self> {
         let about = samples::about(folder)?;
@@ -55,12 +55,12 @@ impl Samples {
 }
 
 /// Doses through samples, as they come.
-pub(super) struct Through {
-    samples: Vec<Samples>,
+pub(super) struct SampledDoses {
+    samples: Vec<RunSamples>,
     sum: Option<DoseSamples>,
 }
 
-impl Through {
+impl SampledDoses {
     /// Reads the samples of so many doses; nothing where none are asked for.
     ///
     /// # Errors
@@ -82,8 +82,8 @@ impl Through {
             let problem = "--samples with --method energy-mass: samples are carried by interpolation";
             return Err(Error::usage(problem, "take --method interpolate"));
         }
-        let read = |folder: &PathBuf| Samples::read(folder, provenance);
-        let samples: Vec<Samples> = args.samples.iter().map(read).collect::<Result<_>>()?;
+        let read = |folder: &PathBuf| RunSamples::read(folder, provenance);
+        let samples: Vec<RunSamples> = args.samples.iter().map(read).collect::<Result<_>>()?;
         args.limit.iter().try_for_each(|text| DoseLimit::parse(text).map(drop))?;
         Ok(Some(Self { samples, sum: None }))
     }
@@ -136,12 +136,12 @@ pub(super) struct SampledDose {
     /// Each structure's figures with their intervals, and its curve's band.
     structures: Vec<DvhBand>,
     /// What limits say.
-    limits: Vec<Decided>,
+    limits: Vec<LimitDecision>,
 }
 
 /// A limit with what it says.
 #[derive(Serialize)]
-struct Decided {
+struct LimitDecision {
     #[serde(flatten)]
     limit: DoseLimit,
     /// The figure, Gy or percent, with its interval.
@@ -173,7 +173,7 @@ impl Spread {
     pub(super) fn of(
         all: &DoseSamples,
         dose: &Volume<f32>,
-        from: &[Samples],
+        from: &[RunSamples],
         direction: Direction,
         scenery: Option<&Scenery>,
         args: &SampledArgs,
@@ -200,7 +200,7 @@ impl Spread {
                 Error::usage(problem, format!("structures: {}; figures: {figures}", names.join(", ")))
             })?;
             let (decision, found) = (limit.decide(figure), figure.value);
-            Ok(Decided { found, low: figure.low, high: figure.high, decision, limit })
+            Ok(LimitDecision { found, low: figure.low, high: figure.high, decision, limit })
         };
         let limits = limits.into_iter().map(decided).collect::<Result<_>>()?;
         let steep = steep(dose);
@@ -287,7 +287,7 @@ impl Spread {
 
     /// What the limits say.
     fn limits(&self) -> DoseTable {
-        let row = |d: &Decided| {
+        let row = |d: &LimitDecision| {
             let word = word(d.decision);
             let figure = format!("{:.2} ({:.2} to {:.2})", d.found, d.low, d.high);
             vec![d.limit.structure.clone(), d.limit.text(), figure, word.into()]

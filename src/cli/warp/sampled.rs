@@ -10,7 +10,7 @@ use crate::geometry::Grid;
 use crate::io::checksum::sha256_file;
 use crate::io::samples::{self, SAMPLES};
 use crate::io::{self, Stored, WriteOptions};
-use crate::pipeline::{Carried, polygons_above};
+use crate::pipeline::{CarriedStructure, polygons_above};
 use crate::sampling::SampleSet;
 use crate::volume::contour::{Contours, Structure};
 use crate::volume::{LabelMap, Volume};
@@ -88,7 +88,7 @@ pub(super) fn contours(
         let inside = |p: &Point3<f64>| solid.share(p, SOFT_MM, gap);
         let points = new.polygons.iter().flat_map(|p| p.points.iter().map(|q| fine.index(&after.world(*q, p.height))));
         let around = bounds(points.map(|index| index.into()), fine);
-        let carried = Carried { inside: &inside, back, samples };
+        let carried = CarriedStructure { inside: &inside, back, samples };
         let Some(share) = carried.probability(fine, &around)? else { continue };
         let mut volumes = Vec::new();
         for percent in DRAWN {
@@ -136,7 +136,7 @@ pub(super) fn labels(
     for (label, around) in boxes {
         let inside =
             |p: &Point3<f64>| own.voxel_at(p).map_or(0.0, |v| f64::from(u8::from(*before.volume.at(v) == label)));
-        let carried = Carried { inside: &inside, back, samples };
+        let carried = CarriedStructure { inside: &inside, back, samples };
         let Some(share) = carried.probability(grid, &around)? else { continue };
         let name = before.names.get(&label).cloned().unwrap_or_else(|| label.to_string());
         let path = beside(out, &name);

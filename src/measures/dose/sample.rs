@@ -43,7 +43,7 @@ fn at(dose: &Volume<f32>, index: &Vector3<f64>) -> Option<f32> {
 }
 
 /// A place of a structure: where it lies in the dose's continuous index, and the volume that it stands for.
-struct Place {
+struct SamplePlace {
     index: Vector3<f64>,
     weight: f32,
 }
@@ -51,7 +51,7 @@ struct Place {
 /// Where a structure is sampled on a dose's grid; doses on that grid are read there one after the other.
 pub(super) struct Places {
     name: String,
-    places: Vec<Place>,
+    places: Vec<SamplePlace>,
     unit_ml: f64,
     own_ml: f64,
 }
@@ -60,7 +60,7 @@ impl Places {
     /// The samples of a dose.
     pub(super) fn read(&self, dose: &Volume<f32>) -> Sampled {
         let mut outside = 0.0;
-        let sample = |place: &Place| {
+        let sample = |place: &SamplePlace| {
             let gy = at(dose, &place.index);
             outside += if gy.is_none() { f64::from(place.weight) } else { 0.0 };
             DoseSample { gy: gy.unwrap_or_default(), weight: place.weight }
@@ -96,7 +96,7 @@ pub(super) fn labels(dose: &Grid, structures: &LabelMap) -> Vec<Places> {
             let place = |l: &usize| {
                 let voxel = Vector3::from(grid.voxel(*l).map(|c| c as f64));
                 let at = move |m: &Vector3<f64>| snapped(dose, &grid.world(&(voxel + m)));
-                middles.iter().map(move |m| Place { index: at(m), weight: 1.0 })
+                middles.iter().map(move |m| SamplePlace { index: at(m), weight: 1.0 })
             };
             Places { name, places: voxels.iter().flat_map(place).collect(), unit_ml, own_ml }
         })
@@ -122,7 +122,7 @@ pub(super) fn contours(grid: &Grid, all: &Contours, structure: &Structure) -> Pl
         let part = Vector3::new(i as f64, j as f64, k as f64);
         (first + part).zip_map(&step, |m, s| (m + 0.5) * s - 0.5)
     };
-    let planes: Vec<Vec<Place>> = (0..count[2])
+    let planes: Vec<Vec<SamplePlace>> = (0..count[2])
         .into_par_iter()
         .map(|k| {
             let mut places = Vec::new();
@@ -131,7 +131,7 @@ pub(super) fn contours(grid: &Grid, all: &Contours, structure: &Structure) -> Pl
                     let point = grid.world(&place(i, j, k));
                     let weight = solid.share(&point, soft, along);
                     if weight > 0.0 {
-                        places.push(Place { index: snapped(grid, &point), weight: weight as f32 });
+                        places.push(SamplePlace { index: snapped(grid, &point), weight: weight as f32 });
                     }
                 }
             }

@@ -101,7 +101,7 @@ fn hash(parts: impl Iterator<Item = u64>) -> u64 {
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "zeros that nothing was added to")]
 mod tests {
-    use super::super::{Patient, PosePosterior, PosedBone};
+    use super::super::{PosePosterior, PosedBone, SampledPatient};
     use super::*;
     use crate::geometry::Grid;
     use crate::volume::{LabelMap, Mask};
@@ -143,7 +143,7 @@ mod tests {
         }
 
         fn drawn(&self, correlation: Correlation, options: &SamplingOptions) -> Vec<Drawn> {
-            let patient = Patient {
+            let patient = SampledPatient {
                 posterior: &self.posterior,
                 bones: &self.bones,
                 body: &self.body,

@@ -12,7 +12,7 @@ mod posterior;
 mod set;
 
 pub use draw::Drawn;
-pub use model::{Patient, TissueModel};
+pub use model::{SampledPatient, TissueModel};
 pub use options::{Correlation, SamplingOptions};
 pub use posterior::{CurvatureBlock, PosePosterior, PosedBone};
 pub use set::SampleSet;

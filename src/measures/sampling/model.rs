@@ -28,7 +28,7 @@ const OWN: f32 = 0.25;
 
 /// A patient whose registration is known, and how well.
 #[derive(Debug, Clone, Copy)]
-pub struct Patient<'a> {
+pub struct SampledPatient<'a> {
     /// What the fit leaves open of his bones.
     pub posterior: &'a PosePosterior,
     /// Labels on the planning grid.
@@ -62,7 +62,7 @@ pub(super) struct Node {
 /// Ready to draw samples of a registration.
 #[derive(Debug)]
 pub struct TissueModel<'a> {
-    pub(super) patient: Patient<'a>,
+    pub(super) patient: SampledPatient<'a>,
     pub(super) grid: Grid,
     pub(super) nodes: Vec<Node>,
 }
@@ -72,10 +72,10 @@ impl<'a> TissueModel<'a> {
     ///
     /// # Errors
     /// Only for internal inconsistency of grids.
-    pub fn new(patient: Patient<'a>, scale: f64) -> Result<Self> {
+    pub fn new(patient: SampledPatient<'a>, scale: f64) -> Result<Self> {
         let fine = patient.bones.volume.grid();
         let grid = fine.coarsened(SPACING_MM);
-        let cells = Cells::of(&patient, &grid);
+        let cells = NodeCells::of(&patient, &grid);
         let near = squared_distance(&Volume::new(grid.clone(), cells.tissue.iter().map(|t| *t > 0.0).collect())?, true);
         let reach = (AROUND_MM * AROUND_MM) as f32;
         let listed: Vec<usize> = (0..grid.len()).filter(|n| near.data()[*n] <= reach).collect();
@@ -97,7 +97,7 @@ impl<'a> TissueModel<'a> {
 }
 
 /// The planning scan in the cells around the nodes.
-struct Cells {
+struct NodeCells {
     /// Voxels of the patient over all voxels.
     tissue: Vec<f32>,
     /// Mean of the map over the patient's voxels, mm.
@@ -106,8 +106,8 @@ struct Cells {
     bones: Vec<Vec<u16>>,
 }
 
-impl Cells {
-    fn of(patient: &Patient<'_>, grid: &Grid) -> Self {
+impl NodeCells {
+    fn of(patient: &SampledPatient<'_>, grid: &Grid) -> Self {
         let fine = patient.bones.volume.grid();
         let ranges = [0, 1, 2].map(|a| fine.voxels_by_nearest(grid, a));
         let mut place = vec![u16::MAX; usize::from(u16::MAX) + 1];
@@ -143,7 +143,7 @@ impl Cells {
 }
 
 /// The map over the patient, averaged, and continued around him.
-fn smoothed(grid: &Grid, cells: &Cells) -> Result<Vec<f32>> {
+fn smoothed(grid: &Grid, cells: &NodeCells) -> Result<Vec<f32>> {
     let weighted: Vec<f32> = cells.map.iter().zip(&cells.tissue).map(|(m, t)| m * t).collect();
     let sums = gaussian(&Volume::new(grid.clone(), weighted)?, AVERAGE_MM);
     let shares = gaussian(&Volume::new(grid.clone(), cells.tissue.clone())?, AVERAGE_MM);
@@ -154,9 +154,9 @@ fn smoothed(grid: &Grid, cells: &Cells) -> Result<Vec<f32>> {
 /// The bones that each listed node follows: those nearest, by the inverse fourth power of their distance, as the chain mail
 /// weighs what reaches it.
 fn followed(
-    patient: &Patient<'_>,
+    patient: &SampledPatient<'_>,
     grid: &Grid,
-    cells: &Cells,
+    cells: &NodeCells,
     listed: &[usize],
 ) -> Result<Vec<[(u16, f32); FOLLOWED]>> {
     let mut nearest = vec![[(0u16, f32::INFINITY); FOLLOWED]; listed.len()];

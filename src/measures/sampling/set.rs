@@ -25,7 +25,7 @@ pub struct SampleSet {
 }
 
 /// What rules a place.
-enum Place {
+enum RuledBy {
     /// This bone.
     Bone(usize),
     /// This bone, but for a share of tissue.
@@ -73,27 +73,27 @@ impl SampleSet {
     }
 
     /// What rules a place of the planning scan.
-    fn place(&self, x: &Point3<f64>) -> Place {
+    fn place(&self, x: &Point3<f64>) -> RuledBy {
         let grid = self.owner.grid();
         let index = grid.index(x);
-        let Some(voxel) = grid.voxel_near(&index) else { return Place::Tissue };
+        let Some(voxel) = grid.voxel_near(&index) else { return RuledBy::Tissue };
         let (own, here) = (*self.owner.at(voxel), *self.far.at(voxel));
-        let Some(bone) = usize::from(own).checked_sub(1) else { return Place::Tissue };
+        let Some(bone) = usize::from(own).checked_sub(1) else { return RuledBy::Tissue };
         if here <= 0.0 {
-            return Place::Bone(bone);
+            return RuledBy::Bone(bone);
         }
         let far = trilinear(&self.far, &index).unwrap_or(f64::from(here)) / BESIDE_BONE_MM;
         // Smooth at both ends.
-        if far < 1.0 { Place::Beside(bone, far * far * (3.0 - 2.0 * far)) } else { Place::Tissue }
+        if far < 1.0 { RuledBy::Beside(bone, far * far * (3.0 - 2.0 * far)) } else { RuledBy::Tissue }
     }
 
     /// What each sample adds at a place `x` of the planning scan, which the registration takes to `moved`: LPS mm, into `out`, one
     /// of each sample.
     pub fn at(&self, x: &Point3<f64>, moved: &Point3<f64>, out: &mut [Vector3<f64>]) {
         let (bone, share) = match self.place(x) {
-            Place::Bone(bone) => (Some(bone), 0.0),
-            Place::Beside(bone, share) => (Some(bone), share),
-            Place::Tissue => (None, 1.0),
+            RuledBy::Bone(bone) => (Some(bone), 0.0),
+            RuledBy::Beside(bone, share) => (Some(bone), share),
+            RuledBy::Tissue => (None, 1.0),
         };
         out.fill(Vector3::zeros());
         if share > 0.0 {
@@ -129,9 +129,9 @@ impl SampleSet {
         };
         let bone = |bone: usize| self.bones[bone].get(sample).map_or(Vector3::zeros(), |motion| motion * moved - moved);
         match self.place(x) {
-            Place::Bone(b) => bone(b),
-            Place::Beside(b, share) => tissue(share) + bone(b) * (1.0 - share),
-            Place::Tissue => tissue(1.0),
+            RuledBy::Bone(b) => bone(b),
+            RuledBy::Beside(b, share) => tissue(share) + bone(b) * (1.0 - share),
+            RuledBy::Tissue => tissue(1.0),
         }
     }
 }

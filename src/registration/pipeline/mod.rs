@@ -36,7 +36,7 @@ pub use outcome::{CARRYING, LINKING, Outcome, VolumeReached, is_placed, moves_mo
 pub use planning::Planning;
 pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
-pub use probable::{Carried, polygons_above};
+pub use probable::{CarriedStructure, polygons_above};
 pub use register::{check_inputs, register, register_fraction};
 pub use sampled::{DoseSamples, DoseSpread, correlation, sample, sample_set, sampled_field};
 pub use study::carry_again;

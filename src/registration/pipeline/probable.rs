@@ -21,7 +21,7 @@ const LEAST_MM2: f64 = 0.1;
 const MOST_MM: f64 = 40.0;
 
 /// A structure of the planning scan that a registration carries to the fraction.
-pub struct Carried<'a> {
+pub struct CarriedStructure<'a> {
     /// How much of a small box around a place of planning it fills, 0 to 1.
     pub inside: &'a (dyn Fn(&Point3<f64>) -> f64 + Sync),
     /// From the fraction to planning.
@@ -30,7 +30,7 @@ pub struct Carried<'a> {
     pub samples: &'a SampleSet,
 }
 
-impl Carried<'_> {
+impl CarriedStructure<'_> {
     /// Share of the samples in which the structure is at each voxel, on the part of `grid` (of the fraction) around the voxels
     /// `around` in which it was found. `None` where that part is empty.
     ///
@@ -155,7 +155,7 @@ mod tests {
         let inside = |p: &Point3<f64>| {
             f64::from(u8::from((14.5..30.5).contains(&p.x) && (9.5..25.5).contains(&p.y) && (9.0..27.0).contains(&p.z)))
         };
-        let carried = Carried { inside: &inside, back: &back, samples: &samples };
+        let carried = CarriedStructure { inside: &inside, back: &back, samples: &samples };
         let found = carried.probability(&grid, &[25..41, 10..26, 5..14]).unwrap().unwrap();
         let at = |x: f64| {
             let voxel = found.grid().voxel_at(&Point3::new(x, 18.0, 18.0)).unwrap();

@@ -5,7 +5,7 @@ use crate::dose::{displacement, dose_at};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::geometry::Grid;
-use crate::sampling::{Correlation, Drawn, Patient, SampleSet, SamplingOptions, TissueModel};
+use crate::sampling::{Correlation, Drawn, SampleSet, SampledPatient, SamplingOptions, TissueModel};
 use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -32,7 +32,7 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
         let problem = "it does not tell how far it may be off: there is no map of uncertainty, or nothing of the bones";
         return Err(Error::input("the registration", problem, "register with uncertainty = true in [output]"));
     };
-    let patient = Patient {
+    let patient = SampledPatient {
         posterior,
         bones: &planning.bones,
         body: &outcome.body,
