@@ -19,6 +19,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
+/// Figures that the page's table leaves out.
+const LEFT_OUT: [&str; 2] = ["D98", "D50"];
+
 /// Samples of one registration.
 pub(super) struct RunSamples {
     folder: PathBuf,
@@ -266,18 +269,21 @@ impl Spread {
 
     /// A structure a line: each figure with its interval.
     fn intervals(&self) -> DoseTable {
+        // As many as the page is wide; all are in the JSON file.
+        fn shown(s: &DvhBand) -> Vec<&FigureBand> {
+            s.figures.iter().filter(|f| !LEFT_OUT.contains(&f.figure.as_str())).collect()
+        }
         let row = |s: &DvhBand| {
             let cell = |f: &FigureBand| format!("{:.2} ({:.2}\u{2013}{:.2})", f.value, f.low, f.high);
-            std::iter::once(s.name.clone()).chain(s.figures.iter().map(cell)).collect()
+            std::iter::once(s.name.clone()).chain(shown(s).into_iter().map(cell)).collect()
         };
-        let first = self.told.structures.first();
-        let unit = |f: &FigureBand| format!("{}, {}", f.figure, f.unit);
-        let heads = first.iter().flat_map(|s| &s.figures).map(unit);
+        let first = self.told.structures.first().map(shown).unwrap_or_default();
+        let heads = first.iter().map(|f| format!("{}, {}", f.figure, f.unit));
         DoseTable {
             title: "Figures with their 90 % intervals".into(),
             note: format!(
                 "Each figure of the registration that was found, and between which values it lies in nine of ten of {} samples of the \
-                 registration's error. Outlines and dose are taken for right.",
+                 registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are taken for right.",
                 self.told.number
             ),
             head: std::iter::once("structure".to_owned()).chain(heads).collect(),
