@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 __all__ = [
     "Phantom",
     "Registration",
+    "Samples",
     "__version__",
     "accumulate",
     "compare_doses",
