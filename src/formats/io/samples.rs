@@ -19,7 +19,7 @@ pub const SAMPLES: &str = "samples.json";
 /// The bones that they move.
 const BONES: &str = "bones.nii.gz";
 /// What to do with a folder that cannot be used.
-const REMEDY: &str = "give the folder that aventail samples (or register --samples) has written, or draw them again";
+const REMEDY: &str = "give the folder that `aventail samples` or `aventail register --samples` has written";
 
 /// A field that samples add to.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
