@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod bench;
+mod beside;
 pub mod clinic;
 mod contours;
 pub mod curve;

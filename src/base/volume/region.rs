@@ -126,14 +126,22 @@ pub fn voxels_of_box(grid: &Grid, [a, b]: [Point3<f64>; 2], margin: f64) -> Opti
     Some([range(0)?, range(1)?, range(2)?])
 }
 
+/// The part of a grid that a range of its voxels is.
+///
+/// # Errors
+/// Only for a range that is empty.
+pub fn part_of_grid(grid: &Grid, ranges: &[Range<usize>; 3]) -> Result<Grid> {
+    let [size, first] = [ranges.each_ref().map(ExactSizeIterator::len), ranges.each_ref().map(|r| r.start)];
+    Grid::new(size, grid.spacing(), grid.centre(first), *grid.direction())
+}
+
 /// The values in a range of voxels, on their part of the grid.
 ///
 /// # Errors
 /// Only for a range that is empty or leaves the grid.
-pub fn part<T: Copy>(volume: &Volume<T>, [i, j, k]: &[Range<usize>; 3]) -> Result<Volume<T>> {
-    let grid = volume.grid();
-    let size = [i.len(), j.len(), k.len()];
-    let part = Grid::new(size, grid.spacing(), grid.centre([i.start, j.start, k.start]), *grid.direction())?;
+pub fn part<T: Copy>(volume: &Volume<T>, ranges: &[Range<usize>; 3]) -> Result<Volume<T>> {
+    let (grid, [i, j, k]) = (volume.grid(), ranges);
+    let part = part_of_grid(grid, ranges)?;
     let mut data = Vec::with_capacity(part.len());
     for k in k.clone() {
         for j in j.clone() {

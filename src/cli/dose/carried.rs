@@ -2,7 +2,8 @@
 
 use super::args::PageArgs;
 use super::pages::stem;
-use super::structures::Structures;
+use super::sampled::Spread;
+use super::structures::{BIN, Structures};
 use crate::config::InputRole;
 use crate::dose::{DvhPlaces, doubts, steep};
 use crate::error::Result;
@@ -11,15 +12,13 @@ use crate::io;
 use crate::io::dicom::Role;
 use crate::pipeline::DoseReport;
 use crate::provenance::Provenance;
-use crate::report::dose::{DoseDvh, DosePicture, DoseTable, Levels, dvh_picture, dvh_tables, isodoses};
+use crate::report::dose::{DoseDvh, DosePicture, DoseTable, Levels, banded_picture, dvh_picture, dvh_tables, isodoses};
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
 use std::path::Path;
 
 /// Fractions whose share is drawn.
 pub(super) const MOST_DRAWN: usize = 6;
-/// Width of a bin of the curves, Gy.
-pub(super) const BIN: f64 = 0.1;
 /// An image with less than this is a CT, HU.
 const CT_HU: f32 = -500.0;
 /// A dose below this share of the greatest is not counted.
@@ -52,28 +51,31 @@ impl Scenery {
         Ok(Some(Self { ct, structures }))
     }
 
-    /// The CT.
-    pub(super) fn ct(&self) -> Option<&Volume<f32>> {
-        self.ct.as_ref()
-    }
-
-    /// The colours that structures were drawn in.
-    pub(super) fn colours(&self) -> Vec<Option<[u8; 3]>> {
-        self.structures.as_ref().map(Structures::colours).unwrap_or_default()
-    }
-
     /// The structures on the grid of doses; none without structures.
     pub(super) fn places(&self, grid: &Grid) -> Option<DvhPlaces> {
         self.structures.as_ref().map(|s| s.places(grid))
     }
 
-    /// Histograms and figures of a dose; nothing without structures.
-    fn histograms(&self, name: &str, dose: &Volume<f32>, page: &mut PageContent) -> Result<()> {
+    /// Histograms and figures of a dose, with bands where samples tell; nothing without structures.
+    fn histograms(
+        &self,
+        name: &str,
+        dose: &Volume<f32>,
+        spread: Option<&Spread>,
+        page: &mut PageContent,
+    ) -> Result<()> {
         let Some(structures) = &self.structures else { return Ok(()) };
-        let counted = structures.histograms(dose, &[], BIN);
+        let counted = match spread {
+            Some(spread) => spread.histograms().0.to_vec(),
+            None => structures.histograms(dose, &[], BIN),
+        };
         page.warnings.extend(doubts(&counted));
         let all = [DoseDvh { name: name.into(), warnings: Vec::new(), structures: counted }];
-        page.pictures.push(dvh_picture(&all, &structures.colours())?);
+        let bands = spread.map_or(&[][..], |spread| spread.histograms().1);
+        page.pictures.push(match bands {
+            [] => dvh_picture(&all, &structures.colours())?,
+            bands => banded_picture(&all[0], bands, &structures.colours())?,
+        });
         page.tables.extend(dvh_tables(&all));
         Ok(())
     }
@@ -82,8 +84,6 @@ impl Scenery {
 /// What the page of a carried dose says.
 pub(super) struct PageContent {
     pub(super) title: String,
-    /// Whether it is of one dose, which is shown before and after.
-    pub(super) carried_alone: bool,
     pub(super) pictures: Vec<DosePicture>,
     pub(super) tables: Vec<DoseTable>,
     /// Beyond those that the doses came with.
@@ -119,21 +119,22 @@ pub(super) fn map(
     dose: &Volume<f32>,
     ct: Option<&Volume<f32>>,
     mapped: &Volume<f32>,
-    report: &DoseReport,
+    (report, spread): (&DoseReport, Option<&Spread>),
 ) -> Result<PageContent> {
     let (levels, steep) = (Levels::of(dose), steep(mapped));
     let after = Levels { through: Levels::of(mapped).through, ..levels };
     let mut page = PageContent {
         title: format!("{} carried to {frame}", stem(name)),
-        carried_alone: true,
         pictures: vec![
             isodoses("Before, where it was computed", dose, ct, &levels, None)?,
             isodoses(&format!("After, on {frame}"), mapped, scenery.ct.as_ref(), &after, Some(&steep))?,
         ],
-        tables: vec![steep_table(mapped, &steep, std::slice::from_ref(report))],
+        tables: spread.map(Spread::tables).unwrap_or_default(),
         warnings: Vec::new(),
     };
-    scenery.histograms(&format!("{} on {frame}", stem(name)), mapped, &mut page)?;
+    page.pictures.extend(spread.map(|spread| spread.picture(mapped, scenery.ct.as_ref())).transpose()?);
+    page.tables.push(steep_table(mapped, &steep, std::slice::from_ref(report)));
+    scenery.histograms(&format!("{} on {frame}", stem(name)), mapped, spread, &mut page)?;
     Ok(page)
 }
 
@@ -143,10 +144,12 @@ pub(super) fn sum(
     total: &Volume<f32>,
     parts: &[CarriedPart],
     reports: &[DoseReport],
+    spread: Option<&Spread>,
 ) -> Result<PageContent> {
     let (levels, steep) = (Levels::of(total), steep(total));
     let ct = scenery.ct.as_ref();
     let mut pictures = vec![isodoses("The sum", total, ct, &levels, Some(&steep))?];
+    pictures.extend(spread.map(|spread| spread.picture(total, ct)).transpose()?);
     for part in parts {
         let Some(share) = &part.share else { continue };
         pictures.push(isodoses(&format!("Share of {}, times {}", part.name, part.weight), share, ct, &levels, None)?);
@@ -174,12 +177,12 @@ pub(super) fn sum(
     };
     let mut page = PageContent {
         title: format!("dose accumulated over {} doses", parts.len()),
-        carried_alone: false,
         pictures,
-        tables: vec![shares, steep_table(total, &steep, reports)],
+        tables: spread.map(Spread::tables).unwrap_or_default(),
         warnings: Vec::new(),
     };
-    scenery.histograms("sum", total, &mut page)?;
+    page.tables.extend([shares, steep_table(total, &steep, reports)]);
+    scenery.histograms("sum", total, spread, &mut page)?;
     Ok(page)
 }
 

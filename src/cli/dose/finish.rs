@@ -1,10 +1,11 @@
 //! Writing a carried dose, and what is to be said about it.
 
+use super::super::beside::map_beside;
 use super::super::record::{self, Output};
 use super::super::terminal::command_line;
 use super::args::MAPS;
 use super::carried::PageContent;
-use super::out::{GiveBack, beside, gone, named, page_beside, parent};
+use super::out::{GiveBack, beside, gone, page_beside, parent};
 use super::pages;
 use super::sampled::{SampledDose, Spread};
 use crate::dose::judge_result;
@@ -57,7 +58,7 @@ pub(super) fn finish(
     provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
-    let maps = MAPS.map(|name| parent(out).join(named(out, name)));
+    let maps = MAPS.map(|word| map_beside(out, word));
     [beside(out), page_beside(out)].iter().chain(&maps).try_for_each(|path| gone(path))?;
     match &back.like {
         Some(like) => provenance.warnings.extend(like.dose(out, dose, sources, fields)?),

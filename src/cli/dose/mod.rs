@@ -35,11 +35,11 @@ use crate::runtime::Runtime;
 use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
-use carried::{CarriedPart, MOST_DRAWN, PageContent, Scenery};
+use carried::{CarriedPart, MOST_DRAWN, Scenery};
 use counted::{read_told, whole_plan};
 use finish::{Carried, finish, listed};
 use out::{GiveBack, check_out};
-use sampled::{SampledDoses, Spread};
+use sampled::SampledDoses;
 use std::path::{Path, PathBuf};
 use structures::Structures;
 
@@ -94,13 +94,14 @@ fn map(args: &MapArgs) -> Result<String> {
     let mut through = SampledDoses::read(&args.sampled, 1, &method, &mut provenance)?;
     let (mapped, report) = one.carry(through.as_mut().map(|t| (t, 0, 1.0)), &mut provenance, &runtime)?;
     let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
-    let spread = |t: &SampledDoses| t.spread(&mapped, direction, scenery.as_ref(), &args.sampled);
+    let places = || scenery.as_ref().and_then(|s| s.places(&to));
+    let spread = |t: &SampledDoses| t.spread(&mapped, direction, places().as_ref(), &args.sampled);
     let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
     let draw = |scenery: &Scenery| {
         let frame = if args.to == Frame::Fraction { "the fraction" } else { "planning" };
-        carried::map(scenery, frame, &args.dose, &dose, ct.as_ref(), &mapped, &report)
+        carried::map(scenery, frame, &args.dose, &dose, ct.as_ref(), &mapped, (&report, spread.as_ref()))
     };
-    let page = runtime.stage("draw", || page_of(scenery.as_ref(), draw, spread.as_ref(), &mapped))?;
+    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let carried = Carried { dose: &mapped, weights: vec![1.0], parts: vec![report], sources: &[&args.dose], spread };
     finish(&back, carried, provenance, page, &fields)
 }
@@ -171,10 +172,11 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let total = total.ok_or_else(|| Error::usage("no dose is given", "add --dose FILE for each fraction"))?;
     let fields: Vec<&Path> = args.fields.iter().map(PathBuf::as_path).collect();
     let doses: Vec<&Path> = args.dose.iter().map(PathBuf::as_path).collect();
-    let spread = |t: &SampledDoses| t.spread(&total, Direction::FractionToPlanning, scenery.as_ref(), &args.sampled);
+    let places = || scenery.as_ref().and_then(|s| s.places(&to));
+    let spread = |t: &SampledDoses| t.spread(&total, Direction::FractionToPlanning, places().as_ref(), &args.sampled);
     let spread = runtime.stage("compare samples", || through.as_ref().map(spread).transpose())?;
-    let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports);
-    let page = runtime.stage("draw", || page_of(scenery.as_ref(), draw, spread.as_ref(), &total))?;
+    let draw = |scenery: &Scenery| carried::sum(scenery, &total, &shares, &reports, spread.as_ref());
+    let page = runtime.stage("draw", || scenery.as_ref().map(draw).transpose())?;
     let carried = Carried { dose: &total, weights, parts: reports, sources: &doses, spread };
     finish(&out, carried, provenance, page, &fields)
 }
@@ -230,19 +232,6 @@ impl<'a> Mapping<'a> {
         }
         runtime.stage("map dose", || map_dose(dose, &pair, direction, to, self.method, ct))
     }
-}
-
-/// The page of a carried dose, with how far it may be off where that is known.
-fn page_of(
-    scenery: Option<&Scenery>,
-    draw: impl FnOnce(&Scenery) -> Result<PageContent>,
-    spread: Option<&Spread>,
-    dose: &Volume<f32>,
-) -> Result<Option<PageContent>> {
-    let Some(scenery) = scenery else { return Ok(None) };
-    let mut page = draw(scenery)?;
-    spread.map_or(Ok(()), |spread| spread.show(scenery, dose, &mut page))?;
-    Ok(Some(page))
 }
 
 /// The method with its density table.

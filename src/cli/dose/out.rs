@@ -1,5 +1,6 @@
 //! Where a dose is written, and what lies beside it.
 
+use super::super::beside::{map_beside, with_extension};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::io;
@@ -27,29 +28,12 @@ impl<'a> GiveBack<'a> {
 
 /// The sidecar's path: the dose's with its extensions replaced.
 pub(super) fn beside(out: &Path) -> PathBuf {
-    renamed(out, "json")
+    with_extension(out, "json")
 }
 
 /// The page's path.
 pub(super) fn page_beside(out: &Path) -> PathBuf {
-    renamed(out, "html")
-}
-
-/// The name of a map beside the dose: its own with a word behind it; of an RT Dose a NIfTI.
-pub(super) fn named(out: &Path, word: &str) -> String {
-    let name = out.file_name().unwrap_or_default().to_string_lossy();
-    let end = [".nii.gz", ".nii", ".mha", ".nrrd"].into_iter().find(|e| name.ends_with(e)).unwrap_or(".nii.gz");
-    let stem = ENDS.iter().find_map(|e| name.strip_suffix(e)).unwrap_or(&name);
-    format!("{stem}_{word}{end}")
-}
-
-/// Extensions of doses.
-const ENDS: [&str; 5] = [".nii.gz", ".nii", ".mha", ".nrrd", ".dcm"];
-
-fn renamed(out: &Path, extension: &str) -> PathBuf {
-    let name = out.file_name().unwrap_or_default().to_string_lossy();
-    let stem = ENDS.iter().find_map(|e| name.strip_suffix(e)).unwrap_or(&name);
-    out.with_file_name(format!("{stem}.{extension}"))
+    with_extension(out, "html")
 }
 
 /// Refuses a path that cannot be written before anything long begins.
@@ -57,7 +41,7 @@ pub(super) fn check_out(out: &Path, dicom: bool, inputs: &[&Path], more: &[&str]
     if !dicom {
         FieldFormat::of(out)?;
     }
-    let maps = more.iter().map(|word| parent(out).join(named(out, word)));
+    let maps = more.iter().map(|word| map_beside(out, word));
     let own: Vec<PathBuf> = [out.to_owned(), beside(out), page_beside(out)].into_iter().chain(maps).collect();
     io::check_files(inputs, &own)?;
     io::open_folder(parent(out))?;

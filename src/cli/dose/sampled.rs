@@ -1,19 +1,18 @@
 //! Doses through samples of a registration: how far a carried dose may be off.
 
+use super::super::beside::map_beside;
 use super::Mapping;
 use super::args::{MAPS, SampledArgs};
-use super::carried::{BIN, PageContent, Scenery};
-use super::out::{named, parent};
+use super::structures::BIN;
 use crate::config::InputRole;
-use crate::dose::{Decision, DoseLimit, Dvh, DvhBand, FigureBand, steep};
+use crate::dose::{Decision, DoseLimit, Dvh, DvhBand, DvhPlaces, FigureBand, steep};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
-use crate::findings;
 use crate::io::samples::{self, SAMPLES, SamplesFile};
 use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{DoseMethod, DoseSamples, DoseSpread};
 use crate::provenance::Provenance;
-use crate::report::dose::{BROKEN, DoseDvh, DosePicture, DoseTable, KEPT, Levels, UNDECIDED, banded_picture, isodoses};
+use crate::report::dose::{BROKEN, DosePicture, DoseTable, KEPT, Levels, UNDECIDED, isodoses};
 use crate::volume::Volume;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -43,17 +42,7 @@ impl RunSamples {
         };
         let last = provenance.inputs.iter().rev().find(|input| is_field(input.role));
         let Some(field) = last else { return Ok(()) };
-        if self.about.fields.iter().any(|own| own.sha256 == field.sha256) {
-            return Ok(());
-        }
-        let names: Vec<&str> = self.about.fields.iter().map(|f| f.name.as_str()).collect();
-        let problem = format!(
-            "these samples were drawn of another registration than {} (by its checksum); they belong to {}",
-            field.path.display(),
-            names.join(" and ")
-        );
-        let remedy = "give the field of the run that they lie in, or draw samples of this run with aventail samples";
-        Err(Error::refused(findings::SAMPLES_OF_ANOTHER_RUN, self.folder.display().to_string(), problem, remedy))
+        self.about.require_of(&self.folder, &field.path, &field.sha256)
     }
 }
 
@@ -113,11 +102,11 @@ impl SampledDoses {
         &self,
         dose: &Volume<f32>,
         direction: Direction,
-        scenery: Option<&Scenery>,
+        places: Option<&DvhPlaces>,
         args: &SampledArgs,
     ) -> Result<Spread> {
         let sum = self.sum.as_ref().ok_or_else(|| Error::Internal("no dose was carried".into()))?;
-        Spread::of(sum, dose, &self.samples, direction, scenery, args)
+        Spread::of(sum, dose, &self.samples, direction, places, args)
     }
 }
 
@@ -178,16 +167,15 @@ impl Spread {
         dose: &Volume<f32>,
         from: &[RunSamples],
         direction: Direction,
-        scenery: Option<&Scenery>,
+        places: Option<&DvhPlaces>,
         args: &SampledArgs,
     ) -> Result<Self> {
         let maps = all.spread()?;
         let limits: Vec<DoseLimit> = args.limit.iter().map(|text| DoseLimit::parse(text)).collect::<Result<_>>()?;
         let mut at = args.at.clone();
         at.extend(limits.iter().filter_map(DoseLimit::volume_above).filter(|gy| !args.at.contains(gy)));
-        let places = scenery.and_then(|scenery| scenery.places(dose.grid()));
-        let found = places.as_ref().map(|places| places.histograms(dose, &at, BIN)).unwrap_or_default();
-        let structures = match &places {
+        let found = places.map(|places| places.histograms(dose, &at, BIN)).unwrap_or_default();
+        let structures = match places {
             None => Vec::new(),
             Some(places) => {
                 let each = |n: usize| Ok(places.histograms(&all.sample(n)?, &at, BIN));
@@ -232,39 +220,35 @@ impl Spread {
         for ((name, map), what) in MAPS.iter().zip(all).zip(words) {
             let seed = told.seeds.first().copied().unwrap_or_default();
             let description = format!("aventail: {what}, Gy, {} samples, seed {seed}", told.number);
-            let path = parent(out).join(named(out, name));
+            let path = map_beside(out, name);
             io::write_image(&path, map, Stored::Float32, &WriteOptions { description, ..WriteOptions::default() })?;
             written.push(path);
         }
         Ok(written)
     }
 
-    /// Adds pictures and tables to the page.
-    pub(super) fn show(&self, scenery: &Scenery, dose: &Volume<f32>, page: &mut PageContent) -> Result<()> {
-        // Behind the dose: of one that was carried it is the second picture.
-        let behind = if page.carried_alone { 2 } else { 1 };
+    /// The picture of the deviation, in planes through the greatest of `dose`.
+    pub(super) fn picture(&self, dose: &Volume<f32>, ct: Option<&Volume<f32>>) -> Result<DosePicture> {
         let told = &self.told;
-        let through = Levels::of(dose).through;
-        let levels = Levels { most: told.greatest_sd_gy, through };
+        let levels = Levels { most: told.greatest_sd_gy, through: Levels::of(dose).through };
         let title = format!("Standard deviation of the dose over {} samples", told.number);
         let caption = format!(
             "Lines of equal standard deviation, in shares of the greatest, {:.2} Gy; planes at {:.0}, {:.0}, {:.0} (LPS mm).",
             told.greatest_sd_gy, levels.through.x, levels.through.y, levels.through.z
         );
-        let picture = DosePicture { caption, ..isodoses(&title, &self.maps.sd, scenery.ct(), &levels, None)? };
-        page.pictures.insert(page.pictures.len().min(behind), picture);
-        if told.structures.is_empty() {
-            return Ok(());
-        }
-        let found = DoseDvh { name: "dose".into(), warnings: Vec::new(), structures: self.found.clone() };
-        // It has the curves of the plain picture, which came last.
-        page.pictures.pop();
-        page.pictures.push(banded_picture(&found, &told.structures, &scenery.colours())?);
-        page.tables.insert(0, self.intervals());
-        if !told.limits.is_empty() {
-            page.tables.insert(0, self.limits());
-        }
-        Ok(())
+        Ok(DosePicture { caption, ..isodoses(&title, &self.maps.sd, ct, &levels, None)? })
+    }
+
+    /// The histograms of the registration that was found, and each structure's band.
+    pub(super) fn histograms(&self) -> (&[Dvh], &[DvhBand]) {
+        (&self.found, &self.told.structures)
+    }
+
+    /// The tables of limits and intervals, where there are structures.
+    pub(super) fn tables(&self) -> Vec<DoseTable> {
+        let limits = (!self.told.limits.is_empty()).then(|| self.limits());
+        let intervals = (!self.told.structures.is_empty()).then(|| self.intervals());
+        limits.into_iter().chain(intervals).collect()
     }
 
     /// A structure a line: each figure with its interval.

@@ -19,6 +19,9 @@ pub(super) enum Structures {
     Contours(Contours),
 }
 
+/// Width of a bin of a page's curves, Gy.
+pub(super) const BIN: f64 = 0.1;
+
 /// Structures that a warning names.
 const NAMED: usize = 12;
 

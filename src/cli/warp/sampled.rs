@@ -1,11 +1,11 @@
 //! Where labels and contours may be, by samples of the registration that carries them.
 
+use super::super::beside::map_beside;
 use super::super::links::LinkArg;
 use super::args::WarpArgs;
 use super::report::WarpReport;
 use crate::error::{Error, Result};
 use crate::field::Chain;
-use crate::findings;
 use crate::geometry::Grid;
 use crate::io::checksum::sha256_file;
 use crate::io::samples::{self, SAMPLES};
@@ -55,14 +55,8 @@ pub(super) fn of(args: &WarpArgs) -> Result<Option<SampleSet>> {
 /// Reads the samples, which must be those of the field.
 fn read(folder: &Path, field: &LinkArg) -> Result<SampleSet> {
     let (about, set) = samples::read(folder)?;
-    let sha256 = sha256_file(field.path())?;
-    if about.fields.iter().any(|own| own.sha256 == sha256) {
-        return Ok(set);
-    }
-    let path = field.path();
-    let problem = format!("these samples were drawn of another registration than {} (by its checksum)", path.display());
-    let remedy = "give the field of the run that they lie in, or draw samples of this run with aventail samples";
-    Err(Error::refused(findings::SAMPLES_OF_ANOTHER_RUN, folder.display().to_string(), problem, remedy))
+    about.require_of(folder, &field.path(), &sha256_file(field.path())?)?;
+    Ok(set)
 }
 
 /// The file that tells of the samples.
@@ -139,7 +133,7 @@ pub(super) fn labels(
         let carried = CarriedStructure { inside: &inside, back, samples };
         let Some(share) = carried.probability(grid, &around)? else { continue };
         let name = before.names.get(&label).cloned().unwrap_or_else(|| label.to_string());
-        let path = beside(out, &name);
+        let path = share_beside(out, &name);
         let description = format!("aventail: share of {} samples with {name}", samples.number());
         let options = WriteOptions { description, ..WriteOptions::default() };
         io::write_image(&path, &whole(&share, grid)?, Stored::Float32, &options)?;
@@ -156,13 +150,10 @@ pub(super) fn labels(
     Ok(())
 }
 
-/// The map of a label beside the labels; letters that a file name should not have become `_`.
-fn beside(out: &Path, name: &str) -> PathBuf {
-    let file = out.file_name().unwrap_or_default().to_string_lossy();
-    let end = [".nii.gz", ".nii", ".mha", ".nrrd"].into_iter().find(|e| file.ends_with(e)).unwrap_or(".nii.gz");
-    let stem = [".nii.gz", ".nii", ".mha", ".nrrd", ".dcm"].iter().find_map(|e| file.strip_suffix(e)).unwrap_or(&file);
+/// The map of a label beside the labels; letters that a file name should not have became `_`.
+fn share_beside(out: &Path, name: &str) -> PathBuf {
     let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
-    out.with_file_name(format!("{stem}_share_{plain}{end}"))
+    map_beside(out, &format!("share_{plain}"))
 }
 
 /// A part on the whole grid, 0 around it.

@@ -7,6 +7,7 @@ use super::json::{read_json, write_json};
 use super::labels::{read_labels, write_labels};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
+use crate::findings;
 use crate::geometry::rigid_from_matrix;
 use crate::sampling::{Correlation, Drawn, PosePosterior, SampleSet, SamplingOptions};
 use crate::volume::LabelMap;
@@ -59,6 +60,26 @@ pub struct SamplesFile {
     /// The files beside it.
     #[serde(skip_deserializing, default)]
     pub outputs: Vec<Output>,
+}
+
+impl SamplesFile {
+    /// Refuses samples, in `folder`, that were drawn of another registration than the field of this file and checksum.
+    ///
+    /// # Errors
+    /// [`Error::Input`] then.
+    pub fn require_of(&self, folder: &Path, field: &Path, sha256: &str) -> Result<()> {
+        if self.fields.iter().any(|own| own.sha256 == sha256) {
+            return Ok(());
+        }
+        let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
+        let problem = format!(
+            "these samples were drawn of another registration than {} (by its checksum); they belong to {}",
+            field.display(),
+            names.join(" and ")
+        );
+        let remedy = "give the field of the run that they lie in, or draw samples of this run with `aventail samples`";
+        Err(Error::refused(findings::SAMPLES_OF_ANOTHER_RUN, folder.display().to_string(), problem, remedy))
+    }
 }
 
 /// Names of the files of so many samples.

@@ -2,10 +2,11 @@
 
 use super::dvh::Dvh;
 use crate::error::{Error, Result};
+use crate::stats::percentile;
 use serde::Serialize;
 
-/// Share of the samples below the lower end of an interval; as many are above the upper one.
-const TAIL: f64 = 0.05;
+/// Percentiles of the samples at the ends of an interval.
+const ENDS: [f64; 2] = [5.0, 95.0];
 
 /// A figure with the interval that holds it in nine of ten cases.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -86,15 +87,11 @@ pub fn bands(found: &[Dvh], samples: &[Vec<Dvh>]) -> Vec<DvhBand> {
     found.iter().enumerate().filter_map(one).collect()
 }
 
-/// 5th and 95th percentile, linear between values.
+/// 5th and 95th percentile; not a number where there is no value.
 fn percentiles(mut values: Vec<f64>) -> [f64; 2] {
     values.retain(|v| v.is_finite());
     values.sort_by(f64::total_cmp);
-    [TAIL, 1.0 - TAIL].map(|share| {
-        let at = share * values.len().saturating_sub(1) as f64;
-        let value = |n: usize| values.get(n).or(values.last()).copied().unwrap_or(f64::NAN);
-        value(at as usize) * (1.0 - at.fract()) + value(at as usize + 1) * at.fract()
-    })
+    ENDS.map(|p| if values.is_empty() { f64::NAN } else { percentile(&values, p) })
 }
 
 /// What a figure must not exceed, or must reach.

@@ -63,7 +63,7 @@ const UNLIKE: f64 = 0.1;
 /// at its centre, or at the middles of its parts where it is larger than the dose's voxels, so that
 /// grids may differ. `at` lists the doses of V_x, Gy; `bin` is in Gy.
 pub fn dvh(dose: &Volume<f32>, structures: &LabelMap, at: &[f64], bin: f64) -> Vec<Dvh> {
-    sample::labels(dose.grid(), structures).iter().map(|s| of(s.read(dose), at, bin)).collect()
+    sample::labels(dose.grid(), structures, |places| of(places.read(dose), at, bin))
 }
 
 /// Dose-volume histogram of each structure, in their order, none left out. Each is sampled inside the dose's voxels, the finer
@@ -78,7 +78,7 @@ pub struct DvhPlaces(Vec<sample::Places>);
 impl DvhPlaces {
     /// Of a label map.
     pub fn of_labels(grid: &Grid, structures: &LabelMap) -> Self {
-        Self(sample::labels(grid, structures))
+        Self(sample::labels(grid, structures, |places| places))
     }
 
     /// Of contours.

@@ -70,8 +70,9 @@ impl Places {
     }
 }
 
-/// Places of every label that occurs, sorted by label, for doses on `dose`.
-pub(super) fn labels(dose: &Grid, structures: &LabelMap) -> Vec<Places> {
+/// What `made` makes of the places of every label that occurs, sorted by label, for doses on `dose`: places are many, and none is
+/// kept that need not be.
+pub(super) fn labels<T: Send>(dose: &Grid, structures: &LabelMap, made: impl Fn(Places) -> T + Sync) -> Vec<T> {
     let grid = structures.volume.grid();
     let mut voxels: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
     for (l, label) in structures.volume.data().iter().enumerate().filter(|(_, l)| **l > 0) {
@@ -98,7 +99,7 @@ pub(super) fn labels(dose: &Grid, structures: &LabelMap) -> Vec<Places> {
                 let at = move |m: &Vector3<f64>| snapped(dose, &grid.world(&(voxel + m)));
                 middles.iter().map(move |m| SamplePlace { index: at(m), weight: 1.0 })
             };
-            Places { name, places: voxels.iter().flat_map(place).collect(), unit_ml, own_ml }
+            made(Places { name, places: voxels.iter().flat_map(place).collect(), unit_ml, own_ml })
         })
         .collect()
 }

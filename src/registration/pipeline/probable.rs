@@ -46,7 +46,7 @@ impl CarriedStructure<'_> {
             let more = (reach / spacing[a]).ceil() as usize;
             around[a].start.saturating_sub(more)..(around[a].end + more).min(grid.size()[a])
         });
-        let part = region::part(&Volume::filled(grid.clone(), 0u8), &wide)?.grid().clone();
+        let part = region::part_of_grid(grid, &wide)?;
         let found: Vec<f32> = (0..part.len())
             .into_par_iter()
             .map(|l| (self.inside)(&self.back.map(&part.centre(part.voxel(l))).point) as f32)

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::geometry::Grid;
 use crate::sampling::{Correlation, Drawn, SampleSet, SampledPatient, SamplingOptions, TissueModel};
+use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -149,26 +150,18 @@ impl DoseSamples {
     /// Only for internal inconsistency of grids.
     pub fn spread(&self) -> Result<DoseSpread> {
         let of = |values: &[f32]| {
-            let mut sorted = values.to_vec();
-            sorted.sort_unstable_by(f32::total_cmp);
-            let n = values.len() as f64;
-            let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / n;
-            let square = values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>();
-            let [low, high] = [0.05, 0.95].map(|share| quantile(&sorted, share));
+            let mut sorted: Vec<f64> = values.iter().map(|v| f64::from(*v)).collect();
+            let n = sorted.len() as f64;
+            let mean = sorted.iter().sum::<f64>() / n;
+            let square = sorted.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+            sorted.sort_unstable_by(f64::total_cmp);
+            let [low, high] = [5.0, 95.0].map(|p| percentile(&sorted, p));
             [mean, (square / (n - 1.0).max(1.0)).sqrt(), low, high].map(|v| v as f32)
         };
         let all: Vec<[f32; 4]> = self.values.par_chunks(self.number).map(of).collect();
         let map = |n: usize| Volume::new(self.grid.clone(), all.iter().map(|v| v[n]).collect());
         Ok(DoseSpread { mean: map(0)?, sd: map(1)?, p05: map(2)?, p95: map(3)? })
     }
-}
-
-/// Value below which a share of sorted values lies, between them linear.
-fn quantile(sorted: &[f32], share: f64) -> f64 {
-    let at = share * sorted.len().saturating_sub(1) as f64;
-    let (low, way) = (at as usize, at.fract());
-    let value = |n: usize| sorted.get(n).or(sorted.last()).map_or(0.0, |v| f64::from(*v));
-    value(low) * (1.0 - way) + value(low + 1) * way
 }
 
 /// What a dose is carried by.
