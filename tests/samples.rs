@@ -233,6 +233,87 @@ fn figures_have_intervals_and_limits_within_are_undecided() {
 }
 
 #[test]
+fn what_fractions_have_in_common_is_told() {
+    let (dose, field) = (patient("dose.nii.gz"), done().out.join("planning_to_fraction.nii.gz"));
+    let out = folder().join("twice.nii.gz");
+    let sum = |samples: [&Path; 2], weights: [&str; 2]| {
+        let mut command = aventail();
+        command.args(["dose", "accumulate", "-q", "--no-page", "--dose"]).args([&dose, &dose]);
+        command.arg("--fields").args([&field, &field]).arg("--weights").args(weights);
+        command.arg("--grid").arg(&phantom().planning).arg("--samples").args(samples).arg("--out").arg(&out);
+        command.output().unwrap()
+    };
+    // A fraction twice has all in common, with any weights.
+    for weights in [["0.5", "0.5"], ["0.8", "0.2"]] {
+        let output = sum([drawn(), drawn()], weights);
+        assert!(output.status.success() && String::from_utf8_lossy(&output.stdout).contains("100 % of that variance"));
+        let told = read_json(&folder().join("twice.json"));
+        let percent = told["samples"]["common_percent"].as_f64().unwrap();
+        assert!((percent - 100.0).abs() < 0.1, "{percent}");
+    }
+    // Other seeds have nothing in common that they ought to have.
+    let other = folder().join("seeded");
+    draw(&done().out, &other, &["--number", &NUMBER.to_string(), "--seed", "5"]);
+    let output = sum([drawn(), &other], ["0.5", "0.5"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && text.contains("seed 0") && text.contains("seed 5"), "{text}");
+}
+
+#[test]
+fn histograms_of_plannings_structures_in_a_dose_of_the_fraction() {
+    // The phantom's planned dose stands for one of the fraction.
+    let (dose, contours, field) =
+        (patient("dose.nii.gz"), patient("contours.json"), done().out.join("planning_to_fraction.nii.gz"));
+    let dvh = |out: &Path, more: &[&str]| {
+        let mut command = aventail();
+        command.args(["dose", "dvh", "-q", "--dose"]).arg(&dose).arg("--structures").arg(&contours);
+        command.arg("--out").arg(out).args(more).output().unwrap()
+    };
+    let out = folder().join("dvh_there");
+    let (field, samples) = (field.to_str().unwrap(), drawn().to_str().unwrap());
+    let all = ["--planning-to-fraction", field, "--samples", samples, "--limit", "spinal_cord:mean>=0"];
+    let output = dvh(&out, &all);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("limit spinal_cord mean") && text.contains("kept"), "{text}");
+    assert_eq!(
+        files_below(&out).len(),
+        7,
+        "curves, figures, intervals, JSON, picture, page, run: {:?}",
+        files_below(&out)
+    );
+    // As carried back to planning by `dose map`, but for the grid of the dose.
+    let mapped = folder().join("dvh_mapped.nii.gz");
+    let mut command = aventail();
+    command.args(["dose", "map", "-q", "--to", "planning", "--dose"]).arg(&dose).arg("--grid").arg(&dose);
+    command.args(["--planning-to-fraction", field, "--samples", samples, "--structures"]).arg(&contours);
+    command.arg("--out").arg(&mapped).assert().success();
+    let wanted = read_json(&folder().join("dvh_mapped.json"))["samples"]["structures"].clone();
+    let found = read_json(&out.join("dvh.json"));
+    let figures = |all: &Value| -> Vec<(String, [f64; 3])> {
+        let figure = |f: &Value| ["value", "low", "high"].map(|key| f[key].as_f64().unwrap());
+        let of = |s: &Value| ("mean".to_owned() + s["name"].as_str().unwrap(), figure(&s["figures"][0]));
+        all.as_array().unwrap().iter().map(of).collect()
+    };
+    let (found, wanted) = (figures(&found[0]["samples"]["structures"]), figures(&wanted));
+    assert!(found.len() >= 2 && found.len() == wanted.len());
+    for ((name, found), (other, wanted)) in found.iter().zip(&wanted) {
+        let wide = wanted[2] - wanted[1];
+        let near = |a: f64, b: f64| (a - b).abs() < 0.15 + 0.1 * wide;
+        assert!(name == other && (0..3).all(|n| near(found[n], wanted[n])), "{name}: {found:?} for {wanted:?}");
+    }
+    assert!(found.iter().any(|(_, [_, low, high])| high - low > 0.05), "{found:?}");
+    let lines = fs::read_to_string(out.join("dvh_intervals.csv")).unwrap();
+    assert!(lines.starts_with("dose,structure,figure,unit,value,low,high") && lines.lines().count() > 12, "{lines}");
+    // Without a field they would say nothing.
+    let output = dvh(&folder().join("dvh_refused"), &["--samples", samples]);
+    assert!(
+        output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--planning-to-fraction")
+    );
+    assert!(!folder().join("dvh_refused").exists());
+}
+
+#[test]
 fn a_dose_without_gradient_is_sure_and_the_other_way_varies_alike() {
     let planning = read_image(&phantom().planning).unwrap().value;
     let even = files::image(&folder().join("even.nii.gz"), &Volume::filled(planning.grid().clone(), 20.0));

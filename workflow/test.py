@@ -17,6 +17,8 @@ from pathlib import Path
 
 PATIENTS, FRACTIONS = 12, 3
 WEIGHTS = [0.3, 0.3, 0.4]
+# Of each registration, for intervals of the dose.
+SAMPLES = 4
 # Killed when this many registrations are done.
 KILLED_AT = 8
 
@@ -47,13 +49,13 @@ def make_patients(program, folder):
                 "image": posture / "ct.nii.gz", "dose": posture / "dose.nii.gz", "weight": WEIGHTS[fraction],
                 "structures": phantom / "contours.json",
             })
-    (folder / "settings.toml").write_text('preset = "fast"\n')
+    (folder / "settings.toml").write_text('preset = "fast"\n[output]\nuncertainty = true\n')
     return phantom
 
 
 def snakemake(program, folder, *more, quiet="all"):
     settings = {"cases": folder / "cases.csv", "out": folder / "results", "program": program, "threads": 1}
-    settings["settings"] = folder / "settings.toml"
+    settings |= {"settings": folder / "settings.toml", "samples": SAMPLES, "limits": '["spinal_cord:D2<=45"]'}
     words = ["snakemake", "--snakefile", Path(__file__).parent / "Snakefile", "--directory", folder, "--cores", 2]
     words += [*more, "--quiet", quiet, "--config", *[f"{name}={value}" for name, value in settings.items()]]
     return [str(w) for w in words]
@@ -100,6 +102,16 @@ def main():
     assert len(summary["runs"]) == PATIENTS * FRACTIONS and not summary["unfinished"]
     assert [r["fraction"] for r in summary["runs"][:FRACTIONS]] == [f"fx{n + 1}" for n in range(FRACTIONS)]
     assert len({r["patient"] for r in summary["runs"]}) == PATIENTS
+
+    # Each patient's dose has its intervals there, which hold what was found but for rounding of few samples, and its limit.
+    assert [d["patient"] for d in summary["doses"]] == [f"patient {n + 1}" for n in sorted(range(PATIENTS), key=str)]
+    for dose in summary["doses"]:
+        assert dose["number"] == SAMPLES and dose["doses"] == FRACTIONS and 0 <= dose["common_percent"] <= 100
+        mean = {s["name"]: s["figures"][0] for s in dose["structures"]}["ptv"]
+        assert mean["low"] <= mean["high"] and abs(mean["value"] - mean["low"]) < 5, mean
+        assert [limit["structure"] for limit in dose["limits"]] == ["spinal_cord"]
+    page = (folder / "results/summary/summary.html").read_text()
+    assert "Dose over the course" in page and "D2 \u2264 45" in page
 
     # A dose that moves with the tissue adds up to the plan's.
     planned = folder / "planned"

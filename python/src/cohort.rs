@@ -11,5 +11,5 @@ use std::path::PathBuf;
 #[pyfunction]
 #[pyo3(signature = (runs, out, anonymous))]
 pub(crate) fn summary(py: Python<'_>, runs: Vec<PathBuf>, out: Option<PathBuf>, anonymous: bool) -> PyResult<String> {
-    py.detach(|| io::json(&Summary::of(&runs, anonymous, out.as_deref(), COMMAND)?)).raised(py)
+    py.detach(|| io::json(&Summary::of(&runs, &[], anonymous, out.as_deref(), COMMAND)?)).raised(py)
 }

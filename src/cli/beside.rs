@@ -17,6 +17,12 @@ pub(super) fn with_extension(out: &Path, extension: &str) -> PathBuf {
     out.with_file_name(format!("{}.{extension}", parts(out).0))
 }
 
+/// A file beside a result: its name with a word behind it, in its format; NIfTI where the name tells none.
+pub(super) fn named(out: &Path, word: &str) -> PathBuf {
+    let (stem, end) = parts(out);
+    out.with_file_name(format!("{stem}_{word}{}", end.unwrap_or(".nii.gz")))
+}
+
 /// A map beside a result: its name with a word behind it, in its format; beside DICOM a NIfTI.
 pub(super) fn map_beside(out: &Path, word: &str) -> PathBuf {
     let (stem, end) = parts(out);

@@ -4,7 +4,7 @@ use super::args::{QuietArgs, ThreadArgs};
 use super::finished::Finished;
 use super::terminal::{command_line, progress};
 use crate::error::{Error, Result};
-use crate::report::Report;
+use crate::report::{Report, SAMPLES_PAGE};
 use crate::runtime::Runtime;
 use crate::sampling::SamplingOptions;
 use crate::session::{SAMPLES_FOLDER, Sampled, write_samples};
@@ -17,7 +17,7 @@ neighbours together, and soft tissue varies as the run's map of uncertainty says
 `aventail dose map|accumulate --samples` tells with them how far a dose may be off.
 
 Writes to the folder `samples` of the run (or --out): samples.json, bones.nii.gz and sample_001.nii.gz onwards; each is added to
-planning_to_fraction (docs/formats.md).
+planning_to_fraction (docs/formats.md). samples.html shows what the first three add, in turns.
 
 Example:
   aventail samples out --number 50";
@@ -78,7 +78,7 @@ pub(super) fn run(args: &SamplesArgs) -> Result<String> {
     let Finished { case, outcome, .. } = Finished::read(&args.run, &runtime)?;
     let report = Report::read(&args.run.join("report.json"), "give the --out folder of a finished run")?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join(SAMPLES_FOLDER));
-    let of = Sampled { planning: &case.planning, outcome: &outcome, report: &report, command: &command_line() };
+    let of = Sampled { case: &case, outcome: &outcome, report: &report, command: &command_line() };
     write_samples(of, &options, &out, &runtime)?;
-    Ok(format!("{} samples: {}", options.number, out.display()))
+    Ok(format!("{} samples: {}", options.number, out.join(SAMPLES_PAGE).display()))
 }

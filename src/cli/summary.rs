@@ -20,7 +20,8 @@ to OUT. Links in the page lead to the runs' own reports.
 
 Examples:
   aventail summary results --out summary
-  aventail summary patient_1/* patient_2/* --out summary";
+  aventail summary patient_1/* patient_2/* --out summary
+  aventail summary results --dose dose/patient_1/accumulated.json --out summary";
 
 /// Options of `summary`.
 #[derive(Debug, Args)]
@@ -31,6 +32,9 @@ pub struct SummaryArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Files beside doses that were added up with samples (`dose accumulate --samples`): figures with their intervals, and limits
+    #[arg(long, value_name = "JSON", num_args = 1..)]
+    pub dose: Vec<PathBuf>,
     /// Name patients by folders, not by what DICOM says
     #[arg(long)]
     pub anonymous: bool,
@@ -44,7 +48,7 @@ pub struct SummaryArgs {
 /// # Errors
 /// As [`Summary::of`].
 pub fn run(args: &SummaryArgs) -> Result<String> {
-    let summary = Summary::of(&args.runs, args.anonymous, Some(&args.out), &command_line())?;
+    let summary = Summary::of(&args.runs, &args.dose, args.anonymous, Some(&args.out), &command_line())?;
     if args.told.json {
         return io::json(&summary);
     }

@@ -40,9 +40,12 @@ Example:
 
 const DVH: &str = "\
 Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
+With a field the structures are planning's: the dose of the fraction is carried back to them. With --samples the page shows bands,
+and dvh_intervals.csv holds the 90 % intervals.
 
-Example:
-  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh";
+Examples:
+  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh
+  aventail dose dvh --dose day_dose.nii.gz --structures planning.json --planning-to-fraction out/planning_to_fraction.nii.gz --samples out/samples --limit \"cord:D0.03cc<=45\" --out dvh";
 
 const COMPARE: &str = "\
 Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm: how exactly the field must be
@@ -221,12 +224,25 @@ pub struct DvhArgs {
     /// Doses in Gy
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
-    /// Structures in the doses' frame: a label map, or contours (JSON, DICOM structure set), which may overlap
+    /// Structures in the doses' frame, or in planning with a field: a label map, or contours (JSON, DICOM structure set), which
+    /// may overlap
     #[arg(long, value_name = "FILE")]
     pub structures: PathBuf,
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
+    /// Structures lie in planning and the doses in the fraction: field on the planning grid, planning x goes to x + u(x)
+    #[arg(long, value_name = "FILE")]
+    pub planning_to_fraction: Option<PathBuf>,
+    /// The same: field on the fraction grid, fraction y shows planning y + v(y)
+    #[arg(long, value_name = "FILE")]
+    pub fraction_to_planning: Option<PathBuf>,
+    /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals
+    #[arg(long, value_name = "DIR")]
+    pub samples: Option<PathBuf>,
+    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
+    pub limit: Vec<String>,
     /// Doses of V_x, Gy
     #[arg(long, value_name = "GY", num_args = 1..)]
     pub at: Vec<f64>,
@@ -236,9 +252,9 @@ pub struct DvhArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// How the result is told.
+    /// Threads, progress, and how the result is told.
     #[command(flatten)]
-    pub told: JsonArgs,
+    pub common: CommonArgs,
 }
 
 /// Options of `dose compare`.
@@ -282,5 +298,18 @@ impl SampledArgs {
     /// Words in the names of the maps that will be written.
     pub(super) fn maps(&self) -> &'static [&'static str] {
         if self.samples.is_empty() { &[] } else { &MAPS }
+    }
+}
+
+impl DvhArgs {
+    /// Fields from planning to the fraction and back, where they are given.
+    pub(super) fn fields(&self) -> [Option<&PathBuf>; 2] {
+        [self.planning_to_fraction.as_ref(), self.fraction_to_planning.as_ref()]
+    }
+
+    /// Samples of the registration and what is asked of them.
+    pub(super) fn sampled(&self) -> SampledArgs {
+        let samples = self.samples.iter().cloned().collect();
+        SampledArgs { samples, at: self.at.clone(), limit: self.limit.clone() }
     }
 }

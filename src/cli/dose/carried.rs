@@ -70,7 +70,7 @@ impl Scenery {
             None => structures.histograms(dose, &[], BIN),
         };
         page.warnings.extend(doubts(&counted));
-        let all = [DoseDvh { name: name.into(), warnings: Vec::new(), structures: counted }];
+        let all = [DoseDvh { name: name.into(), structures: counted, samples: None, warnings: Vec::new() }];
         let bands = spread.map_or(&[][..], |spread| spread.histograms().1);
         page.pictures.push(match bands {
             [] => dvh_picture(&all, &structures.colours())?,
@@ -129,7 +129,7 @@ pub(super) fn map(
             isodoses("Before, where it was computed", dose, ct, &levels, None)?,
             isodoses(&format!("After, on {frame}"), mapped, scenery.ct.as_ref(), &after, Some(&steep))?,
         ],
-        tables: spread.map(Spread::tables).unwrap_or_default(),
+        tables: spread.map(|spread| spread.told.tables()).unwrap_or_default(),
         warnings: Vec::new(),
     };
     page.pictures.extend(spread.map(|spread| spread.picture(mapped, scenery.ct.as_ref())).transpose()?);
@@ -178,7 +178,7 @@ pub(super) fn sum(
     let mut page = PageContent {
         title: format!("dose accumulated over {} doses", parts.len()),
         pictures,
-        tables: spread.map(Spread::tables).unwrap_or_default(),
+        tables: spread.map(|spread| spread.told.tables()).unwrap_or_default(),
         warnings: Vec::new(),
     };
     page.tables.extend([shares, steep_table(total, &steep, reports)]);

@@ -1,18 +1,20 @@
 //! Writing a carried dose, and what is to be said about it.
 
-use super::super::beside::map_beside;
+use super::super::beside::named;
 use super::super::record::{self, Output};
 use super::super::terminal::command_line;
 use super::args::MAPS;
 use super::carried::PageContent;
 use super::out::{GiveBack, beside, gone, page_beside, parent};
 use super::pages;
-use super::sampled::{SampledDose, Spread};
+use super::sampled::Spread;
 use crate::dose::judge_result;
 use crate::error::Result;
+use crate::io::dicom::CarriedDose;
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::DoseReport;
 use crate::provenance::{InputFile, Provenance};
+use crate::report::dose::SampledDose;
 use crate::volume::Volume;
 use crate::warning::Warning;
 use serde::Serialize;
@@ -58,13 +60,13 @@ pub(super) fn finish(
     provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
     let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
-    let maps = MAPS.map(|word| map_beside(out, word));
+    let maps = MAPS.map(|word| named(out, word));
     [beside(out), page_beside(out)].iter().chain(&maps).try_for_each(|path| gone(path))?;
     match &back.like {
-        Some(like) => provenance.warnings.extend(like.dose(out, dose, sources, fields)?),
+        Some(like) => provenance.warnings.extend(like.dose(out, dose, CarriedDose::Dose, [sources, fields])?),
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
-    let of_samples = spread.as_ref().map(Spread::text).unwrap_or_default();
+    let of_samples = spread.as_ref().map(|spread| spread.told.text()).unwrap_or_default();
     let text = table(&parts) + &of_samples + &listed(&provenance.warnings);
     let warnings = all_warnings(&provenance, &parts);
     let mut written = vec![out.to_owned()];
@@ -74,7 +76,7 @@ pub(super) fn finish(
         pages::write(&page_beside(out), &page.title, &provenance, &drawn, page.pictures, page.tables)?;
     }
     if let Some(spread) = &spread {
-        written.extend(spread.write(out)?);
+        written.extend(spread.write(back, sources, fields)?);
     }
     let command = command_line();
     let inputs = provenance.seen_from(parent(out));

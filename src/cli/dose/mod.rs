@@ -3,6 +3,7 @@
 mod args;
 mod carried;
 mod counted;
+mod dvh;
 mod finish;
 mod out;
 mod pages;
@@ -20,7 +21,7 @@ use super::{planned, record, run_folder};
 use crate::config::InputRole;
 use crate::dose::{
     DensityTable, DoseCounts, DoseDifference, EnergyMassOptions, accumulate, difference, distance_to_difference,
-    doubts, question,
+    question,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Direction;
@@ -30,7 +31,6 @@ use crate::io::dicom::{Framed, Role};
 use crate::io::{self, Stored, WriteOptions, write_json};
 use crate::pipeline::{DoseMethod, DoseReport, map_dose};
 use crate::provenance::Provenance;
-use crate::report::dose::{DoseDvh, dvh_table, write_dvh};
 use crate::runtime::Runtime;
 use crate::session::fields::{self, Known};
 use crate::volume::Volume;
@@ -41,7 +41,6 @@ use finish::{Carried, finish, listed};
 use out::{GiveBack, check_out};
 use sampled::SampledDoses;
 use std::path::{Path, PathBuf};
-use structures::Structures;
 
 /// Runs a verb of `dose`.
 ///
@@ -51,7 +50,7 @@ pub(super) fn run(verb: &DoseVerb) -> Result<String> {
     match verb {
         DoseVerb::Map(args) => map(args),
         DoseVerb::Accumulate(args) => sum(args),
-        DoseVerb::Dvh(args) => histograms(args),
+        DoseVerb::Dvh(args) => dvh::run(args),
         DoseVerb::Compare(args) => compare(args),
     }
 }
@@ -83,7 +82,7 @@ fn map(args: &MapArgs) -> Result<String> {
         dose: &dose,
         dose_file: &args.dose,
         to: &to,
-        to_file: args.dicom_like.as_ref().unwrap_or(&args.grid),
+        to_file: Role::Image.at(args.dicom_like.as_ref().unwrap_or(&args.grid)),
         push: args.planning_to_fraction.as_deref(),
         pull: args.fraction_to_planning.as_deref(),
         option: None,
@@ -151,7 +150,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
             dose: &dose,
             dose_file: path,
             to: &to,
-            to_file: args.dicom_like.as_ref().unwrap_or(&args.grid),
+            to_file: Role::Image.at(args.dicom_like.as_ref().unwrap_or(&args.grid)),
             push,
             pull,
             option: Some(InputRole::Fields),
@@ -185,9 +184,9 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
 struct Mapping<'a> {
     dose: &'a Volume<f32>,
     dose_file: &'a Path,
-    /// The grid of the result, and the image that has it.
+    /// The grid of the result, and the file that tells its frame.
     to: &'a Grid,
-    to_file: &'a Path,
+    to_file: Framed<'a>,
     /// The field, of which one direction is enough, and the option that names it where that is not the direction's own.
     push: Option<&'a Path>,
     pull: Option<&'a Path>,
@@ -219,7 +218,7 @@ impl<'a> Mapping<'a> {
             grid,
         };
         let dose_there = known(frames[0], Role::Dose.at(dose_file), dose.grid());
-        let mut all = vec![dose_there, known(frames[1], Role::Image.at(to_file), to)];
+        let mut all = vec![dose_there, known(frames[1], to_file, to)];
         all.extend(ct.map(|ct| Known { frame: frames[0], name: "--ct".into(), place: None, grid: ct.grid() }));
         let grids = match direction {
             Direction::PlanningToFraction => [Some(dose.grid()), Some(to)],
@@ -249,38 +248,6 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
     Ok(read_told(provenance, path)?.0)
-}
-
-fn histograms(args: &DvhArgs) -> Result<String> {
-    if !(args.bin.is_finite() && args.bin >= 1e-3) {
-        return Err(Error::usage(format!("--bin {} Gy is too small", args.bin), "give at least 0.001 Gy"));
-    }
-    let files = args.dose.iter().chain([&args.structures]).chain(&args.labels).map(PathBuf::as_path);
-    let names = planned(&["dvh_run.json"], &["dvh.json", "dvh.csv", "dvh_figures.csv", "dvh.png", "dvh.html"]);
-    let mut folder = run_folder(&args.out, &names, &files.collect::<Vec<_>>())?;
-    let mut provenance = Provenance::default();
-    let near: Vec<Framed<'_>> = args.dose.iter().map(|dose| Role::Dose.at(dose)).collect();
-    let structures = Structures::read(&mut provenance, &args.structures, args.labels.as_deref(), &near)?;
-    let common = std::mem::take(&mut provenance.warnings);
-    let mut doses = Vec::new();
-    for path in &args.dose {
-        let dose = read_dose(&mut provenance, path)?;
-        let name = pages::stem(path);
-        let structures = structures.histograms(&dose, &args.at, args.bin);
-        let mut warnings = if doses.is_empty() { common.clone() } else { Vec::new() };
-        warnings.append(&mut provenance.warnings);
-        warnings.extend(doubts(&structures));
-        doses.push(DoseDvh { name, structures, warnings });
-    }
-    folder.begin()?;
-    let picture = write_dvh(&args.out, &doses, &structures.colours())?;
-    pages::write_dvh(&args.out, &doses, picture, &provenance)?;
-    record::write(&folder, &args.out, "dvh_run.json", provenance.inputs)?;
-    folder.finish();
-    if args.told.json {
-        return io::json(&doses);
-    }
-    Ok(format!("{}The curves: {}", dvh_table(&doses), args.out.join("dvh.html").display()))
 }
 
 fn compare(args: &CompareArgs) -> Result<String> {

@@ -1,6 +1,6 @@
 //! Where a dose is written, and what lies beside it.
 
-use super::super::beside::{map_beside, with_extension};
+use super::super::beside::{named, with_extension};
 use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::io;
@@ -41,7 +41,7 @@ pub(super) fn check_out(out: &Path, dicom: bool, inputs: &[&Path], more: &[&str]
     if !dicom {
         FieldFormat::of(out)?;
     }
-    let maps = more.iter().map(|word| map_beside(out, word));
+    let maps = more.iter().map(|word| named(out, word));
     let own: Vec<PathBuf> = [out.to_owned(), beside(out), page_beside(out)].into_iter().chain(maps).collect();
     io::check_files(inputs, &own)?;
     io::open_folder(parent(out))?;

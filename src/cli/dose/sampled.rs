@@ -1,25 +1,23 @@
 //! Doses through samples of a registration: how far a carried dose may be off.
 
-use super::super::beside::map_beside;
+use super::super::beside::named;
 use super::Mapping;
 use super::args::{MAPS, SampledArgs};
+use super::out::GiveBack;
 use super::structures::BIN;
 use crate::config::InputRole;
-use crate::dose::{Decision, DoseLimit, Dvh, DvhBand, DvhPlaces, FigureBand, steep};
+use crate::dose::{DoseLimit, Dvh, DvhBand, DvhPlaces, steep};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
+use crate::io::dicom::CarriedDose;
 use crate::io::samples::{self, SAMPLES, SamplesFile};
 use crate::io::{self, Stored, WriteOptions};
 use crate::pipeline::{DoseMethod, DoseSamples, DoseSpread};
 use crate::provenance::Provenance;
-use crate::report::dose::{BROKEN, DosePicture, DoseTable, KEPT, Levels, UNDECIDED, isodoses};
+use crate::report::dose::{DosePicture, Levels, LimitDecision, SampledDose, isodoses};
 use crate::volume::Volume;
 use rayon::prelude::*;
-use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// Figures that the page's table leaves out.
-const LEFT_OUT: [&str; 2] = ["D98", "D50"];
 
 /// Samples of one registration.
 pub(super) struct RunSamples {
@@ -76,6 +74,7 @@ impl SampledDoses {
         }
         let read = |folder: &PathBuf| RunSamples::read(folder, provenance);
         let samples: Vec<RunSamples> = args.samples.iter().map(read).collect::<Result<_>>()?;
+        same_seed(&samples)?;
         args.limit.iter().try_for_each(|text| DoseLimit::parse(text).map(drop))?;
         Ok(Some(Self { samples, sum: None }))
     }
@@ -110,46 +109,19 @@ impl SampledDoses {
     }
 }
 
-/// What the samples tell, for the file beside the dose.
-#[derive(Serialize)]
-pub(super) struct SampledDose {
-    /// How many samples.
-    number: usize,
-    /// Seed of each registration's samples.
-    seeds: Vec<u64>,
-    /// Deviation of each component over the map of uncertainty, of each registration.
-    scales: Vec<f64>,
-    /// Direction of the dose.
-    direction: Direction,
-    /// Greatest standard deviation, Gy.
-    greatest_sd_gy: f64,
-    /// Mean standard deviation where the dose is steep (more than 1 % of its maximum per mm), Gy.
-    steep_sd_gy: f64,
-    /// Each structure's figures with their intervals, and its curve's band.
-    structures: Vec<DvhBand>,
-    /// What limits say.
-    limits: Vec<LimitDecision>,
-}
-
-/// A limit with what it says.
-#[derive(Serialize)]
-struct LimitDecision {
-    #[serde(flatten)]
-    limit: DoseLimit,
-    /// The figure, Gy or percent, with its interval.
-    found: f64,
-    low: f64,
-    high: f64,
-    decision: Decision,
-}
-
-/// What is said of a limit.
-fn word(decision: Decision) -> &'static str {
-    match decision {
-        Decision::Kept => KEPT,
-        Decision::Undecided => UNDECIDED,
-        Decision::Broken => BROKEN,
-    }
+/// Refuses samples of several registrations with unlike seeds: what these have in common would count as if it were not.
+fn same_seed(samples: &[RunSamples]) -> Result<()> {
+    let [first, rest @ ..] = samples else { return Ok(()) };
+    let seed = |s: &RunSamples| s.about.options.seed;
+    let Some(other) = rest.iter().find(|s| seed(s) != seed(first)) else { return Ok(()) };
+    let problem = format!(
+        "{} was drawn with seed {} and {} with seed {}: errors that the fractions share would not add up",
+        first.folder.display(),
+        seed(first),
+        other.folder.display(),
+        seed(other)
+    );
+    Err(Error::usage(problem, "draw the samples of all fractions with one --seed"))
 }
 
 /// A dose with how far it may be off.
@@ -191,37 +163,55 @@ impl Spread {
                 Error::usage(problem, format!("structures: {}; figures: {figures}", names.join(", ")))
             })?;
             let (decision, found) = (limit.decide(figure), figure.value);
-            Ok(LimitDecision { found, low: figure.low, high: figure.high, decision, limit })
+            Ok(LimitDecision { low: figure.low, high: figure.high, found, decision, limit })
         };
         let limits = limits.into_iter().map(decided).collect::<Result<_>>()?;
         let steep = steep(dose);
-        let of_steep =
-            maps.sd.data().iter().zip(steep.data()).filter(|(_, steep)| **steep).map(|(sd, _)| f64::from(*sd));
-        let (sum, n) = of_steep.fold((0.0, 0usize), |(sum, n), sd| (sum + sd, n + 1));
+        let there = |map: &Volume<f32>, of: fn(f64) -> f64| {
+            map.data()
+                .iter()
+                .zip(steep.data())
+                .filter(|(_, steep)| **steep)
+                .map(|(v, _)| of(f64::from(*v)))
+                .sum::<f64>()
+        };
+        let (n, variance) = (steep.data().iter().filter(|s| **s).count(), there(&maps.sd, |sd| sd * sd));
+        let common = maps.common.as_ref().filter(|_| variance > 0.0).map(|common| there(common, |v| v));
         let told = SampledDose {
             number: all.number(),
             seeds: from.iter().map(|s| s.about.options.seed).collect(),
             scales: from.iter().map(|s| s.about.options.scale).collect(),
             direction,
             greatest_sd_gy: f64::from(maps.sd.extremes()[1]),
-            steep_sd_gy: sum / n.max(1) as f64,
+            steep_sd_gy: there(&maps.sd, |sd| sd) / n.max(1) as f64,
+            common_percent: common.map(|common| (100.0 * common / variance).clamp(0.0, 100.0)),
             structures,
             limits,
         };
         Ok(Self { told, found, maps })
     }
 
-    /// Writes the maps beside the dose; returns their paths.
-    pub(super) fn write(&self, out: &Path) -> Result<Vec<PathBuf>> {
+    /// Writes the maps beside the dose, as RT Doses where it is one; returns their paths.
+    pub(super) fn write(&self, back: &GiveBack<'_>, sources: &[&Path], fields: &[&Path]) -> Result<Vec<PathBuf>> {
         let told = &self.told;
-        let all = [&self.maps.sd, &self.maps.p05, &self.maps.p95];
-        let words = ["standard deviation of the dose", "5th percentile of the dose", "95th percentile of the dose"];
+        let all = [
+            (&self.maps.sd, CarriedDose::Deviation, "standard deviation of the dose"),
+            (&self.maps.p05, CarriedDose::Percentile(5), "5th percentile of the dose"),
+            (&self.maps.p95, CarriedDose::Percentile(95), "95th percentile of the dose"),
+        ];
+        let seed = told.seeds.first().copied().unwrap_or_default();
         let mut written = Vec::new();
-        for ((name, map), what) in MAPS.iter().zip(all).zip(words) {
-            let seed = told.seeds.first().copied().unwrap_or_default();
-            let description = format!("aventail: {what}, Gy, {} samples, seed {seed}", told.number);
-            let path = map_beside(out, name);
-            io::write_image(&path, map, Stored::Float32, &WriteOptions { description, ..WriteOptions::default() })?;
+        for (word, (map, what, words)) in MAPS.iter().zip(all) {
+            let path = named(back.out, word);
+            match &back.like {
+                // What was to be said of the dose's plan was said with it.
+                Some(like) => drop(like.dose(&path, map, what, [sources, fields])?),
+                None => {
+                    let description = format!("aventail: {words}, Gy, {} samples, seed {seed}", told.number);
+                    let options = WriteOptions { description, ..WriteOptions::default() };
+                    io::write_image(&path, map, Stored::Float32, &options)?;
+                }
+            }
             written.push(path);
         }
         Ok(written)
@@ -242,78 +232,5 @@ impl Spread {
     /// The histograms of the registration that was found, and each structure's band.
     pub(super) fn histograms(&self) -> (&[Dvh], &[DvhBand]) {
         (&self.found, &self.told.structures)
-    }
-
-    /// The tables of limits and intervals, where there are structures.
-    pub(super) fn tables(&self) -> Vec<DoseTable> {
-        let limits = (!self.told.limits.is_empty()).then(|| self.limits());
-        let intervals = (!self.told.structures.is_empty()).then(|| self.intervals());
-        limits.into_iter().chain(intervals).collect()
-    }
-
-    /// A structure a line: each figure with its interval.
-    fn intervals(&self) -> DoseTable {
-        // As many as the page is wide; all are in the JSON file.
-        fn shown(s: &DvhBand) -> Vec<&FigureBand> {
-            s.figures.iter().filter(|f| !LEFT_OUT.contains(&f.figure.as_str())).collect()
-        }
-        let row = |s: &DvhBand| {
-            let cell = |f: &FigureBand| format!("{:.2} ({:.2}\u{2013}{:.2})", f.value, f.low, f.high);
-            std::iter::once(s.name.clone()).chain(shown(s).into_iter().map(cell)).collect()
-        };
-        let first = self.told.structures.first().map(shown).unwrap_or_default();
-        let heads = first.iter().map(|f| format!("{}, {}", f.figure, f.unit));
-        DoseTable {
-            title: "Figures with their 90 % intervals".into(),
-            note: format!(
-                "Each figure of the registration that was found, and between which values it lies in nine of ten of {} samples of the \
-                 registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are taken for right.",
-                self.told.number
-            ),
-            head: std::iter::once("structure".to_owned()).chain(heads).collect(),
-            rows: self.told.structures.iter().map(row).collect(),
-        }
-    }
-
-    /// What the limits say.
-    fn limits(&self) -> DoseTable {
-        let row = |d: &LimitDecision| {
-            let word = word(d.decision);
-            let figure = format!("{:.2} ({:.2} to {:.2})", d.found, d.low, d.high);
-            vec![d.limit.structure.clone(), d.limit.text(), figure, word.into()]
-        };
-        DoseTable {
-            title: "Limits".into(),
-            note: "Undecided: the limit lies within the figure's 90 % interval.".into(),
-            head: ["structure", "limit", "found", "decision"].map(str::to_owned).into(),
-            rows: self.told.limits.iter().map(row).collect(),
-        }
-    }
-
-    /// For the terminal.
-    pub(super) fn text(&self) -> String {
-        let told = &self.told;
-        let mut text = format!(
-            "  over {} samples the dose deviates by {:.2} Gy at most (one standard deviation), {:.2} Gy on the mean where it is steep\n",
-            told.number, told.greatest_sd_gy, told.steep_sd_gy
-        );
-        for s in &told.structures {
-            let named = |f: &&FigureBand| ["mean", "D95", "D0.03cc"].contains(&f.figure.as_str());
-            let cell = |f: &FigureBand| format!("{} {:.2} ({:.2} to {:.2})", f.figure, f.value, f.low, f.high);
-            let cells: Vec<String> = s.figures.iter().filter(named).map(cell).collect();
-            text += &format!("  {}: {} Gy\n", s.name, cells.join(", "));
-        }
-        for d in &told.limits {
-            let word = word(d.decision);
-            text += &format!(
-                "  limit {} {}: {word} ({:.2}, {:.2} to {:.2})\n",
-                d.limit.structure,
-                d.limit.text(),
-                d.found,
-                d.low,
-                d.high
-            );
-        }
-        text
     }
 }

@@ -11,6 +11,7 @@ use crate::provenance::Provenance;
 use crate::volume::contour::Contours;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
+use nalgebra::Point3;
 use std::path::Path;
 
 /// Structures as labels, or as contours, which may overlap.
@@ -63,6 +64,25 @@ impl Structures {
         match self {
             Self::Labels(map) => DvhPlaces::of_labels(grid, map),
             Self::Contours(all) => DvhPlaces::of_contours(grid, all),
+        }
+    }
+
+    /// The box around them in the world, its least and greatest corner; none where there is no structure.
+    pub(super) fn around(&self) -> Option<[Point3<f64>; 2]> {
+        let widened = |points: &mut dyn Iterator<Item = Point3<f64>>| {
+            let first = points.next()?;
+            Some(points.fold([first; 2], |[low, high], p| [low.inf(&p), high.sup(&p)]))
+        };
+        match self {
+            Self::Labels(map) => {
+                let grid = map.volume.grid();
+                let labelled = map.volume.data().iter().enumerate().filter(|(_, label)| **label != 0);
+                widened(&mut labelled.map(|(l, _)| grid.centre(grid.voxel(l))))
+            }
+            Self::Contours(all) => {
+                let polygons = all.structures.iter().flat_map(|s| &s.polygons);
+                widened(&mut polygons.flat_map(|p| p.points.iter().map(|q| all.world(*q, p.height))))
+            }
         }
     }
 

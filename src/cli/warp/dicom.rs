@@ -6,7 +6,7 @@ use super::report::WarpReport;
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io::dicom::like::{self, Like};
-use crate::io::dicom::{Role, StructureSet, check_frames, is_dicom_path, read_structure_set};
+use crate::io::dicom::{CarriedDose, Role, StructureSet, check_frames, is_dicom_path, read_structure_set};
 use crate::io::{self, ContourFile};
 use crate::volume::Volume;
 use std::path::{Path, PathBuf};
@@ -113,6 +113,6 @@ pub(super) fn write_volume(
     }
     let fields: Vec<PathBuf> = args.field.iter().map(LinkArg::path).collect();
     let fields: Vec<&Path> = fields.iter().map(PathBuf::as_path).collect();
-    report.warnings.extend(like.dose(out, warped, &[input], &fields)?);
+    report.warnings.extend(like.dose(out, warped, CarriedDose::Dose, [&[input], &fields])?);
     Ok(())
 }

@@ -91,7 +91,8 @@ fn file(sample: usize) -> String {
     format!("sample_{sample:03}.nii.gz")
 }
 
-/// Writes samples into a folder, `samples.json` last. `about` comes without motions, bones and outputs.
+/// Writes samples into a folder, `samples.json` last. `about` comes without motions, bones and outputs; `beside` are files that
+/// lie there already and belong to them.
 ///
 /// # Errors
 /// [`Error::Write`] when a file cannot be written.
@@ -100,6 +101,7 @@ pub fn write(
     labels: &LabelMap,
     posterior: &PosePosterior,
     drawn: &[Drawn],
+    beside: &[&str],
     mut about: SamplesFile,
 ) -> Result<()> {
     let SamplingOptions { number, seed, scale } = about.options;
@@ -112,7 +114,8 @@ pub fn write(
     let rows = |m: Matrix4<f64>| [0, 1, 2, 3].map(|r| [0, 1, 2, 3].map(|c| m[(r, c)]));
     about.motions = drawn.iter().map(|d| d.bones.iter().map(|b| rows(b.to_homogeneous())).collect()).collect();
     about.bones = posterior.bones.iter().map(|b| SampledBone { name: b.name.clone(), label: b.label }).collect();
-    about.outputs = outputs(folder, &names(number).map(PathBuf::from).collect::<Vec<_>>())?;
+    let all = names(number).map(PathBuf::from).chain(beside.iter().map(PathBuf::from));
+    about.outputs = outputs(folder, &all.collect::<Vec<_>>())?;
     write_json(folder.join(SAMPLES), &about)
 }
 

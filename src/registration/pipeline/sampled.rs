@@ -76,6 +76,10 @@ pub struct DoseSamples {
     number: usize,
     /// At each voxel the doses of all samples, Gy.
     values: Vec<f32>,
+    /// At each voxel the sum of the variances of what was added one by one, Gy^2.
+    apart: Vec<f32>,
+    /// Sum of the weights of what was added, and of their squares.
+    weights: [f64; 2],
 }
 
 /// Mean, deviation and percentiles of a dose over samples, Gy, on its grid.
@@ -89,12 +93,16 @@ pub struct DoseSpread {
     pub p05: Volume<f32>,
     /// 95th percentile.
     pub p95: Volume<f32>,
+    /// Where several doses were added: the variance due to what their registrations have in common, Gy^2, from how the doses vary
+    /// together; of a single voxel with the noise of so few samples, below 0 too.
+    pub common: Option<Volume<f32>>,
 }
 
 impl DoseSamples {
     /// No dose, on a grid.
     pub fn zero(grid: &Grid, number: usize) -> Self {
-        Self { grid: grid.clone(), number, values: vec![0.0; number * grid.len()] }
+        let (values, apart) = (vec![0.0; number * grid.len()], vec![0.0; grid.len()]);
+        Self { grid: grid.clone(), number, values, apart, weights: [0.0; 2] }
     }
 
     /// How many samples there are.
@@ -119,20 +127,24 @@ impl DoseSamples {
             let problem = format!("{} samples of one registration and {} of another", self.number, samples.number());
             return Err(Error::input("samples", problem, "draw as many of each"));
         }
-        let (grid, plane) = (&self.grid, self.number * self.grid.strides()[2]);
+        let (grid, stride) = (&self.grid, self.grid.strides()[2]);
         let way = Way { dose, pair, samples };
-        self.values.par_chunks_mut(plane).enumerate().for_each_init(
-            || vec![Vector3::zeros(); samples.number()],
-            |room, (k, values)| {
-                for (l, out) in values.chunks_mut(samples.number()).enumerate() {
-                    let p = grid.centre(grid.voxel(k * grid.strides()[2] + l));
+        let planes = self.values.par_chunks_mut(self.number * stride).zip(self.apart.par_chunks_mut(stride));
+        planes.enumerate().for_each_init(
+            || (vec![Vector3::zeros(); samples.number()], vec![0f32; samples.number()]),
+            |(room, own), (k, (values, apart))| {
+                for (l, (out, apart)) in values.chunks_mut(samples.number()).zip(apart).enumerate() {
+                    let p = grid.centre(grid.voxel(k * stride + l));
                     match direction {
-                        Direction::FractionToPlanning => way.to_planning(weight, &p, room, out),
-                        Direction::PlanningToFraction => way.to_fraction(weight, &p, out),
+                        Direction::FractionToPlanning => way.to_planning(weight, &p, room, own),
+                        Direction::PlanningToFraction => way.to_fraction(weight, &p, own),
                     }
+                    out.iter_mut().zip(own.iter()).for_each(|(out, own)| *out += own);
+                    *apart += variance(own.iter().map(|v| f64::from(*v))) as f32;
                 }
             },
         );
+        self.weights = [self.weights[0] + weight, self.weights[1] + weight * weight];
         Ok(())
     }
 
@@ -151,17 +163,31 @@ impl DoseSamples {
     pub fn spread(&self) -> Result<DoseSpread> {
         let of = |values: &[f32]| {
             let mut sorted: Vec<f64> = values.iter().map(|v| f64::from(*v)).collect();
-            let n = sorted.len() as f64;
-            let mean = sorted.iter().sum::<f64>() / n;
-            let square = sorted.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+            let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
+            let sd = variance(sorted.iter().copied()).sqrt();
             sorted.sort_unstable_by(f64::total_cmp);
             let [low, high] = [5.0, 95.0].map(|p| percentile(&sorted, p));
-            [mean, (square / (n - 1.0).max(1.0)).sqrt(), low, high].map(|v| v as f32)
+            [mean, sd, low, high].map(|v| v as f32)
         };
         let all: Vec<[f32; 4]> = self.values.par_chunks(self.number).map(of).collect();
         let map = |n: usize| Volume::new(self.grid.clone(), all.iter().map(|v| v[n]).collect());
-        Ok(DoseSpread { mean: map(0)?, sd: map(1)?, p05: map(2)?, p95: map(3)? })
+        // Of doses c + e_k with weights w_k and a common c the products of unlike ones hold var(c) (S^2 - sum of w_k^2), S = sum of w_k.
+        let [sum, squares] = self.weights;
+        let unlike = sum * sum - squares;
+        let common = |(all, apart): (&[f32; 4], &f32)| {
+            ((f64::from(all[1]).powi(2) - f64::from(*apart)) * sum * sum / unlike) as f32
+        };
+        let common = || Volume::new(self.grid.clone(), all.iter().zip(&self.apart).map(common).collect());
+        let common = (unlike > 1e-9 * sum * sum).then(common).transpose()?;
+        Ok(DoseSpread { mean: map(0)?, sd: map(1)?, p05: map(2)?, p95: map(3)?, common })
     }
+}
+
+/// Variance of samples; 0 of a single one.
+fn variance(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
+    let n = values.len() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)
 }
 
 /// What a dose is carried by.
@@ -177,7 +203,7 @@ impl Way<'_> {
         let moved = x + displacement(&self.pair.push.displacement, x);
         self.samples.at(x, &moved, room);
         for (out, added) in out.iter_mut().zip(room) {
-            *out += (weight * dose_at(self.dose, &(moved + *added))) as f32;
+            *out = (weight * dose_at(self.dose, &(moved + *added))) as f32;
         }
     }
 
@@ -191,7 +217,7 @@ impl Way<'_> {
                 moved = y - self.samples.one(sample, &x, &moved);
                 x = back(moved);
             }
-            *out += (weight * dose_at(self.dose, &x)) as f32;
+            *out = (weight * dose_at(self.dose, &x)) as f32;
         }
     }
 }

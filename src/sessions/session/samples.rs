@@ -4,20 +4,23 @@ use super::registered::Registered;
 use crate::error::{Error, Result};
 use crate::io::samples::{self, SAMPLES, SampledField, SamplesFile};
 use crate::io::{Planned, RunFolder};
-use crate::pipeline::{Outcome, PlanningScan, correlation, sample};
-use crate::report::Report;
+use crate::pipeline::{Case, Outcome, correlation, sample};
+use crate::report::{Report, SAMPLES_PAGE, write_samples_page};
 use crate::runtime::Runtime;
-use crate::sampling::SamplingOptions;
+use crate::sampling::{SampleSet, SamplingOptions};
 use std::path::Path;
 
 /// The folder of samples inside that of their run.
 pub const SAMPLES_FOLDER: &str = "samples";
 
+/// Samples that the page may show.
+const SHOWN: usize = 3;
+
 /// A saved registration of which samples are drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Sampled<'a> {
-    /// The planning side, on the grids of the results.
-    pub planning: &'a PlanningScan,
+    /// Both scans, on the grids of the results.
+    pub case: &'a Case,
     /// What was found.
     pub outcome: &'a Outcome,
     /// Its report, which lists the fields.
@@ -31,10 +34,11 @@ pub struct Sampled<'a> {
 /// # Errors
 /// As [`sample`], [`RunFolder::open`] and [`samples::write`].
 pub fn write_samples(of: Sampled<'_>, options: &SamplingOptions, out: &Path, runtime: &Runtime) -> Result<()> {
-    let drawn = runtime.stage("draw samples", || sample(of.planning, of.outcome, options))?;
+    let planning = &of.case.planning;
+    let drawn = runtime.stage("draw samples", || sample(planning, of.outcome, options))?;
     let posterior = of.outcome.posterior.as_ref();
     let posterior = posterior.ok_or_else(|| Error::Internal("samples were drawn of no posterior".into()))?;
-    let names = samples::names(options.number).collect();
+    let names = samples::names(options.number).chain([SAMPLES_PAGE.to_owned()]).collect();
     let mut folder = RunFolder::open(out, &Planned { reports: vec![SAMPLES.into()], names }, &[], of.command)?;
     folder.begin()?;
     let field = |name: &str| {
@@ -51,7 +55,12 @@ pub fn write_samples(of: Sampled<'_>, options: &SamplingOptions, out: &Path, run
         motions: Vec::new(),
         outputs: Vec::new(),
     };
-    runtime.stage("write samples", || samples::write(out, &of.planning.bones, posterior, &drawn, about))?;
+    let bones: Vec<u16> = posterior.bones.iter().map(|b| b.label).collect();
+    let shown = SampleSet::new(&planning.bones.volume, &bones, &drawn[..drawn.len().min(SHOWN)])?;
+    let page = || write_samples_page(out, (of.case, of.outcome), &shown, options, of.command);
+    runtime.stage("draw", page)?;
+    let write = || samples::write(out, &planning.bones, posterior, &drawn, &[SAMPLES_PAGE], about);
+    runtime.stage("write samples", write)?;
     folder.finish();
     Ok(())
 }
@@ -68,7 +77,7 @@ impl Registered {
         options: &SamplingOptions,
         runtime: &Runtime,
     ) -> Result<()> {
-        let of = Sampled { planning: &self.case.planning, outcome: &self.outcome, report, command: self.command() };
+        let of = Sampled { case: &self.case, outcome: &self.outcome, report, command: self.command() };
         write_samples(of, options, &run.join(SAMPLES_FOLDER), runtime)
     }
 }

@@ -24,6 +24,46 @@ use std::path::{Path, PathBuf};
 /// Values of a volume that are hashed at once.
 const PIECE: usize = 1 << 14;
 
+/// What of a dose that was carried is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CarriedDose {
+    /// The dose.
+    Dose,
+    /// Its standard deviation over samples of the registration: Dose Type `ERROR`, which no reader takes for a dose.
+    Deviation,
+    /// Its percentile over these samples.
+    Percentile(u8),
+}
+
+impl CarriedDose {
+    /// For UIDs, Series Description, Dose Comment (64 characters each), and Series Number.
+    fn words(self) -> (String, String, String, i32) {
+        let own = |role: &str, description: &str, comment: &str, number| {
+            (role.to_owned(), description.to_owned(), comment.to_owned(), number)
+        };
+        match self {
+            Self::Dose => own(
+                "dose",
+                "Dose carried by registration (aventail, research only)",
+                "Carried by registration, not recalculated; research only",
+                903,
+            ),
+            Self::Deviation => own(
+                "deviation of dose",
+                "Standard deviation of carried dose (aventail, research only)",
+                "1 sd over samples of the registration's error; research only",
+                910,
+            ),
+            Self::Percentile(p) => own(
+                &format!("percentile {p} of dose"),
+                &format!("Percentile {p} of carried dose (aventail, research only)"),
+                &format!("Percentile {p} over samples of the registration; no plan's dose"),
+                if p < 50 { 911 } else { 912 },
+            ),
+        }
+    }
+}
+
 /// Whether a path is that of a DICOM file to be written.
 pub fn is_dcm(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
@@ -174,23 +214,29 @@ impl Like {
         write_segmentation(out, map, &about, &self.origin(held, [format!("{:?}", map.names), from]), header)
     }
 
-    /// Writes a dose that was made of the doses of files by fields, registrations among which are referred to; returns what
-    /// is to be known.
+    /// Writes a dose (or `what` of it) that was made of the doses of files `sources` by `fields`, registrations among which are
+    /// referred to; returns what is to be known.
     ///
     /// # Errors
     /// [`Error::Write`]; [`Error::Input`] when a source is of another patient, or physical and effective doses are mixed.
-    pub fn dose(&self, out: &Path, dose: &Volume<f32>, sources: &[&Path], fields: &[&Path]) -> Result<Vec<Warning>> {
+    pub fn dose(
+        &self,
+        out: &Path,
+        dose: &Volume<f32>,
+        what: CarriedDose,
+        [sources, fields]: [&[&Path]; 2],
+    ) -> Result<Vec<Warning>> {
         let mut read: Vec<Dose> = Vec::new();
         let mut warnings = Vec::new();
         for path in sources {
-            let what = path.display().to_string();
+            let name = path.display().to_string();
             let one = if is_dicom_path(path) { Some(dose_at(path)?.value) } else { None };
-            warnings.extend(no_plan(&what, one.as_ref().map_or(&BTreeSet::new(), |one| &one.plans)));
+            warnings.extend(no_plan(&name, one.as_ref().map_or(&BTreeSet::new(), |one| &one.plans)));
             let Some(one) = one else { continue };
             self.same_patient(path, &one.series.patient)?;
             if let Some(other) = read.iter().find(|other| other.kind != one.kind) {
                 let problem = format!("its dose is {}, that of another is {}", one.kind, other.kind);
-                return Err(Error::input(what, problem, "add up doses of one type"));
+                return Err(Error::input(name, problem, "add up doses of one type"));
             }
             read.push(one);
         }
@@ -203,13 +249,15 @@ impl Like {
         };
         let registrations: Vec<[String; 2]> = fields.iter().filter_map(|path| reference_of(path)).collect();
         let registrations: Vec<[&str; 2]> = registrations.iter().map(|[a, b]| [a.as_str(), b.as_str()]).collect();
+        let (role, description, comment, number) = what.words();
+        let of_source = read.first().map_or("PHYSICAL", |one| one.kind.as_str());
         let about = DerivedDose {
-            role: "dose",
-            description: "Dose carried by registration (aventail, research only)",
-            comment: "Carried by registration, not recalculated; research only",
-            number: 903,
+            role: &role,
+            description: &description,
+            comment: &comment,
+            number,
             frame_of_reference: &self.series.frame_of_reference,
-            kind: read.first().map_or("PHYSICAL", |one| one.kind.as_str()),
+            kind: if what == CarriedDose::Deviation { "ERROR" } else { of_source },
             summation,
             plans: &plans,
             carried_by: Some(&registrations),

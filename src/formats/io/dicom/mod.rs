@@ -52,6 +52,7 @@ pub use frame::{Framed, Role, check_frames, frame_of, same_frame};
 pub(super) use image::read_dose as read_dose_image;
 pub(super) use image::{checksum, load, read_grid, read_image};
 pub use image::{describe_series, dose_at, missing_images};
+pub use like::CarriedDose;
 pub(super) use place::{folder_of, is_place, require};
 pub use place::{is_dicom_path, is_segmentation, is_structure_set};
 pub(super) use segmentation::{Segment, bone_or_name, on_grid, read_segmentation};

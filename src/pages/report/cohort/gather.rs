@@ -1,6 +1,6 @@
 //! Runs in folders: found, read, and written as one summary.
 
-use super::{Cohort, Member};
+use super::{Cohort, CourseDose, Member};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::findings;
@@ -35,21 +35,34 @@ impl Summary {
     /// the one that its DICOM names, unless the summary is to be anonymous, else the folder around it.
     ///
     /// With `out`, a folder, `summary.json`, `summary.csv` and `summary.html` are written there, and folders of runs are
-    /// named as seen from it; without it as seen from the current folder. `command` is what asked for it.
+    /// named as seen from it; without it as seen from the current folder. `command` is what asked for it. `doses` are the files
+    /// beside doses that were accumulated with samples.
     ///
     /// # Errors
     /// [`Error::Input`] where a folder holds no run; [`Error::Read`] when a report cannot be read; [`Error::Write`].
-    pub fn of(folders: &[PathBuf], anonymous: bool, out: Option<&Path>, command: &str) -> Result<Self> {
+    pub fn of(
+        folders: &[PathBuf],
+        doses: &[PathBuf],
+        anonymous: bool,
+        out: Option<&Path>,
+        command: &str,
+    ) -> Result<Self> {
         let found = RunFound::in_folders(folders)?;
         let files: Vec<&Path> = found.reports.iter().map(PathBuf::as_path).collect();
-        let held = out.map(|out| RunFolder::open(out, &planned(), &files, command)).transpose()?;
+        let all: Vec<&Path> = files.iter().copied().chain(doses.iter().map(PathBuf::as_path)).collect();
+        let held = out.map(|out| RunFolder::open(out, &planned(), &all, command)).transpose()?;
         let seen_from = out.unwrap_or(Path::new("."));
         let members = files.iter().map(|path| member(path, seen_from, anonymous)).collect::<Result<_>>()?;
         let unfinished = found.unfinished.iter().map(|p| p.display().to_string()).collect();
-        let cohort = Cohort::new(members, unfinished, command.to_owned());
+        let mut cohort = Cohort::new(members, unfinished, command.to_owned());
         let mut inputs =
             files.iter().map(|path| InputFile::read(InputRole::Report, path)).collect::<Result<Vec<_>>>()?;
         inputs.iter_mut().for_each(|input| input.path = relative_to(seen_from, &input.path));
+        for path in doses {
+            let (dose, input) = CourseDose::read(path, seen_from)?;
+            cohort.doses.push(dose);
+            inputs.push(input);
+        }
         let mut summary = Self { cohort, inputs, outputs: Vec::new() };
         if let (Some(out), Some(held)) = (out, held) {
             summary.write(out, held)?;

@@ -1,5 +1,6 @@
 //! Many runs side by side: a table of their figures, what stands apart, and each patient's course over the fractions.
 
+mod doses;
 mod figures;
 mod fractions;
 mod gather;
@@ -7,6 +8,7 @@ mod odd;
 mod page;
 mod text;
 
+pub use doses::CourseDose;
 pub use fractions::Fractions;
 pub use gather::Summary;
 
@@ -96,6 +98,9 @@ pub struct Cohort {
     pub unfinished: Vec<String>,
     /// What was found of several runs.
     pub warnings: Vec<Warning>,
+    /// Doses over the course with their intervals, where they were given.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub doses: Vec<CourseDose>,
 }
 
 impl Cohort {
@@ -111,7 +116,8 @@ impl Cohort {
         }
         let warnings = several_plannings(&mut runs);
         let created = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-        Self { version: env!("CARGO_PKG_VERSION").into(), created, command, medians, runs, unfinished, warnings }
+        let (version, doses) = (env!("CARGO_PKG_VERSION").into(), Vec::new());
+        Self { version, created, command, medians, runs, unfinished, warnings, doses }
     }
 
     /// The runs of each patient.

@@ -3,6 +3,7 @@
 use super::super::html::head;
 use super::super::numbers::utc;
 use super::super::viewer::policy;
+use super::doses;
 use super::figures::{FigureOfRuns, KINDS};
 use super::text::{counts, stand_out, value, why};
 use super::{Cohort, Member};
@@ -54,6 +55,7 @@ pub(super) fn page(cohort: &Cohort) -> String {
                 h2 { "Courses over the fractions" }
                 p.note { "One scale for all patients in each column; the line is the cohort's median, orange what stands apart." }
                 (courses(cohort, &shown))
+                (doses::section(&cohort.doses))
                 section.limits {
                     h2 { "Limits" }
                     p { "Research software, not a medical device. No figure here replaces a look at the run's own report." }
@@ -73,14 +75,16 @@ pub(super) fn report_link(m: &Member) -> String {
 /// What stands apart, and what is not finished.
 fn first(cohort: &Cohort) -> Markup {
     let odd = stand_out(cohort);
+    let open: Vec<String> = cohort.doses.iter().flat_map(doses::CourseDose::doubtful).collect();
     html! {
         @if odd.is_empty() { p { "Every finished run passes its own rules, and no figure of any run stands apart." } }
-        @if !odd.is_empty() || !cohort.unfinished.is_empty() || !cohort.warnings.is_empty() {
+        @if !odd.is_empty() || !cohort.unfinished.is_empty() || !cohort.warnings.is_empty() || !open.is_empty() {
             ul.warnings {
                 @for w in &cohort.warnings { li { code { (w.code) } (w.message) } }
                 @for m in odd {
                     li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m)) }
                 }
+                @for limit in &open { li { (limit) } }
                 @for folder in &cohort.unfinished { li { code { "unfinished" } (folder) } }
             }
         }

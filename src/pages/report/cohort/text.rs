@@ -109,6 +109,9 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
     for w in &cohort.warnings {
         let _ = writeln!(text, "  warning ({}): {}", w.code, w.message);
     }
+    for limit in cohort.doses.iter().flat_map(super::CourseDose::doubtful) {
+        let _ = writeln!(text, "  limit of {limit}");
+    }
     for folder in &cohort.unfinished {
         let _ = writeln!(text, "  unfinished: {folder}");
     }

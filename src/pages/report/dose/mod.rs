@@ -1,10 +1,12 @@
 //! Dose-volume histograms as CSV, picture, page and text; pages of doses.
 
+mod intervals;
 mod isodose;
 mod page;
 
+pub use intervals::{LimitDecision, SampledDose};
 pub use isodose::{Levels, differences, isodoses};
-pub use page::{BROKEN, DosePage, DosePicture, DoseTable, KEPT, UNDECIDED};
+pub use page::{DosePage, DosePicture, DoseTable};
 
 use super::canvas::{Canvas, Rgb};
 use super::chart::{Band, COLOURS, Curve, chart, chart_with_bands};
@@ -23,12 +25,15 @@ pub struct DoseDvh {
     pub name: String,
     /// Each structure.
     pub structures: Vec<Dvh>,
+    /// Intervals, where samples of a registration carried the structures to the dose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples: Option<SampledDose>,
     /// What is worth knowing of the dose and of where the structures lie in it.
     pub warnings: Vec<Warning>,
 }
 
-/// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists; returns the
-/// picture. `colours`: those of the structures, in their order, where they have their own.
+/// Writes `dvh.csv` (cumulative curves), `dvh_figures.csv`, `dvh.png` and `dvh.json` into a folder that exists, and
+/// `dvh_intervals.csv` where samples tell intervals; returns the picture. `colours`: those of the structures, in their order, where they have their own.
 ///
 /// # Errors
 /// [`Error::Write`] when a file cannot be written.
@@ -38,8 +43,15 @@ pub fn write_dvh(folder: &Path, doses: &[DoseDvh], colours: &[Option<[u8; 3]>]) 
     write_file(folder.join("dvh.csv"), |out| out.write_all(&curves))?;
     let figures = figures(doses).map_err(internal)?;
     write_file(folder.join("dvh_figures.csv"), |out| out.write_all(&figures))?;
+    if doses.iter().any(|dose| dose.samples.is_some()) {
+        let intervals = intervals(doses).map_err(internal)?;
+        write_file(folder.join("dvh_intervals.csv"), |out| out.write_all(&intervals))?;
+    }
     write_json(folder.join("dvh.json"), doses)?;
-    let picture = dvh_picture(doses, colours)?;
+    let picture = match doses {
+        [DoseDvh { samples: Some(samples), .. }] => banded_picture(&doses[0], &samples.structures, colours)?,
+        doses => dvh_picture(doses, colours)?,
+    };
     write_file(folder.join("dvh.png"), |out| out.write_all(&picture.png))?;
     Ok(picture)
 }
@@ -141,6 +153,18 @@ fn figures(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
     Ok(table.into_bytes()?)
 }
 
+/// One line per dose, structure and figure with its 90 % interval.
+fn intervals(doses: &[DoseDvh]) -> std::result::Result<Vec<u8>, csv::Error> {
+    let mut table = crate::io::Sheet::default();
+    table.write_record(["dose", "structure", "figure", "unit", "value", "low", "high"])?;
+    for (dose, samples) in doses.iter().filter_map(|d| Some((d, d.samples.as_ref()?))) {
+        for line in samples.lines() {
+            table.write_record(std::iter::once(dose.name.clone()).chain(line))?;
+        }
+    }
+    Ok(table.into_bytes()?)
+}
+
 /// A curve for each structure; the first dose is thick.
 fn plot(doses: &[DoseDvh], colours: &[Option<Rgb>]) -> Canvas {
     let all = || doses.iter().flat_map(|d| &d.structures);
@@ -193,6 +217,7 @@ pub fn dvh_table(doses: &[DoseDvh]) -> String {
             }
         }
         out.push('\n');
+        out += &dose.samples.as_ref().map(SampledDose::text).unwrap_or_default();
         for w in &dose.warnings {
             writeln!(out, "  warning ({}): {}", w.code, w.message).expect("writing to a string does not fail");
         }
@@ -217,7 +242,7 @@ mod tests {
             v: vec![Share { gy: 20.0, percent: 12.5 }],
             ..Dvh::default()
         };
-        DoseDvh { name: "plan".into(), structures: vec![s], warnings: Vec::new() }
+        DoseDvh { name: "plan".into(), structures: vec![s], samples: None, warnings: Vec::new() }
     }
 
     #[test]

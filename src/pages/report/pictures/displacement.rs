@@ -6,6 +6,7 @@ use super::super::plane::{Plane, hu_at, nearest};
 use super::legend::sheet;
 use super::{PictureScene, Plate};
 use crate::evaluate::jacobian::TISSUE_HU;
+use crate::sampling::SampleSet;
 use crate::stats::percentile;
 use crate::volume::trilinear_vector;
 use nalgebra::{Point3, Vector3};
@@ -20,39 +21,9 @@ type Arrow = ([f64; 2], Vector3<f64>);
 
 /// The in-plane part of the push field as arrows at the planning positions.
 pub(super) fn draw(scene: &PictureScene<'_>) -> Plate {
-    let arrows: Vec<Vec<Arrow>> = scene.planning.iter().map(|plane| arrows(scene, plane)).collect();
-    let scale = scene.planning[0].scale;
-    let top = ceil_nice(high_percentile(arrows.iter().flatten().map(|(_, u)| u.norm()), 99.0));
-    let in_plane =
-        arrows.iter().zip(&scene.planning).flat_map(|(list, plane)| list.iter().map(move |(_, u)| in_plane(plane, u)));
-    let zoom = zoom(high_percentile(in_plane, 95.0) * scale);
-    let rows: Vec<Canvas> = scene
-        .planning
-        .iter()
-        .zip(&scene.planning_hu)
-        .zip(&arrows)
-        .map(|((plane, hu), list)| {
-            let mut panel = plane.paint(|_, n| grey(0.75 * stepped(tone(f64::from(hu[n])))));
-            for (foot, u) in list {
-                let [dx, dy] = plane.vector(&(u * zoom));
-                let colour = magnitude(u.norm() / top);
-                let tip = [foot[0] + dx, foot[1] + dy];
-                panel.line(*foot, tip, 5.5, mix(colour, [0; 3], 0.85));
-                panel.arrow(*foot, tip, 3.2, colour);
-            }
-            plane.row(&panel, [0; 3], [255; 3], [0; 3])
-        })
-        .collect();
-    let key_mm = floor_nice(110.0 / (scale * zoom));
-    let canvas = sheet(&rows, 1, |legend| {
-        let ticks: Vec<_> = (0..=4).map(|i| (f64::from(i) / 4.0, short(top * f64::from(i) / 4.0))).collect();
-        legend.bar("mm", 420.0, magnitude, &ticks);
-        let long = key_mm * scale * zoom;
-        legend.canvas.arrow([legend.x, legend.y], [legend.x + long, legend.y], 3.2, [31, 41, 55]);
-        legend.x += long + 14.0;
-        let size = if (zoom - 1.0).abs() < 1e-9 { String::new() } else { format!(", drawn x {zoom}") };
-        legend.text(&format!("{key_mm} mm{size}"));
-    });
+    let field = &scene.outcome.push.displacement;
+    let list = |plane: &Plane| arrows(scene, plane, |p| trilinear_vector(field, &field.grid().index(p)));
+    let arrows = ArrowRows::new(scene, scene.planning.iter().map(list).collect());
     Plate {
         file: "displacement.png",
         title: "Displacement",
@@ -61,13 +32,95 @@ pub(super) fn draw(scene: &PictureScene<'_>) -> Plate {
              {}.",
             scene.focus
         ),
-        canvas,
+        canvas: arrows.sheet(scene, arrows.scale(scene)),
     }
 }
 
-/// Arrows on a regular raster, in tissue only.
-fn arrows(scene: &PictureScene<'_>, plane: &Plane) -> Vec<Arrow> {
+/// What each of some samples adds to the push field, drawn at one scale.
+pub(super) fn of_samples(scene: &PictureScene<'_>, samples: &SampleSet, files: &[&'static str]) -> Vec<Plate> {
     let field = &scene.outcome.push.displacement;
+    let one = |n: usize| {
+        let added = |x: &Point3<f64>| {
+            let u = trilinear_vector(field, &field.grid().index(x))?;
+            Some(samples.one(n, x, &(x + u)))
+        };
+        ArrowRows::new(scene, scene.planning.iter().map(|plane| arrows(scene, plane, added)).collect())
+    };
+    let all: Vec<ArrowRows> = (0..files.len()).map(one).collect();
+    let scales = all.iter().map(|rows| rows.scale(scene));
+    let scale = scales.fold(ArrowScale { top: 0.0, zoom: f64::MAX }, |a, b| ArrowScale {
+        top: a.top.max(b.top),
+        zoom: a.zoom.min(b.zoom),
+    });
+    let plate = |(n, (rows, file)): (usize, (&ArrowRows, &&'static str))| Plate {
+        file,
+        title: "What a sample adds",
+        caption: format!("Sample {} minus the registration that was found, over the planning CT.", n + 1),
+        canvas: rows.sheet(scene, scale),
+    };
+    all.iter().zip(files).enumerate().map(plate).collect()
+}
+
+/// Greatest length that has a colour of its own, mm, and how much longer than true arrows are drawn.
+#[derive(Clone, Copy)]
+struct ArrowScale {
+    top: f64,
+    zoom: f64,
+}
+
+/// Arrows on the planes of a scene.
+struct ArrowRows(Vec<Vec<Arrow>>);
+
+impl ArrowRows {
+    fn new(scene: &PictureScene<'_>, rows: Vec<Vec<Arrow>>) -> Self {
+        debug_assert_eq!(rows.len(), scene.planning.len());
+        Self(rows)
+    }
+
+    /// By which these arrows are legible.
+    fn scale(&self, scene: &PictureScene<'_>) -> ArrowScale {
+        let top = ceil_nice(high_percentile(self.0.iter().flatten().map(|(_, u)| u.norm()), 99.0));
+        let rows = self.0.iter().zip(&scene.planning);
+        let in_plane = rows.flat_map(|(list, plane)| list.iter().map(move |(_, u)| in_plane(plane, u)));
+        ArrowScale { top, zoom: zoom(high_percentile(in_plane, 95.0) * scene.planning[0].scale) }
+    }
+
+    /// A plane a row, with its legend.
+    fn sheet(&self, scene: &PictureScene<'_>, ArrowScale { top, zoom }: ArrowScale) -> Canvas {
+        let scale = scene.planning[0].scale;
+        let planes = scene.planning.iter().zip(&scene.planning_hu).zip(&self.0);
+        let rows: Vec<Canvas> = planes
+            .map(|((plane, hu), list)| {
+                let mut panel = plane.paint(|_, n| grey(0.75 * stepped(tone(f64::from(hu[n])))));
+                for (foot, u) in list {
+                    let [dx, dy] = plane.vector(&(u * zoom));
+                    let colour = magnitude(u.norm() / top);
+                    let tip = [foot[0] + dx, foot[1] + dy];
+                    panel.line(*foot, tip, 5.5, mix(colour, [0; 3], 0.85));
+                    panel.arrow(*foot, tip, 3.2, colour);
+                }
+                plane.row(&panel, [0; 3], [255; 3], [0; 3])
+            })
+            .collect();
+        let key_mm = floor_nice(110.0 / (scale * zoom));
+        sheet(&rows, 1, |legend| {
+            let ticks: Vec<_> = (0..=4).map(|i| (f64::from(i) / 4.0, short(top * f64::from(i) / 4.0))).collect();
+            legend.bar("mm", 420.0, magnitude, &ticks);
+            let long = key_mm * scale * zoom;
+            legend.canvas.arrow([legend.x, legend.y], [legend.x + long, legend.y], 3.2, [31, 41, 55]);
+            legend.x += long + 14.0;
+            let size = if (zoom - 1.0).abs() < 1e-9 { String::new() } else { format!(", drawn x {zoom}") };
+            legend.text(&format!("{key_mm} mm{size}"));
+        })
+    }
+}
+
+/// Arrows of `field` on a regular raster, in tissue only.
+fn arrows(
+    scene: &PictureScene<'_>,
+    plane: &Plane,
+    field: impl Fn(&Point3<f64>) -> Option<Vector3<f64>>,
+) -> Vec<Arrow> {
     let mut out = Vec::new();
     for y in (SPACING / 2..plane.height).step_by(SPACING) {
         for x in (SPACING / 2..plane.width).step_by(SPACING) {
@@ -75,7 +128,7 @@ fn arrows(scene: &PictureScene<'_>, plane: &Plane) -> Vec<Arrow> {
             let p: Point3<f64> = plane.world(foot[0], foot[1]);
             let tissue = hu_at(&scene.case.planning.ct, &p).is_some_and(|hu| hu > f64::from(TISSUE_HU));
             if tissue && nearest(&scene.outcome.body, &p) == Some(true) {
-                out.extend(trilinear_vector(field, &field.grid().index(&p)).map(|u| (foot, u)));
+                out.extend(field(&p).map(|u| (foot, u)));
             }
         }
     }
@@ -132,7 +185,8 @@ mod tests {
         outcome.push.displacement = outcome.push.displacement.map(|_| [3.0, 4.0, 12.0]);
         let scene = PictureScene::new(&case, &outcome);
         let axial = &scene.planning[0];
-        let arrows = arrows(&scene, axial);
+        let field = &scene.outcome.push.displacement;
+        let arrows = arrows(&scene, axial, |p| trilinear_vector(field, &field.grid().index(p)));
         assert!(arrows.len() > 50);
         for (foot, u) in &arrows {
             assert!((u.norm() - 13.0).abs() < 1e-6 && (in_plane(axial, u) - 5.0).abs() < 1e-6);

@@ -20,6 +20,7 @@ use crate::concepts::transfer_functions;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
+use crate::sampling::SampleSet;
 pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
 pub(super) use fusion::LEAST_SHIFT_MM;
@@ -64,6 +65,20 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
     let mut pictures = pictures?;
     pictures.extend([couch?, lung?].into_iter().flatten());
     Ok(pictures)
+}
+
+/// What each of the first samples adds to the registration, a picture each at one scale; as many as `files` has names.
+///
+/// # Errors
+/// [`crate::error::Error::Internal`] when a picture cannot be encoded.
+pub(super) fn of_samples(
+    case: &Case,
+    outcome: &Outcome,
+    samples: &SampleSet,
+    files: &[&'static str],
+) -> Result<Vec<Picture>> {
+    let scene = PictureScene::new(case, outcome);
+    displacement::of_samples(&scene, samples, files).into_iter().map(Plate::encoded).collect()
 }
 
 /// The material transfer function of the run; nothing when its settings do not hold one.

@@ -1,6 +1,6 @@
 //! Results beside a scan.
 
-use super::super::like::Like;
+use super::super::like::{CarriedDose, Like};
 use super::make::*;
 use crate::io::{read_image, read_label_map};
 use crate::volume::LabelMap;
@@ -22,9 +22,25 @@ fn a_result_beside_the_scan_of_another_patient_is_refused() {
     let dose = write(out.path(), "RD.dcm", &dose("1.5.60", &[0.0, 4.0, 8.0], |n| n as u16));
     let volume = read_image(&dose).unwrap().value;
     let file = out.path().join("c.dcm");
-    let error = strange.dose(&file, &volume, &[&dose], &[]).unwrap_err();
+    let error = strange.dose(&file, &volume, CarriedDose::Dose, [&[&dose], &[]]).unwrap_err();
     assert!(error.to_string().contains("another patient") && !file.exists(), "{error}");
-    same.dose(&file, &volume, &[&dose], &[]).unwrap();
+    same.dose(&file, &volume, CarriedDose::Dose, [&[&dose], &[]]).unwrap();
+    // A deviation is no dose to any reader, and each object of a dose is its own.
+    let objects = [CarriedDose::Dose, CarriedDose::Deviation, CarriedDose::Percentile(5), CarriedDose::Percentile(95)]
+        .map(|what| {
+            same.dose(&file, &volume, what, [&[&dose], &[]]).unwrap();
+            let object = dicom_object::open_file(&file).unwrap();
+            assert_eq!(read_image(&file).is_err(), what == CarriedDose::Deviation, "{what:?}");
+            let text = |tag| object.element(tag).unwrap().to_str().unwrap().trim().to_owned();
+            assert_eq!(text(tags::DOSE_TYPE), if what == CarriedDose::Deviation { "ERROR" } else { "PHYSICAL" });
+            let words = [tags::SERIES_DESCRIPTION, tags::DOSE_COMMENT].map(text);
+            assert!(words.iter().all(|words| words.len() <= 64), "{words:?}");
+            [tags::SOP_INSTANCE_UID, tags::SERIES_INSTANCE_UID, tags::SERIES_NUMBER].map(text)
+        });
+    for n in 0..3 {
+        let own: std::collections::BTreeSet<&String> = objects.iter().map(|object| &object[n]).collect();
+        assert_eq!(own.len(), 4, "{objects:?}");
+    }
     assert!(strange.field(&file, &ct.map(|_| [0.0; 3]), &same).is_err());
     // Labels that come from a segmentation tell whose they are.
     let labels = LabelMap { volume: ct.map(|hu| u16::from(*hu > 1500.0)), names: [(1, "a".to_owned())].into() };

@@ -1,0 +1,75 @@
+//! The page of a run's samples: what the first of them add to the registration, in turns.
+
+use super::html::{data_url, head};
+use super::pictures::of_samples;
+use super::viewer::policy;
+use crate::error::Result;
+use crate::io::write_file;
+use crate::pipeline::{Case, Outcome};
+use crate::sampling::{SampleSet, SamplingOptions};
+use maud::{DOCTYPE, html};
+use std::path::Path;
+
+/// The page's file.
+pub const SAMPLES_PAGE: &str = "samples.html";
+/// Samples that are drawn.
+const DRAWN: [&str; 3] = ["sample_1.png", "sample_2.png", "sample_3.png"];
+/// They are shown in turns; who wants less motion, and paper, gets one below the other.
+const STYLE: &str = "
+.turns { position: relative; }
+.turns figure { margin: 0; }
+.turns img { width: 100%; display: block; }
+@media screen and (prefers-reduced-motion: no-preference) {
+  .turns figure { animation: turn 3.6s step-end infinite; }
+  .turns figure + figure { position: absolute; inset: 0; }
+  .turns figure:nth-child(2) { animation-delay: -2.4s; }
+  .turns figure:nth-child(3) { animation-delay: -1.2s; }
+  .turns:hover figure { animation-play-state: paused; }
+  @keyframes turn { 0% { opacity: 1; } 33.34% { opacity: 0; } 100% { opacity: 0; } }
+}
+";
+
+/// Writes the page of samples of a run into `folder`; everything that it needs is inside.
+///
+/// # Errors
+/// [`crate::Error::Write`] when the file cannot be written.
+pub fn write_samples_page(
+    folder: &Path,
+    (case, outcome): (&Case, &Outcome),
+    samples: &SampleSet,
+    options: &SamplingOptions,
+    command: &str,
+) -> Result<()> {
+    let files = &DRAWN[..DRAWN.len().min(samples.number())];
+    let pictures = of_samples(case, outcome, samples, files)?;
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            (head("aventail: samples of a registration", STYLE, &policy(false)))
+            body {
+                div.sheet {
+                    header {
+                        p.brand { "aventail \u{b7} samples" }
+                        h1 { "How far this registration may be off" }
+                    }
+                    p {
+                        (options.number) " registrations that may be as right as the one that was found (seed " (options.seed) ", scale "
+                        (options.scale) "). Each picture shows what one of the first adds to it: bones move as wholes, neighbours "
+                        "together, and soft tissue varies over some millimetres. Hold the pointer over the picture to stop at one."
+                    }
+                    div.turns {
+                        @for p in &pictures {
+                            figure { img alt=(p.caption) src=(data_url(&p.png)); figcaption { (p.caption) } }
+                        }
+                    }
+                }
+                div.end {
+                    pre { span.clip { (command) } }
+                    footer { "aventail " (env!("CARGO_PKG_VERSION")) ". Lengths in mm. Calibration: docs/decisions/samples.md." }
+                }
+            }
+        }
+    };
+    let page = page.into_string();
+    write_file(folder.join(SAMPLES_PAGE), |out| out.write_all(page.as_bytes()))
+}
