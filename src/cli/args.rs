@@ -22,7 +22,7 @@ pub struct RunArgs {
     /// Threads.
     #[command(flatten)]
     pub work: ThreadArgs,
-    /// Leave the volumes out of report.html: its pictures stay, there is nothing to scroll through, and the file is smaller
+    /// Leave the volumes out of report.html: a smaller file with pictures but no planes to scroll through
     #[arg(long)]
     pub no_view: bool,
     /// How the result is told.

@@ -20,7 +20,7 @@ pub struct ClinicArgs {
     /// Leave the patient's identity out of the report and of DICOM (UIDs of study and series stay, and names of files)
     #[arg(long)]
     pub anonymous: bool,
-    /// Planning and fraction truly lie in one frame of reference: what is written of the fraction stays in it
+    /// Planning and fraction really share one frame of reference: keep it in what is written
     #[arg(long)]
     pub same_frame: bool,
 }

@@ -31,7 +31,7 @@ pub struct FigureArgs {
     /// The plane
     #[arg(long, value_enum)]
     pub plane: PlaneName,
-    /// Where it lies: x of a sagittal, y of a coronal, z of an axial plane, LPS mm; the middle of the scan without
+    /// Where it lies: x of a sagittal, y of a coronal, z of an axial plane, LPS mm (default: the middle of the scan)
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     pub at: Option<f64>,
     /// The file: .svg or .png

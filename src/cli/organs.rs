@@ -9,8 +9,8 @@ use std::path::PathBuf;
 /// Options on organs.
 #[derive(Debug, Args, Clone, Default)]
 pub struct OrganArgs {
-    /// Labels of organs on the planning grid, beside those of the bones: a map with names, a mask named by its file, or a
-    /// DICOM structure set, of which the organs count that the settings name
+    /// Labels of organs on the planning grid, beside those of the bones: a map with names, a mask named by its file, or a DICOM
+    /// structure set (only organs named in the settings are used)
     #[arg(long, value_name = "FILE")]
     pub organs: Option<PathBuf>,
     /// Volume of an organ in the fraction over that in planning, for example parotid_left=0.8; repeat it for several

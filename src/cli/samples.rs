@@ -12,8 +12,8 @@ use clap::Args;
 use std::path::PathBuf;
 
 pub(super) const AFTER: &str = "\
-Each sample is a registration that may be as right as the one that was found: bones are drawn from what the fit leaves open,
-neighbours together, and soft tissue varies as the run's map of uncertainty says, alike over some millimetres.
+Each sample is another registration that fits about as well: bones vary as far as the fit leaves them open, neighbours
+together, and soft tissue varies by the map of uncertainty, correlated over some millimetres.
 `aventail dose map|accumulate --samples` tells with them how far a dose may be off.
 
 Writes to the folder `samples` of the run (or --out): samples.json, bones.nii.gz and sample_001.nii.gz onwards; each is added to
@@ -45,13 +45,13 @@ pub struct SamplesArgs {
 /// How samples are drawn.
 #[derive(Debug, Args, Clone, Copy)]
 pub struct DrawnArgs {
-    /// How many samples: 50 tell a 90 % interval
+    /// Number of samples; 50 are enough for a 90 % interval
     #[arg(long, value_name = "N", default_value_t = SamplingOptions::default().number)]
     pub number: usize,
     /// Seed: the same samples for the same run and seed
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Standard deviation of each component of soft tissue over the map of uncertainty
+    /// Soft tissue's standard deviation per component, as a multiple of the map of uncertainty
     #[arg(long, value_name = "FACTOR", default_value_t = SamplingOptions::default().scale)]
     pub scale: f64,
 }

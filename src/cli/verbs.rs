@@ -56,13 +56,13 @@ pub enum Verb {
     /// Measure any displacement field, ours or another tool's, or several side by side
     #[command(after_help = super::evaluate::AFTER)]
     Evaluate(Box<super::evaluate::EvaluateArgs>),
-    /// Draw plausible registrations beside the one that a finished run has found, to tell what its error means for a dose
+    /// Draw samples of a finished registration's error, to see what it means for a dose
     #[command(after_help = super::samples::AFTER)]
     Samples(super::samples::SamplesArgs),
     /// Carry dose through a field, accumulate it, compare it, read dose-volume histograms
     #[command(subcommand)]
     Dose(Box<super::dose::DoseVerb>),
-    /// Gather many runs into one table and one page: figures, what stands apart, each patient's course over the fractions
+    /// Summarise many runs in one table and one page: figures, outliers, each patient's course over the fractions
     #[command(after_help = super::summary::HELP)]
     Summary(super::summary::SummaryArgs),
     /// Show what files hold: geometry, orientation, labels, field direction; and whether they share a grid
@@ -73,13 +73,13 @@ pub enum Verb {
     /// Draw one plane of a finished run for papers and slides: fusion, displacement, Jacobian or uncertainty, as SVG or PNG
     #[command(after_help = super::figure::AFTER)]
     Figure(super::figure::FigureArgs),
-    /// Time the hot paths on a scene of clinical size, beside what the memory allows
+    /// Time the slowest steps on a scan of clinical size and compare them with the memory's bandwidth
     #[command(after_help = super::bench::HELP)]
     Bench(super::bench::BenchArgs),
-    /// Draw error against run time over the settings that matter
+    /// Plot error against run time for the main settings
     #[command(after_help = super::curve::HELP)]
     Curve(Box<super::curve::CurveArgs>),
-    /// Be a module of 3D Slicer
+    /// Run as a 3D Slicer module
     #[command(subcommand, after_help = super::slicer::HELP)]
     Slicer(super::slicer::SlicerVerb),
     /// Write the help of every verb as manual pages

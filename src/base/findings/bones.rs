@@ -29,12 +29,12 @@ findings! {
     );
     BONES_AUTO_CHANGED = refused(
         "bones-auto-changed",
-        "Labels that `--bones auto` made are no longer what its record beside them says.",
+        "The labels made by `--bones auto` have changed since its record was written.",
         "Give the label map with --bones if it was corrected by hand; else remove both files, and they are made anew.",
     );
     BONES_AUTO_PARTIAL = warned(
         "bones-auto-partial",
-        "A further task of TotalSegmentator failed: the mandible or the hyoid has no label and moves with what is about it.",
+        "A further task of TotalSegmentator failed: the mandible or the hyoid has no label and moves with the surrounding tissue.",
         "Read what TotalSegmentator says when that task is run by hand.",
     );
     BONES_BY_LABEL = doubted(
@@ -64,12 +64,12 @@ findings! {
     );
     BONES_OVERLAP = doubted(
         "bones-overlap",
-        "Moved bones lie in each other.",
+        "After the registration, bones overlap.",
         "Check labels and fusion images of the two bones.",
     );
     BONES_UNNAMED = refused_or_warned(
         "bones-unnamed",
-        "Structures of a structure set have names that are no bone's: refused where none is a bone or none lies in the image.",
+        "Some structures are not named as bones. Refused if none is, or if none lies in the image.",
         "Name them as TG-263 or TotalSegmentator do, or give a TOML file of names with --labels.",
     );
     FRACTION_LABEL_CONTRADICTS = doubted(

@@ -14,7 +14,7 @@ findings! {
     );
     DICOM_DAMAGED = refused_or_warned(
         "dicom-damaged",
-        "A file beside what is read is damaged, empty or unreadable: refused where it may be a part of it.",
+        "A file in the same folder is damaged, empty or unreadable. Refused if it may belong to the series.",
         "Copy or export the series again; move what is no part of it elsewhere.",
     );
     DICOM_DUPLICATES = refused_or_warned(
@@ -59,7 +59,7 @@ findings! {
     );
     DICOM_NO_CT = refused(
         "dicom-no-ct",
-        "A CT series is asked for, and what is given is none: MR, PET, a structure set, a plan.",
+        "A CT series is needed; this is MR, PET, a structure set or a plan.",
         "Give the folder of a CT series.",
     );
     DICOM_NO_DOSE = refused(
@@ -74,7 +74,7 @@ findings! {
     );
     DICOM_ONE_FRAME = doubted(
         "dicom-one-frame",
-        "Planning and fraction claim one frame of reference, as if the patient had not been set up anew.",
+        "Planning and fraction claim one frame of reference, although the patient was set up anew.",
         "Export both with their own frames of reference; give --same-frame where one is true.",
     );
     DICOM_PADDING = warned(
@@ -94,7 +94,7 @@ findings! {
     );
     DICOM_UNIT = refused_or_warned(
         "dicom-unit",
-        "The values of a series are no HU by their Rescale Type, or of a unit that is not told.",
+        "The Rescale Type says that the values are not HU, or gives no unit.",
         "Give the series in HU of the same scan.",
     );
 }

@@ -9,7 +9,7 @@ findings! {
     );
     DOSE_KIND = warned(
         "dose-kind",
-        "A dose is no physical dose, for example weighted by biological effect.",
+        "This is not a physical dose; it is, for example, weighted by biological effect.",
         "Do not sum it with physical doses.",
     );
     DOSE_NEGATIVE = warned(
@@ -54,7 +54,7 @@ findings! {
     );
     SAMPLES_OF_ANOTHER_RUN = refused(
         "samples-of-another-run",
-        "Samples were drawn of another registration than the field that the dose is carried through.",
+        "The samples belong to another registration than the field that carries the dose.",
         "Give the samples of the run that the field is of.",
     );
     FOLDS_IN_STEEP_DOSE = warned(

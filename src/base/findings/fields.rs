@@ -9,7 +9,7 @@ findings! {
     );
     FIELD_DIRECTION = refused_or_doubted(
         "field-direction",
-        "A field is used the other way round than its header tells, or lies on the grid of the wrong image for its role.",
+        "The field is used against the direction in its header, or lies on the wrong image's grid.",
         "Give it as the field of the other direction, or the field that belongs there.",
     );
     FOLDED = warned(
@@ -25,7 +25,7 @@ findings! {
     LANDMARKS_OUTSIDE = doubted(
         "landmarks-outside",
         "Landmarks lie where no displacement was computed: in air, or outside the patient.",
-        "Check their positions and their space (LPS or RAS); their residuals tell nothing of the tissue.",
+        "Check their positions and their space (LPS or RAS); their residuals do not measure the tissue.",
     );
     LANDMARKS_WORSE = doubted(
         "landmarks-worse",
@@ -44,12 +44,12 @@ findings! {
     );
     POSTURES_IMPLAUSIBLE = refused(
         "postures-implausible",
-        "Draw after draw is implausible.",
+        "Too many drawn postures are implausible.",
         "Lower the deviations, or raise the limits.",
     );
     SKIN_MEETS_SKIN = doubted(
         "skin-meets-skin",
-        "The moved patient lies on himself: skin passes through skin.",
+        "In the moved patient, skin passes through skin.",
         "Do not trust dose or contours there.",
     );
     SLIDING = warned(

@@ -39,7 +39,7 @@ findings! {
     );
     NO_SPACING = doubted(
         "no-spacing",
-        "A header does not tell how far voxels lie apart; 1 mm is taken.",
+        "The header has no voxel spacing; 1 mm is assumed.",
         "Write the file with its spacing.",
     );
     NOT_SCALED = warned(
@@ -84,7 +84,7 @@ findings! {
     );
     RUN_CHANGED = refused(
         "run-changed",
-        "Files of a run are missing, changed, or of another run than its report tells of.",
+        "Files of the run are missing, changed, or belong to another run than its report.",
         "Run it again into a new folder.",
     );
     SFORM_QFORM_DISAGREE = warned(

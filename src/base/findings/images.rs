@@ -24,7 +24,7 @@ findings! {
     );
     FRACTION_TURNED = refused(
         "fraction-turned",
-        "No bones are found; turned or mirrored otherwise they would be.",
+        "No bones are found as the headers stand; with another orientation they would be.",
         "Correct the direction in the wrong header, or give scans of one position of the patient.",
     );
     HU_DOUBTFUL = doubted(
@@ -34,7 +34,7 @@ findings! {
     );
     IMAGES_MISLEAD = doubted(
         "images-mislead",
-        "Images draw soft tissue and agree no better for it, as with streaks of metal, noise or another machine's grey values.",
+        "The images move soft tissue without agreeing better: metal streaks, noise or grey values of another machine.",
         "Bones alone carry that tissue; look at the fusion there, and at the map of uncertainty.",
     );
     LEVEL_UNSURE = doubted(
@@ -79,12 +79,12 @@ findings! {
     );
     START_SEARCHED = warned(
         "start-searched",
-        "All bones together do not tell where the patient lies; single bones proposed the start, and the joints chose.",
+        "One motion of all bones did not locate the patient; single bones proposed starts, and the joints chose one.",
         "Look at the bones named in the fusion images; where it is wrong, give --start or --bone-landmarks.",
     );
     WEAK_START = doubted(
         "weak-start",
-        "One motion of all bones explains little of their contrast; or, in a short view, the bones where they were found do, or one alone is found.",
+        "The start is weak: one motion of all bones explains little of their contrast, or few bones of a short view are found.",
         "Look at the fusion images first.",
     );
 }

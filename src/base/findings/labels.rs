@@ -19,7 +19,7 @@ findings! {
     );
     LABEL_DOUBTFUL = doubted(
         "label-doubtful",
-        "A bone's label hardly stands out from what is beside it, or holds air.",
+        "A bone's label hardly differs from its surroundings in HU, or contains air.",
         "Look at it in a viewer.",
     );
     LABEL_ON_WRONG_SIDE = doubted(

@@ -24,8 +24,9 @@ pub enum DoseVerb {
 
 const MAP: &str = "\
 interpolate takes the dose at the mapped point. energy-mass carries energy and mass together, conserves energy, and prints the
-balance; it needs --ct. Beside OUT a .json file holds balance, inversion residual, warnings and checksums; `aventail inspect` of it verifies them.
-The page beside OUT (.html) draws isodoses before and after, and what is steep; --page-ct and --structures add to it.
+balance; it needs --ct. OUT's .json holds balance, inversion residual, warnings and checksums; `aventail inspect` verifies them.
+The page beside OUT (.html) draws isodoses before and after, and marks where the dose is steep; --page-ct and --structures add
+to it.
 
 Examples:
   aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
@@ -64,7 +65,7 @@ pub struct MethodArgs {
     /// Mass density by CT number: CSV with HU and g/cm^3, instead of Schneider 2000
     #[arg(long, value_name = "FILE")]
     pub density: Option<PathBuf>,
-    /// Parts of a voxel along each axis for energy-mass
+    /// energy-mass divides each voxel into this many parts along each axis
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub parts: usize,
     /// Threads, progress, and how the result is told.
@@ -82,7 +83,7 @@ impl MethodArgs {
 /// What the page of a carried dose shows beside it.
 #[derive(Debug, Args)]
 pub struct PageArgs {
-    /// CT in HU in the frame that the dose goes to: the page draws isodoses on it; without, --grid serves where it is a CT
+    /// CT in HU in the frame that the dose goes to: the page draws isodoses on it (default: --grid, if that is a CT)
     #[arg(long, value_name = "FILE")]
     pub page_ct: Option<PathBuf>,
     /// Structures in the frame that the dose goes to, for dose-volume histograms in the page: a label map, or contours (JSON,
@@ -107,8 +108,8 @@ impl PageArgs {
 /// How far a carried dose may be off.
 #[derive(Debug, Args)]
 pub struct SampledArgs {
-    /// Folder of samples of the registration (`aventail samples`; of several doses one for each, in their order): tells how far
-    /// the dose may be off. Writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and bands and 90 % intervals into the page
+    /// Folder of samples of the registration (`aventail samples`; one for each dose, in their order): shows how far the dose may
+    /// be off. Writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and bands and 90 % intervals into the page
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub samples: Vec<PathBuf>,
     /// Doses of V_x in the table of intervals, Gy

@@ -16,8 +16,8 @@ What is measured depends on what is given:
                             Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
   --landmarks               residuals before and after, per landmark
   --then --direct           transitivity over three images
-Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, is to be reviewed or fails, by the rules
-that also judge `register`; --config sets the limits ([verdict]). A verdict is no decision.
+Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, needs review or fails, by the rules of
+`register`; --config sets the limits ([verdict]). A verdict does not replace a person's decision.
 
 Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
 
@@ -61,7 +61,7 @@ pub struct EvaluateArgs {
     /// Points known in both images (CSV)
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
-    /// Where to measure, in the planning frame (not zero: inside), instead of the patient
+    /// Mask in the planning frame (inside: not zero) to measure in, instead of the patient
     #[arg(long, value_name = "FILE")]
     pub mask: Option<PathBuf>,
     /// Field from the fraction to a third image, for transitivity

@@ -49,7 +49,7 @@ pub struct MergeArgs {
     /// The label map (.nii, .nii.gz: the only format that carries the names)
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Leave out what is no bone of the skeleton
+    /// Leave out labels that are not bones of the skeleton
     #[arg(long)]
     pub only_bones: bool,
     /// Planning CT: structure sets are drawn on its grid, and all other files must have it

@@ -32,7 +32,7 @@ shared by its levels, jaw, hyoid and shoulders besides (docs/library.md has the 
   bones.skull.flexion_deg = -8.0
 
 Writes to OUT:
-  library.json    MONAI's datalist: `training` has the postures that nothing speaks against, `implausible` the others
+  library.json    MONAI's datalist: `training` has the plausible postures, `implausible` the others
   library.html    the spread on one page
   postures.toml   the plan in full, for --plan
   posture_001/    ct.nii.gz, labels.nii.gz, pose.toml, bone_transforms.json, posture.json; planning_to_fraction.* and

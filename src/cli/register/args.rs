@@ -52,8 +52,8 @@ pub struct RegisterArgs {
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
-    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. With several fractions one file
-    /// for each, in their order
+    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. Give one file for each fraction, in
+    /// their order
     #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
     /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
@@ -66,11 +66,11 @@ pub struct RegisterArgs {
     /// Names of the fraction's labels (JSON), where its label map has none
     #[arg(long, value_name = "FILE", requires = "fraction_bones")]
     pub fraction_labels: Option<PathBuf>,
-    /// What places the bones in the end: the image, or the fraction's labels alone (--fraction-bones)
+    /// What decides where the bones lie: the image, or the labels of --fraction-bones alone
     #[arg(long, value_enum, requires = "fraction_bones", conflicts_with = "bone_landmarks_use")]
     pub fit: Option<FitName>,
-    /// Rigid motion of the whole patient from planning to the fraction, near which the fit begins instead of searching: a DICOM
-    /// Spatial Registration, ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
+    /// Rigid registration from planning to fraction; the fit starts near it instead of searching: a DICOM Spatial Registration,
+    /// ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
     #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
     pub start: Option<PathBuf>,
     /// Whether bone landmarks start the fit to the image or replace it
@@ -84,8 +84,8 @@ pub struct RegisterArgs {
     /// bones, or a box in LPS mm of the planning scan whose bones count. It changes no field
     #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub couch_match: Option<String>,
-    /// Also draw so many samples of the registration, for `dose map|accumulate --samples`: the folder `samples` of the results
-    /// (see `aventail samples`)
+    /// Also draw this many samples of the registration's error, for `dose map|accumulate --samples`: the folder `samples` of the
+    /// results (see `aventail samples`)
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
     /// Seed of the samples
@@ -94,7 +94,7 @@ pub struct RegisterArgs {
     /// Refuse to begin when the run is expected to need more memory than this
     #[arg(long, value_name = "GB")]
     pub max_memory: Option<f64>,
-    /// Only tell what the run is expected to need, from headers and labels; with --json for schedulers. Nothing is written
+    /// Estimate what the run will need, from headers and labels, and write nothing (--json: for schedulers)
     #[arg(long)]
     pub estimate: bool,
     /// Settings (TOML), or the report.json of an earlier run to repeat it

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 pub(in super::super) const HELP: &str = "\
 Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
-takes its points x to x + u(x) in TO. aventail's fields carry that in their header; say it of all others:
+takes its points x to x + u(x) in TO. aventail's fields name both in their header; name them for all others:
   ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
 Points and contours go forward; images, labels and dose are pulled back. Where the field points the other way it is inverted
 numerically and the residual printed. Several --field are a chain, in order. Outside a field points stay where they are.
@@ -46,13 +46,11 @@ pub struct WarpArgs {
     /// Any image on the grid of the result, or the folder of a DICOM series; default: the grid of a field that lies there
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
-    /// DICOM series of the scan that the result lies in: the result is DICOM of its patient, study and frame of reference.
-    /// Structures, labels (as a segmentation) and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in
-    /// the scan of --from
+    /// Write DICOM in the frame of this series (the scan that the result lies in), with its patient and study. Structures, labels
+    /// (as a segmentation) and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in the scan of --from
     #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
-    /// For a field as DICOM also the series of the scan that it leads to, that of --to: a Deformable Spatial Registration
-    /// names both
+    /// For a field as DICOM: the series of the scan of --to, which a Deformable Spatial Registration names too
     #[arg(long, value_name = "SERIES", requires = "out_field", requires = "dicom_like")]
     pub dicom_to: Option<PathBuf>,
     /// Between voxels of an image or dose
@@ -61,15 +59,15 @@ pub struct WarpArgs {
     /// Value of an image where nothing maps [default: -1000, air]
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     pub outside: Option<f32>,
-    /// Scale HU + 1000 of a CT by the tissue's volume before over after, so that no mass is made or lost: what is squeezed
-    /// gets denser. Without it a CT keeps its HU, as tissue does that merely moves or exchanges fluid
+    /// Scale HU + 1000 of a CT by volume before / volume after, to conserve mass: compressed tissue gets denser. Without it a CT
+    /// keeps its HU
     #[arg(long)]
     pub scale_by_jacobian: bool,
     /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Folder of samples of the registration (`aventail samples`): of labels also OUT_share_NAME, the share of the samples in which
-    /// each is at a voxel; of contours also those of 5, 50 and 95 % of the samples. From planning to fraction
+    /// Folder of samples of the registration (`aventail samples`): for labels also writes OUT_share_NAME, the share of samples
+    /// with the label at each voxel; for contours also those that 5, 50 and 95 % of the samples reach. From planning to fraction
     #[arg(long, value_name = "DIR", requires = "input")]
     pub samples: Option<PathBuf>,
     /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
