@@ -8,7 +8,9 @@ use crate::dose::steep;
 use crate::error::Result;
 use crate::io;
 use crate::provenance::Provenance;
-use crate::report::dose::{DoseDvh, DosePage, DosePicture, DoseTable, Levels, differences, dvh_tables, isodoses};
+use crate::report::dose::{
+    DoseDvh, DosePage, DosePicture, DoseTable, Levels, SampledDose, differences, dvh_tables, isodoses,
+};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
@@ -77,7 +79,9 @@ pub(super) fn write_dvh(folder: &Path, doses: &[DoseDvh], picture: DosePicture, 
     let names: Vec<&str> = doses.iter().map(|d| d.name.as_str()).collect();
     let title = format!("dose-volume histogram: {}", names.join(", "));
     let warnings: Vec<Warning> = doses.iter().flat_map(|d| d.warnings.clone()).collect();
-    write(&folder.join("dvh.html"), &title, provenance, &warnings, vec![picture], dvh_tables(doses))
+    let intervals = doses.iter().flat_map(|d| d.samples.iter().flat_map(SampledDose::tables));
+    let tables = intervals.chain(dvh_tables(doses)).collect();
+    write(&folder.join("dvh.html"), &title, provenance, &warnings, vec![picture], tables)
 }
 
 /// Writes a page.

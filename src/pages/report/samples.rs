@@ -53,9 +53,9 @@ pub fn write_samples_page(
                         h1 { "How far this registration may be off" }
                     }
                     p {
-                        (options.number) " registrations that may be as right as the one that was found (seed " (options.seed) ", scale "
-                        (options.scale) "). Each picture shows what one of the first adds to it: bones move as wholes, neighbours "
-                        "together, and soft tissue varies over some millimetres. Hold the pointer over the picture to stop at one."
+                        (options.number) " other registrations that fit about as well (seed " (options.seed) ", scale " (options.scale)
+                        "). The pictures show in turns what the first three add to the one that was found: bones move as wholes, "
+                        "neighbours together, and soft tissue varies over some millimetres. Hold the pointer over the picture to stop."
                     }
                     div.turns {
                         @for p in &pictures {

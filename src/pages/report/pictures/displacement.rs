@@ -116,11 +116,7 @@ impl ArrowRows {
 }
 
 /// Arrows of `field` on a regular raster, in tissue only.
-fn arrows(
-    scene: &PictureScene<'_>,
-    plane: &Plane,
-    field: impl Fn(&Point3<f64>) -> Option<Vector3<f64>>,
-) -> Vec<Arrow> {
+fn arrows(scene: &PictureScene<'_>, plane: &Plane, field: impl Fn(&Point3<f64>) -> Option<Vector3<f64>>) -> Vec<Arrow> {
     let mut out = Vec::new();
     for y in (SPACING / 2..plane.height).step_by(SPACING) {
         for x in (SPACING / 2..plane.width).step_by(SPACING) {
