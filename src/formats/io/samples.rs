@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::field::FieldFormat;
 use crate::findings;
 use crate::geometry::rigid_from_matrix;
-use crate::sampling::{Correlation, Drawn, PosePosterior, SampleSet, SamplingOptions};
+use crate::sampling::{Correlation, Drawn, PosePosterior, SampleSet, SamplingOptions, Strain};
 use crate::volume::LabelMap;
 use nalgebra::{Matrix4, RowVector4};
 use serde::{Deserialize, Serialize};
@@ -51,6 +51,9 @@ pub struct SamplesFile {
     pub options: SamplingOptions,
     /// Over what lengths they are alike.
     pub correlation: Correlation,
+    /// How much the registration deforms soft tissue, and the factor that follows.
+    #[serde(default)]
+    pub strain: Strain,
     /// The fields that they add to, in both directions.
     pub fields: Vec<SampledField>,
     /// The bones.

@@ -38,7 +38,7 @@ impl TissueModel<'_> {
     /// # Errors
     /// Only for internal inconsistency of grids.
     pub fn draw(&self, options: &SamplingOptions) -> Result<Vec<Drawn>> {
-        let draws = self.patient.posterior.draws();
+        let draws = self.patient.posterior.draws(self.patient.strain.factor);
         let Correlation { lengths_mm, first_share, common_tissue, common_bones } = self.patient.correlation;
         let noise = lengths_mm.map(|length| Noise::new(&self.grid, length));
         let (own, common) = (self.own_key(), self.common_key());
@@ -101,7 +101,7 @@ fn hash(parts: impl Iterator<Item = u64>) -> u64 {
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "zeros that nothing was added to")]
 mod tests {
-    use super::super::{PosePosterior, PosedBone, SampledPatient};
+    use super::super::{PosePosterior, PosedBone, SampledPatient, Strain};
     use super::*;
     use crate::geometry::Grid;
     use crate::volume::{LabelMap, Mask};
@@ -114,6 +114,7 @@ mod tests {
         map: Volume<f32>,
         push: Volume<[f32; 3]>,
         posterior: PosePosterior,
+        strain: Strain,
     }
 
     impl Ball {
@@ -139,6 +140,7 @@ mod tests {
                 body,
                 push: Volume::filled(grid, [4.0, 0.0, 0.0]),
                 posterior: PosePosterior::new(vec![bone], None),
+                strain: Strain::default(),
             }
         }
 
@@ -151,6 +153,7 @@ mod tests {
                 most_mm: 10.0,
                 push: &self.push,
                 correlation,
+                strain: self.strain,
             };
             TissueModel::new(patient, options.scale).unwrap().draw(options).unwrap()
         }
@@ -189,6 +192,18 @@ mod tests {
         // What is not known inside the patient counts as the most.
         let unknown = square(&Ball::new(-1.0, 0.05).drawn(Correlation::CT, &options)).sqrt();
         assert!((unknown / 5.0 - 1.0).abs() < 0.25, "{unknown}");
+    }
+
+    #[test]
+    fn a_strained_patient_deviates_more_within_bounds() {
+        let options = SamplingOptions { number: 40, ..SamplingOptions::default() };
+        let strain = Strain { median_log_volume: 0.06, factor: 2.0 };
+        let ratio = |told: f32| {
+            let usual = square(&Ball::new(told, 0.05).drawn(Correlation::OTHER, &options)).sqrt();
+            let strained = Ball { strain, ..Ball::new(told, 0.05) };
+            square(&strained.drawn(Correlation::OTHER, &options)).sqrt() / usual
+        };
+        assert!((ratio(0.4) - 2.0).abs() < 0.02 && (ratio(10.0) - 1.0).abs() < 1e-6, "{} {}", ratio(0.4), ratio(10.0));
     }
 
     #[test]

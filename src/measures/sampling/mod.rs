@@ -10,9 +10,11 @@ mod noise;
 mod options;
 mod posterior;
 mod set;
+mod strain;
 
 pub use draw::Drawn;
 pub use model::{SampledPatient, TissueModel};
 pub use options::{Correlation, SamplingOptions};
 pub use posterior::{CurvatureBlock, PosePosterior, PosedBone};
 pub use set::SampleSet;
+pub use strain::Strain;

@@ -2,6 +2,7 @@
 
 use super::options::Correlation;
 use super::posterior::{PosePosterior, PosedBone};
+use super::strain::Strain;
 use crate::error::Result;
 use crate::geometry::{Grid, Rigid};
 use crate::volume::distance::squared_distance;
@@ -43,6 +44,8 @@ pub struct SampledPatient<'a> {
     pub push: &'a Volume<[f32; 3]>,
     /// Over what lengths its errors are alike.
     pub correlation: Correlation,
+    /// How much it deforms soft tissue.
+    pub strain: Strain,
 }
 
 /// A node in or by the patient.
@@ -87,7 +90,7 @@ impl<'a> TissueModel<'a> {
             Node { at: *at, moved: x + u, follows, own_mm: 0.0 }
         };
         let mut nodes: Vec<Node> = listed.iter().zip(follows).map(node).collect();
-        let by_bones = variance_by_bones(patient.posterior, &nodes);
+        let by_bones = variance_by_bones(&patient, &nodes);
         for (node, bones) in nodes.iter_mut().zip(by_bones) {
             let all = (scale as f32 * map[node.at]).powi(2);
             node.own_mm = (all - bones).max(OWN * all).sqrt();
@@ -129,7 +132,8 @@ impl NodeCells {
                         if patient.body.data()[l] {
                             inside += 1;
                             let told = f64::from(patient.uncertainty.data()[l]);
-                            sum += if told < 0.0 { patient.most_mm } else { told.min(patient.most_mm) };
+                            let told = if told < 0.0 { patient.most_mm } else { told * patient.strain.factor };
+                            sum += told.min(patient.most_mm);
                         }
                     }
                 }
@@ -181,8 +185,9 @@ fn followed(
 }
 
 /// Variance of a component of what the bones bring to each node, mm^2: over draws that are always the same.
-fn variance_by_bones(posterior: &PosePosterior, nodes: &[Node]) -> Vec<f32> {
-    let draws = posterior.draws();
+fn variance_by_bones(patient: &SampledPatient<'_>, nodes: &[Node]) -> Vec<f32> {
+    let posterior = patient.posterior;
+    let draws = posterior.draws(patient.strain.factor);
     let mut rngs = [TRIED, TRIED + 1].map(ChaCha8Rng::seed_from_u64);
     let tried: Vec<Vec<Rigid>> = (0..TRIED).map(|_| draws.draw(&mut rngs, 0.0)).collect();
     let of = |node: &Node| {

@@ -104,8 +104,8 @@ impl PosePosterior {
         (!self.curvature.is_empty()).then_some(whole)
     }
 
-    /// Ready to draw.
-    pub(super) fn draws(&self) -> PoseDraws<'_> {
+    /// Ready to draw, bones so many times as far off as they are known to be, within bounds.
+    pub(super) fn draws(&self, factor: f64) -> PoseDraws<'_> {
         let cholesky = self.whole().and_then(DMatrix::cholesky);
         let covariance = cholesky.as_ref().map(nalgebra::Cholesky::inverse);
         let worst = |at: usize| {
@@ -119,7 +119,8 @@ impl PosePosterior {
             let largest = shift.max(turn / MOST_TURN);
             // Of bones that were given the deviation is all that is known.
             let most = if covariance.is_some() { (DEPENDENT * largest).max(SMALL_MM) } else { MOST_MM };
-            if largest > 0.0 { self.bones[b].position_sd_mm.min(MOST_MM).min(most) / largest } else { 0.0 }
+            let deviation = (factor * self.bones[b].position_sd_mm.min(most)).min(MOST_MM);
+            if largest > 0.0 { deviation / largest } else { 0.0 }
         };
         let scales = (0..self.bones.len()).map(scale).collect();
         PoseDraws { bones: &self.bones, upper: cholesky.map(|c| c.l().transpose()), scales }
@@ -182,7 +183,7 @@ mod tests {
         for (spring, together) in [(0.0, 0.0), (4.0, 4.0 / 5.0)] {
             let posterior = tied(spring);
             assert_eq!(posterior.problem(), None);
-            let draws = posterior.draws();
+            let draws = posterior.draws(1.0);
             let mut rngs = [3, 4].map(ChaCha8Rng::seed_from_u64);
             let n = 4000;
             let mut sums = [0.0; 3];
@@ -202,7 +203,7 @@ mod tests {
         let posterior = tied(0.7);
         let back: PosePosterior = serde_json::from_str(&serde_json::to_string(&posterior).unwrap()).unwrap();
         assert_eq!(back, posterior);
-        let draw = |p: &PosePosterior| p.draws().draw(&mut [1, 2].map(ChaCha8Rng::seed_from_u64), 0.2);
+        let draw = |p: &PosePosterior| p.draws(1.0).draw(&mut [1, 2].map(ChaCha8Rng::seed_from_u64), 0.2);
         assert_eq!(draw(&back), draw(&posterior));
         let mut odd = posterior.clone();
         odd.curvature[0].bones = [1, 5];
@@ -215,7 +216,7 @@ mod tests {
     #[test]
     fn bones_that_were_given_vary_by_themselves() {
         let posterior = PosePosterior::new(vec![bone(1, 2.0)], None);
-        let (draws, mut rngs) = (posterior.draws(), [5, 6].map(ChaCha8Rng::seed_from_u64));
+        let (draws, mut rngs) = (posterior.draws(1.0), [5, 6].map(ChaCha8Rng::seed_from_u64));
         let centre = posterior.bones[0].centre;
         let square = |t: &Rigid| (t * centre - centre).norm_squared();
         let mean = (0..2000).map(|_| square(&draws.draw(&mut rngs, 0.0)[0])).sum::<f64>() / 2000.0;

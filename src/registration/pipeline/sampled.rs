@@ -5,7 +5,7 @@ use crate::dose::{displacement, dose_at};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::geometry::Grid;
-use crate::sampling::{Correlation, Drawn, SampleSet, SampledPatient, SamplingOptions, TissueModel};
+use crate::sampling::{Correlation, Drawn, SampleSet, SampledPatient, SamplingOptions, Strain, TissueModel};
 use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
@@ -15,6 +15,13 @@ use rayon::prelude::*;
 pub fn correlation(outcome: &Outcome) -> Correlation {
     let other = outcome.kind.as_ref().is_some_and(|k| k.mr.is_some() || k.corrected);
     if other { Correlation::OTHER } else { Correlation::CT }
+}
+
+/// How much a registration deforms soft tissue of which something is known.
+pub fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
+    let bone = planning.bones.volume.data();
+    let known = |l: usize| outcome.uncertainty.as_ref().is_none_or(|(map, _)| map.data()[l] >= 0.0);
+    Strain::of(&outcome.jacobian.to_volume(), |l| outcome.body.data()[l] && bone[l] == 0 && known(l))
 }
 
 /// Where the map tells more than this, mm, or that nothing is known, this counts: on cases with known truth nine of ten errors
@@ -41,6 +48,7 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
         most_mm: MOST_MM,
         push: &outcome.push.displacement,
         correlation: correlation(outcome),
+        strain: strain(planning, outcome),
     };
     TissueModel::new(patient, options.scale)?.draw(options)
 }

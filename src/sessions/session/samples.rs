@@ -4,7 +4,7 @@ use super::registered::Registered;
 use crate::error::{Error, Result};
 use crate::io::samples::{self, SAMPLES, SampledField, SamplesFile};
 use crate::io::{Planned, RunFolder};
-use crate::pipeline::{Case, Outcome, correlation, sample};
+use crate::pipeline::{Case, Outcome, correlation, sample, strain};
 use crate::report::{Report, SAMPLES_PAGE, write_samples_page};
 use crate::runtime::Runtime;
 use crate::sampling::{SampleSet, SamplingOptions};
@@ -50,6 +50,7 @@ pub fn write_samples(of: Sampled<'_>, options: &SamplingOptions, out: &Path, run
         command: of.command.into(),
         options: *options,
         correlation: correlation(of.outcome),
+        strain: strain(planning, of.outcome),
         fields: ["planning_to_fraction", "fraction_to_planning"].iter().filter_map(|name| field(name)).collect(),
         bones: Vec::new(),
         motions: Vec::new(),
