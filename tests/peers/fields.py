@@ -1,4 +1,6 @@
 """Images and displacement fields as arrays with index order x, y, z; positions are LPS mm."""
+import csv
+
 import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
@@ -53,3 +55,10 @@ def patient(hu):
     part, _ = ndimage.label(body)
     body = part == np.argmax(np.bincount(part[part > 0]))
     return np.stack([ndimage.binary_fill_holes(body[:, :, k]) for k in range(body.shape[2])], -1)
+
+
+def read_landmarks(file):
+    """Points of both scans in a CSV as `aventail register --landmarks` takes it: two arrays of n x 3."""
+    with open(file, encoding="utf-8") as text:
+        rows = list(csv.DictReader(text))
+    return [np.array([[float(r[f"{side}_{a}"]) for a in "xyz"] for r in rows]) for side in ("planning", "fraction")]

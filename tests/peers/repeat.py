@@ -28,7 +28,6 @@ by aventail's own field. Measured in the first scan, lengths in mm:
 Time is processor time, with the files. The tables go to the terminal and to OUT/repeat.md, all figures to OUT/repeat.json.
 """
 import argparse
-import csv
 import glob
 import itertools
 import json
@@ -37,7 +36,7 @@ import re
 
 import measures
 import numpy as np
-from fields import Field, Image, patient
+from fields import Field, Image, patient, read_landmarks
 from runs import Runs
 from scipy import ndimage, stats
 from tools import installed
@@ -170,12 +169,6 @@ def around(planning, fields, scans, uncertainty=None):
         }  # fmt: skip
     found["uncertainty"] = told
     return found
-
-
-def read_landmarks(file):
-    with open(file, encoding="utf-8") as text:
-        rows = list(csv.DictReader(text))
-    return [np.array([[float(r[f"{side}_{a}"]) for a in "xyz"] for r in rows]) for side in ("planning", "fraction")]
 
 
 def report(runs, a, b):
