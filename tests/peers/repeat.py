@@ -13,7 +13,7 @@ DIR          ct_1.nii.gz, ct_2.nii.gz, ... (any number), bones_1.nii.gz (labels 
 --affine     the other tools begin with an affine step (a chest that breathes), not a rigid one
 
 The first scan is registered to every other; of three or more every other also to every third, with the first's bones carried
-by aventail's own field. Measured in the first scan, lengths in mm:
+by aventail's own field. The patient is what aventail finds in each scan. Measured in the first scan, lengths in mm:
   surface    distance of each bone's surface (350 HU), mapped, to the nearest surface of the other scan that faces the same way,
              along its normal; the floor is what it gives for a scan and itself on a grid half a voxel away (cubic)
   left       how far a rigid fit of one bone's surface would still move it: what the distance to the nearest surface hides
@@ -36,7 +36,7 @@ import re
 
 import measures
 import numpy as np
-from fields import Field, Image, patient, read_landmarks
+from fields import Field, Image, read_landmarks
 from runs import Runs
 from scipy import ndimage, stats
 from tools import installed
@@ -58,14 +58,14 @@ class Shift:
 class Planning:
     """The first scan with its bones, and the places where is measured."""
 
-    def __init__(self, scan, bones, names):
+    def __init__(self, scan, mask, bones, names):
         self.image, self.labels = Image(scan), Image(bones).values.astype(np.int32)
         with open(names, encoding="utf-8") as file:
             table = json.load(file)
         table = table.get("labels", table)
         self.names = {int(k): v for k, v in table.items()} if all(k.isdigit() for k in table) else {int(v): k for k, v in table.items()}
         self.names = {k: v for k, v in self.names.items() if (self.labels == k).any()}
-        self.patient = patient(self.image.values)
+        self.patient = Image(mask).values > 0
         hu, spacing = self.image.values, self.image.spacing
         self.soft = self.patient & (hu > measures.AIR) & (ndimage.distance_transform_edt(self.labels == 0, spacing) > 4)
         self.surfaces = {name: measures.bone_surface(self.image, self.labels == k) for k, name in self.names.items()}
@@ -79,10 +79,10 @@ class Planning:
 class Scan:
     """Another scan: its surfaces to measure distances to."""
 
-    def __init__(self, file):
+    def __init__(self, file, mask):
         self.image = Image(file)
         self.bones = measures.Surface(*measures.surface(self.image, measures.BONE, lambda low, high: True))
-        self.skin = measures.Surface(*measures.skin(self.image, patient(self.image.values)))
+        self.skin = measures.Surface(*measures.skin(self.image, Image(mask).values > 0))
 
     def inside(self, points, margin=2.0):
         """Which points lie in the scan, some mm away from its border."""
@@ -257,17 +257,20 @@ def main():
     os.makedirs(given.out, exist_ok=True)
     scans = {str(n + 1): file for n, file in enumerate(given.scan)}
     runs = Runs(given.aventail, scans, given.bones, given.labels, given.out, given.threads, given.affine)
-    planning = Planning(scans["1"], given.bones, given.labels)
-    others = {name: Scan(file) for name, file in scans.items() if name != "1"}
     landmarks = read_landmarks(given.landmarks) if given.landmarks else None
     tools = given.tools.split(",")
     left_out = {tool: "not installed" for tool in tools if not installed(tool)}
-    tools = [tool for tool in tools if tool not in left_out]
+    tools = sorted((tool for tool in tools if tool not in left_out), key=lambda tool: tool != "aventail")
+    # aventail first: its masks of the patient serve the others.
+    ways = list(itertools.permutations(list(scans)[1:], 2))
+    for tool, (a, b) in itertools.product(tools, [("1", name) for name in list(scans)[1:]] + ways):
+        done = runs.run(tool, a, b)
+        print(f"{a} to {b}, {tool}: {'failed' if 'failed' in done else 'there'}", flush=True)
+    planning = Planning(scans["1"], runs.mask("1"), given.bones, given.labels)
+    others = {name: Scan(file, runs.mask(name)) for name, file in scans.items() if name != "1"}
     result = {"scans": given.scan, "bones": list(planning.names.values()), "left_out": left_out,
               "floor": floor(others["2"]), "runs": [], "around": []}  # fmt: skip
-    ways = list(itertools.permutations(others, 2))
     for other in others:
-        # Bones of a scan are carried by the run of aventail from the first.
         for tool in tools:
             done = runs.run(tool, "1", other)
             row = {"run": f"1 to {other}", "tool": tool, **done}

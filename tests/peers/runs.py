@@ -27,7 +27,11 @@ class Runs:
         return f"{self.out}/{tool}/{a}_{b}"
 
     def mask(self, scan):
-        """File of the patient in a scan."""
+        """File of the patient in a scan: as aventail found him where it has registered this scan, else by a threshold."""
+        for other in self.scans:
+            found = f"{self.folder('aventail', scan, other)}/body.nii.gz"
+            if os.path.exists(found):
+                return found
         file = f"{self.out}/patient_{scan}.nii.gz"
         if not os.path.exists(file):
             image = sitk.ReadImage(self.scans[scan])
