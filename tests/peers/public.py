@@ -132,7 +132,6 @@ def measure(given):
     files, bones, points = prepare(given)
     runs = Runs(given.aventail, files, bones, given.labels, given.out, given.threads, given.affine)
     snap = Image(files["fraction"]) if given.snap else None
-    # What no registration moves lies on voxels already, or is not of them.
     rows = {"before": {"errors": measures.target_errors(Still(), points["planning"], points["fraction"]).tolist()}}
     for tool in given.tools.split(","):
         if not installed(tool):
