@@ -8,7 +8,7 @@ CASES     as for ablation.py, with the fractions `small`, `moderate` and `spline
 --out     folder for the runs and studies (default: study); what is finished there is kept
 --case    cases to run (default: small,moderate,spline,arms); `arms` is the phantom whose raised arms are lowered
 --peers   instead of the stages: image-driven tools that are told of the bones, as ANACONDA in the thesis:
-          plastimatch-bones, elastix-bones (side_by_side.py has their settings), judged by `aventail evaluate`
+          plastimatch-bones, elastix-bones (tools.py has their settings), judged by `aventail evaluate`
 
 Each cell: J < 0 in %, mean J over all tissue above -500 HU (thesis Tab. 2), mean relative residual, seconds. A trend says
 whether folds and residual change against the row named in the same direction as in the thesis: patient 1 by
@@ -25,7 +25,7 @@ import tomllib
 import numpy as np
 import SimpleITK as sitk
 from PIL import Image, ImageDraw
-from side_by_side import WITH_BONES, installed
+from tools import WITH_BONES, Job, installed
 
 HEAD_AND_NECK = ("small", "moderate", "spline")
 PLAN = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "data", "study.toml")
@@ -202,8 +202,8 @@ def as_record(assessment, seconds):
 
 def peer(options, tool, name, case):
     """A cell of a tool that is told of the bones: its field as `evaluate` judges it, and its time."""
-    job = argparse.Namespace(aventail=options.aventail, out=f"{options.out}/{tool}_{name}", mask=f"{case}/body.nii.gz")
-    job.fixed, job.bones, job.names, job.moving, landmarks = sides(options, name, case)
+    planning, bones, names, fraction, landmarks = sides(options, name, case)
+    job = Job(options.aventail, planning, fraction, bones, names, f"{case}/body.nii.gz", f"{options.out}/{tool}_{name}")
     os.makedirs(job.out, exist_ok=True)
     start = time.monotonic()
     field = WITH_BONES[tool](job)

@@ -27,6 +27,7 @@ import sys
 import nibabel as nib
 import numpy as np
 import SimpleITK as sitk
+from fields import patient
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -57,10 +58,7 @@ class Trunk:
         self.origin = np.array(self.image.GetOrigin())
         self.step = np.array(self.image.GetDirection()).reshape(3, 3) * np.array(self.image.GetSpacing())
         self.x = world(self.hu.shape, self.step, self.origin)
-        body = ndimage.binary_opening(self.hu > -350, iterations=2)
-        part, _ = ndimage.label(body)
-        body = part == np.argmax(np.bincount(part[part > 0]))
-        self.body = np.stack([ndimage.binary_fill_holes(body[:, :, k]) for k in range(body.shape[2])], -1)
+        self.body = patient(self.hu)
 
     def points(self, bone):
         return self.x[self.labels == self.bones[bone]]
