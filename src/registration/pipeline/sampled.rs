@@ -11,17 +11,22 @@ use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+/// Whether the fraction's grey values are not a CT's.
+fn other(outcome: &Outcome) -> bool {
+    outcome.kind.as_ref().is_some_and(|k| k.mr.is_some() || k.corrected)
+}
+
 /// Over what lengths a registration's errors are alike: longer ones where the fraction's grey values are not a CT's.
 pub fn correlation(outcome: &Outcome) -> Correlation {
-    let other = outcome.kind.as_ref().is_some_and(|k| k.mr.is_some() || k.corrected);
-    if other { Correlation::OTHER } else { Correlation::CT }
+    if other(outcome) { Correlation::OTHER } else { Correlation::CT }
 }
 
 /// How much a registration deforms soft tissue of which something is known.
 pub fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
     let bone = planning.bones.volume.data();
     let known = |l: usize| outcome.uncertainty.as_ref().is_none_or(|(map, _)| map.data()[l] >= 0.0);
-    Strain::of(&outcome.jacobian.to_volume(), |l| outcome.body.data()[l] && bone[l] == 0 && known(l))
+    let usual = if other(outcome) { Strain::USUAL_OTHER } else { Strain::USUAL_CT };
+    Strain::of(&outcome.jacobian.to_volume(), usual, |l| outcome.body.data()[l] && bone[l] == 0 && known(l))
 }
 
 /// Where the map tells more than this, mm, or that nothing is known, this counts: on cases with known truth nine of ten errors
