@@ -1,6 +1,6 @@
 //! Runs in folders: found, read, and written as one summary.
 
-use super::{Cohort, CourseDose, Member};
+use super::{Cohort, CourseDose, Member, natural};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::findings;
@@ -63,6 +63,8 @@ impl Summary {
             cohort.doses.push(dose);
             inputs.push(input);
         }
+        // Several of one patient stay in their order.
+        cohort.doses.sort_by_cached_key(|dose| natural(&dose.patient));
         let mut summary = Self { cohort, inputs, outputs: Vec::new() };
         if let (Some(out), Some(held)) = (out, held) {
             summary.write(out, held)?;
