@@ -208,3 +208,56 @@ fn every_direct_dependency_has_its_reason() {
     let missing: Vec<&str> = names.filter(|n| !n.starts_with("aventail") && !told.contains(n)).collect();
     assert!(missing.is_empty(), "docs/architecture.md gives no reason for {missing:?}");
 }
+
+/// What stands in backticks.
+fn quoted(text: &str) -> impl Iterator<Item = &str> {
+    text.split('`').skip(1).step_by(2)
+}
+
+/// `docs/method.md` names constants with their values and the files that hold them.
+#[test]
+fn constants_of_the_method_are_those_of_the_code() {
+    let text = fs::read_to_string(root().join("docs/method.md")).unwrap();
+    let list = text.split("## Constants").nth(1).and_then(|rest| rest.split("\n## ").next()).unwrap();
+    let (mut checked, mut wrong) = (0, Vec::new());
+    for item in list.split("\n- ").skip(1) {
+        let file = quoted(item).next().unwrap();
+        let code = fs::read_to_string(root().join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let pairs = item.split('`').skip(2).collect::<Vec<_>>();
+        for pair in pairs[1..].chunks_exact(2) {
+            let [name, value] = [pair[0], pair[1].trim().trim_end_matches(',')];
+            let held = code.split(&format!("const {name}: ")).nth(1).and_then(|rest| rest.split(" = ").nth(1));
+            let held = held.and_then(|rest| rest.split(';').next()).unwrap_or_default().replace('_', "");
+            if held.parse::<f64>().ok() != Some(value.parse().unwrap_or(f64::NAN)) {
+                wrong.push(format!("{file}: {name} is {held:?}, the page says {value}"));
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked > 40 && wrong.is_empty(), "{checked} checked; {wrong:#?}");
+}
+
+/// Paths of the project in backticks exist.
+#[test]
+fn paths_in_the_documents_are_there() {
+    let ours = ["src/", "tests/", "docs/", "data/", "workflow/", "python/", "benches/", "fuzz/", ".ci/"];
+    let odd = |path: &str| path.contains("VERB") || path.contains([' ', '*', '{', '<', '(', '=', ',', ':']) || path.contains("..");
+    let mut missing = Vec::new();
+    for file in documents() {
+        let text = fs::read_to_string(&file).unwrap();
+        let own = text.split("```").step_by(2).collect::<String>();
+        let named = quoted(&own).filter(|path| ours.iter().any(|start| path.starts_with(start)) && !odd(path));
+        let gone = named.map(|path| path.split('#').next().unwrap_or(path)).filter(|path| !root().join(path).exists());
+        missing.extend(gone.map(|path| format!("{}: {path}", file.display())));
+    }
+    assert!(missing.is_empty(), "{missing:#?}");
+}
+
+/// Nobody reads more: what a page gains another loses.
+#[test]
+fn the_documents_stay_short() {
+    let of = |path: &Path| path.starts_with(root().join("docs")) || path == root().join("README.md");
+    let words = |path: &PathBuf| fs::read_to_string(path).unwrap().split_whitespace().count();
+    let all: usize = documents().iter().filter(|path| of(path)).map(words).sum();
+    assert!(all < 38_500, "{all} words in README and docs");
+}
