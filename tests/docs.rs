@@ -241,7 +241,9 @@ fn constants_of_the_method_are_those_of_the_code() {
 #[test]
 fn paths_in_the_documents_are_there() {
     let ours = ["src/", "tests/", "docs/", "data/", "workflow/", "python/", "benches/", "fuzz/", ".ci/"];
-    let odd = |path: &str| path.contains("VERB") || path.contains([' ', '*', '{', '<', '(', '=', ',', ':']) || path.contains("..");
+    let odd = |path: &str| {
+        path.contains("VERB") || path.contains([' ', '*', '{', '<', '(', '=', ',', ':']) || path.contains("..")
+    };
     let mut missing = Vec::new();
     for file in documents() {
         let text = fs::read_to_string(&file).unwrap();

@@ -3,6 +3,7 @@
 use super::model::{TissueModel, brought};
 use super::noise::Noise;
 use super::options::{Correlation, SamplingOptions};
+use super::unfold::unfold;
 use crate::error::Result;
 use crate::geometry::Rigid;
 use crate::volume::Volume;
@@ -59,12 +60,14 @@ impl TissueModel<'_> {
             for node in &self.nodes {
                 let by_bones = brought(node, &self.patient.posterior.bones, &bones);
                 let deviations = split(node.own_mm, first_share as f32, lengths_mm);
-                let step = |a: usize| {
+                let component = |a: usize| {
                     let own: f32 = components[a].iter().zip(deviations).map(|(field, mm)| mm * field[node.at]).sum();
-                    ((own + by_bones[a] as f32) * STEPS).round() / STEPS
+                    own + by_bones[a] as f32
                 };
-                tissue[node.at] = [step(0), step(1), step(2)];
+                tissue[node.at] = [component(0), component(1), component(2)];
             }
+            let mut tissue = unfold(&self.grid, &self.found, tissue);
+            tissue.iter_mut().for_each(|v| *v = v.map(|mm| (mm * STEPS).round() / STEPS));
             Ok(Drawn { bones, tissue: Volume::new(self.grid.clone(), tissue)? })
         };
         (0..options.number).into_par_iter().map(one).collect()

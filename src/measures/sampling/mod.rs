@@ -11,6 +11,7 @@ mod options;
 mod posterior;
 mod set;
 mod strain;
+mod unfold;
 
 pub use draw::Drawn;
 pub use model::{SampledPatient, TissueModel};

@@ -68,6 +68,8 @@ pub struct TissueModel<'a> {
     pub(super) patient: SampledPatient<'a>,
     pub(super) grid: Grid,
     pub(super) nodes: Vec<Node>,
+    /// What the registration displaces each node of the grid by, LPS mm.
+    pub(super) found: Vec<Vector3<f64>>,
 }
 
 impl<'a> TissueModel<'a> {
@@ -84,10 +86,14 @@ impl<'a> TissueModel<'a> {
         let listed: Vec<usize> = (0..grid.len()).filter(|n| near.data()[*n] <= reach).collect();
         let map = smoothed(&grid, &cells)?;
         let follows = followed(&patient, &grid, &cells, &listed)?;
+        let displaced = |at: usize| {
+            let x = grid.centre(grid.voxel(at));
+            trilinear_vector(patient.push, &patient.push.grid().index_within(&x)).unwrap_or_default()
+        };
+        let found: Vec<Vector3<f64>> = (0..grid.len()).into_par_iter().map(displaced).collect();
         let node = |(at, follows): (&usize, [(u16, f32); FOLLOWED])| {
             let x = grid.centre(grid.voxel(*at));
-            let u = trilinear_vector(patient.push, &patient.push.grid().index_within(&x)).unwrap_or_default();
-            Node { at: *at, moved: x + u, follows, own_mm: 0.0 }
+            Node { at: *at, moved: x + found[*at], follows, own_mm: 0.0 }
         };
         let mut nodes: Vec<Node> = listed.iter().zip(follows).map(node).collect();
         let by_bones = variance_by_bones(&patient, &nodes);
@@ -95,7 +101,7 @@ impl<'a> TissueModel<'a> {
             let all = (scale as f32 * map[node.at]).powi(2);
             node.own_mm = (all - bones).max(OWN * all).sqrt();
         }
-        Ok(Self { patient, grid, nodes })
+        Ok(Self { patient, grid, nodes, found })
     }
 }
 

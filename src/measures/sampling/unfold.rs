@@ -1,0 +1,112 @@
+//! Samples that would fold tissue are smoothed there.
+
+use crate::geometry::Grid;
+use crate::volume::{Volume, gaussian};
+use nalgebra::{Matrix3, Vector3};
+
+/// Tissue that registration and sample together press to less than this share of its volume is smoothed: between nodes it may fold.
+const LEAST_VOLUME: f64 = 0.25;
+/// What is smoothed fades over this, mm (sigma) ...
+const FADE_MM: f64 = 5.0;
+/// ... with all of it where so much of its surroundings counts.
+const WHOLE: f32 = 0.67;
+/// The mean of a sample is taken over this, mm (sigma).
+const MEAN_MM: f64 = 6.0;
+/// Rounds of it: one is enough nearly everywhere.
+const ROUNDS: usize = 3;
+
+/// Smooths what a sample adds at the nodes of a grid wherever it would fold tissue, which the registration displaces by `found`
+/// there; LPS mm.
+pub(super) fn unfold(grid: &Grid, found: &[Vector3<f64>], mut added: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+    for _ in 0..ROUNDS {
+        let folds = folding(grid, found, &added);
+        if !folds.contains(&true) {
+            break;
+        }
+        let beside = widened(grid, &folds);
+        let share = blurred(grid, beside.iter().map(|b| f32::from(u8::from(*b))).collect(), FADE_MM);
+        let mean = [0, 1, 2].map(|a| blurred(grid, added.iter().map(|v| v[a]).collect(), MEAN_MM));
+        for (node, value) in added.iter_mut().enumerate() {
+            let share = (share[node] / WHOLE).min(1.0);
+            (0..3).for_each(|a| value[a] += share * (mean[a][node] - value[a]));
+        }
+    }
+    added
+}
+
+fn blurred(grid: &Grid, values: Vec<f32>, sigma: f64) -> Vec<f32> {
+    let values = Volume::new(grid.clone(), values).expect("a value for each node");
+    gaussian(&values, sigma).data().to_vec()
+}
+
+/// Nodes at which tissue is pressed too far, of those that the sample moves.
+fn folding(grid: &Grid, found: &[Vector3<f64>], added: &[[f32; 3]]) -> Vec<bool> {
+    let (size, spacing, strides) = (grid.size(), grid.spacing(), grid.strides());
+    let direction = grid.direction();
+    let at = |node: usize| found[node] + Vector3::from(added[node].map(f64::from));
+    let folds = |node: usize| {
+        if added[node] == [0.0; 3] {
+            return false;
+        }
+        let voxel = grid.voxel(node);
+        // Along the axes of the grid, where they are: directions are orthonormal.
+        let mut along: Matrix3<f64> = *direction;
+        for a in 0..3 {
+            let (low, high) = (voxel[a].saturating_sub(1), (voxel[a] + 1).min(size[a] - 1));
+            if high > low {
+                let [before, after] = [low, high].map(|n| at(node + n * strides[a] - voxel[a] * strides[a]));
+                let change = (after - before) / ((high - low) as f64 * spacing[a]);
+                along.set_column(a, &(along.column(a) + change));
+            }
+        }
+        along.determinant() * direction.determinant() < LEAST_VOLUME
+    };
+    (0..grid.len()).map(folds).collect()
+}
+
+/// The nodes and their neighbours along the axes.
+fn widened(grid: &Grid, nodes: &[bool]) -> Vec<bool> {
+    let (size, strides) = (grid.size(), grid.strides());
+    let near = |node: usize| {
+        let voxel = grid.voxel(node);
+        nodes[node]
+            || (0..3)
+                .any(|a| voxel[a] > 0 && nodes[node - strides[a]] || voxel[a] + 1 < size[a] && nodes[node + strides[a]])
+    };
+    (0..grid.len()).map(near).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, UnitQuaternion};
+
+    /// Along x tissue is pushed together over two nodes, on a grid that is turned.
+    #[test]
+    fn what_would_fold_is_smoothed_and_the_rest_stays() {
+        let turned = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5).to_rotation_matrix().into_inner();
+        let grid = Grid::new([24, 16, 14], [5.0; 3], Point3::new(3.0, -2.0, 9.0), turned).unwrap();
+        let push = turned.column(0).into_owned();
+        let added: Vec<[f32; 3]> = (0..grid.len())
+            .map(|l| {
+                let [i, ..] = grid.voxel(l);
+                // 4.5 mm from either side of the eighth node: what lies between folds.
+                let mm = if i < 8 { 4.5 } else { -4.5 } * f64::from(u8::from((4..12).contains(&i)));
+                (push * mm).map(|c| c as f32).into()
+            })
+            .collect();
+        let found = vec![Vector3::new(1.0, 2.0, 3.0); grid.len()];
+        let before = folding(&grid, &found, &added);
+        assert!(before.contains(&true));
+        let after = unfold(&grid, &found, added.clone());
+        assert!(!folding(&grid, &found, &after).contains(&true));
+        for l in 0..grid.len() {
+            let [i, ..] = grid.voxel(l);
+            let moved = (0..3).map(|a| f64::from(after[l][a] - added[l][a]).powi(2)).sum::<f64>().sqrt();
+            assert!(i > 3 || moved < 0.05, "{:?}: {moved}", grid.voxel(l));
+        }
+        // What does not fold stays as it is to the bit.
+        let gentle: Vec<[f32; 3]> = added.iter().map(|v| v.map(|c| 0.2 * c)).collect();
+        assert!(unfold(&grid, &found, gentle.clone()) == gentle);
+    }
+}
