@@ -206,7 +206,9 @@ mod tests {
             let strained = Ball { strain, ..Ball::new(told, 0.05) };
             square(&strained.drawn(Correlation::OTHER, &options)).sqrt() / usual
         };
-        assert!((ratio(0.4) - 2.0).abs() < 0.02 && (ratio(10.0) - 1.0).abs() < 1e-6, "{} {}", ratio(0.4), ratio(10.0));
+        // Where the map says the most that counts, only the bones' share grows.
+        let (usual, most) = (ratio(0.4), ratio(10.0));
+        assert!((usual - 2.0).abs() < 0.02 && (most - 1.0).abs() < 1e-3, "{usual} {most}");
     }
 
     #[test]
