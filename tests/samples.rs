@@ -145,7 +145,7 @@ fn bones_stay_rigid_and_nothing_folds_that_did_not() {
     let most = more.fold(0.0, f64::max);
     println!("at most {:.4} % more of the cells fold", 100.0 * most);
     // On voxels of 5 mm, beside bones that nothing shows; docs/decisions/samples.md has those of real scans.
-    assert!(most <= 5e-4, "{:.4} % more of the cells fold", 100.0 * most);
+    assert!(most <= 4e-4, "{:.4} % more of the cells fold", 100.0 * most);
 }
 
 #[test]
