@@ -5,7 +5,7 @@ use crate::errors::Raised;
 use aventail::dose::judge;
 use aventail::io;
 use aventail::io::dicom::like::{self, Like};
-use aventail::io::dicom::{is_structure_set, read_structure_set};
+use aventail::io::dicom::{CarriedDose, is_structure_set, read_structure_set};
 use aventail::{Error, Result};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ pub(crate) fn write_dicom_dose(
     let write = || {
         let scan = beside(&path, &like, false, &[&of[..], &fields].concat())?;
         judge("dose", &mut volume)?;
-        let warnings = scan.dose(&path, &volume, &of, &fields)?;
+        let warnings = scan.dose(&path, &volume, CarriedDose::Dose, [&of, &fields])?;
         Ok(warnings.into_iter().map(|w| (w.code, w.message)).collect())
     };
     py.detach(write).raised(py)
