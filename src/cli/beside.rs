@@ -23,9 +23,8 @@ pub(super) fn named(out: &Path, word: &str) -> PathBuf {
     out.with_file_name(format!("{stem}_{word}{}", end.unwrap_or(".nii.gz")))
 }
 
-/// A map beside a result: its name with a word behind it, in its format; beside DICOM a NIfTI.
+/// A map beside a result: as [`named`], but beside DICOM a NIfTI.
 pub(super) fn map_beside(out: &Path, word: &str) -> PathBuf {
-    let (stem, end) = parts(out);
-    let end = end.filter(|end| *end != ".dcm").unwrap_or(".nii.gz");
-    out.with_file_name(format!("{stem}_{word}{end}"))
+    let dicom = parts(out).1 == Some(".dcm");
+    if dicom { named(&with_extension(out, "nii.gz"), word) } else { named(out, word) }
 }

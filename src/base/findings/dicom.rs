@@ -74,7 +74,7 @@ findings! {
     );
     DICOM_ONE_FRAME = doubted(
         "dicom-one-frame",
-        "Planning and fraction claim one frame of reference, although the patient was set up anew.",
+        "Planning and fraction claim one frame of reference, which holds only if the patient was not set up anew.",
         "Export both with their own frames of reference; give --same-frame where one is true.",
     );
     DICOM_PADDING = warned(

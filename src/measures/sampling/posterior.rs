@@ -68,6 +68,11 @@ impl PosePosterior {
         Self { bones, curvature: blocks }
     }
 
+    /// The labels of the bones, in their order.
+    pub fn labels(&self) -> Vec<u16> {
+        self.bones.iter().map(|bone| bone.label).collect()
+    }
+
     /// What is wrong with it, where it was read from a file.
     pub fn problem(&self) -> Option<String> {
         let n = self.bones.len();

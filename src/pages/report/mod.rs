@@ -49,7 +49,7 @@ pub use outputs::{Files, planned};
 pub use pictures::{FigureKind, FigureOf, Picture, draw, figure};
 pub use plane::Kind as PlaneKind;
 pub use restore::{cut_to, restore};
-pub use samples::{SAMPLES_PAGE, write_samples_page};
+pub use samples::{SAMPLES_PAGE, SAMPLES_SHOWN, write_samples_page};
 pub use save::{More, Saving, save};
 pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};
 pub use table::terminal_table;

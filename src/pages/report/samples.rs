@@ -12,8 +12,10 @@ use std::path::Path;
 
 /// The page's file.
 pub const SAMPLES_PAGE: &str = "samples.html";
-/// Samples that are drawn.
-const DRAWN: [&str; 3] = ["sample_1.png", "sample_2.png", "sample_3.png"];
+/// Samples that the page shows at most.
+pub const SAMPLES_SHOWN: usize = 3;
+/// Their pictures.
+const DRAWN: [&str; SAMPLES_SHOWN] = ["sample_1.png", "sample_2.png", "sample_3.png"];
 /// They are shown in turns; who wants less motion, and paper, gets one below the other.
 const STYLE: &str = "
 .turns { position: relative; }

@@ -38,5 +38,5 @@ pub use pose::pose;
 pub use posing::{BoneMotion, Posing};
 pub use probable::{CarriedStructure, polygons_above};
 pub use register::{check_inputs, register, register_fraction};
-pub use sampled::{DoseSamples, DoseSpread, correlation, sample, sample_set, sampled_field, strain};
+pub use sampled::{DoseSamples, DoseSpread, correlation, sample, sample_set, sampled_field};
 pub use study::carry_again;

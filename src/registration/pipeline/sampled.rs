@@ -5,7 +5,9 @@ use crate::dose::{displacement, dose_at};
 use crate::error::{Error, Result};
 use crate::evaluate::{Direction, FieldPair};
 use crate::geometry::Grid;
-use crate::sampling::{Correlation, Drawn, SampleSet, SampledPatient, SamplingOptions, Strain, TissueModel};
+use crate::sampling::{
+    Correlation, Drawn, PosePosterior, SampleSet, SampledPatient, SamplingOptions, Strain, TissueModel,
+};
 use crate::stats::percentile;
 use crate::volume::Volume;
 use nalgebra::{Point3, Vector3};
@@ -22,7 +24,7 @@ pub fn correlation(outcome: &Outcome) -> Correlation {
 }
 
 /// How much a registration deforms soft tissue of which something is known.
-pub fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
+fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
     let bone = planning.bones.volume.data();
     let known = |l: usize| outcome.uncertainty.as_ref().is_none_or(|(map, _)| map.data()[l] >= 0.0);
     let usual = if other(outcome) { Strain::USUAL_OTHER } else { Strain::USUAL_CT };
@@ -33,11 +35,12 @@ pub fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
 /// there are below it.
 const MOST_MM: f64 = 10.0;
 
-/// Draws samples of a registration; the same bits for the same seed, at any number of threads.
+/// Draws samples of a registration, with the strain that they were drawn by; the same bits for the same seed, at any number of
+/// threads.
 ///
 /// # Errors
 /// [`Error::Usage`] for options out of range; [`Error::Input`] when the run has no map of uncertainty.
-pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOptions) -> Result<Vec<Drawn>> {
+pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOptions) -> Result<(Vec<Drawn>, Strain)> {
     if let Some(problem) = options.problem() {
         return Err(Error::usage(problem, "give 20 to 100 samples"));
     }
@@ -45,6 +48,7 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
         let problem = "it does not tell how far it may be off: there is no map of uncertainty, or nothing of the bones";
         return Err(Error::input("the registration", problem, "register with uncertainty = true in [output]"));
     };
+    let strain = strain(planning, outcome);
     let patient = SampledPatient {
         posterior,
         bones: &planning.bones,
@@ -53,9 +57,9 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
         most_mm: MOST_MM,
         push: &outcome.push.displacement,
         correlation: correlation(outcome),
-        strain: strain(planning, outcome),
+        strain,
     };
-    TissueModel::new(patient, options.scale)?.draw(options)
+    Ok((TissueModel::new(patient, options.scale)?.draw(options)?, strain))
 }
 
 /// Draws samples of a registration, ready to be read.
@@ -63,8 +67,8 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
 /// # Errors
 /// As [`sample`].
 pub fn sample_set(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOptions) -> Result<SampleSet> {
-    let drawn = sample(planning, outcome, options)?;
-    let bones: Vec<u16> = outcome.posterior.iter().flat_map(|p| &p.bones).map(|b| b.label).collect();
+    let (drawn, _) = sample(planning, outcome, options)?;
+    let bones: Vec<u16> = outcome.posterior.as_ref().map(PosePosterior::labels).unwrap_or_default();
     SampleSet::new(&planning.bones.volume, &bones, &drawn)
 }
 

@@ -4,17 +4,14 @@ use super::registered::Registered;
 use crate::error::{Error, Result};
 use crate::io::samples::{self, SAMPLES, SampledField, SamplesFile};
 use crate::io::{Planned, RunFolder};
-use crate::pipeline::{Case, Outcome, correlation, sample, strain};
-use crate::report::{Report, SAMPLES_PAGE, write_samples_page};
+use crate::pipeline::{Case, Outcome, correlation, sample};
+use crate::report::{Report, SAMPLES_PAGE, SAMPLES_SHOWN, write_samples_page};
 use crate::runtime::Runtime;
 use crate::sampling::{SampleSet, SamplingOptions};
 use std::path::Path;
 
 /// The folder of samples inside that of their run.
 pub const SAMPLES_FOLDER: &str = "samples";
-
-/// Samples that the page may show.
-const SHOWN: usize = 3;
 
 /// A saved registration of which samples are drawn.
 #[derive(Debug, Clone, Copy)]
@@ -35,7 +32,7 @@ pub struct Sampled<'a> {
 /// As [`sample`], [`RunFolder::open`] and [`samples::write`].
 pub fn write_samples(of: Sampled<'_>, options: &SamplingOptions, out: &Path, runtime: &Runtime) -> Result<()> {
     let planning = &of.case.planning;
-    let drawn = runtime.stage("draw samples", || sample(planning, of.outcome, options))?;
+    let (drawn, strain) = runtime.stage("draw samples", || sample(planning, of.outcome, options))?;
     let posterior = of.outcome.posterior.as_ref();
     let posterior = posterior.ok_or_else(|| Error::Internal("samples were drawn of no posterior".into()))?;
     let names = samples::names(options.number).chain([SAMPLES_PAGE.to_owned()]).collect();
@@ -50,14 +47,14 @@ pub fn write_samples(of: Sampled<'_>, options: &SamplingOptions, out: &Path, run
         command: of.command.into(),
         options: *options,
         correlation: correlation(of.outcome),
-        strain: strain(planning, of.outcome),
+        strain,
         fields: ["planning_to_fraction", "fraction_to_planning"].iter().filter_map(|name| field(name)).collect(),
         bones: Vec::new(),
         motions: Vec::new(),
         outputs: Vec::new(),
     };
-    let bones: Vec<u16> = posterior.bones.iter().map(|b| b.label).collect();
-    let shown = SampleSet::new(&planning.bones.volume, &bones, &drawn[..drawn.len().min(SHOWN)])?;
+    let first = &drawn[..drawn.len().min(SAMPLES_SHOWN)];
+    let shown = SampleSet::new(&planning.bones.volume, &posterior.labels(), first)?;
     let page = || write_samples_page(out, (of.case, of.outcome), &shown, options, of.command);
     runtime.stage("draw", page)?;
     let write = || samples::write(out, &planning.bones, posterior, &drawn, &[SAMPLES_PAGE], about);

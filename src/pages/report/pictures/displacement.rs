@@ -22,8 +22,7 @@ type Arrow = ([f64; 2], Vector3<f64>);
 /// The in-plane part of the push field as arrows at the planning positions.
 pub(super) fn draw(scene: &PictureScene<'_>) -> Plate {
     let field = &scene.outcome.push.displacement;
-    let list = |plane: &Plane| arrows(scene, plane, |p| trilinear_vector(field, &field.grid().index(p)));
-    let arrows = ArrowRows::new(scene, scene.planning.iter().map(list).collect());
+    let arrows = ArrowRows::of(scene, |p| trilinear_vector(field, &field.grid().index(p)));
     Plate {
         file: "displacement.png",
         title: "Displacement",
@@ -44,7 +43,7 @@ pub(super) fn of_samples(scene: &PictureScene<'_>, samples: &SampleSet, files: &
             let u = trilinear_vector(field, &field.grid().index(x))?;
             Some(samples.one(n, x, &(x + u)))
         };
-        ArrowRows::new(scene, scene.planning.iter().map(|plane| arrows(scene, plane, added)).collect())
+        ArrowRows::of(scene, added)
     };
     let all: Vec<ArrowRows> = (0..files.len()).map(one).collect();
     let scales = all.iter().map(|rows| rows.scale(scene));
@@ -72,9 +71,9 @@ struct ArrowScale {
 struct ArrowRows(Vec<Vec<Arrow>>);
 
 impl ArrowRows {
-    fn new(scene: &PictureScene<'_>, rows: Vec<Vec<Arrow>>) -> Self {
-        debug_assert_eq!(rows.len(), scene.planning.len());
-        Self(rows)
+    /// Of a field on each plane of planning.
+    fn of(scene: &PictureScene<'_>, field: impl Fn(&Point3<f64>) -> Option<Vector3<f64>>) -> Self {
+        Self(scene.planning.iter().map(|plane| arrows(scene, plane, &field)).collect())
     }
 
     /// By which these arrows are legible.
