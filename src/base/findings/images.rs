@@ -47,6 +47,11 @@ findings! {
         "The fraction is an MR: grey values that are no HU, and a geometry that the scanner distorts.",
         "Look at bones and skin in the fusion images, far from the scanner's middle above all; take no dose from its values.",
     );
+    MR_PLANNING = doubted(
+        "mr-planning",
+        "The planning scan is an MR: planning_on_fraction and the pictures show it freed of the coil's bias, and not in HU.",
+        "Look at bones and skin in the fusion images; carry the MR's own values with `aventail warp`.",
+    );
     NOT_AN_MR = refused(
         "not-an-mr",
         "An image that must be an MR holds negative values, as a CT in HU does.",
