@@ -30,7 +30,7 @@ findings! {
     BONES_AUTO_CHANGED = refused(
         "bones-auto-changed",
         "The labels of `--bones auto` have changed.",
-        "Give corrected labels with --bones; else remove both files.",
+        "Give corrected ones with --bones, or remove both files.",
     );
     BONES_AUTO_PARTIAL = warned(
         "bones-auto-partial",
@@ -55,7 +55,7 @@ findings! {
     BONES_NOT_FOUND = refused(
         "bones-not-found",
         "Most bones in view are not found.",
-        "Check patient and region; give --start or --bone-landmarks.",
+        "Check the scans; give --start or --bone-landmarks.",
     );
     BONES_OUTSIDE = warned(
         "bones-outside",
@@ -75,7 +75,7 @@ findings! {
     FRACTION_LABEL_CONTRADICTS = doubted(
         "fraction-label-contradicts",
         "Image and labels place a bone over 3 mm apart.",
-        "Check both labels; correct or omit one.",
+        "Correct or omit the wrong one.",
     );
     FRACTION_LABEL_UNLIKE = doubted(
         "fraction-label-unlike",

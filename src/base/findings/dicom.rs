@@ -30,7 +30,7 @@ findings! {
     DICOM_GAP = refused(
         "dicom-gap",
         "A slice is missing, or distances vary.",
-        "Export the whole series; resample uneven scans.",
+        "Export all slices; resample uneven ones.",
     );
     DICOM_IMAGES_DIFFER = refused(
         "dicom-images-differ",
@@ -45,7 +45,7 @@ findings! {
     DICOM_FEWER = refused_or_doubted(
         "dicom-fewer",
         "Images of a series or structure set are missing.",
-        "Export the whole series, unless you want a part.",
+        "Export the whole series, unless a part is meant.",
     );
     DICOM_LEFT_OUT = warned(
         "dicom-left-out",
@@ -80,7 +80,7 @@ findings! {
     DICOM_PADDING = warned(
         "dicom-padding",
         "Impossible values of unmeasured voxels became air.",
-        "Check that they lie outside the view.",
+        "Check where they lie.",
     );
     DICOM_SEVERAL = refused(
         "dicom-several",

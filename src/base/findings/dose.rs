@@ -5,22 +5,22 @@ findings! {
     DOSE_COUNTED = warned(
         "dose-counted",
         "A whole plan's dose counts as one fraction's.",
-        "Use --weights; keep --fractions for single-fraction plans.",
+        "Give --weights; --fractions suits single-fraction plans.",
     );
     DOSE_KIND = warned(
         "dose-kind",
-        "The dose is not physical (effect-weighted, for example).",
-        "Do not add it to physical doses.",
+        "The dose is not physical (effect-weighted?).",
+        "Do not add physical doses.",
     );
     DOSE_NEGATIVE = warned(
         "dose-negative",
         "Voxels rounded below 0 Gy count as 0.",
-        "Check that the count is plausible.",
+        "Check the count.",
     );
     DOSE_OUTSIDE = warned(
         "dose-outside",
         "One dose does not cover the other.",
-        "Compute both on larger grids.",
+        "Compute larger grids.",
     );
     DOSE_PART = warned(
         "dose-part",
@@ -60,16 +60,16 @@ findings! {
     FOLDS_IN_STEEP_DOSE = warned(
         "folds-in-steep-dose",
         "The field folds where the dose is steep.",
-        "Do not trust the mapped dose there.",
+        "Do not trust the dose there.",
     );
     STRUCTURE_OUTSIDE_DOSE = warned(
         "structure-outside-dose",
-        "A structure leaves the dose's grid (counted as 0 Gy).",
-        "Compute the dose on a larger grid.",
+        "A structure leaves the dose's grid (0 Gy there).",
+        "Compute a larger dose grid.",
     );
     UNCERTAIN_FIELD_IN_STEEP_DOSE = warned(
         "uncertain-field-in-steep-dose",
         "The field's residual changes dose by over 1 % of the maximum.",
-        "Do not trust the mapped dose there.",
+        "Do not trust the dose there.",
     );
 }

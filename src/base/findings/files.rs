@@ -20,7 +20,7 @@ findings! {
     INPUT_CHANGED = doubted(
         "input-changed",
         "A file differs from the recorded one.",
-        "Use the recorded file, or expect a new result.",
+        "Use the recorded file, or expect another result.",
     );
     INPUT_OVERWRITTEN = refused(
         "input-overwritten",
@@ -30,12 +30,12 @@ findings! {
     NO_ORIENTATION = doubted(
         "no-orientation",
         "The header names no left, back and head.",
-        "Check in a viewer; write a full header.",
+        "View it; write a full header.",
     );
     NO_RUN = refused(
         "no-run",
         "The folder holds no finished run.",
-        "Give one's --out folder, or files.",
+        "Give a finished --out folder, or files.",
     );
     NO_SPACING = doubted(
         "no-spacing",
@@ -65,7 +65,7 @@ findings! {
     PIXDIM_SFORM_DISAGREE = refused_or_warned(
         "pixdim-sform-disagree",
         "NIfTI pixdim and sform give different spacings.",
-        "Write the file with the right one.",
+        "Write it with the right one.",
     );
     PLANNING_DIFFERS = warned(
         "planning-differs",
@@ -85,12 +85,12 @@ findings! {
     RUN_CHANGED = refused(
         "run-changed",
         "Files are missing, changed, or of another run.",
-        "Repeat the run in a new folder.",
+        "Run again into a new folder.",
     );
     SFORM_QFORM_DISAGREE = warned(
         "sform-qform-disagree",
         "NIfTI sform and qform place the image differently.",
-        "Write the file with the right one.",
+        "Write it with the right one.",
     );
     SPACE_UNKNOWN = refused(
         "space-unknown",

@@ -5,22 +5,22 @@ findings! {
     CUT_FRACTION = warned(
         "cut-fraction",
         "Part of the fraction was not measured.",
-        "Check the uncertainty map before using contours there.",
+        "Check the uncertainty there.",
     );
     FIT_ITERATIONS = doubted(
         "fit-iterations",
         "Bones still moved at the last iteration.",
-        "Check them; if off, raise fit.max_iterations.",
+        "Check them, or raise fit.max_iterations.",
     );
     FRACTION_MIRRORED = refused(
         "fraction-mirrored",
         "The fraction fits better mirrored left to right.",
-        "Check heart or liver; correct the wrong header's x axis.",
+        "Check the heart; correct the wrong header's x axis.",
     );
     FRACTION_SCALED = refused_or_doubted(
         "fraction-scaled",
         "The bones have another scale in the fraction.",
-        "Check both files' spacing and slice thickness.",
+        "Check spacing and slice thickness.",
     );
     FRACTION_TURNED = refused(
         "fraction-turned",
@@ -45,7 +45,7 @@ findings! {
     MR_FRACTION = doubted(
         "mr-fraction",
         "An MR has no HU and is distorted.",
-        "Check bones and skin, especially off-centre; take no dose from it.",
+        "Check bones and skin, especially off-centre; take no dose.",
     );
     NOT_AN_MR = refused(
         "not-an-mr",

@@ -99,8 +99,8 @@ findings! {
     );
     STRUCTURES_EMPTY = refused_or_warned(
         "structures-empty",
-        "Structures have no closed contour; refused if all lack one.",
-        "Check that you mean them empty.",
+        "Structures have no closed contour; refused if all.",
+        "Check that they should be empty.",
     );
     STRUCTURES_FRAME = doubted(
         "structures-frame",
