@@ -9,8 +9,8 @@ findings! {
     );
     DOSE_KIND = warned(
         "dose-kind",
-        "The dose is not physical (effect-weighted?).",
-        "Do not add physical doses.",
+        "The dose is not physical, perhaps effect-weighted.",
+        "Do not add it to physical doses.",
     );
     DOSE_NEGATIVE = warned(
         "dose-negative",

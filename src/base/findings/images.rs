@@ -45,7 +45,7 @@ findings! {
     MR_FRACTION = doubted(
         "mr-fraction",
         "An MR has no HU and is distorted.",
-        "Check bones and skin, especially off-centre; take no dose.",
+        "Check bones and skin, especially off-centre; take no dose from it.",
     );
     NOT_AN_MR = refused(
         "not-an-mr",

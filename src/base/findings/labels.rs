@@ -99,7 +99,7 @@ findings! {
     );
     STRUCTURES_EMPTY = refused_or_warned(
         "structures-empty",
-        "Structures have no closed contour; refused if all.",
+        "Structures have no closed contour; refused if none has.",
         "Check that they should be empty.",
     );
     STRUCTURES_FRAME = doubted(
