@@ -418,7 +418,7 @@ fn the_table_of_balls_is_what_is_measured() {
                 write!(row, " {} ({}) |", short(volume), short(own)).unwrap();
             }
         }
-        // The page shows every other ball.
+        // The page shows three of them.
         if [2.0, 5.0, 10.0].contains(&diameter) {
             table += &row;
             table.push('\n');
