@@ -25,7 +25,7 @@ const UNIT_HU: f64 = 100.0;
 /// Half or twice as much moves no mean error by 0.003 mm.
 const RIDGE_HU: f64 = 3.0;
 /// Points of an element that both scans must show on the mean of a neighbourhood.
-/// Half or twice as many moves no mean error by 0.003 mm.
+/// Half or twice as many move no mean error by 0.003 mm.
 const LEAST_SEEN: f32 = 0.2;
 /// A correlation that changes by less has neither gained nor lost.
 /// At 0.005 and 0.02: 0.353 and 0.342 for 0.350 mm under streaks.

@@ -24,13 +24,13 @@ const WIDE_MM: f64 = 20.0;
 /// Half or twice as far apart moves no mean error by 0.003 mm.
 const SPACING_MM: f64 = 10.0;
 /// Times that gain and shading are found in turn.
-/// Half or twice as many moves no mean error by 0.003 mm.
+/// Half or twice as many move no mean error by 0.003 mm.
 const ROUNDS: usize = 6;
 /// Differences beyond this many times their own spread are something else than shading.
 /// At 1.25 a cone-beam CT errs by 0.785 mm for 0.772, at 5 by 0.769.
 const OUTLIER: f64 = 2.5;
 /// Fewer nodes tell nothing.
-/// Half or twice as many moves no mean error by 0.003 mm.
+/// Half or twice as many move no mean error by 0.003 mm.
 const FEWEST: usize = 500;
 /// Gains that are believed.
 const GAINS: std::ops::RangeInclusive<f64> = 0.5..=2.0;

@@ -76,11 +76,11 @@ const WILD_MM: f64 = 4.0;
 /// Times that a step is tried, each half as long as the one before.
 const HALVINGS: usize = 3;
 /// The power of a miss that steps make smaller: high, so that the longest counts, and not so high that nothing else does.
-/// At 10 the case change keeps 11 points beyond the limit, at 8 none.
+/// At 6 a phantom keeps one point beyond the limit, at 10 the case change 11; at 8 neither keeps any.
 const POWER: i32 = 8;
 /// Weight of the moves' roughness (differences between neighbours per mm) against the errors: where it starts, by how much it grows after
 /// a step that brought nothing and shrinks after one that did, and where that ends.
-/// Down to 0.05 a phantom keeps 16 points beyond the limit, to 0.1 none.
+/// Fixed at 0.05 a phantom keeps 16 points beyond the limit, at 0.1 none.
 const ROUGHNESS: f64 = 0.3;
 const STIFFER: f64 = 4.0;
 const SOFTER: f64 = 0.5;
