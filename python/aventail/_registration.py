@@ -232,7 +232,8 @@ class Registration:
                 raise _errors.usage(f"labels is the file {names}", "give the names as a dict")
             raster, own = self._native.warp_labels(given, names, forward, target)
             return _of_raster(raster, "labels", own)
-        raster = self._native.warp_image(source("thing", thing, kind), forward, cubic, fill, kind == "dose", target)
+        how = {"cubic": cubic, "outside": fill, "dose": kind == "dose"}
+        raster = self._native.warp_image(source("thing", thing, kind), forward, how, target)
         return _of_raster(raster, kind)
 
     def _warp_points(self, points: ArrayLike, forward: bool, to: str) -> NDArray[np.float64]:
@@ -420,7 +421,7 @@ def register(
     ]
     ct = source("planning", planning)
     with told(progress) as function:
-        natives = _aventail.register(ct, given, pairs, more, settled, threads, function)
+        natives = _aventail.register((ct, given), pairs, more, settled, (threads, function))
     registrations = [Registration(native) for native in natives]
     return registrations if several else registrations[0]
 
@@ -467,7 +468,7 @@ def pose(
     given, names = label_source(bones, labels)
     more = _case.more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
     settled, threads = settings_source(settings), _given.whole("threads", threads)
-    margin, ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
+    motion["margin_mm"], ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
     with told(progress) as function:
-        native = _aventail.pose(ct, given, motion, margin, more, settled, threads, function)
+        native = _aventail.pose((ct, given), motion, more, settled, (threads, function))
     return Registration(native)

@@ -24,6 +24,8 @@ impl Target {
 }
 
 /// What an image is, and how it is sampled.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub(crate) struct Kind {
     pub(crate) cubic: bool,
     pub(crate) outside: f32,

@@ -107,7 +107,8 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         }
         let label = format!("[{}/{}] {}", n + 1, stages.len(), stage.name);
         let runtime = Runtime::new(args.work.threads, Box::new(Labelled { inner: progress(args.shown.quiet), label }))?;
-        let record = run_stage(&moved, config, &args.out, &stage.id, settings, key, &runtime)?;
+        let stage_run = StageRun { id: &stage.id, config, settings, key };
+        let record = stage_run.carry(&moved, &args.out, &runtime)?;
         records.insert(stage.id.clone(), record);
         // After every stage, so that a study that is stopped has its tables so far.
         write_study(&args.out, &moved.title, &plan, &records)?;
@@ -120,19 +121,24 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
 }
 
-fn run_stage(
-    moved: &StudiedMotion,
-    config: &Config,
-    out: &Path,
-    id: &str,
+/// A stage of the plan that is not finished yet.
+struct StageRun<'a> {
+    id: &'a str,
+    config: &'a Config,
+    /// The same as JSON.
     settings: serde_json::Value,
+    /// Checksum of what its result depends on.
     key: String,
-    runtime: &Runtime,
-) -> Result<StageRecord> {
-    let outcome = carry_again(&moved.case, &moved.fit, moved.seen, config, runtime)?;
-    let record = StageRecord::new(&outcome, settings, key, runtime);
-    runtime.stage("draw", || write_stage(out, id, &moved.case, &outcome, &record))?;
-    Ok(record)
+}
+
+impl StageRun<'_> {
+    /// Carries the motion by the stage's settings and writes what came of it.
+    fn carry(self, moved: &StudiedMotion, out: &Path, runtime: &Runtime) -> Result<StageRecord> {
+        let outcome = carry_again(&moved.case, &moved.fit, moved.seen, self.config, runtime)?;
+        let record = StageRecord::new(&outcome, self.settings, self.key, runtime);
+        runtime.stage("draw", || write_stage(out, self.id, &moved.case, &outcome, &record))?;
+        Ok(record)
+    }
 }
 
 /// A case whose bones' motion is known from a finished run.

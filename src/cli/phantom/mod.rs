@@ -152,7 +152,9 @@ fn chest(
         let truth = write_chest(&chest, &fraction, &args.out)?;
         if args.dicom {
             let planning = dicom::write_planning(&chest.planning, None, &args.out)?;
-            dicom::write_fraction("fraction", 1, &fraction.image, &planning, &truth, None, &args.out)?;
+            let fraction =
+                dicom::Fraction { name: "fraction", day: 1, image: &fraction.image, truth: &truth, bone: None };
+            dicom::write_fraction(&fraction, &planning, &args.out)?;
         }
         Ok::<_, Error>(())
     })?;
@@ -170,10 +172,11 @@ fn patient(
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
     let fraction = seen(&phantom.fraction, cbct, options.seed)?;
     folder.begin()?;
-    let series = runtime.stage("write", || {
-        let series = write_planning(&phantom, args, &args.out)?;
-        write_fraction(&phantom, &fraction, "fraction", 1, series.as_ref(), &args.out, &args.out)?;
-        Ok::<_, Error>(series)
+    let set = runtime.stage("write", || {
+        let planning = write_planning(&phantom, args, &args.out)?;
+        let set = planning.map(|planning| DicomSet { planning, out: &args.out });
+        write_fraction(&phantom, &fraction, ("fraction", 1), set.as_ref(), &args.out)?;
+        Ok::<_, Error>(set)
     })?;
     if args.pose.is_none() {
         let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
@@ -182,7 +185,7 @@ fn patient(
             .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
         let made = runtime.stage("make the second fraction", || Phantom::new(&second))?;
         let fraction = seen(&made.fraction, cbct, second.seed)?;
-        let write = || write_fraction(&made, &fraction, "fraction_2", 2, series.as_ref(), &second_folder, &args.out);
+        let write = || write_fraction(&made, &fraction, ("fraction_2", 2), set.as_ref(), &second_folder);
         runtime.stage("write", write)?;
     }
     Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
@@ -312,23 +315,28 @@ fn write_planning(phantom: &Phantom, args: &PhantomArgs, out: &Path) -> Result<O
     args.dicom.then(|| dicom::write_planning(&phantom.planning, Some(&plan), out)).transpose()
 }
 
-/// Writes a fraction CT with its truth; with the planning series of a DICOM set also as one, into `whole`.
+/// A DICOM set of the phantom: its planning series, and the phantom's folder, where it lies.
+struct DicomSet<'a> {
+    planning: Series,
+    out: &'a Path,
+}
+
+/// Writes a fraction CT with its truth; where there is a DICOM set, also into that, by name and number.
 fn write_fraction(
     phantom: &Phantom,
     fraction: &Seen<'_>,
-    name: &str,
-    number: u32,
-    planning: Option<&Series>,
+    (name, number): (&str, u32),
+    set: Option<&DicomSet<'_>>,
     out: &Path,
-    whole: &Path,
 ) -> Result<()> {
     write_seen(fraction, out)?;
     let transforms = || phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
     let truth = phantom.truth()?;
     write_truth(&truth, transforms(), &phantom.landmarks, out)?;
-    let Some(planning) = planning else { return Ok(()) };
+    let Some(set) = set else { return Ok(()) };
     let bone = transforms().find(|(name, _)| *name == "skull");
-    dicom::write_fraction(name, number, &fraction.image, planning, &truth, bone, whole)
+    let fraction = dicom::Fraction { name, day: number, image: &fraction.image, truth: &truth, bone };
+    dicom::write_fraction(&fraction, &set.planning, set.out)
 }
 
 /// Writes the breathing chest.

@@ -4,7 +4,7 @@ use super::super::args::{CommonArgs, FormatName, SpaceName};
 use super::super::links::{LinkArg, frame};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(in super::super) const HELP: &str = "\
 Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
@@ -19,6 +19,13 @@ Examples:
   aventail warp --field planning:fraction=elastix.mha --from planning --to fraction --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz --out organs_day.nii.gz
   aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz --from couch --to fraction \\
                 --grid couch_ct.nii.gz --out-field all.mha        # one field for the whole chain";
+
+/// The file that is carried, and the one that is written.
+#[derive(Clone, Copy)]
+pub(super) struct Files<'a> {
+    pub(super) input: &'a Path,
+    pub(super) out: &'a Path,
+}
 
 /// Options of `warp`.
 #[derive(Debug, Args)]
