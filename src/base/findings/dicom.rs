@@ -97,4 +97,9 @@ findings! {
         "The Rescale Type says that the values are not HU, or gives no unit.",
         "Give the series in HU of the same scan.",
     );
+    MR_DERIVED_MAP = refused(
+        "mr-derived-map",
+        "An MR series holds no magnitude images: a map, a phase, a subtraction, a projection or a mosaic by Image Type.",
+        "Give the series of the magnitude images of the same scan.",
+    );
 }

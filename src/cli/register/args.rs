@@ -39,11 +39,12 @@ pub struct RegisterArgs {
     /// Planning CT, its bones and their names.
     #[command(flatten)]
     pub side: PlanningArgs,
-    /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// Fraction, a CT in HU or an MR, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. Planning is a CT
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. A DICOM series says it itself; of other files a CT is
+    /// assumed. Planning is a CT
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
     /// Folder for the results; made if missing
