@@ -43,16 +43,15 @@ pub(super) struct Planned {
     header: Box<DefaultDicomObject>,
 }
 
-/// Reads a CT series in HU, or an MR series in its own grey values ([`Series::modality`] tells which), LPS mm, from its folder, from the file of one of its slices, or from
-/// `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's axes are
-/// columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of
-/// the sorted SHA-256 of the files used, one a line.
+/// Reads a CT series in HU, or an MR series in its own grey values ([`Series::modality`] tells which), LPS mm, from its folder,
+/// from the file of one of its slices, or from `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's
+/// axes are columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of the sorted SHA-256 of
+/// the files used, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which
-/// series is meant; when it is no CT and no MR, or an MR of maps; when slices are missing, differ at one place, are tilted or
-/// do not make one volume; when pixels are compressed in a way that is not read; when values of a CT are
-/// no HU.
+/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which series is meant; when it is
+/// neither CT nor MR, or an MR of maps; when slices are missing, differ at one place, are tilted or do not make one volume; when
+/// pixels are compressed in a way that is not read; when values of a CT are no HU.
 pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series)>> {
     let path = path.as_ref();
     match choose(path)? {
