@@ -68,7 +68,7 @@ pub(crate) fn image(
 ) -> Result<Volume<f32>> {
     let mut image = match given {
         Given::File(path) if kind.dose => io::read_dose(path)?.value,
-        Given::File(path) => io::read_image(path)?.value,
+        Given::File(path) => io::read_scan(path)?.value,
         Given::Memory(volume) => volume,
     };
     let target = target.unwrap_or(back.grid());

@@ -167,7 +167,8 @@ fn read_bones(path: &Path, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
 /// Reads everything but the fields.
 fn read(args: &EvaluateArgs, limits: Limits, provenance: &mut Provenance) -> Result<Inputs> {
     let mut image = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
-        path.as_ref().map(|p| Ok(provenance.take_scan(role, io::read_image(p)?))).transpose()
+        let read = if role == InputRole::Fraction { io::read_scan } else { io::read_image };
+        path.as_ref().map(|p| Ok(provenance.take_scan(role, read(p)?))).transpose()
     };
     let planning = image(InputRole::Planning, &args.planning)?;
     let fraction = image(InputRole::Fraction, &args.fraction)?;

@@ -39,14 +39,15 @@ pub struct RegisterArgs {
     /// Planning CT, its bones and their names.
     #[command(flatten)]
     pub side: PlanningArgs,
-    /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// Fraction, a CT in HU or an MR, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. A DICOM series says it itself; other files are taken for
+    /// a CT
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
-    /// What made the planning scan: a CT in HU, or an MR, which needs labels of its bones
+    /// What made the planning scan: a CT in HU, or an MR, whose bones must be labelled
     #[arg(long, value_enum)]
     pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing

@@ -334,7 +334,7 @@ fn map_volume(
         }
         mapped
     } else {
-        let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_image };
+        let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_scan };
         let mut image = runtime.stage("read the input", || read(input))?;
         report.warnings.append(&mut image.warnings);
         let mut greatest = None;

@@ -3,21 +3,23 @@
 use super::fraction::FractionSources;
 use super::planning::PlanningSources;
 use super::source::Source;
-use crate::config::Config;
+use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use crate::io::dicom::is_dicom_path;
+use crate::io::dicom::{Scan, is_dicom_path, require_ct, scan_of};
 use crate::io::{read_grid, read_image, read_label_map};
 use crate::pipeline::{check_grids, check_size, memory_estimate};
 use crate::volume::Volume;
 
-/// Refuses, by the headers alone, scans that are too small, labels of another grid, and a region outside the planning CT;
+/// Refuses, by the headers alone, scans that are too small, labels of another grid, a region outside the planning CT, a planning
+/// scan that is an MR series, and fractions that are not of the modality that the settings name;
 /// returns the memory that the greediest fraction is expected to need, bytes. Without a fraction the planning scan counts
 /// as one.
 ///
 /// # Errors
 /// As reading a header, and [`Error::Input`] and [`Error::Usage`] as above.
 pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Config) -> Result<u64> {
+    side.ct.path().map_or(Ok(()), require_ct)?;
     let planning = grid_of(&side.ct)?;
     check_size("planning CT", &planning)?;
     // Contours are drawn on the planning grid.
@@ -30,6 +32,7 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
         return Err(elsewhere);
     }
     config.region.check_box(&planning)?;
+    modality(fractions, config.fraction.modality)?;
     let mut expected = 0;
     for one in fractions {
         let fraction = grid_of(&one.ct)?;
@@ -37,6 +40,36 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
         expected = expected.max(memory_estimate(&planning, &fraction, config));
     }
     Ok(if fractions.is_empty() { memory_estimate(&planning, &planning, config) } else { expected })
+}
+
+/// What made the fractions, which are of one modality: what DICOM series say of themselves, else what is `told`, else a CT.
+///
+/// # Errors
+/// [`Error::Usage`] when a series is of another modality than is told, or than another fraction; else as finding a series.
+pub(super) fn modality(fractions: &[FractionSources], told: Modality) -> Result<Modality> {
+    let name = |one: &FractionSources| one.ct.path().map_or("an image in memory".into(), |p| p.display().to_string());
+    let unsaid = if told == Modality::Auto { Modality::Ct } else { told };
+    let mut first: Option<(Modality, &FractionSources)> = None;
+    for one in fractions {
+        let own = match one.ct.path().map_or(Ok(None), scan_of)? {
+            Some(Scan::Ct) => Modality::Ct,
+            Some(Scan::Mr) => Modality::Mr,
+            None => unsaid,
+        };
+        if told != Modality::Auto && own != told {
+            let [is, said] = if own == Modality::Mr { ["an MR", "a CT"] } else { ["a CT", "an MR"] };
+            return Err(Error::usage(
+                format!("{}: it is {is} series, and the settings say {said} (--modality)", name(one)),
+                "leave --modality out: a DICOM series says itself what it is; choose one of several by FOLDER#NUMBER",
+            ));
+        }
+        let (of_first, other) = *first.get_or_insert((own, one));
+        if of_first != own {
+            let problem = format!("{} and {} are of two modalities, a CT and an MR", name(other), name(one));
+            return Err(Error::usage(problem, "register the fractions of each modality in a run of their own"));
+        }
+    }
+    Ok(first.map_or(unsaid, |(own, _)| own))
 }
 
 /// The grid of what is given; of a file by its header.

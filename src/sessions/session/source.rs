@@ -47,13 +47,16 @@ impl<T> Source<T> {
 /// Names of labels.
 pub type Names = BTreeMap<u16, String>;
 
-/// An image's values.
+/// An image's values; of DICOM an MR series as fraction alone.
 ///
 /// # Errors
 /// As [`io::read_image`].
 pub fn image(role: InputRole, source: Source<Volume<f32>>, provenance: &mut Provenance) -> Result<Volume<f32>> {
     match source {
-        Source::File(path) => Ok(provenance.take_scan(role, io::read_image(path)?)),
+        Source::File(path) => {
+            let read = if role == InputRole::Fraction { io::read_scan } else { io::read_image };
+            Ok(provenance.take_scan(role, read(path)?))
+        }
         Source::Memory(volume) => Ok(volume),
     }
 }

@@ -4,7 +4,7 @@
 use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, Group, Object, day, find};
-use super::place::CT;
+use super::scan::Scan;
 use super::series::Patient;
 use super::{ct, dose, segmentation, structures};
 use crate::error::{Error, Result};
@@ -39,7 +39,7 @@ pub struct Entry {
     pub objects: usize,
     /// What it holds, in words.
     pub content: String,
-    /// The grid of a CT series or dose.
+    /// The grid of a CT or MR series, or of a dose.
     pub grid: Option<Grid>,
     /// Frame of reference: entries of one letter can be compared; empty where none is told.
     pub frame: String,
@@ -141,7 +141,7 @@ fn entry(
             problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
         }
     }
-    if s.modality == "CT" {
+    if matches!(s.modality.as_str(), "CT" | "MR") {
         let others: Vec<&Object> = units.iter().flat_map(|u| u.objects.iter().copied()).collect();
         problems.extend(lost_of(&unit.objects, &others).into_iter().map(|w| w.message));
     }
@@ -193,7 +193,7 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
     let Some(first) = unit.objects.first() else { return Ok((String::new(), None, Vec::new())) };
     let images = |word: &str| many(unit.objects.len(), word);
     match unit.series.modality.as_str() {
-        "CT" if unit.objects.iter().any(|o| CT.contains(&o.sop_class.as_str())) => {
+        "CT" | "MR" if Scan::of(unit.objects.iter().copied()).is_some() => {
             let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
             let planned = ct::plan(Path::new("series"), objects, Vec::new())?;
             let grid = planned.stack.grid;
@@ -284,12 +284,13 @@ impl std::fmt::Display for Summary {
         if frames.len() > 1 {
             writeln!(f, "  {} frames of reference: positions can be compared within one letter only", frames.len())?;
         }
-        let series = self.entries.iter().filter(|e| e.modality == "CT" && e.number.is_some()).nth(1);
-        if let Some(number) = series.and_then(|e| e.number) {
+        for modality in ["CT", "MR"] {
+            let series = self.entries.iter().filter(|e| e.modality == modality && e.number.is_some()).nth(1);
+            let Some(number) = series.and_then(|e| e.number) else { continue };
             let path = self.path.display();
             writeln!(
                 f,
-                "  several CT series: {path}#{number} means the one whose number in the column `series` is {number}"
+                "  several {modality} series: {path}#{number} means the one whose number in the column `series` is {number}"
             )?;
         }
         if self.other_files > 0 {

@@ -6,7 +6,7 @@ mod text;
 pub use folder::{FolderCheck, check_folder};
 
 use super::labels::is_label;
-use super::load::load;
+use super::load::load_scan;
 use super::names::header_names;
 use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::voxels::Layout;
@@ -124,7 +124,7 @@ pub enum Content {
 /// As for reading an image, except that values which are not finite are counted, not refused.
 pub fn inspect(path: impl AsRef<Path>) -> Result<Inspection> {
     let path = path.as_ref();
-    let loaded = load(path, |raster| Ok((raster.grid.clone(), content(path, raster)?)))?;
+    let loaded = load_scan(path, |raster| Ok((raster.grid.clone(), content(path, raster)?)))?;
     let (grid, content) = loaded.value;
     let orientation = orientation(&grid);
     let (path, sha256, header, warnings) = (loaded.path, loaded.sha256, loaded.header, loaded.warnings);
