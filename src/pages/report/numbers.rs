@@ -230,6 +230,11 @@ pub(super) fn first_words(text: &str, letters: usize) -> Option<&str> {
     Some(text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head))
 }
 
+/// A number of threads in words.
+pub(super) fn threads(n: usize) -> String {
+    if n == 1 { "1 thread".to_owned() } else { format!("{n} threads") }
+}
+
 /// A count with its thousands set apart by thin spaces, as `2 118 297`.
 pub(super) fn count(n: usize) -> String {
     let digits = n.to_string();
