@@ -115,7 +115,7 @@ pub struct SampledArgs {
     /// Doses of V_x in the table of intervals, Gy
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -241,7 +241,7 @@ pub struct DvhArgs {
     /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
     /// Doses of V_x, Gy

@@ -131,7 +131,7 @@ fn agreement(images: &Agreement) -> String {
 fn couch(couch: &CouchMatch) -> Option<String> {
     let worst = couch.worst()?;
     Some(format!(
-        "patient lies {} mm ({} bones); leaves up to {:.1} mm ({}), {:.1} turned by {:.1} deg",
+        "patient lies {} mm ({} bones); leaves {:.1} mm ({}), {:.1} turned by {:.1} deg",
         couch.towards(),
         couch.on.len(),
         worst.shift_mm,
