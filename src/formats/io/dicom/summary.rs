@@ -284,13 +284,18 @@ impl std::fmt::Display for Summary {
         if frames.len() > 1 {
             writeln!(f, "  {} frames of reference: positions can be compared within one letter only", frames.len())?;
         }
-        let series = self.entries.iter().filter(|e| e.modality == "CT" && e.number.is_some()).nth(1);
-        if let Some(number) = series.and_then(|e| e.number) {
+        let series = || self.entries.iter().filter(|e| e.modality == "CT").filter_map(|e| e.number);
+        if let Some(number) = series().nth(1) {
             let path = self.path.display();
-            writeln!(
-                f,
-                "  several CT series: {path}#{number} means the one whose number in the column `series` is {number}"
-            )?;
+            // As long as no other has its number.
+            if series().filter(|n| *n == number).count() == 1 {
+                writeln!(
+                    f,
+                    "  several CT series: {path}#{number} means the one whose number in the column `series` is {number}"
+                )?;
+            } else {
+                writeln!(f, "  several CT series of one number: name one as {path}#UID, with its SeriesInstanceUID")?;
+            }
         }
         if self.other_files > 0 {
             writeln!(f, "  {} other files", self.other_files)?;
