@@ -242,8 +242,8 @@ fn options(args: &PhantomArgs, cbct: bool) -> Result<PhantomOptions> {
         (options.fraction_noise_hu, options.fraction_gain, options.fraction_offset_hu) = (0.0, 1.0, 0.0);
     }
     if let Some(path) = &args.pose {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Error::read(path, e.to_string(), "check the path of --pose, a text file"))?;
         options.posture = Posture::parse(&text).map_err(|e| {
             Error::read(
                 path,
@@ -272,8 +272,8 @@ fn breathing_options(args: &PhantomArgs, amplitude: Option<f64>, cbct: bool) -> 
 /// The settings of a file, or those as they come.
 pub(super) fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
     let Some(path) = file else { return Ok(CbctOptions::default()) };
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct"))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct, a text file"))?;
     CbctOptions::parse(&text).map_err(|e| {
         let remedy =
             "write lines such as `noise_hu = 40.0`; `aventail phantom --cbct` writes a cbct.toml with all of them";

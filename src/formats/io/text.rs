@@ -39,14 +39,3 @@ pub(super) fn plain_text(text: &str) -> String {
     let plain = |c: char| if c.is_control() { ' ' } else { c };
     text.trim_matches(|c: char| c.is_control() || c.is_whitespace()).chars().map(plain).collect()
 }
-
-/// Letters of a line of a file that a message shows.
-const SHOWN: usize = 120;
-
-/// The beginning of a line as a message shows it: a file of another kind may be one line of megabytes.
-pub(super) fn beginning(line: &str) -> String {
-    match line.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{} ...", &line[..end]),
-        None => line.to_owned(),
-    }
-}

@@ -1,7 +1,6 @@
 //! Points as CSV, LPS mm: columns `x`, `y`, `z` and whatever else; or landmarks with `FRAME_x`, `FRAME_y`, `FRAME_z`.
 
 use super::super::sheet::{Sheet, plain_cell, require_length};
-use super::super::text::beginning;
 use super::{File, PointContent, PointFile, Space, digits};
 use crate::error::{Error, Result};
 use csv::{ReaderBuilder, StringRecord, Trim};
@@ -26,7 +25,7 @@ pub(super) fn read(file: &File<'_>, frame: &str) -> Result<PointFile> {
         |prefix: &str| Some([find(&format!("{prefix}x"))?, find(&format!("{prefix}y"))?, find(&format!("{prefix}z"))?]);
     let own = three("");
     let columns = own.or_else(|| three(&format!("{frame}_"))).ok_or_else(|| {
-        let shown = beginning(&header.iter().collect::<Vec<_>>().join(","));
+        let shown = header.iter().collect::<Vec<_>>().join(",");
         file.refuse(
             format!("line 1 names no columns x, y, z and no {frame}_x, {frame}_y, {frame}_z: {shown}"),
             "start the file with the line name,x,y,z (LPS mm)",
