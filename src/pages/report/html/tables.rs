@@ -155,8 +155,8 @@ pub(super) fn trust(report: &Report) -> Markup {
     html! {
         div {
             p.note {
-                "One standard deviation: at least two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
-                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6), and 60 to 90 % of errors lie below it "
+                "One standard deviation: about two thirds of errors should be smaller. Estimated, not measured: on CTs with known truth it "
+                "ranks places roughly (Spearman 0.5 to 0.6); 65 to 87 % of errors lie below it and 99 % below three times as much "
                 "(docs/validation.md)."
             }
             table {
