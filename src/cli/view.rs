@@ -17,9 +17,10 @@ use tiny_http::{Header, Method, Request, Response, Server};
 
 /// What `aventail view --help` adds.
 pub(super) const AFTER: &str = "\
-The page is served on the loopback address of this machine, under an address with a random token, until Ctrl-C. Nothing but the
-page is served, and other machines cannot reach it. The run's files and inputs must be unchanged. A run with --dicom --structures
-is shown with those structures. Of several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
+The page is served on the loopback address of this machine, under an address with a random token,
+until Ctrl-C. Nothing but the page is served, and other machines cannot reach it. The run's files
+and inputs must be unchanged. A run with --dicom --structures is shown with those structures. Of
+several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
 
 Examples:
   aventail view out
