@@ -1,6 +1,6 @@
 //! The short table at the end of a run on the terminal.
 
-use super::numbers::{Report, first_words, threads};
+use super::numbers::{ONE_SCAN, Report, first_words, threads};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::verdict::{Verdict, against, overall};
@@ -53,6 +53,9 @@ pub fn terminal_table(report: &Report) -> String {
                 j.all.folded, j.all.cells, j.contact.folded, j.interface.folded, j.folded_outside
             ),
         ));
+    }
+    if report.one_scan() {
+        rows.insert(1, ("", ONE_SCAN.to_owned()));
     }
     if let Some(kind) = &report.fraction_kind {
         rows.insert(1, ("fraction", kind.to_string()));

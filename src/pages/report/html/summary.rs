@@ -1,6 +1,6 @@
 //! Top of the page: whose scans, and the key figures.
 
-use super::super::numbers::{Report, count, utc};
+use super::super::numbers::{ONE_SCAN, Report, count, utc};
 use super::verdict::identity;
 use crate::config::InputRole;
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
@@ -57,7 +57,7 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
             h1 { span.clip { (title) } }
             dl.case {
                 div { dt.planning { "Planning" } dd { (scan(InputRole::Planning)) br; span.note { (grid(&report.planning_grid)) } } }
-                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
+                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } @if report.one_scan() { br; strong { (ONE_SCAN) } } } }
                 div { dt { "Couch shift" } dd { (format!("{:.1} mm", couch.shift().norm())) span.note { (lies) br; (matched(report)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }
