@@ -134,9 +134,10 @@ fn agreement(images: &Agreement) -> String {
 fn couch(couch: &CouchMatch) -> Option<String> {
     let worst = couch.worst()?;
     Some(format!(
-        "patient lies {} mm ({} bones); leaves {:.1} mm ({}), {:.1} turned by {:.1} deg",
+        "patient lies {} mm by {} {}; leaves {:.1} ({}), {:.1} turned {:.1} deg",
         couch.towards(),
         couch.on.len(),
+        if couch.on.len() == 1 { "bone" } else { "bones" },
         worst.shift_mm,
         worst.bone,
         worst.rotation_mm,
