@@ -93,10 +93,12 @@ impl FractionKind {
             );
             out.push(Warning::new(findings::SHADED_FRACTION, message));
         }
-        if let Some(MisledTissue { percent, centre_mm: [x, y, z] }) = self.misled {
+        if let Some(MisledTissue { percent, centre_mm }) = self.misled {
+            // Adding 0 turns the minus of a zero away.
+            let [x, y, z] = centre_mm.map(|c| c.round() + 0.0);
             let message = format!(
-                "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm, the images drew it and agreed no better for \
-                 it; bones alone carry it there. Streaks of metal, noise or grey values of another machine do that"
+                "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm of planning, moving it by the images did not \
+                 make them agree better; bones alone move it there. Streaks of metal, noise or grey values of another machine do that"
             );
             out.push(Warning::new(findings::IMAGES_MISLEAD, message));
         }
