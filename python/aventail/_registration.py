@@ -68,7 +68,8 @@ class Registration:
         return Registration(self._found)
 
     def __repr__(self) -> str:
-        return f"<aventail.Registration of {len(self.bones)} bones, {len(self.warnings)} warnings>"
+        told = f"{self.report['verdict']}, {len(self.warnings)} warnings"
+        return f"<aventail.Registration of {len(self.bones)} bones: {told}>"
 
     @cached_property
     def planning_to_fraction(self) -> Field:

@@ -22,11 +22,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
-result is kept, so that a study that was stopped goes on where it was.
+A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found
+there. Each stage's result is kept, so that a study that was stopped goes on where it was.
 
---concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
-functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's
+chapter 5 shows: transfer functions (Fig. 13), processing order (14, 15), rotation (17, 18),
+several initiators (19, 20), structures (23 to 25).
 
 Example:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run

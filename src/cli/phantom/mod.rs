@@ -26,17 +26,22 @@ use std::path::{Path, PathBuf};
 const RECORD: &str = "phantom.json";
 
 pub(super) const HELP: &str = "\
-OUT holds the head, neck and shoulders: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction (the first in
-OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
-With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and one fraction, in which the lungs and
-what lies below them have slid along the chest wall; points of landmarks.csv face each other across the pleura.
-With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading, noise, streaks, a round and short
-field of view with a bright rim where the patient is cut, blank end slices. The truth is what it is without. Beside the image lie
-measured.nii.gz (1 where the machine saw anything) and cbct.toml, the settings, any of which FILE may change.
-With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for the head RS.dcm and RD.dcm),
-fraction, and in registration the true motion as Deformable Spatial Registration, and that of one bone as Spatial Registration.
-With --field it holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
-exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
+OUT holds the head, neck and shoulders: planning_ct, bones, body, contours.json, dose.nii.gz (Gy),
+and per fraction (the first in OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv,
+true_planning_to_fraction, true_bone_transforms.json.
+With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and
+one fraction, in which the lungs and what lies below them have slid along the chest wall; points
+of landmarks.csv face each other across the pleura.
+With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading,
+noise, streaks, a round and short field of view with a bright rim where the patient is cut, blank
+end slices. The truth is what it is without. Beside the image lie measured.nii.gz (1 where the
+machine saw anything) and cbct.toml, the settings, any of which FILE may change.
+With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for
+the head RS.dcm and RD.dcm), fraction, and in registration the true motion as Deformable Spatial
+Registration, and that of one bone as Spatial Registration.
+With --field it holds a textured body with balls and a single-voxel label: planning_image,
+planning_labels, landmarks.csv and the exact planning_to_fraction; except for the fold also
+fraction_image, fraction_labels and the exact fraction_to_planning.
 
 Examples:
   aventail phantom --cbct --out shaded
@@ -245,8 +250,8 @@ fn options(args: &PhantomArgs, cbct: bool) -> Result<PhantomOptions> {
         (options.fraction_noise_hu, options.fraction_gain, options.fraction_offset_hu) = (0.0, 1.0, 0.0);
     }
     if let Some(path) = &args.pose {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Error::read(path, e.to_string(), "check the path of --pose, a text file"))?;
         options.posture = Posture::parse(&text).map_err(|e| {
             Error::read(
                 path,
@@ -275,8 +280,8 @@ fn breathing_options(args: &PhantomArgs, amplitude: Option<f64>, cbct: bool) -> 
 /// The settings of a file, or those as they come.
 pub(super) fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
     let Some(path) = file else { return Ok(CbctOptions::default()) };
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct"))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct, a text file"))?;
     CbctOptions::parse(&text).map_err(|e| {
         let remedy =
             "write lines such as `noise_hu = 40.0`; `aventail phantom --cbct` writes a cbct.toml with all of them";

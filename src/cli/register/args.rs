@@ -9,14 +9,17 @@ use std::path::PathBuf;
 pub(in super::super) const HELP: &str = "\
 Writes to OUT:
   planning_to_fraction.*      push field on the planning grid: planning point x goes to x + u(x)
-  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at y + v(y)
+  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at
+                              y + v(y)
   planning_on_fraction.nii.gz planning CT on the fraction grid, int16 HU
   bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
   bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
-  jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
+  bone_posterior.json         what the fit leaves open of the bones' poses, for `aventail samples`
+  jacobian.nii.gz             V_deformed / V_initial, planning grid; -1 folded, 1 outside tissue
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
-                              masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
-  uncertainty.nii.gz          how far the result may be trusted, mm, on the planning grid
+                              masks: patient; tissue whose motion was computed; fraction voxels
+                              that the planning scan covers
+  uncertainty.nii.gz          how far the result may be trusted, mm, planning grid; -1 not known
   skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml

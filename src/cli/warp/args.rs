@@ -7,11 +7,13 @@ use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 
 pub(in super::super) const HELP: &str = "\
-Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
-takes its points x to x + u(x) in TO. aventail's fields name both in their header; name them for all others:
+Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies
+on the grid of FROM and takes its points x to x + u(x) in TO. aventail's fields name both in their
+header; name them for all others:
   ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
-Points and contours go forward; images, labels and dose are pulled back. Where the field points the other way it is inverted
-numerically and the residual printed. Several --field are a chain, in order. Outside a field points stay where they are.
+Points and contours go forward; images, labels and dose are pulled back. Where the field points
+the other way it is inverted numerically and the residual printed. Several --field are a chain, in
+order. Outside a field points stay where they are.
 
 Examples:
   aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json

@@ -355,6 +355,11 @@ fn map_volume(
             let weight = |l: usize| f64::from((warped.data()[l] - air).abs());
             report.missed("the image (by contrast to air)", WORTH_OF_IMAGE, back, &mapped, &grid, weight);
         }
+        // NIfTI's intent of labels.
+        if kind == VolumeKind::Image && image.header.intent_code == Some(1002) {
+            let note = "its header calls it labels, and an image mixes their numbers: give --kind labels";
+            report.notes.push(note.into());
+        }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();
         let stored = if whole { Stored::Int16 } else { Stored::Float32 };

@@ -128,6 +128,8 @@ impl Session {
     pub fn open(mut request: Request, runtime: &Runtime) -> Result<Self> {
         let planning_file = request.planning.ct.path().map(Path::to_owned);
         request.fractions.iter_mut().try_for_each(|one| one.settle(planning_file.as_deref()))?;
+        let planning = headers::planning_modality(&request.planning, request.config.planning.modality)?;
+        request.config.planning.modality = planning;
         request.config.fraction.modality = headers::modality(&request.fractions, request.config.fraction.modality)?;
         let clinic = match &request.clinic {
             Some(_) => runtime.stage("read for DICOM", || request.clinic())?,

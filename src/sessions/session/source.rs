@@ -47,15 +47,14 @@ impl<T> Source<T> {
 /// Names of labels.
 pub type Names = BTreeMap<u16, String>;
 
-/// An image's values; of DICOM an MR series as fraction alone.
+/// An image's values.
 ///
 /// # Errors
-/// As [`io::read_image`].
+/// As [`io::read_scan`].
 pub fn image(role: InputRole, source: Source<Volume<f32>>, provenance: &mut Provenance) -> Result<Volume<f32>> {
     match source {
         Source::File(path) => {
-            let read = if role == InputRole::Fraction { io::read_scan } else { io::read_image };
-            Ok(provenance.take_scan(role, read(path)?))
+            Ok(provenance.take_scan(role, io::read_scan(path)?))
         }
         Source::Memory(volume) => Ok(volume),
     }

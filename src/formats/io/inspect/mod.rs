@@ -147,7 +147,9 @@ pub fn compare_grids(files: &[Inspection]) -> Vec<String> {
             let [m, n] = [a, b].map(|g| g.size().map(|s| s.to_string()).join(" x "));
             format!("{n} voxels, not {m}; middles {:.1} mm apart", (a.middle() - b.middle()).norm())
         };
-        format!("{} is NOT on the grid of {}: {why}", name(other), name(first))
+        let labels = [first, other].iter().any(|f| matches!(f.content, Content::Labels { .. }));
+        let may = if labels { "" } else { "; a fraction or a dose need not be" };
+        format!("{} is NOT on the grid of {}: {why}{may}", name(other), name(first))
     };
     others.iter().map(compare).collect()
 }
