@@ -131,11 +131,10 @@ const VOXEL_MM: f64 = 3.0;
 /// More voxels than one of so many whose place is not found: the posture is made milder.
 const FOLDED: usize = 500;
 
-/// A posture of the phantom, seen in part. `skeleton`: the phantom's.
-pub fn of_phantom(seed: u64, skeleton: &Skeleton, cut: Option<Cut>) -> Scene {
+/// A posture of the phantom, seen in part; `given` is what is seen and how strong the posture is. `skeleton`: the phantom's.
+pub fn of_phantom(seed: u64, skeleton: &Skeleton, given: Option<(Cut, f64)>) -> Scene {
     let mut random = Random::new(seed);
-    let cut = cut.unwrap_or_else(|| Cut::random(&mut random, HEIGHT_MM));
-    let mut strength = random.within(0.2, 1.0);
+    let (cut, mut strength) = given.unwrap_or_else(|| (Cut::random(&mut random, HEIGHT_MM), random.within(0.2, 1.0)));
     let scanner: [f64; 3] = std::array::from_fn(|_| random.within(-30.0, 30.0));
     loop {
         let posture = posture(&mut random.clone(), strength, skeleton);
