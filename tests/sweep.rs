@@ -262,10 +262,10 @@ fn each(seeds: std::ops::Range<u64>, made: impl Fn(u64, &Runtime) -> Row + Sync,
 
 /// Views long enough to be found without a search, which takes longer, and a mild posture.
 const QUICK: [Cut; 4] = [
-    Cut { slab_mm: [80.0, 400.0], circle_mm: 0.0, shaded: false },
+    Cut { slab_mm: [80.0, 330.0], circle_mm: 0.0, shaded: false },
     Cut { slab_mm: [110.0, 300.0], circle_mm: 0.0, shaded: true },
     Cut { slab_mm: [130.0, 330.0], circle_mm: 230.0, shaded: false },
-    Cut { slab_mm: [60.0, 260.0], circle_mm: 0.0, shaded: false },
+    Cut { slab_mm: [140.0, 340.0], circle_mm: 0.0, shaded: false },
 ];
 const MILD: f64 = 0.3;
 
