@@ -20,6 +20,7 @@ use aventail::runtime::Runtime;
 use aventail::skeleton::{Skeleton, build};
 use aventail::view::View;
 use aventail::volume::LabelMap;
+use nalgebra::Point3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -122,7 +123,7 @@ fn rounded(value: f64) -> f64 {
 impl Row {
     fn new(seed: u64, patient: &Patient, scene: &Scene) -> Self {
         let (grid, view) = (scene.fraction.grid(), View::of(&scene.fraction));
-        let measured = |p| grid.voxel_at(p).is_some_and(|at| view.measured().is_none_or(|m| *m.at(at)));
+        let measured = |p: &Point3<f64>| grid.voxel_at(p).is_some_and(|at| view.measured().is_none_or(|m| *m.at(at)));
         let bones = || patient.skeleton.bones.iter();
         let middles: Vec<_> = bones().filter(|b| measured(&(scene.truth[&b.name] * b.centroid))).collect();
         let Cut { slab_mm: [low, high], circle_mm, shaded } = scene.cut;
