@@ -76,9 +76,8 @@ fn what_the_table_holds_is_raised_as_it_says() {
 fn page() -> String {
     let mut page = String::from(
         "# Refusals and warnings\n\n\
-         What aventail refuses or warns of, by code. Codes stand in square brackets behind a refusal and in\n\
-         `report.json` beside a warning. This page is made from the program's own table\n\
-         (`src/base/findings`). A run with a warning that is \"to be reviewed\" has the verdict \"review\".\n\n\
+         Codes stand in brackets behind a refusal, and in `report.json`. A warning marked \"review\" gives the\n\
+         run that verdict. `src/base/findings` makes this page.\n\n\
          Exit codes: 0 done, 1 defect of aventail, 2 usage, 3 unreadable file, 4 unsuitable input,\n\
          5 unwritable output, 6 registration failed.\n\n\
          | code | told | reason | remedy |\n|---|---|---|---|\n",
@@ -87,11 +86,11 @@ fn page() -> String {
     all.sort_unstable_by_key(|f| f.code);
     for f in all {
         let told = match f.told {
-            Told::Warned if f.doubted => "warning, to be reviewed",
+            Told::Warned if f.doubted => "review",
             Told::Warned => "warning",
-            Told::RefusedOrWarned if f.doubted => "refusal, or warning to be reviewed where doubtful",
+            Told::RefusedOrWarned if f.doubted => "refusal or review",
             Told::Refused => "refusal",
-            Told::RefusedOrWarned => "refusal, or warning where doubtful",
+            Told::RefusedOrWarned => "refusal or warning",
         };
         writeln!(page, "| `{}` | {told} | {} | {} |", f.code, f.reason, f.remedy).unwrap();
     }

@@ -4,97 +4,97 @@ findings! {
     DICOM:
     DICOM_COMPRESSION = refused(
         "dicom-compression",
-        "Pixels of a DICOM object are compressed in a way that is not read.",
-        "Unpack all slices first, for example with `gdcmconv --raw IN OUT`.",
+        "The pixels' compression is not supported.",
+        "Unpack: `gdcmconv --raw IN OUT`.",
     );
     DICOM_ACQUISITIONS = refused(
         "dicom-acquisitions",
-        "Slices of several acquisitions or reconstructions alternate in one series.",
-        "Export each acquisition as a series of its own.",
+        "One series mixes acquisitions or reconstructions.",
+        "Export each as a series.",
     );
     DICOM_DAMAGED = refused_or_warned(
         "dicom-damaged",
-        "A file in the same folder is damaged, empty or unreadable. Refused if it may belong to the series.",
-        "Copy or export the series again; move what is no part of it elsewhere.",
+        "A file is damaged; refused if possibly of the series.",
+        "Export again, or move it away.",
     );
     DICOM_DUPLICATES = refused_or_warned(
         "dicom-duplicates",
-        "Several images of a series lie at one place: refused where they differ, as phases do; one of equal ones is used.",
-        "Export one phase or reconstruction as a series of its own.",
+        "Images share a place; refused if they differ.",
+        "Export one phase or reconstruction.",
     );
     DICOM_FRAME = refused_or_warned(
         "dicom-frame",
-        "Objects that are used together lie in different frames of reference; warned of where an object names none.",
-        "Give objects of one frame of reference, or map one to the other first.",
+        "Frames of reference differ, or one is missing.",
+        "Give objects of one frame, or map them.",
     );
     DICOM_GAP = refused(
         "dicom-gap",
-        "A slice of a series is missing, or distances between slices vary.",
-        "Export the whole series again; resample one that was scanned with varying distances.",
+        "A slice is missing, or distances vary.",
+        "Export all slices; resample uneven ones.",
     );
     DICOM_IMAGES_DIFFER = refused(
         "dicom-images-differ",
-        "Images of a series differ in orientation, size, pixel spacing or unit.",
-        "Move the images that are no slices of the volume elsewhere.",
+        "Images differ in orientation, size, spacing or unit.",
+        "Move other images away.",
     );
     DICOM_INCOMPLETE = refused(
         "dicom-incomplete",
-        "A DICOM object lacks what its geometry or values need, or contradicts itself.",
-        "Export it again, or convert it with a tool that knows the vendor's files.",
+        "An object lacks attributes, or contradicts itself.",
+        "Export or convert it again.",
     );
     DICOM_FEWER = refused_or_doubted(
         "dicom-fewer",
-        "A series says that it has more images than are there, or images that a structure set was drawn on are missing.",
-        "Export the whole series again, unless a part of it is meant.",
+        "Images of a series or structure set are missing.",
+        "Export the whole series, unless a part is meant.",
     );
     DICOM_LEFT_OUT = warned(
         "dicom-left-out",
-        "Localizers, or objects that are no CT images, lie in a series and are left out.",
-        "Nothing, where the count is as expected.",
+        "Localizers and non-CT objects are left out.",
+        "Check the slice count.",
     );
     DICOM_LOSSY = warned(
         "dicom-lossy",
-        "The images of a series were compressed with loss.",
-        "Take the original images where they still exist.",
+        "The images were compressed with loss.",
+        "Use the originals if they exist.",
     );
     DICOM_NO_CT = refused(
         "dicom-no-ct",
-        "A CT series is needed; this is MR, PET, a structure set or a plan.",
-        "Give the folder of a CT series.",
+        "This is no CT series.",
+        "Give the folder of one.",
     );
     DICOM_NO_DOSE = refused(
         "dicom-no-dose",
-        "A dose is asked for, and what is given holds none.",
+        "The input holds no dose.",
         "Give an RTDOSE file.",
     );
     DICOM_NO_PLAN = warned(
         "dicom-no-plan",
-        "A dose that is written as DICOM names no plan, because its source names none.",
-        "Give the dose object that belongs to a plan, where the planning system refuses the result.",
+        "The source dose names no plan.",
+        "If your system refuses the result, give a plan's dose.",
     );
     DICOM_ONE_FRAME = doubted(
         "dicom-one-frame",
-        "Planning and fraction claim one frame of reference, which holds only if the patient was not set up anew.",
-        "Export both with their own frames of reference; give --same-frame where one is true.",
+        "Planning and fraction claim one frame of reference.",
+        "Export each with its own; without a new setup: --same-frame.",
     );
     DICOM_PADDING = warned(
         "dicom-padding",
-        "Voxels that were not measured had values that no CT has; they are air now.",
-        "Nothing, where they lie outside the field of view.",
+        "Impossible values of unmeasured voxels became air.",
+        "Check where they lie.",
     );
     DICOM_SEVERAL = refused(
         "dicom-several",
-        "A folder holds several series, and it is not clear which is meant.",
-        "Choose one: FOLDER#NUMBER or FOLDER#UID.",
+        "The folder holds several series.",
+        "Choose FOLDER#NUMBER or FOLDER#UID.",
     );
     DICOM_TILT = refused(
         "dicom-tilt",
-        "The slices of a series do not follow each other along their normal: gantry tilt.",
-        "Resample the series to an upright grid first, for example with dcm2niix.",
+        "The gantry was tilted.",
+        "Resample upright, for example with dcm2niix.",
     );
     DICOM_UNIT = refused_or_warned(
         "dicom-unit",
-        "The Rescale Type says that the values are not HU, or gives no unit.",
-        "Give the series in HU of the same scan.",
+        "Rescale Type is missing or not HU.",
+        "Give the series in HU.",
     );
 }

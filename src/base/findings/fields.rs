@@ -4,62 +4,62 @@ findings! {
     FIELDS:
     FEW_FRACTIONS = warned(
         "few-fractions",
-        "Modes of few fractions are hardly known.",
-        "Fit more fractions; see docs/library.md.",
+        "Few fractions hardly determine modes.",
+        "Fit more fractions.",
     );
     FIELD_DIRECTION = refused_or_doubted(
         "field-direction",
-        "The field is used against the direction in its header, or lies on the wrong image's grid.",
-        "Give it as the field of the other direction, or the field that belongs there.",
+        "The field's direction or grid is wrong.",
+        "Give the field of the other direction.",
     );
     FOLDED = warned(
         "folded",
-        "Tissue cells outside bone contact and sliding interfaces are folded.",
-        "See the Jacobian map; do not map dose there.",
+        "Tissue outside contact and sliding interfaces is folded.",
+        "Map no dose there; see the Jacobian map.",
     );
     INVERSE = warned(
         "inverse",
-        "Tissue voxels of the fraction CT have no exact pre-image.",
-        "They show nothing of the planning scan; see the masks.",
+        "Fraction tissue without pre-image shows nothing of planning.",
+        "See the masks.",
     );
     LANDMARKS_OUTSIDE = doubted(
         "landmarks-outside",
-        "Landmarks lie where no displacement was computed: in air, or outside the patient.",
-        "Check their positions and their space (LPS or RAS); their residuals do not measure the tissue.",
+        "Landmarks outside tissue measure nothing.",
+        "Check positions and space (LPS, RAS).",
     );
     LANDMARKS_WORSE = doubted(
         "landmarks-worse",
-        "Landmarks are farther off after the registration than under the couch shift alone.",
-        "Look at the fusion images there; check that both positions show the same point.",
+        "Landmarks are worse than with the couch shift.",
+        "Check fusion images and landmarks.",
     );
     NO_INVERSE = warned(
         "no-inverse",
-        "Points or voxels have no exact pre-image in a field that had to be inverted.",
-        "Give the field of the other direction.",
+        "Places have no pre-image in an inverted field.",
+        "Give the other direction's field.",
     );
     OUTSIDE_FIELD = doubted(
         "outside-field",
-        "A part of the input (share of volume; of dose the share of the dose) lies outside a field and was not moved by it.",
-        "Give a field that covers the input, or crop the input.",
+        "Input outside the field was not moved.",
+        "Enlarge the field, or crop the input.",
     );
     POSTURES_IMPLAUSIBLE = refused(
         "postures-implausible",
         "Too many drawn postures are implausible.",
-        "Lower the deviations, or raise the limits.",
+        "Lower deviations, or raise limits.",
     );
     SKIN_MEETS_SKIN = doubted(
         "skin-meets-skin",
-        "In the moved patient, skin passes through skin.",
-        "Do not trust dose or contours there.",
+        "Skin passes through skin.",
+        "Do not trust dose and contours there.",
     );
     SLIDING = warned(
         "sliding",
-        "Cells of declared sliding interfaces are folded.",
-        "Motion may be discontinuous there.",
+        "Cells of sliding interfaces are folded.",
+        "Expect discontinuous motion.",
     );
     VOLUME_CHANGE = warned(
         "volume-change",
-        "Organs did not change their volume as asked.",
-        "See the table of volumes in the report.",
+        "Organs did not change volume as asked.",
+        "See the report's volumes.",
     );
 }

@@ -4,137 +4,137 @@ findings! {
     LABELS:
     CONTOURS_CANCEL = warned(
         "contours-cancel",
-        "Contours of a structure cancel each other on a plane: what is enclosed twice counts as outside.",
-        "Draw each part once; keep an inner contour only where it is a hole.",
+        "Contours cancel: what two enclose is outside.",
+        "Nest contours for holes only.",
     );
     CONTOURS_CROSS = warned(
         "contours-cross",
-        "A contour crosses itself or another contour of its structure; what is enclosed twice counts as outside.",
-        "Look at the planes named; draw the parts apart or as one.",
+        "Contours cross: what two enclose is outside.",
+        "Draw parts apart, or as one.",
     );
     CONTOURS_REPEATED = warned(
         "contours-repeated",
-        "A contour of a structure is drawn twice on one plane; one of each is kept.",
+        "A contour is drawn twice; one counts.",
         "Export the structure again.",
     );
     LABEL_DOUBTFUL = doubted(
         "label-doubtful",
-        "A bone's label hardly differs from its surroundings in HU, or contains air.",
-        "Look at it in a viewer.",
+        "A label contains air or resembles its surroundings.",
+        "View it.",
     );
     LABEL_ON_WRONG_SIDE = doubted(
         "label-on-wrong-side",
-        "A few labels lie on the other side than their names say.",
-        "Check these labels.",
+        "Labels lie on another side than named.",
+        "Check them.",
     );
     LABELS_DOUBLED = refused(
         "labels-doubled",
-        "One name is given to two structures that are to be one label map.",
-        "Name one of them otherwise with NAME=FILE, take one structure of a label map with NAME=FILE, or leave one out.",
+        "Two structures have one name.",
+        "Rename or choose one with NAME=FILE.",
     );
     LABELS_ELSEWHERE = refused(
         "labels-elsewhere",
-        "Masks or label maps that are to be one lie on different grids.",
-        "Resample them onto one grid with nearest-neighbour interpolation.",
+        "Masks lie on different grids.",
+        "Resample them by nearest neighbour.",
     );
     LABELS_IGNORED = warned(
         "labels-ignored",
-        "Labels that are no bones of the skeleton were ignored.",
-        "Rename them if they are bones.",
+        "Labels of no known bone are ignored.",
+        "Rename any that are bones.",
     );
     LABELS_JOINED = warned(
         "labels-joined",
-        "Several labels have one name; they are taken as one structure with the least of their numbers.",
-        "Give each label its own name if they are different structures.",
+        "Labels of one name become one structure.",
+        "Rename different structures.",
     );
     LABELS_MIRRORED = refused(
         "labels-mirrored",
-        "Left and right, front and back, or head and foot of the labels are exchanged, by their names.",
-        "Write labels and CT anew from the DICOM series, and check the side of a known structure.",
+        "By their names, labels are reversed along an axis.",
+        "Write CT and labels again; check sides.",
     );
     LABELS_NAMELESS = refused(
         "labels-nameless",
-        "A file is neither a mask of one structure nor a label map in which every label has a name.",
-        "Give one mask per structure, or a label map with names in its header.",
+        "The file is neither mask nor named label map.",
+        "Give masks, or add names.",
     );
     LABELS_OFF_BONE = refused(
         "labels-off-bone",
-        "The bone labels do not lie on the bones of the planning CT.",
-        "Give the labels of this CT on its grid; the message says where they would lie on bone. Exchange planning and fraction where they were swapped.",
+        "Labels miss the bones of the planning CT.",
+        "Give this CT's labels; check for swapped scans.",
     );
     LABELS_OVERLAP = warned(
         "labels-overlap",
-        "Two structures that become one label map have voxels in common.",
-        "The one named first keeps them; give the files in another order if the other should.",
+        "Structures overlap; the first keeps the voxels.",
+        "Reorder the files if needed.",
     );
     SEGMENTS_LEFT_OUT = warned(
         "segments-left-out",
-        "Segments of a segmentation that are no bone by label or coded term are left out.",
-        "Nothing, where they are no bones; else name them in a TOML file with --labels.",
+        "Segments of no known bone are left out.",
+        "Name bones with --labels (TOML).",
     );
     SEGMENTS_ODD = refused(
         "segments-odd",
-        "A segmentation contradicts itself: a number twice or undefined, no segment, no frame; or it is of a kind that is not read.",
-        "Export it again, each segment with a number of its own.",
+        "A segmentation is contradictory or unsupported.",
+        "Export it with a number per segment.",
     );
     SEGMENTS_OVERLAP = refused(
         "segments-overlap",
-        "Segments of a segmentation overlap, and a label map has one label for each voxel.",
-        "Export segments that overlap as segmentations of their own, or as contours.",
+        "Segments overlap; a label map cannot.",
+        "Export separate segmentations, or contours.",
     );
     SEGMENTS_TERMS = doubted(
         "segments-terms",
-        "A segment is one bone by its label and another by its coded term; the label is taken.",
-        "Correct the label or the term.",
+        "A segment's label and term differ; the label counts.",
+        "Correct one.",
     );
     STRUCTURE_EMPTY = warned(
         "structure-empty",
-        "A structure of a dose-volume histogram has no volume.",
-        "Check its contours, or the number of its label.",
+        "A structure has no volume.",
+        "Check its contours or label number.",
     );
     STRUCTURE_VOLUME = warned(
         "structure-volume",
-        "The volume sampled for a dose-volume histogram is not that of the contours.",
-        "Contours far apart for their size leave the shape between them open: draw more planes.",
+        "Sampled volume differs from that of the contours.",
+        "Draw more planes.",
     );
     STRUCTURES_EMPTY = refused_or_warned(
         "structures-empty",
-        "Structures of a structure set have no closed contour: refused where none has.",
-        "Nothing, where they are meant to be empty.",
+        "Structures have no closed contour; refused if none has.",
+        "Check that they should be empty.",
     );
     STRUCTURES_FRAME = doubted(
         "structures-frame",
-        "A structure lies in another frame of reference than the CT or most of the set, and is left out.",
-        "Export the structures of each image as a set of their own.",
+        "Structures of another frame of reference are left out.",
+        "Export a set per image.",
     );
     STRUCTURES_LEFT_OUT = warned(
         "structures-left-out",
-        "Points, open contours and contours of fewer than three points are left out.",
-        "Nothing, where they mark points; else draw them as closed contours.",
+        "Points and open or short contours are left out.",
+        "Draw structures as closed contours.",
     );
     STRUCTURES_NAMES = warned(
         "structures-names",
-        "A structure set uses a name twice; later structures have their number behind the name.",
-        "Rename one of them in the planning system.",
+        "A name is repeated; the later gets its number.",
+        "Rename one.",
     );
     STRUCTURES_NUMBERS = refused_or_warned(
         "structures-numbers",
-        "Several structures of a set have one ROI Number, or one has several types: refused where contours cannot be told apart.",
-        "Export the structure set again, each structure with a number of its own.",
+        "ROI Numbers or types repeat; refused if ambiguous.",
+        "Export with a number per structure.",
     );
     STRUCTURES_ODD = doubted(
         "structures-odd",
-        "A structure has a contour that contradicts itself; the structure is left out.",
-        "Draw or export that structure again.",
+        "A structure with contradictory contours is left out.",
+        "Draw or export it again.",
     );
     STRUCTURES_PLANES = refused_or_doubted(
         "structures-planes",
-        "A structure does not lie on the planes of the others and is left out; refused where none is left.",
-        "Draw the structure on the planes of the others.",
+        "A structure off the others' planes is left out.",
+        "Draw it on those planes.",
     );
     STRUCTURES_SEVERAL = refused(
         "structures-several",
-        "A folder holds several structure sets, or none.",
-        "Give the file of the one that is meant.",
+        "The folder holds several structure sets, or none.",
+        "Give the file you mean.",
     );
 }

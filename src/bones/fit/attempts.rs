@@ -1,6 +1,7 @@
 //! The fit from each start until one explains the bones.
 
 use super::accept::{LEAST_FOUND, Placed, accept, not_found};
+use super::coarse::Coarse;
 use super::given::given;
 use super::level::Level;
 use super::mirror::{Seen, posed};
@@ -8,6 +9,7 @@ use super::planning::BoneSamples;
 use super::rivals::{SHORT_MM, best_level};
 use super::schedule::{Fitter, Guess, Start, Tried};
 use super::search::{Hypothesis, Search};
+use super::shape::{Described, Shapes};
 use super::similarity::Measure;
 use super::start::{FitStart, Starts, common_motions, left, near_motions};
 use super::weighed::{Place, Weighed};
@@ -54,7 +56,7 @@ pub fn fit_pose_weighed(
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
     let level = Level::new(samples, fraction, BoneSamples::START, options)?;
-    let fitter = Fitter::new(skeleton, options, &level);
+    let fitter = Fitter::new(skeleton, options, &level, shapes(samples, fraction, options));
     let attempts = Attempts { fitter, level: &level, samples, fraction, options, progress };
     let bones = skeleton.bones.len();
     let common = |found: Starts| -> Vec<Start> {
@@ -134,6 +136,14 @@ pub fn fit_pose_weighed(
     Err(not_found(&fit, found, seen, samples, fraction, skeleton, options)?)
 }
 
+/// Descriptors of both images, where those of the planning image are there: made for an image of another modality.
+fn shapes<'a>(samples: &'a BoneSamples, fraction: &Volume<f32>, options: &FitOptions) -> Option<Shapes<'a>> {
+    let planning = samples.anatomy.undescribed.as_ref()?;
+    let drawn = samples.at(*options.outward.first()?)?;
+    let Coarse { value, seen } = Coarse::new(fraction);
+    Some(Shapes::new(Described::new(&value, &seen), planning, &drawn.bones))
+}
+
 /// A hypothesis of the search that is worth less than this share of the best one is no rival.
 const RIVAL: f64 = 0.8;
 /// A search tries more places than a quick start, so it has to find more of the bones: the one wrong place among 52
@@ -195,7 +205,14 @@ impl Attempts<'_> {
         let level = Level::new(self.samples, self.fraction, resolution, self.options)?;
         let (skeleton, anatomy) = (self.fitter.skeleton, &self.samples.anatomy);
         let (tissue, bones) = (&level.fraction, &level.drawn.bones[..]);
-        let search = Search { skeleton, anatomy, tissue, bones, measure: self.options.measure };
+        let search = Search {
+            skeleton,
+            anatomy,
+            tissue,
+            bones,
+            measure: self.options.measure,
+            shapes: self.fitter.shapes.as_ref(),
+        };
         let mut all: Vec<Tried> = Vec::new();
         let mut best = f64::INFINITY;
         let hypotheses = search.hypotheses(self.fraction, known)?;

@@ -150,6 +150,7 @@ pub fn follow(skeleton: &Skeleton, known: &[Option<GivenMotion>]) -> Result<Vec<
         centre: bones[b].centroid,
         radius: radius(&bones[b]),
         held: None,
+        shape: None,
     };
     let problem = PoseProblem {
         bodies: free.iter().map(|&b| body(b)).collect(),

@@ -52,7 +52,14 @@ impl<'a> Bones<'a> {
 
     /// What they explain at the best rigid motion near `start`: (share of their contrast, share of them in view).
     fn explained(&self, fraction: &Tissue, start: &Rigid, measure: Measure) -> Result<(f64, f64)> {
-        let body = |base| Body { samples: self.samples, base, centre: self.centre, radius: self.radius, held: None };
+        let body = |base| Body {
+            samples: self.samples,
+            base,
+            centre: self.centre,
+            radius: self.radius,
+            held: None,
+            shape: None,
+        };
         let problem =
             || PoseProblem { bodies: vec![body(*start)], links: Vec::new(), fraction: Some(fraction), measure };
         let solution = solve(problem(), 0.05, 40)?;

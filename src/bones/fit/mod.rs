@@ -79,6 +79,7 @@ impl DeterminedBy {
 }
 mod accept;
 mod attempts;
+mod coarse;
 mod evaluation;
 mod given;
 mod labels;
@@ -95,6 +96,7 @@ mod samples;
 mod scale;
 mod schedule;
 mod search;
+mod shape;
 mod similarity;
 mod solver;
 mod start;

@@ -3,6 +3,7 @@
 use super::lie::left_jacobian;
 use super::prior::{Penalty, penalty};
 use super::samples::Samples;
+use super::shape::Shape;
 use super::similarity::{Evaluation, Held, Measure, evaluate};
 use super::tissue::Tissue;
 use crate::geometry::Rigid;
@@ -22,6 +23,8 @@ pub struct Body<'a> {
     pub radius: f64,
     /// What its similarity does not find anew wherever it moves.
     pub held: Option<Held>,
+    /// Its surroundings, where they count beside its values.
+    pub shape: Option<Shape<'a>>,
 }
 
 /// One end of a joint: a moving body or a bone that is held.
@@ -100,7 +103,14 @@ impl PoseProblem<'_> {
             .par_iter()
             .zip(transforms)
             .map(|(b, t)| match self.fraction {
-                Some(f) => evaluate(b.samples, f, t, &(t * b.centre), self.measure, b.held, derivatives),
+                Some(f) => {
+                    let centre = t * b.centre;
+                    let mut found = evaluate(b.samples, f, t, &centre, self.measure, b.held, derivatives);
+                    if let Some(shape) = &b.shape {
+                        shape.add(&mut found, t, &centre, b.held, derivatives);
+                    }
+                    found
+                }
                 None => Evaluation::nothing(),
             })
             .collect()

@@ -26,7 +26,7 @@ const RIDGE: f64 = 1e-3;
 /// The same about the grey values of all bones together, where these are known.
 const SHARED: f64 = 0.1;
 /// Cubic mm of image that carry one independent sample: what HU do not explain hangs together more widely than a CT's noise.
-const INDEPENDENT_MM3: f64 = 300.0;
+pub(super) const INDEPENDENT_MM3: f64 = 300.0;
 
 /// What the fraction shows of a sample.
 struct Shown {

@@ -9,6 +9,7 @@ use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
 use super::scale::{Scale, distances, joined, scale};
 use super::search::MOST_MM3;
+use super::shape::{Shape, Shapes};
 use super::similarity::{Evaluation, Held, Measure};
 use super::solver::{Solution, solve};
 use super::start::WEAK_START;
@@ -57,6 +58,8 @@ pub(super) struct Fitter<'a> {
     pub(super) points: Vec<&'a [Point3<f64>]>,
     radii: Vec<f64>,
     nothing: Samples,
+    /// Descriptors of both images, where these are compared too.
+    pub(super) shapes: Option<Shapes<'a>>,
 }
 
 /// What came of a start.
@@ -105,7 +108,12 @@ pub(super) enum Guess {
 }
 
 impl<'a> Fitter<'a> {
-    pub(super) fn new(skeleton: &'a Skeleton, options: &'a FitOptions, level: &Level<'a>) -> Self {
+    pub(super) fn new(
+        skeleton: &'a Skeleton,
+        options: &'a FitOptions,
+        level: &Level<'a>,
+        shapes: Option<Shapes<'a>>,
+    ) -> Self {
         let mut centres = Vec::new();
         let mut radii = Vec::new();
         for s in &level.drawn.bones {
@@ -116,7 +124,7 @@ impl<'a> Fitter<'a> {
         }
         let nothing = Samples::default();
         let points = level.drawn.bones.iter().map(|s| s.points.as_slice()).collect();
-        Self { skeleton, options, centres, points, radii, nothing }
+        Self { skeleton, options, centres, points, radii, nothing, shapes }
     }
 
     /// The fit from a start.
@@ -176,7 +184,11 @@ impl<'a> Fitter<'a> {
 
     pub(super) fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
         let samples = if level.dropped[bone] { &self.nothing } else { &level.drawn.bones[bone] };
-        Body { samples, base, centre: self.centres[bone], radius: self.radii[bone], held: None }
+        Body { samples, base, centre: self.centres[bone], radius: self.radii[bone], held: None, shape: None }
+    }
+
+    fn shape(&self, level: &Level<'_>, bone: usize, base: &Rigid) -> Option<Shape<'_>> {
+        self.shapes.as_ref().filter(|_| !level.dropped[bone]).map(|shapes| shapes.of(bone, &base.rotation))
     }
 
     fn evaluate(&self, level: &Level<'_>, transforms: &[Rigid]) -> Vec<Evaluation> {
@@ -263,7 +275,7 @@ impl<'a> Fitter<'a> {
         search: bool,
     ) -> Result<Option<(Rigid, Stop)>> {
         let problem = |base, held| PoseProblem {
-            bodies: vec![Body { held, ..self.body(level, bone, base) }],
+            bodies: vec![Body { held, shape: self.shape(level, bone, &base), ..self.body(level, bone, base) }],
             links: links(),
             fraction: Some(&level.fraction),
             measure: self.options.measure,

@@ -341,7 +341,7 @@ impl<'a> Together<'a> {
         let refine = |Candidate { turn, shift, .. }| {
             let base = Rigid::from_parts(Translation3::from(centre.coords + shift - turn * centre.coords), turn);
             let problem = || PoseProblem {
-                bodies: vec![Body { samples, base, centre, radius, held: None }],
+                bodies: vec![Body { samples, base, centre, radius, held: None, shape: None }],
                 links: Vec::new(),
                 fraction: Some(fraction),
                 measure,

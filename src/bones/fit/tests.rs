@@ -63,7 +63,7 @@ fn joint() -> Joint {
 fn body(samples: &Samples, base: Rigid) -> Body<'_> {
     let n = samples.points.len() as f64;
     let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
-    Body { samples, base, centre, radius: 6.0, held: None }
+    Body { samples, base, centre, radius: 6.0, held: None, shape: None }
 }
 
 fn gradient_error(problem: &PoseProblem<'_>, x: &DVector<f64>) -> (f64, f64) {
@@ -122,7 +122,7 @@ proptest! {
         let image = fraction([20, 20, 20], 1.0, 0.0);
         let empty = Samples::default();
         let j = joint();
-        let make = |base| Body { samples: &empty, base, centre: Point3::new(3.0, -2.0, 1.0), radius: 9.0, held: None };
+        let make = |base| Body { samples: &empty, base, centre: Point3::new(3.0, -2.0, 1.0), radius: 9.0, held: None, shape: None };
         let problem = PoseProblem {
             bodies: vec![make(Rigid::identity()), make(about(&Point3::origin(), Vector3::new(0.1, 0.2, -0.1), Vector3::zeros()))],
             links: vec![Link { joint: &j, parent: End::Moving(0), child: End::Moving(1) }],

@@ -43,9 +43,12 @@ pub struct RegisterArgs {
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. Planning is a CT
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
+    /// What made the planning scan: a CT in HU, or an MR, which needs labels of its bones
+    #[arg(long, value_enum)]
+    pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

@@ -139,12 +139,12 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
     if let Some(FitName::Labels) = args.fit {
         config.fit.bone_landmarks = LandmarkUse::Replace;
     }
-    if let Some(modality) = args.modality {
-        config.fraction.modality = match modality {
-            ModalityName::Ct => Modality::Ct,
-            ModalityName::Mr => Modality::Mr,
-        };
-    }
+    let modality = |name| match name {
+        ModalityName::Ct => Modality::Ct,
+        ModalityName::Mr => Modality::Mr,
+    };
+    config.fraction.modality = args.modality.map_or(config.fraction.modality, modality);
+    config.planning.modality = args.planning_modality.map_or(config.planning.modality, modality);
     args.organs.apply(&mut config)?;
     if let Some(text) = &args.roi {
         let corners = corners(text).map_err(|problem| {

@@ -15,5 +15,5 @@ mod tests;
 
 pub use file::ConfigFile;
 pub use recorded::{InputRole, RecordedInput};
-pub use settings::{Config, FractionOptions, Modality, OutputOptions, Preset, SoftTissue};
+pub use settings::{Config, Modality, OutputOptions, Preset, ScanOptions, SoftTissue};
 pub use study::{Published, StudyPlan, StudyStage, StudyTable};

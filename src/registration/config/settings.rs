@@ -23,9 +23,12 @@ pub struct Config {
     pub preset: Preset,
     /// What the checks of the inputs may do.
     pub checks: CheckOptions,
+    /// What the planning scan is.
+    #[serde(default)]
+    pub planning: ScanOptions,
     /// What the fraction is.
     #[serde(default)]
-    pub fraction: FractionOptions,
+    pub fraction: ScanOptions,
     /// Finding the patient.
     pub body: BodyOptions,
     /// Fitting the skeleton.
@@ -54,10 +57,10 @@ pub struct Config {
     pub verdict: Limits,
 }
 
-/// What the fraction is.
+/// What a scan is.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct FractionOptions {
+pub struct ScanOptions {
     /// What made it.
     pub modality: Modality,
 }
@@ -122,14 +125,14 @@ impl Default for OutputOptions {
 }
 
 impl Config {
-    /// Whether the fraction is an MR.
-    pub fn is_mr(&self) -> bool {
-        self.fraction.modality == Modality::Mr
+    /// Whether planning or fraction is an MR, so that equal tissue may have any grey values.
+    pub fn across(&self) -> bool {
+        self.planning.modality == Modality::Mr || self.fraction.modality == Modality::Mr
     }
 
-    /// The fit's options, by the measure that the fraction's modality needs.
+    /// The fit's options, by the measure that the scans' modalities need.
     pub fn fit_options(&self) -> Cow<'_, FitOptions> {
-        if !self.is_mr() {
+        if !self.across() {
             return Cow::Borrowed(&self.fit);
         }
         Cow::Owned(FitOptions { measure: Measure::CorrelationRatio, ..self.fit.clone() })

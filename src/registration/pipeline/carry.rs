@@ -116,7 +116,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let bone = bone_of_label(moved.skeleton);
     let soft = |voxel: usize| body.data()[voxel] && bone[usize::from(scan.bones.volume.data()[voxel])].is_none();
     let planning = Scan { ct: &scan.ct, body };
-    let mr = alone.as_ref().filter(|_| fraction.mr.is_some());
+    let mr = alone.as_ref().filter(|_| config.across());
     let translated = mr.map(|alone| translated(planning, &fraction.ct, DARKEST, alone));
     let shading = alone.as_ref().filter(|_| mr.is_none()).map(|a| Shading::of(&scan.ct, soft, &fraction.ct, a));
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));

@@ -1,5 +1,9 @@
 //! The loaded inputs of a registration.
 
+use super::checks::check_mr;
+use crate::body::mr;
+use crate::config::{Config, Modality};
+use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
@@ -11,7 +15,7 @@ use std::sync::Arc;
 /// from.
 #[derive(Debug, Clone)]
 pub struct PlanningScan {
-    /// Planning CT, HU.
+    /// Planning CT, HU; an MR on the scale of [`crate::body::mr::tissue_scale`].
     pub ct: Volume<f32>,
     /// Labels of bones and organs on its grid.
     pub bones: LabelMap,
@@ -23,6 +27,20 @@ impl PlanningScan {
     /// Of a CT and its labels alone.
     pub fn new(ct: Volume<f32>, bones: LabelMap) -> Self {
         Self { ct, bones, skeleton: None }
+    }
+
+    /// With an MR, on any scale, for the CT, where the settings name it.
+    ///
+    /// # Errors
+    /// As [`mr::tissue_scale`], and where it looks like a CT in HU.
+    pub fn by_modality(self, config: &Config) -> Result<Self> {
+        match config.planning.modality {
+            Modality::Ct => Ok(self),
+            Modality::Mr => {
+                check_mr("planning MR", &self.ct, config)?;
+                Ok(Self { ct: mr::tissue_scale(&self.ct)?.image, ..self })
+            }
+        }
     }
 }
 

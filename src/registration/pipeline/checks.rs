@@ -1,7 +1,7 @@
 //! What an image, a label map or their headers must be by themselves.
 
 use super::PlanningScan;
-use crate::config::Config;
+use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::plausibility::{in_hounsfield, no_hounsfield};
@@ -43,11 +43,19 @@ pub fn check_grids(ct: &Grid, bones: &Grid) -> Result<()> {
 /// # Errors
 /// [`Error::Input`] where it is no CT in HU, or no MR where the settings say that it is one.
 pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
-    if !config.is_mr() {
-        return check_image("fraction CT", fraction, config);
+    match config.fraction.modality {
+        Modality::Ct => check_image("fraction CT", fraction, config),
+        Modality::Mr => check_mr("fraction MR", fraction, config),
     }
-    check_values("fraction MR", fraction, "an MR")?;
-    config.checks.told(no_hounsfield("fraction MR", fraction).map(|()| Vec::new()))
+}
+
+/// An MR that can show a patient.
+///
+/// # Errors
+/// [`Error::Input`] where it shows nothing or looks like a CT in HU.
+pub fn check_mr(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
+    check_values(what, image, "an MR")?;
+    config.checks.told(no_hounsfield(what, image).map(|()| Vec::new()))
 }
 
 /// Whether an image of this grid can show a patient; headers are enough to tell.

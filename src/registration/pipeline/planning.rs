@@ -9,7 +9,7 @@ use super::outcome::LINKING;
 use super::uncertainty;
 use crate::body;
 use crate::chainmail::{ChainMail, Organs, organ_label};
-use crate::config::{Config, SoftTissue};
+use crate::config::{Config, Modality, SoftTissue};
 use crate::error::Result;
 use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
@@ -187,13 +187,24 @@ impl Planning {
     }
 }
 
-/// Judges planning CT and labels by themselves and against each other.
+/// What is said of a planning MR.
+const MR_TOLD: &str = "the planning scan is an MR: bones are compared by ranges of its grey values and by their surroundings, soft \
+                       tissue by those ranges; the scanner's geometric distortion is taken for none. Look at the fusion images";
+
+/// Judges planning scan and labels by themselves and against each other.
 pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
     matching::check(&config.couch, skeleton, &planning.bones)?;
-    let mut warnings = check_image("planning CT", &planning.ct, config)?;
+    let is_ct = config.planning.modality == Modality::Ct;
+    let mut warnings = if is_ct {
+        check_image("planning CT", &planning.ct, config)?
+    } else {
+        vec![Warning::new(findings::MR_PLANNING, MR_TOLD)]
+    };
     warnings.extend(config.checks.told(sides_and_levels(&planning.bones))?);
     warnings.extend(levels_by_landmarks(&planning.bones));
-    warnings.extend(config.checks.told(labels_on_bone(skeleton, &planning.ct, &planning.bones))?);
+    if is_ct {
+        warnings.extend(config.checks.told(labels_on_bone(skeleton, &planning.ct, &planning.bones))?);
+    }
     Ok(warnings)
 }
 

@@ -8,7 +8,7 @@ use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
 use super::{Case, FractionKind, Outcome, uncertainty};
 use crate::body::mr::{self, TissueScale};
-use crate::config::Config;
+use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::evaluate::agreement;
 use crate::findings;
@@ -58,7 +58,7 @@ pub fn register_fraction(
         (samples, _) => samples.as_ref(),
     };
     // Grey values of an MR are brought to a scale on which air is told from the patient.
-    let tissue = config.is_mr().then(|| mr::tissue_scale(&case.fraction.ct)).transpose()?;
+    let tissue = (config.fraction.modality == Modality::Mr).then(|| mr::tissue_scale(&case.fraction.ct)).transpose()?;
     let (view, grey) = match &tissue {
         Some(TissueScale { image, range }) => (View::of_ends(image), Some(*range)),
         None => (View::of(&case.fraction.ct), None),
@@ -78,7 +78,7 @@ pub fn register_fraction(
     };
     // An MR is shown and told of as one whether it pulls or not.
     let seen = || {
-        (images_pull(config) || grey.is_some())
+        (images_pull(config) || config.across())
             .then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), grey, config))
     };
     // Finding the patient is for the most part one thread's work.
@@ -150,8 +150,8 @@ fn carried(
         outcome.uncertainty = Some(map);
         outcome.posterior = Some(uncertainty::posterior(&outcome, open.as_ref()));
     }
-    // An MR's grey values are no function of HU in every window.
-    if outcome.kind.as_ref().is_some_and(|kind| kind.mr.is_some()) {
+    // One modality's grey values are no function of another's in every window.
+    if config.across() {
         return Ok(outcome);
     }
     let compared = agreement::Images {

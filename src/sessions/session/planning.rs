@@ -142,7 +142,7 @@ impl PlanningSources {
             }
             provenance.compare(recorded);
             provenance.warnings.extend(self.made);
-            Ok((PlanningScan { ct, bones: labels, skeleton }, provenance))
+            Ok((PlanningScan { ct, bones: labels, skeleton }.by_modality(config)?, provenance))
         })
     }
 }

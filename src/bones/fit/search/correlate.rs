@@ -1,7 +1,8 @@
 //! Where a bone may be: the correlation of the turned bone with what the fraction shows, at every place
 //! (normalised correlation with a mask, Padfield 2012; by sums over the bone's voxels, a row of places at a time).
 
-use super::coarse::Coarse;
+use super::super::coarse::Coarse;
+use super::super::shape::{CHANNELS, Descriptor, Shapes};
 use super::template::{Template, Turned};
 use crate::geometry::{Grid, vectorised};
 use crate::volume::region::part;
@@ -43,11 +44,24 @@ pub struct Ready {
     pub(super) seen: Vec<f32>,
     pub(super) value: Vec<f32>,
     pub(super) square: Vec<f32>,
+    /// Descriptors, where these are compared.
+    pub(super) shape: Option<ReadyShape>,
+}
+
+/// Descriptors, ready for sums.
+pub(super) struct ReadyShape {
+    /// Whether there is one.
+    pub(super) is: Vec<f32>,
+    /// Each channel, zero where there is none, and the sum of their squares.
+    pub(super) channels: [Vec<f32>; CHANNELS],
+    pub(super) square: Vec<f32>,
+    /// Their mean.
+    pub(super) mean: Descriptor,
 }
 
 impl Ready {
     /// Of the fraction, without what lies outside of the view.
-    pub fn new(fraction: &Coarse) -> Self {
+    pub fn new(fraction: &Coarse, shapes: Option<&Shapes<'_>>) -> Self {
         let whole = fraction.value.grid();
         let seen = (0..whole.len()).filter(|&l| fraction.seen[l]).map(|l| whole.voxel(l));
         let none = [[usize::MAX, 0]; 3];
@@ -55,9 +69,19 @@ impl Ready {
         let range = range.map(|[low, high]| low.min(high)..high.max(1));
         let part = part(&fraction.value, &range).unwrap_or_else(|_| fraction.value.clone());
         let grid = part.grid().clone();
-        let seen: Vec<bool> = (0..grid.len())
-            .map(|l| whole.voxel_at(&grid.centre(grid.voxel(l))).is_some_and(|v| fraction.seen[whole.linear(v)]))
-            .collect();
+        let from: Vec<Option<usize>> =
+            (0..grid.len()).map(|l| whole.voxel_at(&grid.centre(grid.voxel(l))).map(|v| whole.linear(v))).collect();
+        let seen: Vec<bool> = from.iter().map(|l| l.is_some_and(|l| fraction.seen[l])).collect();
+        let shape = shapes.map(|shapes| {
+            let all = shapes.fraction();
+            let each = |of: &dyn Fn(usize) -> f32| from.iter().map(|l| l.map_or(0.0, of)).collect::<Vec<f32>>();
+            ReadyShape {
+                is: each(&|l| f32::from(u8::from(all.is[l]))),
+                channels: std::array::from_fn(|c| each(&|l| all.each[l][c])),
+                square: each(&|l| all.each[l].iter().map(|d| d * d).sum()),
+                mean: all.mean(),
+            }
+        });
         let unit = |(v, s): (&f32, &bool)| if *s { (v - MIDDLE_HU) / UNIT_HU } else { 0.0 };
         let value: Vec<f32> = part.data().iter().zip(&seen).map(unit).collect();
         Self {
@@ -66,6 +90,7 @@ impl Ready {
             seen: seen.iter().map(|s| f32::from(u8::from(*s))).collect(),
             square: value.iter().map(|v| v * v).collect(),
             value,
+            shape,
         }
     }
 
@@ -116,16 +141,24 @@ impl Places {
     }
 }
 
-/// The best places of a bone, best first, at most `most`. The first `scouts` of the turns are looked at everywhere.
+/// Turns that are tried.
+pub struct Turns<'a> {
+    pub all: &'a [UnitQuaternion<f64>],
+    /// So many of the first are looked at everywhere.
+    pub everywhere: usize,
+}
+
+/// The best places of a bone, best first, at most `most`.
 pub fn proposals<S: Row>(
     bone: &Template<'_>,
     ready: &Ready,
-    turns: &[UnitQuaternion<f64>],
-    scouts: usize,
+    turns: &Turns<'_>,
     most: usize,
+    shapes: Option<&Shapes<'_>>,
 ) -> Vec<Proposal> {
-    let all: Vec<Turned> = turns.par_iter().map(|t| bone.turned(t, &ready.grid)).collect();
-    let few: Vec<Turned> = all.iter().take(scouts).map(|t| t.thinned(SCOUTS)).collect();
+    let Turns { all: turns, everywhere } = *turns;
+    let all: Vec<Turned> = turns.par_iter().map(|t| bone.turned(t, &ready.grid, shapes)).collect();
+    let few: Vec<Turned> = all.iter().take(everywhere).map(|t| t.thinned(SCOUTS)).collect();
     // As far beyond the image as a bone's middle is while the least share is in view.
     let reach = |a: usize| all.iter().flat_map(|t| &t.offsets).map(|o| o[a].unsigned_abs() as usize).max().unwrap_or(0);
     let margin: [usize; 3] = std::array::from_fn(|a| reach(a) * 2 / 5);

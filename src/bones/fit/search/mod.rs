@@ -1,7 +1,6 @@
 //! The start where one motion of all bones does not explain the fraction: each bone proposes where it may be, and the jointed
 //! skeleton chooses (docs/decisions/fit.md).
 
-mod coarse;
 mod correlate;
 mod ratio;
 mod template;
@@ -10,8 +9,10 @@ mod tree;
 
 pub use template::Anatomy;
 
+use super::coarse::Coarse;
 use super::problem::{Body, PoseProblem};
 use super::samples::Samples;
+use super::shape::Shapes;
 use super::similarity::{Evaluation, Measure};
 use super::solver::solve;
 use super::tissue::Tissue;
@@ -19,8 +20,7 @@ use crate::error::Result;
 use crate::geometry::Rigid;
 use crate::skeleton::Skeleton;
 use crate::volume::Volume;
-use coarse::Coarse;
-use correlate::{Proposal, Ready, Sums, proposals};
+use correlate::{Proposal, Ready, Sums, Turns, proposals};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use ratio::RatioSums;
 use rayon::prelude::*;
@@ -61,6 +61,28 @@ const TURNS: [[f64; 3]; 17] = [
     [24.0, 0.0, 15.0],
 ];
 const EVERYWHERE: usize = 7;
+/// In an image of another modality so few bones hardly show how they are turned, and no joint does: they are looked for in turns of
+/// multiples of [`STEP_DEG`] about each axis up to [`MOST_DEG`], everywhere in those of twice the step.
+const FEW: usize = 3;
+const STEP_DEG: f64 = 15.0;
+const MOST_DEG: f64 = 46.0;
+
+/// Turns that are tried, those that are looked at everywhere first, and how many these are.
+fn turns(wide: bool) -> (Vec<UnitQuaternion<f64>>, usize) {
+    if !wide {
+        let of = |t: [f64; 3]| t.map(f64::to_radians);
+        let turn = |[x, y, z]: [f64; 3]| UnitQuaternion::from_euler_angles(x, y, z);
+        return (TURNS.map(|t| turn(of(t))).to_vec(), EVERYWHERE);
+    }
+    let steps = -3i32..=3;
+    let all = steps.clone().flat_map(|x| steps.clone().flat_map(move |y| (-3..=3).map(move |z| [x, y, z])));
+    let angles = |v: &[i32; 3]| Vector3::from(v.map(f64::from)) * STEP_DEG;
+    let all = all.filter(|v| angles(v).norm() <= MOST_DEG);
+    let (first, rest): (Vec<[i32; 3]>, Vec<[i32; 3]>) = all.partition(|v| v.iter().all(|s| s % 2 == 0));
+    let everywhere = first.len();
+    let turn = |v: &[i32; 3]| UnitQuaternion::from_scaled_axis(angles(v).map(f64::to_radians));
+    (first.iter().chain(&rest).map(turn).collect(), everywhere)
+}
 
 /// What is sought, and where.
 pub struct Search<'a> {
@@ -74,6 +96,8 @@ pub struct Search<'a> {
     pub bones: &'a [Samples],
     /// How values are compared.
     pub measure: Measure,
+    /// Descriptors of planning and fraction, where these are compared too.
+    pub shapes: Option<&'a Shapes<'a>>,
 }
 
 /// Where the bones may be, all together.
@@ -105,9 +129,10 @@ impl Search<'_> {
     /// # Errors
     /// As the solver.
     pub fn hypotheses(&self, fraction: &Volume<f32>, known: &[Rigid]) -> Result<Vec<Hypothesis>> {
-        let ready = Ready::new(&Coarse::new(fraction));
-        let turns = TURNS.map(|t| t.map(f64::to_radians)).map(|[x, y, z]| UnitQuaternion::from_euler_angles(x, y, z));
+        let ready = Ready::new(&Coarse::new(fraction), self.shapes);
         let templates = self.anatomy.templates(self.skeleton);
+        let (all, everywhere) = turns(self.shapes.is_some() && templates.len() <= FEW);
+        let turns = Turns { all: &all, everywhere };
         let found: Vec<Vec<Proposal>> = templates.iter().map(|bone| self.proposals(bone, &ready, &turns)).collect();
         let samples: Vec<Samples> = self.bones.iter().map(|bone| bone.thinned(SAMPLES)).collect();
         let each: Vec<(&Template<'_>, &Proposal)> =
@@ -118,15 +143,15 @@ impl Search<'_> {
         if states.is_empty() {
             return Ok(Vec::new());
         }
-        let evaluations = |s: &Samples| -> Vec<(f64, f64)> {
-            let bodies = states.iter().map(|state| self.body(s, state.motion)).collect();
+        let evaluations = |(b, s): (usize, &Samples)| -> Vec<(f64, f64)> {
+            let bodies = states.iter().map(|state| self.body(b, s, state.motion)).collect();
             let problem = PoseProblem { bodies, links: Vec::new(), fraction: Some(self.tissue), measure: self.measure };
             let all: Vec<Rigid> = states.iter().map(|s| s.motion).collect();
             let weight = (MOST_MM3 / s.volume_mm3.max(1.0)).min(1.0);
             let weighed = |e: &Evaluation| (e.cost.min(0.0) * weight * e.visible, e.visible);
             problem.similarities(&all, false).iter().map(weighed).collect()
         };
-        let own: Vec<Vec<(f64, f64)>> = samples.iter().map(evaluations).collect();
+        let own: Vec<Vec<(f64, f64)>> = samples.iter().enumerate().map(evaluations).collect();
         let joint = |b: usize, s: usize, t: usize| {
             if s == t { 0.0 } else { tie(&self.skeleton.bones[b].joint, &states[s].motion, &states[t].motion) }
         };
@@ -160,10 +185,10 @@ impl Search<'_> {
         Ok(out)
     }
 
-    fn proposals(&self, bone: &Template<'_>, ready: &Ready, turns: &[UnitQuaternion<f64>]) -> Vec<Proposal> {
+    fn proposals(&self, bone: &Template<'_>, ready: &Ready, turns: &Turns<'_>) -> Vec<Proposal> {
         match self.measure {
-            Measure::CorrelationRatio => proposals::<RatioSums>(bone, ready, turns, EVERYWHERE, CANDIDATES),
-            _ => proposals::<Sums>(bone, ready, turns, EVERYWHERE, CANDIDATES),
+            Measure::CorrelationRatio => proposals::<RatioSums>(bone, ready, turns, CANDIDATES, self.shapes),
+            _ => proposals::<Sums>(bone, ready, turns, CANDIDATES, None),
         }
     }
 
@@ -177,11 +202,12 @@ impl Search<'_> {
         sum / all
     }
 
-    fn body<'b>(&self, samples: &'b Samples, base: Rigid) -> Body<'b> {
+    fn body<'b>(&'b self, bone: usize, samples: &'b Samples, base: Rigid) -> Body<'b> {
         let n = samples.points.len().max(1) as f64;
         let centre = Point3::from(samples.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
         let square = samples.points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n;
-        Body { samples, base, centre, radius: square.sqrt().max(1.0), held: None }
+        let shape = self.shapes.map(|shapes| shapes.of(bone, &base.rotation));
+        Body { samples, base, centre, radius: square.sqrt().max(1.0), held: None, shape }
     }
 
     /// A proposal after a fit of that bone alone.
@@ -189,7 +215,7 @@ impl Search<'_> {
         let shift = proposal.middle.coords - proposal.turn * bone.centre.coords;
         let base = Rigid::from_parts(Translation3::from(shift), proposal.turn);
         let problem = || PoseProblem {
-            bodies: vec![self.body(samples, base)],
+            bodies: vec![self.body(bone.bone, samples, base)],
             links: Vec::new(),
             fraction: Some(self.tissue),
             measure: self.measure,

@@ -1,5 +1,7 @@
-//! As [`super::correlate`], for an image of another modality: the correlation ratio of its grey values given ranges of HU.
+//! As [`super::correlate`], for an image of another modality: the correlation ratio of its grey values given ranges of HU, and how
+//! alike descriptors are.
 
+use super::super::shape::CHANNELS;
 use super::correlate::{LEAST_SHARE, MOST_CORRELATION, Ready, Row};
 use super::template::{GROUPS, Turned};
 use nalgebra::{SMatrix, SVector};
@@ -8,8 +10,14 @@ const PAIRS: usize = GROUPS * (GROUPS + 1) / 2;
 /// What holds the grey value of a range that a bone hardly has, as a share of all voxels.
 const RIDGE: f32 = 1e-3;
 
-/// Sums of a row of places: products of memberships, of memberships and the fraction's values, these values and their squares.
-pub struct RatioSums([Vec<f32>; PAIRS + GROUPS + 2]);
+/// Least share of descriptors that differ.
+const LEAST_APART: f32 = 1e-3;
+/// Sums of values: products of memberships, of memberships and the fraction's values, these values and their squares.
+const OF_VALUES: usize = PAIRS + GROUPS + 2;
+
+/// Sums of a row of places: of values; then of descriptors: their number, squares of planning's, of the fraction's, products, and
+/// products of planning's with the fraction's mean.
+pub struct RatioSums([Vec<f32>; OF_VALUES + 5]);
 
 impl Row for RatioSums {
     fn new(width: usize) -> Self {
@@ -47,6 +55,7 @@ impl Row for RatioSums {
                 }
             }
         }
+        self.shapes(turned, image, margin, [j, k]);
     }
 
     fn evidence(&self, i: usize, voxels: usize) -> f32 {
@@ -75,6 +84,48 @@ impl Row for RatioSums {
         let both = SVector::<f32, GROUPS>::from_fn(|a, _| at(PAIRS + a)) - weight * mean;
         own += SMatrix::<f32, GROUPS, GROUPS>::identity() * (RIDGE * n);
         let Some(grey) = own.cholesky().map(|c| c.solve(&both)) else { return 0.0 };
-        -share * (1.0 - (both.dot(&grey) / total).clamp(0.0, MOST_CORRELATION)).ln()
+        let alike = self.alike(i, voxels);
+        alike - share * (1.0 - (both.dot(&grey) / total).clamp(0.0, MOST_CORRELATION)).ln()
+    }
+}
+
+impl RatioSums {
+    /// Sums of descriptors.
+    #[inline(always)]
+    fn shapes(&mut self, turned: &Turned, image: &Ready, margin: i32, at: [i32; 2]) {
+        let Some(shape) = &image.shape else { return };
+        let width = self.0[0].len();
+        for (offset, planning) in turned.offsets.iter().zip(&turned.descriptors) {
+            let Some(planning) = planning else { continue };
+            let Some((start, low, n)) = image.span(*offset, margin, at, width) else { continue };
+            let square: f32 = planning.iter().map(|p| p * p).sum();
+            let with_mean: f32 = planning.iter().zip(&shape.mean).map(|(p, m)| p * m).sum();
+            let is = &shape.is[start..start + n];
+            for (q, factor) in [(0, 1.0), (1, square), (4, with_mean)] {
+                for (sum, is) in self.0[OF_VALUES + q][low..low + n].iter_mut().zip(is) {
+                    *sum += factor * is;
+                }
+            }
+            for (sum, square) in self.0[OF_VALUES + 2][low..low + n].iter_mut().zip(&shape.square[start..start + n]) {
+                *sum += square;
+            }
+            for c in 0..CHANNELS {
+                let values = &shape.channels[c][start..start + n];
+                for (sum, value) in self.0[OF_VALUES + 3][low..low + n].iter_mut().zip(values) {
+                    *sum += planning[c] * value;
+                }
+            }
+        }
+    }
+
+    /// Evidence of the descriptors for the i-th place.
+    fn alike(&self, i: usize, voxels: usize) -> f32 {
+        let [n, planning, fraction, both, mean] = std::array::from_fn(|q| self.0[OF_VALUES + q][i]);
+        let share = n / voxels.max(1) as f32;
+        let unrelated = planning + fraction - 2.0 * mean;
+        if share < LEAST_SHARE || unrelated <= 1e-4 * n {
+            return 0.0;
+        }
+        -share * ((planning + fraction - 2.0 * both) / unrelated).clamp(LEAST_APART, 1.0).ln()
     }
 }

@@ -1,6 +1,7 @@
 //! What a bone looks like with its surroundings, turned.
 
-use super::coarse::{Coarse, block, blocks, of_blocks};
+use super::super::coarse::{BLOCK_MM, Coarse, block, blocks, of_blocks};
+use super::super::shape::{Descriptor, Shapes, Undescribed};
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::morphology::dilate;
@@ -26,6 +27,8 @@ pub struct Anatomy {
     labels: Volume<u16>,
     /// Membership in groups of ranges of HU, where another modality is compared; else empty.
     groups: Vec<Volume<f32>>,
+    /// Its tissue, where descriptors are compared.
+    pub undescribed: Option<Undescribed>,
 }
 
 /// A bone with its surroundings in planning.
@@ -42,6 +45,7 @@ pub struct Template<'a> {
 }
 
 /// A turned bone: offsets from its middle in voxels of the fraction, with planning's HU there.
+#[derive(Default)]
 pub struct Turned {
     /// Whole steps along the fraction's axes.
     pub offsets: Vec<[i32; 3]>,
@@ -49,13 +53,15 @@ pub struct Turned {
     pub values: Vec<f32>,
     /// Membership in groups of ranges of HU, where another modality is compared; else empty.
     pub memberships: Vec<[f32; GROUPS]>,
+    /// Descriptors, where these are compared; else empty.
+    pub descriptors: Vec<Option<Descriptor>>,
 }
 
 impl Anatomy {
     /// Of the planning CT (HU) and its labels, which share a grid.
     pub fn new(planning: &Volume<f32>, labels: &LabelMap, by_ranges: bool) -> Self {
         let fine = labels.volume.grid();
-        let block = block(fine);
+        let block = block(fine, BLOCK_MM);
         let grid = blocks(fine, block);
         let most = |voxels: &[usize]| {
             let mut found: Vec<u16> = voxels.iter().map(|&v| labels.volume.data()[v]).filter(|l| *l > 0).collect();
@@ -66,7 +72,9 @@ impl Anatomy {
         let values = of_blocks(fine, block, &grid, most);
         let labels = Volume::new(grid, values).expect("one label per block");
         let groups = if by_ranges { groups(planning) } else { Vec::new() };
-        Self { planning: Coarse::new(planning), labels, groups }
+        let coarse = Coarse::new(planning);
+        let undescribed = by_ranges.then(|| Undescribed::new(planning, &coarse));
+        Self { planning: coarse, labels, groups, undescribed }
     }
 
     /// The bones that are large enough.
@@ -91,7 +99,7 @@ const GROUP: [usize; RANGES] = [0, 1, 1, 2, 3, 3];
 /// Mean membership of each block's tissue in the groups.
 fn groups(planning: &Volume<f32>) -> Vec<Volume<f32>> {
     let fine = planning.grid();
-    let block = block(fine);
+    let block = block(fine, BLOCK_MM);
     let grid = blocks(fine, block);
     let of = |voxels: &[usize]| {
         let mut sums = [0f32; GROUPS];
@@ -109,7 +117,7 @@ fn groups(planning: &Volume<f32>) -> Vec<Volume<f32>> {
 
 impl Template<'_> {
     /// The bone turned about its middle, on a grid of the fraction.
-    pub fn turned(&self, turn: &UnitQuaternion<f64>, fraction: &Grid) -> Turned {
+    pub fn turned(&self, turn: &UnitQuaternion<f64>, fraction: &Grid, shapes: Option<&Shapes<'_>>) -> Turned {
         let Self { centre, points, .. } = self;
         let Coarse { value, seen } = &self.anatomy.planning;
         let grid = value.grid();
@@ -120,7 +128,7 @@ impl Template<'_> {
                 *r = [r[0].min(v.floor() as i32), r[1].max(v.ceil() as i32)];
             }
         }
-        let mut all = Turned { offsets: Vec::new(), values: Vec::new(), memberships: Vec::new() };
+        let mut all = Turned::default();
         let groups = &self.anatomy.groups;
         let back = turn.inverse();
         for k in range[2][0]..=range[2][1] {
@@ -143,7 +151,13 @@ impl Template<'_> {
                 }
             }
         }
-        all.thinned(VOXELS)
+        let mut all = all.thinned(VOXELS);
+        if let Some(shapes) = shapes {
+            let place = |o: &[i32; 3]| centre + back * (fraction.step() * Vector3::from(o.map(f64::from)));
+            let places: Vec<Point3<f64>> = all.offsets.iter().map(place).collect();
+            all.descriptors = shapes.planning(&places, turn);
+        }
+        all
     }
 }
 
@@ -158,6 +172,7 @@ impl Turned {
             offsets: chosen.iter().map(|&n| self.offsets[n]).collect(),
             values: chosen.iter().map(|&n| self.values[n]).collect(),
             memberships: chosen.iter().filter_map(|&n| self.memberships.get(n).copied()).collect(),
+            descriptors: chosen.iter().filter_map(|&n| self.descriptors.get(n).copied()).collect(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Images as the search sees them: means of blocks, and which of them were measured.
+//! Images as the search and descriptors see them: means of blocks, and which of them were measured.
 
 use crate::geometry::Grid;
 use crate::volume::Volume;
@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// Width of a block, mm.
-const BLOCK_MM: f64 = 4.0;
+pub const BLOCK_MM: f64 = 4.0;
 /// HU outside of this range count as its ends: air and fat of little weight, teeth as bone.
 const RANGE_HU: [f32; 2] = [-150.0, 900.0];
 
@@ -19,9 +19,9 @@ pub struct Coarse {
     pub seen: Vec<bool>,
 }
 
-/// Voxels of a grid that make a block, along each axis.
-pub fn block(grid: &Grid) -> [usize; 3] {
-    grid.spacing().map(|s| ((BLOCK_MM / s).round() as usize).max(1))
+/// Voxels of a grid that make a block about so wide (mm), along each axis.
+pub fn block(grid: &Grid, width_mm: f64) -> [usize; 3] {
+    grid.spacing().map(|s| ((width_mm / s).round() as usize).max(1))
 }
 
 /// The grid of the blocks' middles.
@@ -53,7 +53,7 @@ impl Coarse {
     /// The blocks of a CT (HU).
     pub fn new(ct: &Volume<f32>) -> Self {
         let [least, _] = ct.extremes();
-        let block = block(ct.grid());
+        let block = block(ct.grid(), BLOCK_MM);
         let grid = blocks(ct.grid(), block);
         let of = |voxels: &[usize]| {
             let measured = voxels.iter().map(|&v| ct.data()[v]).filter(|v| *v > least);
