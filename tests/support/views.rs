@@ -53,10 +53,11 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// Whole scans, slabs of 6 to 12 cm, circles of 10 to 25 cm, and circles in slabs; half of them with grey values of a cone-beam CT.
+    /// Whole scans, slabs of 6 to 12 cm, circles of 10 to 25 cm, and circles in slabs, an eighth of them a few vertebrae high; half of
+    /// them with grey values of a cone-beam CT.
     pub fn random(random: &mut Random, height_mm: f64) -> Self {
         let kind = random.below(8);
-        let slab = random.within(60.0, 120.0);
+        let slab = if kind == 7 { random.within(25.0, 60.0) } else { random.within(60.0, 120.0) };
         let low = random.within(0.0, height_mm - slab);
         let circle = random.within(100.0, 250.0);
         let shaded = random.below(2) == 1;
