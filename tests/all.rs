@@ -36,4 +36,5 @@ mod slicer;
 mod stress;
 mod summary;
 mod support;
+mod sweep;
 mod warp;

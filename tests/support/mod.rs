@@ -6,6 +6,7 @@ pub mod score;
 pub mod shared;
 pub mod skip;
 pub mod viewer;
+pub mod views;
 
 use assert_cmd::Command;
 use std::collections::BTreeMap;

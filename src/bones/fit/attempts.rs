@@ -12,6 +12,7 @@ use super::search::{Hypothesis, Search};
 use super::shape::{Described, Shapes};
 use super::similarity::Measure;
 use super::start::{FitStart, Starts, common_motions, left, near_motions};
+use super::weighed::{Place, Weighed};
 use super::{FitOptions, FitResult};
 use crate::error::{Error, Result};
 use crate::findings;
@@ -37,6 +38,21 @@ pub fn fit_pose(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FitResult> {
+    Ok(fit_pose_weighed(skeleton, samples, fraction, start, options, progress)?.0)
+}
+
+/// As [`fit_pose`], with what else was weighed.
+///
+/// # Errors
+/// As [`fit_pose`].
+pub fn fit_pose_weighed(
+    skeleton: &Skeleton,
+    samples: &BoneSamples,
+    fraction: &Volume<f32>,
+    start: FitStart<'_>,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<(FitResult, Weighed)> {
     let steps = 1 + options.outward.len() + options.levels.len();
     progress.step(0, steps, "couch shift");
     let level = Level::new(samples, fraction, BoneSamples::START, options)?;
@@ -73,11 +89,11 @@ pub fn fit_pose(
     let by_ratio = options.measure == Measure::CorrelationRatio;
     let searched_first = search && by_ratio;
     let mut others = Vec::new();
-    let mut note = None;
+    let mut hypotheses = Vec::new();
     let mut refused = None;
     let mut found = None;
     if searched_first {
-        (found, others, note) = attempts.searched(None, &known)?;
+        (found, others, hypotheses) = attempts.searched(None, &known)?;
     }
     if found.is_none() {
         (found, refused) = attempts.quick(starts, search)?;
@@ -89,7 +105,7 @@ pub fn fit_pose(
         FitStart::Placed(_) => false,
     };
     if unsure && !searched_first {
-        (found, others, note) = attempts.searched(found, &known)?;
+        (found, others, hypotheses) = attempts.searched(found, &known)?;
     }
     if search {
         found = found.map(|tried| attempts.with_limbs(tried)).transpose()?;
@@ -97,15 +113,15 @@ pub fn fit_pose(
     if let Some(tried) = found {
         let placed = matches!(start, FitStart::Placed(_));
         let searched = tried.guess == Guess::Searched;
-        let mut fit = attempts.judged(tried, others, placed)?;
-        fit.warnings.extend(note.filter(|_| searched));
+        let (mut fit, places) = attempts.judged(tried, others, placed)?;
+        fit.warnings.extend(told(skeleton, &hypotheses).filter(|_| searched));
         if unsure && !fit.warnings.iter().any(|w| w.is(findings::WEAK_START)) {
             fit.warnings.extend(Placed::of(skeleton, &fit.bones).doubt());
         }
         if let FitStart::Near(known) = &start {
             fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
         }
-        return Ok(fit);
+        return Ok((fit, Weighed { places, hypotheses }));
     }
     if let Some(lost) = lost {
         return Err(lost);
@@ -195,10 +211,10 @@ impl Attempts<'_> {
         Ok(if again.cost < tried.cost { again } else { tried })
     }
 
-    /// The better of a quick fit and the best of those that the search begins, the others that found the bones, and what is said of
-    /// the search.
-    fn searched(&self, quick: Option<Tried>, known: &[Rigid]) -> Result<(Option<Tried>, Vec<Tried>, Option<Warning>)> {
-        let Some(&resolution) = self.options.outward.first() else { return Ok((quick, Vec::new(), None)) };
+    /// The better of a quick fit and the best of those that the search begins, the others that found the bones, and what the search
+    /// proposed.
+    fn searched(&self, quick: Option<Tried>, known: &[Rigid]) -> Result<(Option<Tried>, Vec<Tried>, Vec<Hypothesis>)> {
+        let Some(&resolution) = self.options.outward.first() else { return Ok((quick, Vec::new(), Vec::new())) };
         let level = Level::new(self.samples, self.fraction, resolution, self.options)?;
         let (skeleton, anatomy) = (self.fitter.skeleton, &self.samples.anatomy);
         let (tissue, bones) = (&level.fraction, &level.drawn.bones[..]);
@@ -213,8 +229,7 @@ impl Attempts<'_> {
         let mut all: Vec<Tried> = Vec::new();
         let mut best = f64::INFINITY;
         let hypotheses = search.hypotheses(self.fraction, known)?;
-        let note = told(skeleton, &hypotheses);
-        for Hypothesis { transforms, root, cost, .. } in hypotheses {
+        for &Hypothesis { ref transforms, root, cost, .. } in &hypotheses {
             // Those that are worth less are tried while none has found the bones.
             if !all.is_empty() && cost > RIVAL * best {
                 break;
@@ -222,6 +237,7 @@ impl Attempts<'_> {
             best = best.min(cost);
             let common = transforms[root];
             let share = self.level.explained(&common, self.options.measure);
+            let transforms = transforms.clone();
             let tried = self.fit(Start { common, share, transforms, guess: Guess::Searched })?;
             if tried.found >= SEARCHED_FOUND {
                 all.push(tried);
@@ -234,14 +250,14 @@ impl Attempts<'_> {
             all.insert(if first { 0 } else { 1 }, quick);
         }
         let mut all = all.into_iter();
-        Ok((all.next(), all.collect(), note))
+        Ok((all.next(), all.collect(), hypotheses))
     }
 
-    /// A fit that has found the bones, after a look at other levels of the spine.
+    /// A fit that has found the bones, after a look at other levels of the spine, and all places that were weighed, its own first.
     ///
     /// # Errors
     /// [`Error::Registration`] where the fraction is mirrored or stretched.
-    fn judged(&self, mut tried: Tried, others: Vec<Tried>, placed: bool) -> Result<FitResult> {
+    fn judged(&self, mut tried: Tried, mut others: Vec<Tried>, placed: bool) -> Result<(FitResult, Vec<Place>)> {
         let measure = self.options.measure;
         let explained = |common: &Rigid| self.level.explained(common, measure);
         if !placed {
@@ -253,8 +269,9 @@ impl Attempts<'_> {
                 };
                 self.fit(Start { common, share: explained(&common), transforms, guess: from.guess })
             };
-            tried = best_level(&self.fitter, tried, others, self.fraction.grid(), again, explained)?;
+            (tried, others) = best_level(&self.fitter, tried, others, self.fraction.grid(), again, explained)?;
         }
+        let places = std::iter::once(&tried).chain(&others).map(Place::of).collect();
         let Tried { mut fit, found, scale, guess, .. } = tried;
         let own = posed(&self.level.drawn.bones, &fit.transforms);
         let seen = Seen { samples: &self.level.drawn.all, fraction: &self.level.fraction };
@@ -263,6 +280,6 @@ impl Attempts<'_> {
         let fine = fine.map(|level| (posed(&level.drawn.bones, &fit.transforms), level.fraction));
         let finer = fine.as_ref().map(|(samples, fraction)| Seen { samples, fraction });
         accept(&mut fit, &scale, found, seen, &own, measure, finer)?;
-        Ok(fit)
+        Ok((fit, places))
     }
 }

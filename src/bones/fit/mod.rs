@@ -1,13 +1,15 @@
 //! Rank 5: the pose of the skeleton that best explains the fraction CT.
 
-pub use attempts::fit_pose;
+pub use attempts::{fit_pose, fit_pose_weighed};
 pub use given::{BoneLandmark, GivenMotion, LandmarkUse, from_landmarks, given};
 pub use labels::{contradictions, from_labels};
 pub use planning::BoneSamples;
 pub use prior::BeyondRange;
+pub use search::Hypothesis;
 pub use similarity::Measure;
 pub use start::FitStart;
 pub use stop::Stop;
+pub use weighed::{Place, Weighed, level_apart, levels_apart};
 
 use crate::geometry::Rigid;
 use crate::skeleton::Pose;
@@ -102,6 +104,7 @@ mod stop;
 #[cfg(test)]
 mod tests;
 mod tissue;
+mod weighed;
 
 /// How finely a pass of the fit looks; in settings a pair.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -23,7 +23,8 @@ const SAME: f64 = 0.5;
 /// A rival whose evidence is more than this share of the best one's is no worse for sure.
 const ALIKE: f64 = 0.8;
 
-/// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse.
+/// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse; then the
+/// others.
 ///
 /// `others` are fits from other starts; `again` fits from another place, as far from a fit as the motion says; `explained` tells
 /// the share of the bones' contrast that one explains.
@@ -37,7 +38,7 @@ pub(super) fn best_level(
     fraction: &Grid,
     again: impl Fn(&Tried, Rigid) -> Result<Tried>,
     explained: impl Fn(&Rigid) -> f64,
-) -> Result<Tried> {
+) -> Result<(Tried, Vec<Tried>)> {
     let mut best = first;
     let mut height = fitter.height_shown(&best.fit.transforms, fraction);
     for _ in 0..ROUNDS {
@@ -66,7 +67,7 @@ pub(super) fn best_level(
     if let Some(word) = fitter.doubt(&best, &others, height) {
         best.fit.warnings.push(word);
     }
-    Ok(best)
+    Ok((best, others))
 }
 
 impl Fitter<'_> {

@@ -130,6 +130,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         agreement: None,
         kind: None,
         bone_fits: fits(offset),
+        weighed: Default::default(),
         body,
         pull,
         planning_on_fraction,

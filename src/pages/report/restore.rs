@@ -35,6 +35,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
         common_shift: report.common_shift,
         couch: report.couch.clone(),
         bone_fits: report.bones.clone(),
+        weighed: Default::default(),
         body: mask("body")?,
         push: PushField { displacement: read_field(file("planning_to_fraction")?)?.value, computed: mask("computed")? },
         pull: PullField {

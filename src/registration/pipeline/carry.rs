@@ -227,6 +227,7 @@ pub(super) fn carry_out(
         pose: fitted.fit.pose,
         common_shift,
         bone_fits: fitted.fit.bones,
+        weighed: Default::default(),
         skeleton: fitted.skeleton,
         body: fitted.body,
         push,

@@ -10,7 +10,7 @@ use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
-use crate::fit::{BoneFit, DeterminedBy};
+use crate::fit::{BoneFit, DeterminedBy, Weighed};
 use crate::sampling::PosePosterior;
 use crate::skeleton::{Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
@@ -67,6 +67,9 @@ pub struct Outcome {
     pub couch: CouchMatch,
     /// Each bone's fit, in the order of the skeleton.
     pub bone_fits: Vec<BoneFit>,
+    /// Where else the bones were tried, and what the search proposed; nothing where no image placed them, or of a run read from
+    /// its folder.
+    pub weighed: Weighed,
     /// The patient in the planning CT: inside the skin, cavities included.
     pub body: Mask,
     /// Planning to fraction.

@@ -13,8 +13,8 @@ use crate::error::{Error, Result};
 use crate::evaluate::agreement;
 use crate::findings;
 use crate::fit::{
-    BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, GivenMotion, contradictions, fit_pose, from_labels,
-    from_landmarks, given,
+    BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, GivenMotion, Weighed, contradictions, fit_pose_weighed,
+    from_labels, from_landmarks, given,
 };
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
@@ -71,9 +71,9 @@ pub fn register_fraction(
                 (None, Some(common)) => FitStart::Near(common),
                 (None, None) => FitStart::Search,
             };
-            fit_pose(skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
+            fit_pose_weighed(skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
         }
-        (None, Some(known)) => given(skeleton, known),
+        (None, Some(known)) => Ok((given(skeleton, known)?, Weighed::default())),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     };
     // An MR is shown and told of as one whether it pulls or not.
@@ -83,7 +83,7 @@ pub fn register_fraction(
     };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
-    let (fit, fraction) = (fit?, fraction.transpose()?);
+    let ((fit, weighed), fraction) = (fit?, fraction.transpose()?);
     let mislabelled = match (&placed, &case.fraction.bones) {
         (Some(placed), Some(_)) => contradictions(skeleton, placed, &fit.transforms),
         _ => Vec::new(),
@@ -97,13 +97,14 @@ pub fn register_fraction(
         let moved = Fitted { skeleton: skeleton.clone(), body, fit };
         let ready = Ready { case: &part, resting: &resting, fraction: fraction.as_ref() };
         let outcome = carried(ready, moved, warnings, config, runtime)?;
-        return Ok((outcome, Some(part)));
+        return Ok((Outcome { weighed, ..outcome }, Some(part)));
     }
     let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
     let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
     let ready = Ready { case, resting, fraction: fraction.as_ref() };
-    Ok((carried(ready, moved, warnings, config, runtime)?, None))
+    let outcome = carried(ready, moved, warnings, config, runtime)?;
+    Ok((Outcome { weighed, ..outcome }, None))
 }
 
 /// Motions of bones that landmarks or labels give, where there are any, and what is to be said of them.
