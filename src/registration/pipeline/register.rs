@@ -283,7 +283,7 @@ mod tests {
             ..bone("hyoid", Stop::FollowsJoint, 0.0)
         };
         let [(code, message)] = &told(seen(0.92, DeterminedBy::Joint))[..] else { panic!("one warning") };
-        assert!(code == "bone-not-explained" && message.contains("hyoid: 92 %"), "{code}: {message}");
+        assert!(code == "bone-not-explained" && message.contains("hyoid follows its joint: 92 %"), "{code}: {message}");
         // Out of view it follows its joint, as it must.
         assert_eq!(told(seen(0.2, DeterminedBy::Joint)), []);
         assert_eq!(told(seen(0.92, DeterminedBy::Image)), []);
