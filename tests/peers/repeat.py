@@ -190,7 +190,7 @@ def mean(bones, value):
 def tables(result):
     """Markdown."""
     surface, of = (lambda b: b["surface"].get("mean")), (lambda key: lambda b: b.get(key))
-    lines = [f"Floor of the distance of bone surfaces: {result['floor']['mean']:.2f} mm mean, {result['floor']['p95']:.2f} (95th)."]
+    lines = [f"Scan 2 against itself, half a voxel away, bone surfaces: {result['floor']['mean']:.2f} mm mean, {result['floor']['p95']:.2f} (95th)."]
     lines += [f"Left out: {tool} ({why})." for tool, why in result["left_out"].items()]
     with_landmarks = any("landmarks" in r for r in result["runs"])
     lines += ["", "| run | tool | bone surfaces: mean, worst | left: mean, worst | bent: worst | skin: mean, 95th, signed | agreement | "
