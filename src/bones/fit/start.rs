@@ -2,7 +2,7 @@
 //!
 //! No common field of view or origin is assumed: for a few turns, every shift that brings enough of the bones into the
 //! fraction image is scored by the share of bone HU variance that it explains, at coarse resolution; the best are refined
-//! (docs/decisions/fit.md).
+//! (docs/method.md).
 
 use super::given::GivenMotion;
 use super::problem::{Body, PoseProblem};
