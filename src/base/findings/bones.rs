@@ -12,6 +12,11 @@ findings! {
         "Too little of a bone's contrast is found to place it; it follows its joint.",
         "Check the fusion images.",
     );
+    BONE_UNLIKE = doubted(
+        "bone-unlike",
+        "The image explains a bone worse than the others.",
+        "Check its label and the fusion images.",
+    );
     BONE_WITHOUT_PARENT = warned(
         "bone-without-parent",
         "No bone that carries this one is labelled.",
