@@ -4,8 +4,6 @@
 //! to the file that `AVENTAIL_SWEEP_OUT` names; where `AVENTAIL_CASES` names a folder of real cases, a third of them are parts of
 //! its scans. `tests/peers/levels.py` tells from that file how often a stated probability holds.
 
-#![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
-
 use crate::support::folder;
 use crate::support::shared::fine;
 use crate::support::views::{Cut, Scene, of_phantom, of_real, real_scans};

@@ -3,6 +3,7 @@
 use super::numbers::{ONE_SCAN, Report, first_words, threads};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
+use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::verdict::{Verdict, against, overall};
 use crate::findings::{Finding, Told};
 use crate::fit::DeterminedBy;
@@ -12,20 +13,8 @@ use std::fmt::Write;
 /// The figures that matter as a text table of one screen.
 pub fn terminal_table(report: &Report) -> String {
     let mut rows: Vec<(&str, String)> = vec![("verdict", verdict(&report.verdicts))];
-    if let Some(l) = &report.landmarks {
-        let outside = l.before.n - l.after.n;
-        let lost = if outside > 0 { format!(", {outside} outside the planning scan") } else { String::new() };
-        rows.push((
-            "landmarks",
-            format!(
-                "{:.2} -> {}{:.2} mm mean, {:.2} mm worst, {} points{lost}",
-                l.before.mean,
-                l.shifted.as_ref().map_or(String::new(), |s| format!("{:.2} (couch shift) -> ", s.mean)),
-                l.after.mean,
-                l.after.max,
-                l.after.n
-            ),
-        ));
+    if let Some(found) = &report.landmarks {
+        rows.push(("landmarks", landmarks(found)));
     }
     if let Some(images) = &report.agreement {
         rows.push(("images", agreement(images)));
@@ -93,6 +82,19 @@ pub fn terminal_table(report: &Report) -> String {
         writeln!(text, "  {name:<11} {value}").expect("writing to a string does not fail");
         text
     })
+}
+
+fn landmarks(l: &LandmarkReport) -> String {
+    let outside = l.before.n - l.after.n;
+    let lost = if outside > 0 { format!(", {outside} outside the planning scan") } else { String::new() };
+    format!(
+        "{:.2} -> {}{:.2} mm mean, {:.2} mm worst, {} points{lost}",
+        l.before.mean,
+        l.shifted.as_ref().map_or(String::new(), |s| format!("{:.2} (couch shift) -> ", s.mean)),
+        l.after.mean,
+        l.after.max,
+        l.after.n
+    )
 }
 
 /// Warnings that the terminal tells.

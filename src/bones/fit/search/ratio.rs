@@ -1,7 +1,6 @@
 //! As [`super::correlate`], for an image of another modality: the correlation ratio of its grey values given ranges of HU, and how
 //! alike descriptors are.
 
-use super::super::shape::CHANNELS;
 use super::correlate::{LEAST_SHARE, MOST_CORRELATION, Ready, Row};
 use super::template::{DESCRIBED, GROUPS, Turned};
 use nalgebra::{SMatrix, SVector};
@@ -112,10 +111,9 @@ impl RatioSums {
             for (sum, square) in self.0[OF_VALUES + 2][low..low + n].iter_mut().zip(&shape.square[start..start + n]) {
                 *sum += square;
             }
-            for c in 0..CHANNELS {
-                let values = &shape.channels[c][start..start + n];
-                for (sum, value) in self.0[OF_VALUES + 3][low..low + n].iter_mut().zip(values) {
-                    *sum += planning[c] * value;
+            for (planning, channel) in planning.iter().zip(&shape.channels) {
+                for (sum, value) in self.0[OF_VALUES + 3][low..low + n].iter_mut().zip(&channel[start..start + n]) {
+                    *sum += planning * value;
                 }
             }
         }

@@ -178,12 +178,12 @@ impl Shape<'_> {
         let mean = sum_p.map(|p| p / n);
         let (mut down, mut up, mut curvature) = (Vector6::zeros(), Vector6::zeros(), Matrix6::zeros());
         for pair in &pairs {
-            for c in 0..CHANNELS {
+            for (c, mean) in mean.iter().enumerate() {
                 let (p, f, v) = (f64::from(pair.planning[c]), pair.fraction[c], pair.slope[c]);
                 let r = pair.lever.cross(&v);
                 let j = Vector6::new(r.x, r.y, r.z, v.x, v.y, v.z);
                 down.axpy(f - p, &j, 1.0);
-                up.axpy(f - mean[c], &j, 1.0);
+                up.axpy(f - mean, &j, 1.0);
                 curvature.ger(1.0, &j, &j, 1.0);
             }
         }

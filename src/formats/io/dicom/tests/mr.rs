@@ -25,7 +25,7 @@ fn magnitude(k: usize) -> Set {
     put(&mut set, tags::ECHO_TIME, VR::DS, "9.2");
     put(&mut set, tags::ECHO_NUMBERS, VR::IS, "1");
     // Odd slices are measured after all even ones.
-    put(&mut set, tags::ACQUISITION_TIME, VR::TM, if k % 2 == 0 { "101500" } else { "101830" });
+    put(&mut set, tags::ACQUISITION_TIME, VR::TM, if k.is_multiple_of(2) { "101500" } else { "101830" });
     for tag in [tags::RESCALE_SLOPE, tags::RESCALE_INTERCEPT, tags::RESCALE_TYPE] {
         set.remove_element(tag);
     }
