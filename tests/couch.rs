@@ -113,7 +113,7 @@ fn what_names_no_bone_is_refused_with_the_names_that_there_are() {
     refused("empty", "--match", "skull,,mandible", &["a name is empty"]);
     refused("three", "--match", "1,2,3", &["3 numbers are no box"]);
     refused("order", "--match", "9,9,9,0,0,0", &["least x, y, z"]);
-    refused("air", "--match", "-9000,-9000,-9000,-8000,-8000,-8000", &["no bone lies in this box"]);
+    refused("air", "--match", "-9000,-9000,-9000,-8000,-8000,-8000", &["no bone lies in the box"]);
     refused("roi_three", "--roi", "1,2,3", &["3 numbers are no box", "x0,y0,z0,x1,y1,z1"]);
     refused("roi_one", "--roi", "7", &["1 number is no box"]);
 }

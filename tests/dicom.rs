@@ -133,6 +133,28 @@ fn case() -> &'static Path {
     &MADE
 }
 
+/// A folder with an MR of the same places, in a frame of reference of its own, made once.
+fn mr() -> &'static Path {
+    static MADE: std::sync::LazyLock<PathBuf> = std::sync::LazyLock::new(|| {
+        let dir = folder().join("dicom_mr");
+        fs::create_dir_all(&dir).unwrap();
+        for k in 0..SIZE[2] {
+            let mut all = vec![
+                text((0x20, 0x32), b"DS", format!("10\\20\\{}", 30 + 3 * k)),
+                text((0x20, 0x37), b"DS", "1\\0\\0\\0\\1\\0"),
+                text((0x20, 0x52), b"UI", "1.2.88"),
+            ];
+            all.extend(plane(1));
+            let values = (0..SIZE[1]).flat_map(|j| (0..SIZE[0]).flat_map(move |i| stored(i, j, k).to_le_bytes()));
+            all.push(element((0x7fe0, 0x10), b"OW", values.collect()));
+            let uid = format!("1.2.6.{k}");
+            object(&dir.join(format!("MR{k}")), "1.2.840.10008.5.1.4.1.1.4", &uid, ("1.2.7.9", "MR"), all);
+        }
+        dir
+    });
+    &MADE
+}
+
 fn said(words: &[&str]) -> String {
     let run = aventail().args(words).assert().success();
     String::from_utf8(run.get_output().stdout.clone()).unwrap()
@@ -186,4 +208,52 @@ fn ct_and_contours_are_warped_and_a_dose_is_summed_over_structures() {
     let cord = &rows[0]["structures"][0];
     assert_eq!(cord["name"], "Cord");
     assert!((cord["mean"].as_f64().unwrap() - 20.0).abs() < 0.01, "{cord}");
+}
+
+#[test]
+fn a_series_says_itself_whether_it_is_a_ct_or_an_mr() {
+    let (ct, mr) = (case().to_str().unwrap(), mr().to_str().unwrap());
+    let shown = said(&["inspect", mr]);
+    assert!(shown.contains("MR") && shown.contains("10 slices, 16 x 14 x 10, 2 x 2 x 3 mm"), "{shown}");
+    let bones = case().join("RS");
+    let refused = |planning: &str, fractions: &[&str], modality: &[&str], code: i32| {
+        let out = folder().join("dicom_modality");
+        let mut run = aventail();
+        run.args(["register", "--quiet", "--planning", planning]).arg("--bones").arg(&bones).arg("--out").arg(&out);
+        fractions.iter().for_each(|fraction| {
+            run.args(["--fraction", fraction]);
+        });
+        let run = run.args(modality).assert().code(code);
+        assert!(!out.join("report.json").exists());
+        String::from_utf8(run.get_output().stderr.clone()).unwrap()
+    };
+    let error = refused(ct, &[mr], &["--modality", "ct"], 2);
+    assert!(error.contains("it is an MR series, and the settings say a CT"), "{error}");
+    let error = refused(ct, &[ct], &["--modality", "mr"], 2);
+    assert!(error.contains("it is a CT series, and the settings say an MR"), "{error}");
+    let error = refused(ct, &[ct, mr], &[], 2);
+    assert!(error.contains("are of two modalities"), "{error}");
+    // Planning is a CT.
+    let error = refused(mr, &[mr], &[], 4);
+    assert!(error.contains("[dicom-no-ct]") && error.contains("MR series"), "{error}");
+    // Grey values of an MR go through a field as they are, and into no CT series.
+    let pull = folder().join("dicom_mr_pull.mha");
+    let grid = Grid::axis_aligned(SIZE, [2.0, 2.0, 3.0], [10.0, 20.0, 30.0]).unwrap();
+    write_field(&pull, &Volume::filled(grid, [2.0f32, 0.0, 0.0]), FieldFormat::MetaImage, &WriteOptions::default())
+        .unwrap();
+    let warp = |out: &Path| {
+        let mut run = aventail();
+        run.args(["warp", "--quiet", "--from", "fraction", "--to", "planning", "--kind", "image", "--input", mr]);
+        run.arg("--out").arg(out).arg("--field").arg(format!("planning:fraction={}", pull.display()));
+        run
+    };
+    let out = folder().join("dicom_mr_warped.nii.gz");
+    warp(&out).assert().success();
+    let warped = read_image(&out).unwrap().value;
+    let value = warped.data()[warped.grid().linear([4, 5, 6])];
+    assert!((value - f32::from(stored(5, 5, 6))).abs() < 1e-3, "{value}");
+    let series = folder().join("dicom_mr_series");
+    let run = warp(&series).args(["--dicom-like", ct]).assert().code(4);
+    let error = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(error.contains("[dicom-no-ct]") && error.contains("written as a CT series"), "{error}");
 }

@@ -49,6 +49,10 @@ _Source: TypeAlias = str | _Raster
 _Names: TypeAlias = dict[int, str]
 _Rows: TypeAlias = list[list[float]]
 _Reporter: TypeAlias = Callable[[str, float | None], object] | None
+_Work: TypeAlias = tuple[int, _Reporter]
+"""Threads, and who is told of progress."""
+_Fields: TypeAlias = tuple[_Source | None, _Source | None]
+"""Both directions of a field, planning to fraction first."""
 
 def main(arguments: list[str]) -> int: ...
 def read_image(path: str, dose: bool) -> _Raster: ...
@@ -67,57 +71,29 @@ def write_dicom_dose(
 def write_dicom_contours(path: str, json: str, like: str, of: str | None) -> None: ...
 def write_dicom_field(path: str, raster: _Raster, start: str, end: str) -> None: ...
 def register(
-    planning: _Source,
-    bones: _Source,
+    planning: tuple[_Source, _Source],
     fractions: list[tuple[_Source, Any, Any]],
     more: dict[str, Any],
     settings: dict[str, Any],
-    threads: int,
-    progress: _Reporter,
+    work: _Work,
 ) -> list[Registration]: ...
 def pose(
-    planning: _Source,
-    bones: _Source,
+    planning: tuple[_Source, _Source],
     motion: dict[str, Any],
-    margin_mm: float,
     more: dict[str, Any],
     settings: dict[str, Any],
-    threads: int,
-    progress: _Reporter,
+    work: _Work,
 ) -> Registration: ...
-def evaluate(
-    push: _Source | None,
-    pull: _Source | None,
-    measured: dict[str, Any],
-    settings: dict[str, Any],
-    threads: int,
-    progress: _Reporter,
-) -> str: ...
+def evaluate(fields: _Fields, measured: dict[str, Any], settings: dict[str, Any], work: _Work) -> str: ...
 def map_dose(
-    dose: _Source,
-    push: _Source | None,
-    pull: _Source | None,
-    to_fraction: bool,
-    grid: _Geometry | None,
-    parts: int | None,
-    ct: _Source | None,
-    threads: int,
-    progress: _Reporter,
+    dose: _Source, fields: _Fields, mapping: dict[str, Any], work: _Work
 ) -> tuple[_Raster, str]: ...
-def dvh(
-    dose: _Source,
-    labels: _Source | None,
-    names: _Names | str | None,
-    contours: str | None,
-    contour_file: str | None,
-    at: list[float],
-    bin: float,
-) -> str: ...
+def dvh(dose: _Source, structures: dict[str, Any], at: list[float], bin: float) -> str: ...
 def accumulate(doses: list[_Source], weights: list[float], fractions: list[float]) -> _Raster: ...
 def compare_doses(
     dose: _Source, reference: _Source, tolerance: float | None, limit: float
 ) -> tuple[_Raster, _Raster, str]: ...
-def make_library(wanted: dict[str, Any], settings: dict[str, Any], threads: int, progress: _Reporter) -> str: ...
+def make_library(wanted: dict[str, Any], settings: dict[str, Any], work: _Work) -> str: ...
 def fit_postures(runs: list[str], out: str) -> str: ...
 def skeleton(bones: _Source, names: _Names | str | None) -> tuple[str, str]: ...
 def summary(runs: list[str], out: str | None, anonymous: bool) -> str: ...
@@ -151,7 +127,7 @@ class Registration:
     def samples(self, number: int, seed: int, scale: float | None) -> Samples: ...
     def warp_points(self, points: NDArray[np.float64], to_fraction: bool) -> tuple[NDArray[Any], NDArray[Any]]: ...
     def warp_image(
-        self, image: _Source, to_fraction: bool, cubic: bool, outside: float, dose: bool, grid: _Geometry | None
+        self, image: _Source, to_fraction: bool, kind: dict[str, Any], grid: _Geometry | None
     ) -> _Raster: ...
     def warp_labels(
         self, labels: _Source, names: _Names | None, to_fraction: bool, grid: _Geometry | None

@@ -85,7 +85,7 @@ def library(
     wanted |= {name: _given.path_or_none(name, thing) for name, thing in files.items()}
     settled, threads = settings_source(settings), _given.whole("threads", threads)
     with told(progress) as function, _errors.naming(out="out"):
-        made: Library = json.loads(_aventail.make_library(wanted, settled, threads, function))
+        made: Library = json.loads(_aventail.make_library(wanted, settled, (threads, function)))
     return made
 
 

@@ -64,7 +64,7 @@ def evaluate(
     >>> found["landmarks"]["after"]["mean"] < 0.5
     True
     """
-    push, pull = both(fields, planning_to_fraction, fraction_to_planning)
+    directions = both(fields, planning_to_fraction, fraction_to_planning)
     for name, idle in (
         ("labels", labels is not None and bones is None),
         ("structure_names", structure_names is not None and structures is None and structures_fraction is None),
@@ -91,7 +91,7 @@ def evaluate(
             given["structure_names"] = given["structure_names"] or names
     limits, threads = settings_source(settings), _given.whole("threads", threads)
     with told(progress) as function:
-        assessment: Assessment = json.loads(_aventail.evaluate(push, pull, given, limits, threads, function))
+        assessment: Assessment = json.loads(_aventail.evaluate(directions, given, limits, (threads, function)))
     return assessment
 
 

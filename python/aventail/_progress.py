@@ -27,7 +27,7 @@ class _Bars:
     def __call__(self, stage: str, share: float | None) -> None:
         if share is None:
             self.close()
-            layout = "{desc:<24}{bar:30} {elapsed}"
+            layout = "{desc:<34}{bar:30} {elapsed}"
             self._bar = self._tqdm(total=1.0, desc=stage, bar_format=layout, file=sys.stderr)
         elif self._bar is not None:
             self._bar.n = share

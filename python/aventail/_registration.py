@@ -68,7 +68,8 @@ class Registration:
         return Registration(self._found)
 
     def __repr__(self) -> str:
-        return f"<aventail.Registration of {len(self.bones)} bones, {len(self.warnings)} warnings>"
+        told = f"{self.report['verdict']}, {len(self.warnings)} warnings"
+        return f"<aventail.Registration of {len(self.bones)} bones: {told}>"
 
     @cached_property
     def planning_to_fraction(self) -> Field:
@@ -232,7 +233,8 @@ class Registration:
                 raise _errors.usage(f"labels is the file {names}", "give the names as a dict")
             raster, own = self._native.warp_labels(given, names, forward, target)
             return _of_raster(raster, "labels", own)
-        raster = self._native.warp_image(source("thing", thing, kind), forward, cubic, fill, kind == "dose", target)
+        how = {"cubic": cubic, "outside": fill, "dose": kind == "dose"}
+        raster = self._native.warp_image(source("thing", thing, kind), forward, how, target)
         return _of_raster(raster, kind)
 
     def _warp_points(self, points: ArrayLike, forward: bool, to: str) -> NDArray[np.float64]:
@@ -371,6 +373,9 @@ def register(
     ``bones="auto"`` has TotalSegmentator, where it is installed, label the file ``planning``; the labels are kept in
     ``bones_folder`` (without it the current folder) and found there by the next run. Nobody has looked at them: look.
 
+    The fraction may be an MR. A DICOM series says that it is one; of other images say it with the settings
+    ``{"fraction": {"modality": "mr"}}``.
+
     ``fraction_bones`` are labels of bones in the fraction (named by ``fraction_labels`` where they do not name themselves; a path,
     an image, or ``"auto"``): where both scans have a bone's label, its surface places the bone before the image does. With the
     settings ``{"fit": {"bone_landmarks": "replace"}}`` the labels alone decide.
@@ -420,7 +425,7 @@ def register(
     ]
     ct = source("planning", planning)
     with told(progress) as function:
-        natives = _aventail.register(ct, given, pairs, more, settled, threads, function)
+        natives = _aventail.register((ct, given), pairs, more, settled, (threads, function))
     registrations = [Registration(native) for native in natives]
     return registrations if several else registrations[0]
 
@@ -467,7 +472,7 @@ def pose(
     given, names = label_source(bones, labels)
     more = _case.more(names, landmarks, bone_landmarks, skeleton, None, bones_folder)
     settled, threads = settings_source(settings), _given.whole("threads", threads)
-    margin, ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
+    motion["margin_mm"], ct = _given.within("margin_mm", margin_mm, 0, 500), source("planning", planning)
     with told(progress) as function:
-        native = _aventail.pose(ct, given, motion, margin, more, settled, threads, function)
+        native = _aventail.pose((ct, given), motion, more, settled, (threads, function))
     return Registration(native)

@@ -78,12 +78,16 @@ def map(
     forward = _given.choice("to", to, ("planning", "fraction")) == "fraction"
     by_mass = _given.choice("method", method, ("interpolate", "energy-mass")) == "energy-mass"
     parts, threads = _given.whole("parts", parts, 1, 8), _given.whole("threads", threads)
-    push, pull = both(fields, planning_to_fraction, fraction_to_planning)
-    scan, target, given = source_or_none("ct", ct), grid_source("grid", grid), source("dose", dose, "dose")
+    directions = both(fields, planning_to_fraction, fraction_to_planning)
+    mapping: dict[str, Any] = {
+        "to_fraction": forward,
+        "parts": parts if by_mass else None,
+        "ct": source_or_none("ct", ct),
+        "grid": grid_source("grid", grid),
+    }
+    given = source("dose", dose, "dose")
     with told(progress) as function:
-        raster, report = _aventail.map_dose(
-            given, push, pull, forward, target, parts if by_mass else None, scan, threads, function
-        )
+        raster, report = _aventail.map_dose(given, directions, mapping, (threads, function))
     return Mapped(_of_raster(raster, "dose"), json.loads(report))
 
 
@@ -119,25 +123,20 @@ def dvh(
     ``structures`` are contours, which may overlap (:class:`Contours`, a contour JSON, a structure set, polygons by name),
     or a label map.
     """
-    given: Any = None
-    names: Any = None
-    text: str | None = None
-    path: str | None = None
+    given: dict[str, Any] = {"labels": None, "names": None, "contours": None, "contour_file": None}
     if isinstance(structures, (Contours, Mapping)):
-        text = Contours.of(structures)._json()
+        given["contours"] = Contours.of(structures)._json()
     elif _given.is_path(structures) and _of_contours(_given.path("structures", structures)):
-        path = _given.path("structures", structures)
+        given["contour_file"] = _given.path("structures", structures)
     else:
-        given, names = label_source(structures, labels, "structures")
-    if labels is not None and given is None:
+        given["labels"], given["names"] = label_source(structures, labels, "structures")
+    if labels is not None and given["labels"] is None:
         raise _errors.usage("labels has no meaning for contours, which have names", "leave labels out")
     doses = _given.numbers_of("at", at, "give doses of 0 Gy or more")
     if any(gy < 0 for gy in doses):
         raise _given.wrong("at", at, "give doses of 0 Gy or more")
     width = _given.number("bin", bin, "give the width of a bin, 0.001 Gy or more")
-    curves: list[Dvh] = json.loads(
-        _aventail.dvh(source("dose", dose, "dose"), given, names, text, path, doses, width)
-    )
+    curves: list[Dvh] = json.loads(_aventail.dvh(source("dose", dose, "dose"), given, doses, width))
     return curves
 
 

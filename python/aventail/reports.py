@@ -292,7 +292,10 @@ class CouchResidual(TypedDict):
 
 
 class CouchMatch(TypedDict):
-    """The couch shift, matched on bones: translation LPS mm, rotation vector in degrees about ``centre``."""
+    """Where the patient lies, planning to fraction, matched on bones: the couch corrects it the other way.
+
+    Translation LPS mm; rotation vector in degrees about ``centre``.
+    """
 
     on: list[str]
     chosen: str
@@ -482,7 +485,7 @@ class Share(TypedDict):
 
 
 class Dvh(TypedDict):
-    """A structure's dose-volume histogram: ``cumulative[n]`` percent of it has at least ``n * bin`` Gy."""
+    """A structure's dose-volume histogram: the share ``cumulative[n]`` of it, 0 to 1, has at least ``n * bin`` Gy."""
 
     name: str
     volume_ml: float

@@ -158,7 +158,7 @@ fn described(description: String) -> WriteOptions {
 /// Reads a scalar image, or a dose.
 #[pyfunction]
 pub(crate) fn read_image(py: Python<'_>, path: PathBuf, dose: bool) -> PyResult<Raster<'_, f32>> {
-    let read = || if dose { io::read_dose(path) } else { io::read_image(path) };
+    let read = || if dose { io::read_dose(path) } else { io::read_scan(path) };
     let image = py.detach(read).raised(py)?.value;
     let grid = image.grid().clone();
     raster(py, &grid, image.into_data())

@@ -2,7 +2,7 @@
 
 use crate::case::{COMMAND, Settings};
 use crate::errors::Raised;
-use crate::runs::Runs;
+use crate::runs::{Runs, Work};
 use aventail::cli::args::{QuietArgs, RunArgs};
 use aventail::cli::library::{self, LibraryArgs};
 use aventail::io;
@@ -65,20 +65,14 @@ impl Wanted {
 
 /// Makes a library; returns its datalist as JSON.
 #[pyfunction]
-#[pyo3(signature = (wanted, settings, threads, progress))]
-pub(crate) fn make_library(
-    py: Python<'_>,
-    wanted: Wanted,
-    settings: Settings,
-    threads: usize,
-    progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<String> {
+#[pyo3(signature = (wanted, settings, work))]
+pub(crate) fn make_library(py: Python<'_>, wanted: Wanted, settings: Settings, work: Work<'_>) -> PyResult<String> {
     let config = settings.config().raised(py)?;
-    let mut arguments = wanted.arguments(progress.is_none());
-    arguments.run.work.threads = threads;
-    Runs::new(threads)
-        .raised(py)?
-        .run(py, progress, move |runtime| io::json(&library::make(&arguments, config, &[], runtime, COMMAND)?.manifest))
+    let mut arguments = wanted.arguments(work.progress().is_none());
+    arguments.run.work.threads = work.threads();
+    Runs::new(work.threads()).raised(py)?.run(py, work.progress(), move |runtime| {
+        io::json(&library::make(&arguments, config, &[], runtime, COMMAND)?.manifest)
+    })
 }
 
 /// Finds the principal modes of saved registrations; returns them as JSON.

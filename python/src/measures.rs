@@ -3,7 +3,7 @@
 use crate::arrays::{self, Given, Raster, raster};
 use crate::case::{self, Settings};
 use crate::errors::{Raised, warn};
-use crate::runs::Runs;
+use crate::runs::{Runs, Work};
 use crate::warp::Target;
 use aventail::config::InputRole;
 use aventail::dose::{self, DensityTable, DoseCounts, EnergyMassOptions};
@@ -38,6 +38,17 @@ fn pair(both: [Field; 2], all: &[Lying<'_>], provenance: &mut Provenance) -> Res
     fields::pair(both, None, [grid("planning"), grid("fraction")], &known, provenance)
 }
 
+/// Both directions of a field, planning to fraction first.
+#[derive(FromPyObject)]
+pub(crate) struct Fields<'py>(Option<Bound<'py, PyAny>>, Option<Bound<'py, PyAny>>);
+
+impl Fields<'_> {
+    fn given(&self) -> PyResult<[Field; 2]> {
+        let field = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::field).transpose();
+        Ok([field(&self.0)?, field(&self.1)?])
+    }
+}
+
 /// Inputs of an evaluation.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -55,18 +66,16 @@ pub(crate) struct Measured<'py> {
 
 /// Everything that can be measured of a field, as JSON.
 #[pyfunction]
-#[pyo3(signature = (push, pull, measured, settings, threads, progress))]
+#[pyo3(signature = (fields, measured, settings, work))]
 pub(crate) fn evaluate(
     py: Python<'_>,
-    push: Option<&Bound<'_, PyAny>>,
-    pull: Option<&Bound<'_, PyAny>>,
+    fields: Fields<'_>,
     measured: Measured<'_>,
     settings: Settings,
-    threads: usize,
-    progress: Option<&Bound<'_, PyAny>>,
+    work: Work<'_>,
 ) -> PyResult<String> {
     let limits = settings.config().raised(py)?.verdict;
-    let (push, pull) = (push.map(arrays::field).transpose()?, pull.map(arrays::field).transpose()?);
+    let [push, pull] = fields.given()?;
     let written = push.as_ref().or(pull.as_ref()).and_then(|field| field.path()).map(Path::to_owned);
     let image = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::image).transpose();
     let labels = |any: &Option<Bound<'_, PyAny>>| any.as_ref().map(arrays::labels).transpose();
@@ -77,7 +86,7 @@ pub(crate) fn evaluate(
     let structure_names = [names(&measured.structure_names)?, names(&measured.structure_names)?];
     let landmarks = measured.landmarks.as_ref().map(case::landmarks).transpose()?;
     let scans = [&planning, &fraction].map(|scan| scan.as_ref().and_then(Given::path).map(Path::to_owned));
-    let (json, warnings) = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
+    let (json, warnings) = Runs::new(work.threads()).raised(py)?.run(py, work.progress(), move |runtime| {
         let mut provenance = Provenance::default();
         let planning = planning.map(|p| session::image(InputRole::Planning, p, &mut provenance)).transpose()?;
         let fraction = fraction.map(|p| session::image(InputRole::Fraction, p, &mut provenance)).transpose()?;
@@ -156,34 +165,38 @@ fn gray(what: &str, given: Given<Volume<f32>>) -> Result<Volume<f32>> {
     Ok(dose)
 }
 
-/// Fields of a mapping.
-type Fields<'a, 'py> = (Option<&'a Bound<'py, PyAny>>, Option<&'a Bound<'py, PyAny>>);
+/// Where and how a dose is carried.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct DoseMapping<'py> {
+    to_fraction: bool,
+    /// The grid of the result; without it that of the field in its frame.
+    grid: Option<Target>,
+    /// Parts of a voxel's edge, where energy and mass are carried.
+    parts: Option<usize>,
+    /// The CT in the frame that the dose comes from.
+    ct: Option<Bound<'py, PyAny>>,
+}
 
 /// A dose in the other frame, and what is to be said about it as JSON.
 #[pyfunction]
-#[pyo3(signature = (dose, push, pull, to_fraction, grid, parts, ct, threads, progress))]
-#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+#[pyo3(signature = (dose, fields, mapping, work))]
 pub(crate) fn map_dose<'py>(
     py: Python<'py>,
     dose: &Bound<'py, PyAny>,
-    push: Option<&Bound<'py, PyAny>>,
-    pull: Option<&Bound<'py, PyAny>>,
-    to_fraction: bool,
-    grid: Option<Target>,
-    parts: Option<usize>,
-    ct: Option<&Bound<'py, PyAny>>,
-    threads: usize,
-    progress: Option<&Bound<'py, PyAny>>,
+    fields: Fields<'py>,
+    mapping: DoseMapping<'py>,
+    work: Work<'py>,
 ) -> PyResult<(Raster<'py, f32>, String)> {
-    let fields: Fields<'_, 'py> = (push, pull);
-    let (push, pull) = (fields.0.map(arrays::field).transpose()?, fields.1.map(arrays::field).transpose()?);
-    let (given, ct) = (arrays::image(dose)?, ct.map(arrays::image).transpose()?);
+    let DoseMapping { to_fraction, grid, parts, ct } = mapping;
+    let [push, pull] = fields.given()?;
+    let (given, ct) = (arrays::image(dose)?, ct.as_ref().map(arrays::image).transpose()?);
     let target = grid.map(Target::grid).transpose().raised(py)?;
     let method = match parts {
         None => DoseMethod::Interpolate,
         Some(parts) => DoseMethod::EnergyMass(EnergyMassOptions { parts, density: DensityTable::default() }),
     };
-    let mapped = Runs::new(threads).raised(py)?.run(py, progress, move |runtime| {
+    let mapped = Runs::new(work.threads()).raised(py)?.run(py, work.progress(), move |runtime| {
         let dose = gray("dose", given)?;
         let ct = ct.map(|ct| session::image(InputRole::Ct, ct, &mut Provenance::default())).transpose()?;
         let frames = if to_fraction { ["planning", "fraction"] } else { ["fraction", "planning"] };
@@ -235,22 +248,30 @@ pub(crate) fn accumulate<'py>(
     raster(py, &total.grid().clone(), total.into_data())
 }
 
-/// Dose-volume histograms as JSON, of labels with names or of contours.
+/// Structures: labels with names, or contours.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Structures<'py> {
+    labels: Option<Bound<'py, PyAny>>,
+    names: Option<Bound<'py, PyAny>>,
+    /// The text of a contour JSON.
+    contours: Option<String>,
+    contour_file: Option<PathBuf>,
+}
+
+/// Dose-volume histograms of structures as JSON.
 #[pyfunction]
-#[pyo3(signature = (dose, labels, names, contours, contour_file, at, bin))]
-#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+#[pyo3(signature = (dose, structures, at, bin))]
 pub(crate) fn dvh(
     py: Python<'_>,
     dose: &Bound<'_, PyAny>,
-    labels: Option<&Bound<'_, PyAny>>,
-    names: Option<&Bound<'_, PyAny>>,
-    contours: Option<&str>,
-    contour_file: Option<PathBuf>,
+    structures: Structures<'_>,
     at: Vec<f64>,
     bin: f64,
 ) -> PyResult<String> {
-    let (given, labels) = (arrays::image(dose)?, labels.map(arrays::labels).transpose()?);
-    let names = names.map(arrays::names).transpose()?;
+    let Structures { labels, names, contours, contour_file } = structures;
+    let (given, labels) = (arrays::image(dose)?, labels.as_ref().map(arrays::labels).transpose()?);
+    let names = names.as_ref().map(arrays::names).transpose()?;
     let count = || {
         if !(bin.is_finite() && bin >= 1e-3) {
             return Err(Error::usage(format!("a bin of {bin} Gy is too small"), "give at least 0.001 Gy"));
@@ -259,7 +280,7 @@ pub(crate) fn dvh(
         let all = match labels {
             Some(labels) => dose::dvh(&dose, &labelled(InputRole::Structures, "structures", labels, names)?, &at, bin),
             None => {
-                let mut all = arrays::contours(contours, contour_file.as_deref())?;
+                let mut all = arrays::contours(contours.as_deref(), contour_file.as_deref())?;
                 all.tidy();
                 dose::dvh_of_contours(&dose, &all, &at, bin)
             }

@@ -3,7 +3,7 @@
 use crate::arrays::{Given, LabelRaster, Raster, field_raster, label_raster, raster, rows};
 use crate::case::{self, More, Settings, transforms};
 use crate::errors::Raised;
-use crate::runs::Runs;
+use crate::runs::{Runs, Work};
 use crate::warp;
 use aventail::pipeline::{sample_set, sampled_field};
 use aventail::sampling::{SampleSet, SamplingOptions};
@@ -130,23 +130,20 @@ impl Registration {
     }
 
     /// A scalar image or dose in the other frame, on its image's grid.
-    #[pyo3(signature = (image, to_fraction, cubic, outside, dose, grid))]
-    #[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+    #[pyo3(signature = (image, to_fraction, kind, grid))]
     fn warp_image<'py>(
         &self,
         py: Python<'py>,
         image: &Bound<'py, PyAny>,
         to_fraction: bool,
-        cubic: bool,
-        outside: f32,
-        dose: bool,
+        kind: warp::Kind,
         grid: Option<warp::Target>,
     ) -> PyResult<Raster<'py, f32>> {
         let given = crate::arrays::image(image)?;
         let target = grid.map(warp::Target::grid).transpose().raised(py)?;
         let warped = self.taken(py, |found| {
             let back = displacement(&found.outcome, !to_fraction);
-            warp::image(back, given, target.as_ref(), warp::Kind { cubic, outside, dose })
+            warp::image(back, given, target.as_ref(), kind)
         });
         let warped: Volume<f32> = warped.raised(py)?;
         raster(py, &warped.grid().clone(), warped.into_data())
@@ -246,6 +243,9 @@ impl Wanted {
     }
 }
 
+/// The planning image and the labels of its bones.
+type GivenPlanning<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
+
 /// A fraction, its landmarks, and the labels of its bones with their names.
 type GivenFraction<'py> =
     (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Option<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
@@ -253,30 +253,27 @@ type GivenFraction<'py> =
 /// Registers one or several fractions of a patient, in their order; what depends on planning alone is done once. Marks that belong
 /// to one fraction are refused for several before.
 #[pyfunction]
-#[pyo3(signature = (planning, bones, fractions, more, settings, threads, progress))]
-#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+#[pyo3(signature = (planning, fractions, more, settings, work))]
 pub(crate) fn register(
     py: Python<'_>,
-    planning: &Bound<'_, PyAny>,
-    bones: &Bound<'_, PyAny>,
+    planning: GivenPlanning<'_>,
     fractions: Vec<GivenFraction<'_>>,
     more: More<'_>,
     settings: Settings,
-    threads: usize,
-    progress: Option<&Bound<'_, PyAny>>,
+    work: Work<'_>,
 ) -> PyResult<Vec<Registration>> {
     let config = more.settled(&settings).raised(py)?;
-    let side = more.planning(planning, bones)?;
+    let side = more.planning(&planning.0, &planning.1)?;
     let all = fractions.iter().map(|(image, marks, bones)| case::fraction(image, marks.as_ref(), bones.as_ref()));
     let mut all = all.collect::<PyResult<Vec<FractionSources>>>()?;
     if let [only] = all.as_mut_slice() {
         (only.bone_landmarks, only.start) = (more.marks()?.1, more.start().raised(py)?.map(Given::Memory));
     }
     let (request, beside) = (more.request(side, all, config), more.beside());
-    Wanted { request, beside, runs: Runs::new(threads).raised(py)? }.register(py, progress)
+    Wanted { request, beside, runs: Runs::new(work.threads()).raised(py)? }.register(py, work.progress())
 }
 
-/// How bones are told to move.
+/// How bones are told to move, and how far the artificial CT reaches.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Motion {
@@ -286,6 +283,8 @@ pub(crate) struct Motion {
     file: Option<PathBuf>,
     /// Transforms by bone name.
     transforms: Option<Vec<(String, [[f64; 4]; 4])>>,
+    /// How far the artificial CT reaches beyond the planning grid, mm.
+    margin_mm: f64,
 }
 
 impl Motion {
@@ -302,27 +301,24 @@ impl Motion {
 
 /// Poses a patient.
 #[pyfunction]
-#[pyo3(signature = (planning, bones, motion, margin_mm, more, settings, threads, progress))]
-#[expect(clippy::too_many_arguments, reason = "the keywords of Python's side")]
+#[pyo3(signature = (planning, motion, more, settings, work))]
 pub(crate) fn pose(
     py: Python<'_>,
-    planning: &Bound<'_, PyAny>,
-    bones: &Bound<'_, PyAny>,
+    planning: GivenPlanning<'_>,
     motion: Motion,
-    margin_mm: f64,
     more: More<'_>,
     settings: Settings,
-    threads: usize,
-    progress: Option<&Bound<'_, PyAny>>,
+    work: Work<'_>,
 ) -> PyResult<Registration> {
     let config = more.settled(&settings).raised(py)?;
-    let planning = more.planning(planning, bones)?;
+    let planning = more.planning(&planning.0, &planning.1)?;
     let (landmarks, on_bones) = more.marks()?;
+    let margin_mm = motion.margin_mm;
     let motion = motion.source(on_bones).raised(py)?;
     let (recorded, command) = (Vec::new(), case::COMMAND.to_owned());
     let mut request = PoseRequest { planning, motion, landmarks, margin_mm, recorded, config, command };
-    let (runs, quiet, beside) = (Runs::new(threads).raised(py)?, progress.is_none(), more.beside());
-    let found = runs.run(py, progress, move |runtime| {
+    let (runs, quiet, beside) = (Runs::new(work.threads()).raised(py)?, work.progress().is_none(), more.beside());
+    let found = runs.run(py, work.progress(), move |runtime| {
         let needed = request.needed();
         case::make_bones(&mut request.planning, &needed, &beside, quiet, runtime)?;
         session::pose(request, runtime)

@@ -85,6 +85,21 @@ impl Progress for Reporter {
     }
 }
 
+/// How work is run: with how many threads, 0 for one per core, and who is told of its progress.
+#[derive(FromPyObject)]
+pub(crate) struct Work<'py>(usize, Option<Bound<'py, PyAny>>);
+
+impl<'py> Work<'py> {
+    pub(crate) fn threads(&self) -> usize {
+        self.0
+    }
+
+    /// Whoever is told, `progress(stage, share)`.
+    pub(crate) fn progress(&self) -> Option<&Bound<'py, PyAny>> {
+        self.1.as_ref()
+    }
+}
+
 /// A runtime of the library whose progress reaches Python.
 #[derive(Clone)]
 pub(crate) struct Runs {

@@ -24,6 +24,8 @@ impl Target {
 }
 
 /// What an image is, and how it is sampled.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub(crate) struct Kind {
     pub(crate) cubic: bool,
     pub(crate) outside: f32,
@@ -66,7 +68,7 @@ pub(crate) fn image(
 ) -> Result<Volume<f32>> {
     let mut image = match given {
         Given::File(path) if kind.dose => io::read_dose(path)?.value,
-        Given::File(path) => io::read_image(path)?.value,
+        Given::File(path) => io::read_scan(path)?.value,
         Given::Memory(volume) => volume,
     };
     let target = target.unwrap_or(back.grid());

@@ -72,18 +72,33 @@ fn bracketed(finding: Option<&Finding>) -> String {
     finding.map_or_else(String::new, |f| format!(" [{}]", f.code))
 }
 
+/// Letters of a line that a message shows at most.
+const LONGEST: usize = 600;
+
+/// A text whose lines end early: of a wrong file one line may be megabytes.
+fn clipped(text: String) -> String {
+    if text.len() <= LONGEST {
+        return text;
+    }
+    let clip = |line: &str| match line.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{} ...", &line[..end]),
+        None => line.to_owned(),
+    };
+    text.lines().map(clip).collect::<Vec<_>>().join("\n")
+}
+
 impl Error {
     /// [`Error::Usage`] from texts.
     pub fn usage(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::Usage { problem: problem.into(), remedy: remedy.into() }
+        Self::Usage { problem: clipped(problem.into()), remedy: remedy.into() }
     }
     /// [`Error::Read`] from a path and texts.
     pub fn read(path: impl AsRef<Path>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::Read { path: path.as_ref().into(), problem: problem.into(), remedy: remedy.into() }
+        Self::Read { path: path.as_ref().into(), problem: clipped(problem.into()), remedy: remedy.into() }
     }
     /// [`Error::Input`] from texts.
     pub fn input(what: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self::Input { finding: None, what: what.into(), problem: problem.into(), remedy: remedy.into() }
+        Self::Input { finding: None, what: what.into(), problem: clipped(problem.into()), remedy: remedy.into() }
     }
     /// [`Error::Input`] of a finding, one of the constants of [`crate::findings`].
     pub fn refused(

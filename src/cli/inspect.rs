@@ -21,7 +21,7 @@ pub struct InspectArgs {
     /// How the result is told.
     #[command(flatten)]
     pub told: JsonArgs,
-    /// Leave out the patient's name, number and date of birth in what is told of DICOM
+    /// Leave the patient's name, number and date of birth out of what is printed of DICOM
     #[arg(long)]
     pub anonymous: bool,
 }

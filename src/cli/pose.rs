@@ -15,7 +15,8 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and ranges:
+A pose file moves joints by bone name; `aventail skeleton --bones FILE` shows names, axes and
+ranges:
 
   [bones.clavicula_right]
   shift_mm = [0.0, 0.0, 5.0]        # left, back, up

@@ -22,11 +22,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found there. Each stage's
-result is kept, so that a study that was stopped goes on where it was.
+A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found
+there. Each stage's result is kept, so that a study that was stopped goes on where it was.
 
---concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's chapter 5 shows: transfer
-functions (Fig. 13), processing order (14, 15), rotation (17, 18), several initiators (19, 20), structures (23 to 25).
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's
+chapter 5 shows: transfer functions (Fig. 13), processing order (14, 15), rotation (17, 18),
+several initiators (19, 20), structures (23 to 25).
 
 Example:
   aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out run
@@ -107,7 +108,8 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
         }
         let label = format!("[{}/{}] {}", n + 1, stages.len(), stage.name);
         let runtime = Runtime::new(args.work.threads, Box::new(Labelled { inner: progress(args.shown.quiet), label }))?;
-        let record = run_stage(&moved, config, &args.out, &stage.id, settings, key, &runtime)?;
+        let stage_run = StageRun { id: &stage.id, config, settings, key };
+        let record = stage_run.carry(&moved, &args.out, &runtime)?;
         records.insert(stage.id.clone(), record);
         // After every stage, so that a study that is stopped has its tables so far.
         write_study(&args.out, &moved.title, &plan, &records)?;
@@ -120,19 +122,24 @@ fn tables(args: &StudyArgs, case: &Path) -> Result<String> {
     Ok(format!("{text}\nThe page: {}", args.out.join("study.html").display()))
 }
 
-fn run_stage(
-    moved: &StudiedMotion,
-    config: &Config,
-    out: &Path,
-    id: &str,
+/// A stage of the plan that is not finished yet.
+struct StageRun<'a> {
+    id: &'a str,
+    config: &'a Config,
+    /// The same as JSON.
     settings: serde_json::Value,
+    /// Checksum of what its result depends on.
     key: String,
-    runtime: &Runtime,
-) -> Result<StageRecord> {
-    let outcome = carry_again(&moved.case, &moved.fit, moved.seen, config, runtime)?;
-    let record = StageRecord::new(&outcome, settings, key, runtime);
-    runtime.stage("draw", || write_stage(out, id, &moved.case, &outcome, &record))?;
-    Ok(record)
+}
+
+impl StageRun<'_> {
+    /// Carries the motion by the stage's settings and writes what came of it.
+    fn carry(self, moved: &StudiedMotion, out: &Path, runtime: &Runtime) -> Result<StageRecord> {
+        let outcome = carry_again(&moved.case, &moved.fit, moved.seen, self.config, runtime)?;
+        let record = StageRecord::new(&outcome, self.settings, self.key, runtime);
+        runtime.stage("draw", || write_stage(out, self.id, &moved.case, &outcome, &record))?;
+        Ok(record)
+    }
 }
 
 /// A case whose bones' motion is known from a finished run.

@@ -9,14 +9,15 @@ use clap::Args;
 use std::path::PathBuf;
 
 pub(super) const HELP: &str = "\
-A folder of a run is one with a report.json; other folders are searched for such, six levels deep. A run's patient is the one
-that its DICOM names, else the folder around it, and its fraction is its own folder: results/PATIENT/FRACTION.
+A folder of a run is one with a report.json; other folders are searched for such, six levels deep.
+A run's patient is the one that its DICOM names, else the folder around it, and its fraction is
+its own folder: results/PATIENT/FRACTION.
 
-A figure stands apart where it is worse than the median of all runs by more than 3.5 modified z-scores (median absolute
-deviations) and by an amount that matters. Five runs are needed.
+A figure stands apart where it is worse than the median of all runs by more than 3.5 modified
+z-scores (median absolute deviations) and by an amount that matters. Five runs are needed.
 
-Writes summary.html (what stands apart, every run, each patient's course over the fractions), summary.csv and summary.json
-to OUT. Links in the page lead to the runs' own reports.
+Writes summary.html (what stands apart, every run, each patient's course over the fractions),
+summary.csv and summary.json to OUT. Links in the page lead to the runs' own reports.
 
 Examples:
   aventail summary results --out summary

@@ -22,7 +22,16 @@ pub(super) fn command_line() -> String {
 }
 
 fn joined(arguments: &[OsString]) -> String {
-    arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+    arguments.iter().map(|a| typed(&a.to_string_lossy())).collect::<Vec<_>>().join(" ")
+}
+
+/// An argument as it is typed in a shell, so that the command of a report runs again where a name has spaces.
+fn typed(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%#".contains(c) || (cfg!(windows) && c == '\\');
+    match !text.is_empty() && text.chars().all(plain) {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', "'\\''")),
+    }
 }
 
 /// Progress on the terminal, or none.
@@ -184,6 +193,12 @@ mod tests {
         fn flush(&mut self) -> std::io::Result<()> {
             Ok(())
         }
+    }
+
+    #[test]
+    fn a_command_can_be_typed_again() {
+        let words = ["aventail", "--out", "out x", "--limit", "cord:D2<=45", "it's", "FOLDER#2"].map(OsString::from);
+        assert_eq!(joined(&words), "aventail --out 'out x' --limit 'cord:D2<=45' 'it'\\''s' FOLDER#2");
     }
 
     #[test]

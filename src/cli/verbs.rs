@@ -19,7 +19,8 @@ const AFTER: &str = "\
 Start with `aventail demo`: it registers a phantom that it makes itself and writes the full report.
 
 Exit codes: 0 done; 1 internal error; 2 wrong command line or settings; 3 a file cannot be read;
-4 the inputs do not fit the task or each other; 5 a result cannot be written; 6 the registration failed.
+4 the inputs do not fit the task or each other; 5 a result cannot be written;
+6 the registration failed.
 
 Research software, not a medical device.";
 

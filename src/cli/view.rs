@@ -17,9 +17,10 @@ use tiny_http::{Header, Method, Request, Response, Server};
 
 /// What `aventail view --help` adds.
 pub(super) const AFTER: &str = "\
-The page is served on the loopback address of this machine, under an address with a random token, until Ctrl-C. Nothing but the
-page is served, and other machines cannot reach it. The run's files and inputs must be unchanged. A run with --dicom --structures
-is shown with those structures. Of several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
+The page is served on the loopback address of this machine, under an address with a random token,
+until Ctrl-C. Nothing but the page is served, and other machines cannot reach it. The run's files
+and inputs must be unchanged. A run with --dicom --structures is shown with those structures. Of
+several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
 
 Examples:
   aventail view out
@@ -32,7 +33,7 @@ pub struct ViewArgs {
     /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; of several fractions the folder of one
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
-    /// Structures of the planning CT, to be shown before and after: contours (JSON, DICOM structure set). Without it those that
+    /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set). Without it those that
     /// the run carried
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,

@@ -97,4 +97,9 @@ findings! {
         "Rescale Type is missing or not HU.",
         "Give the series in HU.",
     );
+    MR_DERIVED_MAP = refused(
+        "mr-derived-map",
+        "An MR series holds no magnitude images: a map, a phase, a subtraction, a projection or a mosaic by Image Type.",
+        "Give the series of the magnitude images of the same scan.",
+    );
 }

@@ -99,7 +99,7 @@ fn box_of_label(labels: &LabelMap, name: &str) -> Result<[Point3<f64>; 2]> {
     if low.x > high.x {
         let names: Vec<&str> = labels.names.values().map(String::as_str).collect();
         return Err(Error::usage(
-            format!("region.label: no voxel has a label of the name {name}"),
+            format!("region: no voxel has a label of the name {name}"),
             format!("the labels are {}", names.join(", ")),
         ));
     }

@@ -84,34 +84,30 @@ pub fn fit_pose_weighed(
         })),
     };
     let known: Vec<Rigid> = starts.iter().map(|s| s.common).collect();
+    let search = matches!(start, FitStart::Search);
+    // In another modality a bone may match well at a wrong place: the skeleton tells, and a quick fit is made only where it does not.
+    let by_ratio = options.measure == Measure::CorrelationRatio;
+    let searched_first = search && by_ratio;
+    let mut others = Vec::new();
+    let mut hypotheses = Vec::new();
     let mut refused = None;
     let mut found = None;
-    for begin in starts {
-        let tried = attempts.fit(begin)?;
-        if tried.found >= LEAST_FOUND {
-            found = Some(tried);
-            break;
-        }
-        // What is said of the best start.
-        refused.get_or_insert(tried);
-        if matches!(start, FitStart::Search) {
-            break;
-        }
+    if searched_first {
+        (found, others, hypotheses) = attempts.searched(None, &known)?;
+    }
+    if found.is_none() {
+        (found, refused) = attempts.quick(starts, search)?;
     }
     let short = |tried: &Tried| attempts.fitter.height_shown(&tried.fit.transforms, fraction.grid()) < SHORT_MM;
-    // In another modality a bone may match well at a wrong place: the skeleton tells.
-    let by_ratio = options.measure == Measure::CorrelationRatio;
     let unsure = match &start {
         FitStart::Search => by_ratio || found.as_ref().is_none_or(short),
         FitStart::Near(_) => found.is_none(),
         FitStart::Placed(_) => false,
     };
-    let mut others = Vec::new();
-    let mut hypotheses = Vec::new();
-    if unsure {
+    if unsure && !searched_first {
         (found, others, hypotheses) = attempts.searched(found, &known)?;
     }
-    if matches!(start, FitStart::Search) {
+    if search {
         found = found.map(|tried| attempts.with_limbs(tried)).transpose()?;
     }
     if let Some(tried) = found {
@@ -180,6 +176,23 @@ struct Attempts<'a> {
 impl Attempts<'_> {
     fn fit(&self, begin: Start) -> Result<Tried> {
         self.fitter.from(begin, self.samples, self.fraction, self.progress)
+    }
+
+    /// The first fit from these starts that finds the bones, else what came of the best start. Where they come from a search, the first
+    /// is the only one.
+    fn quick(&self, starts: Vec<Start>, first_only: bool) -> Result<(Option<Tried>, Option<Tried>)> {
+        let mut refused = None;
+        for begin in starts {
+            let tried = self.fit(begin)?;
+            if tried.found >= LEAST_FOUND {
+                return Ok((Some(tried), refused));
+            }
+            refused.get_or_insert(tried);
+            if first_only {
+                break;
+            }
+        }
+        Ok((None, refused))
     }
 
     /// A fit, again with the limbs that it has lost where they are found.

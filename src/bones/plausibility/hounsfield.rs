@@ -102,9 +102,10 @@ pub fn in_hounsfield(what: &str, image: &Volume<f32>) -> Result<Option<Warning>>
     let low = histogram.between(LOWEST, LOW).iter().sum::<u64>() as f64 / histogram.known().max(1) as f64;
     let lies = (TISSUE[0]..TISSUE[1]).contains(&tissue);
     if low < LEAST_LOW || !lies {
+        let beside = if lies { "" } else { ", where soft tissue has -100 to 100" };
         let problem = format!(
             "it is no CT in HU: its values run from {} to {}, {} of them are air, lung or fat (below {LOW} HU), and the \
-             commonest denser value is about {tissue:.0}, where soft tissue has -100 to 100",
+             commonest denser value is about {tissue:.0}{beside}",
             histogram.lowest,
             histogram.highest,
             if low == 0.0 { "none".to_owned() } else { format!("{:.2} %", 100.0 * low) },
@@ -202,7 +203,7 @@ mod tests {
             (&|v| if v < -900.0 { -2000.0 } else { v + 1024.0 }, "HU + 1024"),
             (&|v| -v, "inverted"),
             (&|v| (v + 1030.0) / 40.0, "dose"),
-            (&|v| if v < -900.0 { 0.0 } else { 8.0 }, "commonest denser value is about 4,"),
+            (&|v| if v < -900.0 { 0.0 } else { 8.0 }, "commonest denser value is about 4 ["),
             (&|v| (v + 1030.0) * 8.0, "give a CT in HU"),
         ];
         for (change, word) in refused {

@@ -12,6 +12,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Less contrast than this between a bone and what lies beside it is doubtful, HU.
+/// The middle bone of right labels has 193 and more, that of labels 12 mm aside less than 80.
 const LEAST_CONTRAST: f32 = 80.0;
 /// So is a bone of which more than this share is air.
 const MOST_AIR: f64 = 0.25;

@@ -19,10 +19,12 @@ const AROUND_MM: f64 = 45.0;
 /// Points this much farther than the nearest one still face the spine, mm.
 const FACING_MM: f64 = 6.0;
 /// A landmark farther from its nearest vertebra than this tells nothing, mm.
+/// In real scans the right vertebra lay within 13 mm.
 const FAR_MM: f64 = 15.0;
 /// So does one whose second vertebra is less than this much farther, mm.
 const MARGIN_MM: f64 = 4.0;
 /// Between L5 and the sacrum there is no room for more than this, mm.
+/// Half way between L5 at 7 mm and L4 at 29 mm, as real scans have them.
 const MOST_BELOW_L5_MM: f64 = 18.0;
 /// A bone of fewer voxels has no form.
 const LEAST: usize = 40;
@@ -30,6 +32,7 @@ const LEAST: usize = 40;
 const HALF_MM: f64 = 4.0;
 const STEP_MM: f64 = 2.0;
 /// Bone in front of the canal against the levels below: of a ring, and of a body with a dens.
+/// In real scans the ring of C1 had 0.3, C2 with its dens 1.9.
 const RING: f64 = 0.5;
 const DENS: f64 = 1.35;
 /// Levels above the trunk's: C1, C2 and T1, L5 by number, C1 = 0.

@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 /// Centres closer along an axis than this, mm, tell nothing of it.
 const LEAST_MM: f64 = 8.0;
 /// A level that lies this much farther from the next one than its neighbours do leaves room for another.
+/// Where a level is missing, the next one lies about twice as far.
 const GAP: f64 = 1.6;
 
 /// Bones by name with the mean of their voxels, LPS mm.

@@ -23,9 +23,10 @@ pub enum DoseVerb {
 }
 
 const MAP: &str = "\
-interpolate takes the dose at the mapped point. energy-mass carries energy and mass together, conserves energy, and prints the
-balance; it needs --ct. OUT's .json holds balance, inversion residual, warnings and checksums; `aventail inspect` verifies them.
-The page beside OUT (.html) draws isodoses before and after, and marks where the dose is steep; --page-ct and --structures add
+interpolate takes the dose at the mapped point. energy-mass carries energy and mass together,
+conserves energy, and prints the balance; it needs --ct. OUT's .json holds balance, inversion
+residual, warnings and checksums; `aventail inspect` verifies them. The page beside OUT (.html)
+draws isodoses before and after, and marks where the dose is steep; --page-ct and --structures add
 to it.
 
 Examples:
@@ -33,25 +34,26 @@ Examples:
   aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz --out dose_on_planning.nii.gz";
 
 const ACCUMULATE: &str = "\
-Beside OUT lie a .json file as of `dose map`, and the page (.html): isodoses of the sum and of each fraction's share, what is
-steep, and with --structures dose-volume histograms.
+Beside OUT lie a .json file as of `dose map`, and the page (.html): isodoses of the sum and of
+each fraction's share, what is steep, and with --structures dose-volume histograms.
 
 Example:
   aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 0.571 0.429 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
 
 const DVH: &str = "\
-Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and dvh_run.json with inputs and checksums.
-With a field the structures are planning's: the dose of the fraction is carried back to them. With --samples the page shows bands,
-and dvh_intervals.csv holds the 90 % intervals.
+Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and
+dvh_run.json with inputs and checksums. With a field the structures are planning's: the dose of
+the fraction is carried back to them. With --samples the page shows bands, and dvh_intervals.csv
+holds the 90 % intervals.
 
 Examples:
   aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh
   aventail dose dvh --dose day_dose.nii.gz --structures planning.json --planning-to-fraction out/planning_to_fraction.nii.gz --samples out/samples --limit \"cord:D0.03cc<=45\" --out dvh";
 
 const COMPARE: &str = "\
-Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm: how exactly the field must be
-known so that no voxel's dose changes by the tolerance), compare.html (isodoses and differences as pictures) and compare.json to
-OUT.
+Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm:
+how exactly the field must be known so that no voxel's dose changes by the tolerance),
+compare.html (isodoses and differences as pictures) and compare.json to OUT.
 
 Example:
   aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --ct planning_ct.nii.gz --tolerance 2 --out compare";
@@ -115,7 +117,7 @@ pub struct SampledArgs {
     /// Doses of V_x in the table of intervals, Gy
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -241,7 +243,7 @@ pub struct DvhArgs {
     /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Limits that are kept, not kept, or undecided: \"cord:D0.03cc<=45\", \"target:D95>=57\"
+    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
     /// Doses of V_x, Gy

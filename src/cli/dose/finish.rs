@@ -67,7 +67,7 @@ pub(super) fn finish(
         None => io::write_image(out, dose, Stored::Float32, &options)?,
     }
     let of_samples = spread.as_ref().map(|spread| spread.told.text()).unwrap_or_default();
-    let text = table(&parts) + &of_samples + &listed(&provenance.warnings);
+    let text = table(&parts) + &counted(&weights) + &of_samples + &listed(&provenance.warnings);
     let warnings = all_warnings(&provenance, &parts);
     let mut written = vec![out.to_owned()];
     if let Some(page) = page {
@@ -119,7 +119,7 @@ fn table(parts: &[DoseReport]) -> String {
             let (mean, worst) = (r.mean, r.max.max(i.unconverged_max_mm));
             let none = i.unconverged;
             line(format!(
-                "field inverted: residual {mean:.1e} mm mean, {worst:.1e} mm worst, {none} voxels unconverged"
+                "field inverted: at its voxels {mean:.1e} mm off on the mean, {worst:.1e} mm at worst, {none} unconverged"
             ));
         }
         let outside = &part.outside;
@@ -132,6 +132,16 @@ fn table(parts: &[DoseReport]) -> String {
         text.push_str(&listed(&part.warnings));
     }
     text
+}
+
+/// How often each dose counts, where several are added up: shares that were forgotten or mistyped show.
+fn counted(weights: &[f64]) -> String {
+    if weights.len() < 2 {
+        return String::new();
+    }
+    let each = weights.iter().map(f64::to_string).collect::<Vec<_>>().join(" + ");
+    let all = (weights.iter().sum::<f64>() * 1e4).round() / 1e4;
+    format!("  the doses count {each} = {all}; shares of one plan make 1\n")
 }
 
 /// Warnings for the terminal.

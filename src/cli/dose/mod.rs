@@ -67,7 +67,7 @@ fn map(args: &MapArgs) -> Result<String> {
     let mut provenance = Provenance::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
         let dose = read_dose(&mut provenance, &args.dose)?;
-        let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
+        let grid = provenance.take(InputRole::Grid, io::read_scan(&args.grid)?);
         let to = grid.grid().clone();
         let ct =
             args.ct.as_ref().map(|p| Ok::<_, Error>(provenance.take(InputRole::Ct, io::read_image(p)?))).transpose()?;
@@ -126,7 +126,7 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     check_out(&args.out, out.like.is_some(), &files, args.sampled.maps())?;
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut provenance = Provenance::default();
-    let grid = provenance.take(InputRole::Grid, io::read_image(&args.grid)?);
+    let grid = provenance.take(InputRole::Grid, io::read_scan(&args.grid)?);
     let to = grid.grid().clone();
     let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
     let mut through = SampledDoses::read(&args.sampled, n, &method, &mut provenance)?;

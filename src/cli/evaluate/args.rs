@@ -7,19 +7,25 @@ use std::path::{Path, PathBuf};
 /// What `aventail evaluate --help` adds.
 pub(in crate::cli) const AFTER: &str = "\
 What is measured depends on what is given:
-  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps, curl, inverse consistency
+  always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps,
+                            curl, inverse consistency
   --planning                measured in the patient instead of the whole grid; Jacobian picture
-  --compare A B             also where each field differs from the first, and landmarks against landmarks
+  --compare A B             also where each field differs from the first, and landmarks against
+                            landmarks
   --planning --fraction     similarity of the CTs before and after; fusion picture
-  --bones                   departure from rigid motion per bone; bone contact and sliding interfaces counted apart
+  --bones                   departure from rigid motion per bone; bone contact and sliding
+                            interfaces counted apart
   --labels-planning --labels-fraction
-                            Dice, mean distance to agreement, Hausdorff and its 95th percentile, centre of mass
+                            Dice, mean distance to agreement, Hausdorff and its 95th percentile,
+                            centre of mass
   --landmarks               residuals before and after, per landmark
   --then --direct           transitivity over three images
-Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, needs review or fails, by the rules of
-`register`; --config sets the limits ([verdict]). A verdict does not replace a person's decision.
+Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, needs review or
+fails, by the rules of `register`; --config sets the limits ([verdict]). A verdict does not
+replace a person's decision.
 
-Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv, pictures/*.png
+Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv,
+pictures/*.png
 
 Examples:
   aventail evaluate --planning-to-fraction vf.mha --planning ct.nii.gz --fraction fx.nii.gz --bones bones.nii.gz --out eval

@@ -36,6 +36,8 @@ const TISSUE_HU: f32 = -500.0;
 /// Files of one field, of which one direction is enough.
 struct FieldFiles {
     name: String,
+    /// The option that names them, where it is not that of their direction.
+    option: Option<InputRole>,
     /// Planning to fraction.
     push: Option<PathBuf>,
     /// Fraction to planning.
@@ -55,6 +57,8 @@ struct Inputs {
     structures_fraction: Option<LabelMap>,
     landmarks: Vec<Landmark>,
     triangle: Option<[Volume<[f32; 3]>; 2]>,
+    /// What verdicts are given by.
+    limits: Limits,
 }
 
 /// Measures what the arguments name and writes the report; returns the table (or JSON) for the terminal.
@@ -67,15 +71,14 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<String> {
     let runtime = Runtime::new(args.common.work.threads, progress(args.common.shown.quiet))?;
     let limits = args.config.as_deref().map(limits).transpose()?.unwrap_or_default();
     let mut provenance = Provenance::default();
-    let inputs = runtime.stage("read", || read(args, &mut provenance))?;
+    let inputs = runtime.stage("read", || read(args, limits, &mut provenance))?;
     let common = provenance.warnings.len();
-    let option = (!args.compare.is_empty()).then_some(InputRole::Compare);
     let mut first: Option<Compared> = None;
     let mut others = Vec::new();
     let mut pictures = Vec::new();
     for (n, file) in files.iter().enumerate() {
         let before = provenance.warnings.len();
-        let (mut own, drawn) = one(n, file, option, &inputs, &limits, &mut provenance, &runtime)?;
+        let (mut own, drawn) = one(n, file, &inputs, &mut provenance, &runtime)?;
         own.field.warned(&[&provenance.warnings[..common], &provenance.warnings[before..]].concat());
         pictures.extend(drawn);
         let Some(first) = &first else {
@@ -134,16 +137,17 @@ fn field_files(args: &EvaluateArgs) -> Result<Vec<FieldFiles>> {
             ));
         };
         let (push, pull) = (args.planning_to_fraction.clone(), args.fraction_to_planning.clone());
-        return Ok(vec![FieldFiles { name: name(first), push, pull }]);
+        return Ok(vec![FieldFiles { name: name(first), option: None, push, pull }]);
     }
     let mut names: Vec<String> = args.compare.iter().map(|p| name(p)).collect();
     if names.iter().enumerate().any(|(n, a)| names[..n].contains(a)) {
         // Files of one name are told apart by their folders.
         names = args.compare.iter().map(|p| p.display().to_string()).collect();
     }
+    let option = Some(InputRole::Compare);
     let of = |(name, path): (String, &PathBuf)| match args.direction {
-        DirectionName::PlanningToFraction => FieldFiles { name, push: Some(path.clone()), pull: None },
-        DirectionName::FractionToPlanning => FieldFiles { name, push: None, pull: Some(path.clone()) },
+        DirectionName::PlanningToFraction => FieldFiles { name, option, push: Some(path.clone()), pull: None },
+        DirectionName::FractionToPlanning => FieldFiles { name, option, push: None, pull: Some(path.clone()) },
     };
     Ok(names.into_iter().zip(&args.compare).map(of).collect())
 }
@@ -161,9 +165,10 @@ fn read_bones(path: &Path, names: Option<&Path>) -> Result<Loaded<LabelMap>> {
 }
 
 /// Reads everything but the fields.
-fn read(args: &EvaluateArgs, provenance: &mut Provenance) -> Result<Inputs> {
+fn read(args: &EvaluateArgs, limits: Limits, provenance: &mut Provenance) -> Result<Inputs> {
     let mut image = |role: InputRole, path: &Option<PathBuf>| -> Result<Option<Volume<f32>>> {
-        path.as_ref().map(|p| Ok(provenance.take_scan(role, io::read_image(p)?))).transpose()
+        let read = if role == InputRole::Fraction { io::read_scan } else { io::read_image };
+        path.as_ref().map(|p| Ok(provenance.take_scan(role, read(p)?))).transpose()
     };
     let planning = image(InputRole::Planning, &args.planning)?;
     let fraction = image(InputRole::Fraction, &args.fraction)?;
@@ -189,8 +194,19 @@ fn read(args: &EvaluateArgs, provenance: &mut Provenance) -> Result<Inputs> {
     let rigid = bones.as_ref().map(|b| rigid(b, provenance)).unwrap_or_default();
     let triangle = None;
     let files = [args.planning.clone(), args.fraction.clone()];
-    let mut inputs =
-        Inputs { files, planning, fraction, mask, bones, rigid, structures, structures_fraction, landmarks, triangle };
+    let mut inputs = Inputs {
+        files,
+        planning,
+        fraction,
+        mask,
+        bones,
+        rigid,
+        structures,
+        structures_fraction,
+        landmarks,
+        triangle,
+        limits,
+    };
     if let (Some(then), Some(direct)) = (&args.then, &args.direct) {
         let remedy = "give the field of the other direction";
         let known = inputs.known();
@@ -259,15 +275,13 @@ fn rigid(bones: &LabelMap, provenance: &mut Provenance) -> Vec<(u16, String)> {
 /// Measures and draws one field.
 fn one(
     which: usize,
-    FieldFiles { name, push, pull }: &FieldFiles,
-    option: Option<InputRole>,
+    files: &FieldFiles,
     inputs: &Inputs,
-    limits: &Limits,
     provenance: &mut Provenance,
     runtime: &Runtime,
 ) -> Result<(Compared, Vec<EvaluationPicture>)> {
-    let pair = runtime
-        .stage(&format!("read {name}"), || read_pair(push.as_deref(), pull.as_deref(), option, inputs, provenance))?;
+    let FieldFiles { name, push, pull, .. } = files;
+    let pair = runtime.stage(&format!("read {name}"), || read_pair(files, inputs, provenance))?;
     for direction in &pair.given {
         let grid = match direction {
             Direction::PlanningToFraction => pair.push.displacement.grid(),
@@ -292,7 +306,7 @@ fn one(
         landmarks: &inputs.landmarks,
         triangle: inputs.triangle.as_ref().map(|[a, b]| [a, b]),
     };
-    let (mut assessment, maps) = assess(&subject, limits, runtime)?;
+    let (mut assessment, maps) = assess(&subject, &inputs.limits, runtime)?;
     let written = push.iter().chain(pull).next();
     assessment.verdicts.extend(written.map(|field| fields::doubts_of_its_run(field, provenance)).unwrap_or_default());
     let field = Assessed::new(name.clone(), assessment);
@@ -303,17 +317,17 @@ fn one(
 }
 
 /// Reads the given direction or directions of a field and makes the missing one.
-fn read_pair(
-    push: Option<&Path>,
-    pull: Option<&Path>,
-    option: Option<InputRole>,
-    inputs: &Inputs,
-    provenance: &mut Provenance,
-) -> Result<FieldPair> {
+fn read_pair(files: &FieldFiles, inputs: &Inputs, provenance: &mut Provenance) -> Result<FieldPair> {
     let planning = inputs.planning.as_ref().map(Volume::grid);
     let planning = planning.or(inputs.bones.as_ref().map(|b| b.volume.grid()));
     let planning = planning.or(inputs.structures.as_ref().map(|b| b.volume.grid()));
     let fraction = inputs.fraction.as_ref().map(Volume::grid);
     let fraction = fraction.or(inputs.structures_fraction.as_ref().map(|b| b.volume.grid()));
-    fields::pair([push, pull].map(fields::file), option, [planning, fraction], &inputs.known(), provenance)
+    fields::pair(
+        [&files.push, &files.pull].map(|f| fields::file(f.as_deref())),
+        files.option,
+        [planning, fraction],
+        &inputs.known(),
+        provenance,
+    )
 }

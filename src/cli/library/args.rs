@@ -14,14 +14,16 @@ pub(super) const PAGE: &str = "library.html";
 pub(super) const PLAN: &str = "postures.toml";
 
 pub(in crate::cli) const HELP: &str = "\
-Without --plan postures vary as they usually do between fractions: the couch by 1.9 mm and 0.75 degrees, the neck by a few degrees
-shared by its levels, jaw, hyoid and shoulders besides (docs/library.md has the numbers and their sources). A plan changes that:
+Without --plan postures vary as they usually do between fractions: the couch by 1.9 mm and 0.75
+degrees, the neck by a few degrees shared by its levels, jaw, hyoid and shoulders besides
+(docs/library.md has the numbers and their sources). A plan changes that:
 
   scale = 1.5                        # all standard deviations times 1.5
   [couch]
   shift_sd_mm = [2.0, 2.0, 3.0]      # left, back, up; also rotation_sd_deg
   [neck]
-  flexion_sd_deg = 4.0               # of the whole neck; also lateral, axial; rest_sd_deg of each level beside its share
+  flexion_sd_deg = 4.0               # of the whole neck; also lateral, axial; rest_sd_deg of each
+                                     # level beside its share
   [bones.mandible]
   flexion_sd_deg = 3.0               # also lateral, axial; shift_sd_mm
   flexion_deg = [0.0, 15.0]          # its whole range; within that of `aventail skeleton`
@@ -35,12 +37,13 @@ Writes to OUT:
   library.json    MONAI's datalist: `training` has the plausible postures, `implausible` the others
   library.html    the spread on one page
   postures.toml   the plan in full, for --plan
-  posture_001/    ct.nii.gz, labels.nii.gz, pose.toml, bone_transforms.json, posture.json; planning_to_fraction.* and
-                  fraction_to_planning.* (the exact motion of this CT); with --structures contours.json, with --dose dose.nii.gz,
-                  with --cbct or --noise image.nii.gz, as the machine would show ct.nii.gz
+  posture_001/    ct.nii.gz, labels.nii.gz, pose.toml, bone_transforms.json, posture.json;
+                  planning_to_fraction.* and fraction_to_planning.* (the exact motion of this CT);
+                  with --structures contours.json, with --dose dose.nii.gz, with --cbct or --noise
+                  image.nii.gz, as the machine would show ct.nii.gz
 
-A run that was stopped goes on when it is started again with the same settings. --fit finds the principal modes of a patient's
-own fractions and writes them as a plan.
+A run that was stopped goes on when it is started again with the same settings. --fit finds the
+principal modes of a patient's own fractions and writes them as a plan.
 
 Examples:
   aventail library --planning planning_ct.nii.gz --bones bones.nii.gz --sample 20 --out library

@@ -120,20 +120,24 @@ pub(super) fn write_planning(image: &Volume<f32>, plan: Option<&Plan>, out: &Pat
     Ok(series)
 }
 
-/// Writes a fraction: its CT into the folder `name`, and as `registration/NAME.dcm` the true push field and as
-/// `registration/NAME_BONE.dcm` the true motion of one bone.
+/// A fraction, and what is true of it.
+pub(super) struct Fraction<'a> {
+    pub(super) name: &'a str,
+    /// Days after the planning CT.
+    pub(super) day: u32,
+    pub(super) image: &'a Volume<f32>,
+    pub(super) truth: &'a PushField,
+    /// Name and motion of one bone.
+    pub(super) bone: Option<(&'a str, &'a Rigid)>,
+}
+
+/// Writes a fraction of the patient whose planning series is given: its CT into the folder `name`, and as
+/// `registration/NAME.dcm` the true push field and as `registration/NAME_BONE.dcm` the true motion of one bone.
 ///
 /// # Errors
 /// [`Error::Write`] when a file cannot be written.
-pub(super) fn write_fraction(
-    name: &str,
-    day: u32,
-    image: &Volume<f32>,
-    planning: &Series,
-    truth: &PushField,
-    bone: Option<(&str, &Rigid)>,
-    out: &Path,
-) -> Result<()> {
+pub(super) fn write_fraction(fraction: &Fraction<'_>, planning: &Series, out: &Path) -> Result<()> {
+    let Fraction { name, day, image, truth, bone } = *fraction;
     let day = format!("202601{:02}", 1 + day);
     let origin = origin(vec![planning.uid.clone(), sum(image)], &day, &format!("aventail phantom, {name}"));
     let series = ct(image, name, &origin, out)?;

@@ -26,17 +26,22 @@ use std::path::{Path, PathBuf};
 const RECORD: &str = "phantom.json";
 
 pub(super) const HELP: &str = "\
-OUT holds the head, neck and shoulders: planning_ct, bones, body, contours.json, dose.nii.gz (Gy), and per fraction (the first in
-OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv, true_planning_to_fraction, true_bone_transforms.json.
-With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and one fraction, in which the lungs and
-what lies below them have slid along the chest wall; points of landmarks.csv face each other across the pleura.
-With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading, noise, streaks, a round and short
-field of view with a bright rim where the patient is cut, blank end slices. The truth is what it is without. Beside the image lie
-measured.nii.gz (1 where the machine saw anything) and cbct.toml, the settings, any of which FILE may change.
-With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for the head RS.dcm and RD.dcm),
-fraction, and in registration the true motion as Deformable Spatial Registration, and that of one bone as Spatial Registration.
-With --field it holds a textured body with balls and a single-voxel label: planning_image, planning_labels, landmarks.csv and the
-exact planning_to_fraction; except for the fold also fraction_image, fraction_labels and the exact fraction_to_planning.
+OUT holds the head, neck and shoulders: planning_ct, bones, body, contours.json, dose.nii.gz (Gy),
+and per fraction (the first in OUT, the second in OUT/fraction_2) fraction_ct, landmarks.csv,
+true_planning_to_fraction, true_bone_transforms.json.
+With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and
+one fraction, in which the lungs and what lies below them have slid along the chest wall; points
+of landmarks.csv face each other across the pleura.
+With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading,
+noise, streaks, a round and short field of view with a bright rim where the patient is cut, blank
+end slices. The truth is what it is without. Beside the image lie measured.nii.gz (1 where the
+machine saw anything) and cbct.toml, the settings, any of which FILE may change.
+With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for
+the head RS.dcm and RD.dcm), fraction, and in registration the true motion as Deformable Spatial
+Registration, and that of one bone as Spatial Registration.
+With --field it holds a textured body with balls and a single-voxel label: planning_image,
+planning_labels, landmarks.csv and the exact planning_to_fraction; except for the fold also
+fraction_image, fraction_labels and the exact fraction_to_planning.
 
 Examples:
   aventail phantom --cbct --out shaded
@@ -152,7 +157,9 @@ fn chest(
         let truth = write_chest(&chest, &fraction, &args.out)?;
         if args.dicom {
             let planning = dicom::write_planning(&chest.planning, None, &args.out)?;
-            dicom::write_fraction("fraction", 1, &fraction.image, &planning, &truth, None, &args.out)?;
+            let fraction =
+                dicom::Fraction { name: "fraction", day: 1, image: &fraction.image, truth: &truth, bone: None };
+            dicom::write_fraction(&fraction, &planning, &args.out)?;
         }
         Ok::<_, Error>(())
     })?;
@@ -170,10 +177,11 @@ fn patient(
     let phantom = runtime.stage("make the phantom", || Phantom::new(&options)).map_err(|e| named(e, args))?;
     let fraction = seen(&phantom.fraction, cbct, options.seed)?;
     folder.begin()?;
-    let series = runtime.stage("write", || {
-        let series = write_planning(&phantom, args, &args.out)?;
-        write_fraction(&phantom, &fraction, "fraction", 1, series.as_ref(), &args.out, &args.out)?;
-        Ok::<_, Error>(series)
+    let set = runtime.stage("write", || {
+        let planning = write_planning(&phantom, args, &args.out)?;
+        let set = planning.map(|planning| DicomSet { planning, out: &args.out });
+        write_fraction(&phantom, &fraction, ("fraction", 1), set.as_ref(), &args.out)?;
+        Ok::<_, Error>(set)
     })?;
     if args.pose.is_none() {
         let second = PhantomOptions { posture: Posture::second(), seed: options.seed + 10, ..options };
@@ -182,7 +190,7 @@ fn patient(
             .map_err(|e| Error::write(&second_folder, e.to_string(), "choose a folder that you may write to"))?;
         let made = runtime.stage("make the second fraction", || Phantom::new(&second))?;
         let fraction = seen(&made.fraction, cbct, second.seed)?;
-        let write = || write_fraction(&made, &fraction, "fraction_2", 2, series.as_ref(), &second_folder, &args.out);
+        let write = || write_fraction(&made, &fraction, ("fraction_2", 2), set.as_ref(), &second_folder);
         runtime.stage("write", write)?;
     }
     Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
@@ -242,8 +250,8 @@ fn options(args: &PhantomArgs, cbct: bool) -> Result<PhantomOptions> {
         (options.fraction_noise_hu, options.fraction_gain, options.fraction_offset_hu) = (0.0, 1.0, 0.0);
     }
     if let Some(path) = &args.pose {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --pose"))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Error::read(path, e.to_string(), "check the path of --pose, a text file"))?;
         options.posture = Posture::parse(&text).map_err(|e| {
             Error::read(
                 path,
@@ -272,8 +280,8 @@ fn breathing_options(args: &PhantomArgs, amplitude: Option<f64>, cbct: bool) -> 
 /// The settings of a file, or those as they come.
 pub(super) fn cbct_options(file: Option<&Path>) -> Result<CbctOptions> {
     let Some(path) = file else { return Ok(CbctOptions::default()) };
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct"))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::read(path, e.to_string(), "check the path of --cbct, a text file"))?;
     CbctOptions::parse(&text).map_err(|e| {
         let remedy =
             "write lines such as `noise_hu = 40.0`; `aventail phantom --cbct` writes a cbct.toml with all of them";
@@ -312,23 +320,28 @@ fn write_planning(phantom: &Phantom, args: &PhantomArgs, out: &Path) -> Result<O
     args.dicom.then(|| dicom::write_planning(&phantom.planning, Some(&plan), out)).transpose()
 }
 
-/// Writes a fraction CT with its truth; with the planning series of a DICOM set also as one, into `whole`.
+/// A DICOM set of the phantom: its planning series, and the phantom's folder, where it lies.
+struct DicomSet<'a> {
+    planning: Series,
+    out: &'a Path,
+}
+
+/// Writes a fraction CT with its truth; where there is a DICOM set, also into that, by name and number.
 fn write_fraction(
     phantom: &Phantom,
     fraction: &Seen<'_>,
-    name: &str,
-    number: u32,
-    planning: Option<&Series>,
+    (name, number): (&str, u32),
+    set: Option<&DicomSet<'_>>,
     out: &Path,
-    whole: &Path,
 ) -> Result<()> {
     write_seen(fraction, out)?;
     let transforms = || phantom.skeleton.bones.iter().zip(&phantom.transforms).map(|(b, t)| (b.name.as_str(), t));
     let truth = phantom.truth()?;
     write_truth(&truth, transforms(), &phantom.landmarks, out)?;
-    let Some(planning) = planning else { return Ok(()) };
+    let Some(set) = set else { return Ok(()) };
     let bone = transforms().find(|(name, _)| *name == "skull");
-    dicom::write_fraction(name, number, &fraction.image, planning, &truth, bone, whole)
+    let fraction = dicom::Fraction { name, day: number, image: &fraction.image, truth: &truth, bone };
+    dicom::write_fraction(&fraction, &set.planning, set.out)
 }
 
 /// Writes the breathing chest.

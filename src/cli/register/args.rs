@@ -9,14 +9,17 @@ use std::path::PathBuf;
 pub(in super::super) const HELP: &str = "\
 Writes to OUT:
   planning_to_fraction.*      push field on the planning grid: planning point x goes to x + u(x)
-  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at y + v(y)
+  fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at
+                              y + v(y)
   planning_on_fraction.nii.gz planning CT on the fraction grid, int16 HU
   bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
   bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
-  jacobian.nii.gz             V_deformed / V_initial on the planning grid; -1 folded
+  bone_posterior.json         what the fit leaves open of the bones' poses, for `aventail samples`
+  jacobian.nii.gz             V_deformed / V_initial, planning grid; -1 folded, 1 outside tissue
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
-                              masks: patient; tissue whose motion was computed; fraction voxels that the planning scan covers
-  uncertainty.nii.gz          how far the result may be trusted, mm, on the planning grid
+                              masks: patient; tissue whose motion was computed; fraction voxels
+                              that the planning scan covers
+  uncertainty.nii.gz          how far the result may be trusted, mm, planning grid; -1 not known
   skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
@@ -39,14 +42,15 @@ pub struct RegisterArgs {
     /// Planning CT, its bones and their names.
     #[command(flatten)]
     pub side: PlanningArgs,
-    /// Fraction CT in HU, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
+    /// Fraction, a CT in HU or an MR, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR
+    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. A DICOM series says it itself; other files are taken for
+    /// a CT
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
-    /// What made the planning scan: a CT in HU, or an MR, which needs labels of its bones
+    /// What made the planning scan: a CT in HU, or an MR, whose bones must be labelled
     #[arg(long, value_enum)]
     pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing

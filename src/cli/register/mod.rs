@@ -114,7 +114,8 @@ impl Estimate {
         if json {
             return io::json(self);
         }
-        Ok(format!("about {:.1} GB of memory and {} threads", self.memory_bytes as f64 / 1e9, self.threads))
+        let threads = if self.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", self.threads) };
+        Ok(format!("about {:.1} GB of memory on {threads}", self.memory_bytes as f64 / 1e9))
     }
 }
 

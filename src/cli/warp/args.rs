@@ -4,14 +4,16 @@ use super::super::args::{CommonArgs, FormatName, SpaceName};
 use super::super::links::{LinkArg, frame};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(in super::super) const HELP: &str = "\
-Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies on the grid of FROM and
-takes its points x to x + u(x) in TO. aventail's fields name both in their header; name them for all others:
+Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies
+on the grid of FROM and takes its points x to x + u(x) in TO. aventail's fields name both in their
+header; name them for all others:
   ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
-Points and contours go forward; images, labels and dose are pulled back. Where the field points the other way it is inverted
-numerically and the residual printed. Several --field are a chain, in order. Outside a field points stay where they are.
+Points and contours go forward; images, labels and dose are pulled back. Where the field points
+the other way it is inverted numerically and the residual printed. Several --field are a chain, in
+order. Outside a field points stay where they are.
 
 Examples:
   aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json
@@ -19,6 +21,13 @@ Examples:
   aventail warp --field planning:fraction=elastix.mha --from planning --to fraction --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz --out organs_day.nii.gz
   aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz --from couch --to fraction \\
                 --grid couch_ct.nii.gz --out-field all.mha        # one field for the whole chain";
+
+/// The file that is carried, and the one that is written.
+#[derive(Clone, Copy)]
+pub(super) struct Files<'a> {
+    pub(super) input: &'a Path,
+    pub(super) out: &'a Path,
+}
 
 /// Options of `warp`.
 #[derive(Debug, Args)]

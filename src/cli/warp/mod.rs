@@ -26,7 +26,7 @@ use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
 use crate::warning::Warning;
-use args::{InterpolationName, VolumeKind};
+use args::{Files, InterpolationName, VolumeKind};
 use nalgebra::Point3;
 use report::WarpReport;
 use std::path::{Path, PathBuf};
@@ -69,17 +69,18 @@ pub fn run(args: &WarpArgs) -> Result<String> {
             runtime.stage("write the field", || export(args, &chain, out, &mut report))?;
         }
         (Some(input), Some(out), None) => {
+            let files = Files { input, out };
             if points::point_extension(input).is_some() {
                 refuse_volume_options(args, input)?;
                 let chain = chain(&args.from, &args.to)?;
-                runtime.stage("map the points", || map_points(args, &chain, input, out, &mut report))?;
+                runtime.stage("map the points", || map_points(args, &chain, files, &mut report))?;
             } else if is_json(input) || is_structure_set(input) {
                 let (forward, back) = (chain(&args.from, &args.to)?, chain(&args.to, &args.from)?);
-                runtime.stage("map the contours", || map_contours(args, &forward, &back, input, out, &mut report))?;
+                runtime.stage("map the contours", || map_contours(args, &forward, &back, files, &mut report))?;
             } else {
                 let back = chain(&args.to, &args.from)?;
                 let unsure = links.iter().zip(silent).filter(|(_, silent)| *silent).map(|(link, _)| link).collect();
-                map_volume(args, &back, unsure, input, out, &runtime, &mut report)?;
+                map_volume(args, &back, unsure, files, &runtime, &mut report)?;
             }
         }
         _ => {
@@ -194,7 +195,12 @@ fn target(args: &WarpArgs, chain: &Chain<'_>, frame: &str, warnings: &mut Vec<Wa
     })
 }
 
-fn map_points(args: &WarpArgs, chain: &Chain<'_>, input: &Path, out: &Path, report: &mut WarpReport) -> Result<()> {
+fn map_points(
+    args: &WarpArgs,
+    chain: &Chain<'_>,
+    Files { input, out }: Files<'_>,
+    report: &mut WarpReport,
+) -> Result<()> {
     let space = args.space.map(Into::into);
     let file = if args.field.iter().any(LinkArg::needs_space) {
         // --space speaks of the matrices; the points' own word on themselves contradicts nothing.
@@ -231,8 +237,7 @@ fn map_contours(
     args: &WarpArgs,
     forward: &Chain<'_>,
     back: &Chain<'_>,
-    input: &Path,
-    out: &Path,
+    Files { input, out }: Files<'_>,
     report: &mut WarpReport,
 ) -> Result<()> {
     let refuse = |problem: String, remedy: &str| Err(Error::usage(problem, remedy));
@@ -289,8 +294,7 @@ fn map_volume(
     args: &WarpArgs,
     back: &Chain<'_>,
     unsure: Vec<&Link>,
-    input: &Path,
-    out: &Path,
+    Files { input, out }: Files<'_>,
     runtime: &Runtime,
     report: &mut WarpReport,
 ) -> Result<()> {
@@ -330,7 +334,7 @@ fn map_volume(
         }
         mapped
     } else {
-        let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_image };
+        let read = if kind == VolumeKind::Dose { io::read_dose } else { io::read_scan };
         let mut image = runtime.stage("read the input", || read(input))?;
         report.warnings.append(&mut image.warnings);
         let mut greatest = None;
@@ -350,6 +354,11 @@ fn map_volume(
             let air = args.outside.unwrap_or(-1000.0);
             let weight = |l: usize| f64::from((warped.data()[l] - air).abs());
             report.missed("the image (by contrast to air)", WORTH_OF_IMAGE, back, &mapped, &grid, weight);
+        }
+        // NIfTI's intent of labels.
+        if kind == VolumeKind::Image && image.header.intent_code == Some(1002) {
+            let note = "its header calls it labels, and an image mixes their numbers: give --kind labels";
+            report.notes.push(note.into());
         }
         // Whole numbers stay whole numbers, as scanners store them.
         let whole = kind == VolumeKind::Image && image.header.datatype == "int16" && image.header.scaling.is_none();

@@ -18,6 +18,7 @@ const CLOSING_MM: f64 = 8.0;
 /// A part apart from the largest is patient from this share of it on: the other leg.
 const LIMB: f64 = 0.1;
 /// Width (sigma) of the neighbourhood whose mean is the coil's bias, mm.
+/// With the bias left in, 4 of 15 bones are found (docs/decisions/mr.md).
 const BIAS_MM: f64 = 40.0;
 /// Grey value of what is dark in the patient, on a scale like that of HU: most of his tissue lies in the window of soft tissue.
 pub const DARKEST: f32 = -150.0;

@@ -99,7 +99,9 @@ fn work_until_synced(file: &File) -> io::Result<()> {
 /// # Errors
 /// [`Error::Write`] when it cannot be made or written to.
 pub fn open_folder(folder: &Path) -> Result<()> {
-    let refuse = |e: io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
+    let remedy =
+        if folder.is_file() { "this is a file: name a folder" } else { "choose a folder that you may write to" };
+    let refuse = |e: io::Error| Error::write(folder, e.to_string(), remedy);
     std::fs::create_dir_all(folder).map_err(refuse)?;
     sweep(folder);
     Partial::create(&folder.join("probe")).map_err(refuse).map(drop)

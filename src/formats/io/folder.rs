@@ -69,7 +69,9 @@ impl RunFolder {
         let at = |name: &String| folder.join(name);
         let all: Vec<PathBuf> = planned.reports.iter().chain(&planned.names).map(at).collect();
         check_files(inputs, &all)?;
-        let refuse = |e: io::Error| Error::write(folder, e.to_string(), "choose a folder that you may write to");
+        let remedy =
+            if folder.is_file() { "this is a file: name a folder" } else { "choose a folder that you may write to" };
+        let refuse = |e: io::Error| Error::write(folder, e.to_string(), remedy);
         let mut made: Vec<PathBuf> = folder.ancestors().take_while(|f| missing(f)).map(Path::to_owned).collect();
         made.reverse();
         std::fs::create_dir_all(folder).map_err(refuse)?;

@@ -55,6 +55,15 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
     })
 }
 
+/// Reads an image that may be an MR: as [`read_image`], but of DICOM also an MR series, in its own grey values.
+///
+/// # Errors
+/// As [`read_image`].
+pub fn read_scan(path: impl AsRef<Path>) -> Result<Loaded<Volume<f32>>> {
+    let path = path.as_ref();
+    if dicom::is_place(path) { dicom::read_scan(path) } else { read_image(path) }
+}
+
 /// Reads a dose: as [`read_image`], but of DICOM only an RT Dose, the one in a folder, or those of a plan's beams, summed.
 ///
 /// # Errors

@@ -44,7 +44,7 @@ const KINDS: [Kind; 20] = [
     kind("a MATLAB file", "save the matrix as text, or the image as NIfTI", 0, b"MATLAB 5.0"),
     kind("a PDF document", "name another file", 0, b"%PDF"),
     kind("a gzip file", UNPACK, 0, b"\x1f\x8b"),
-    kind("a web page", "download the file itself", 0, b"<!DOCTYPE html"),
+    kind("a web page", "open it in a browser; for a file on the web download the file itself", 0, b"<!DOCTYPE html"),
 ];
 
 /// What a file with these bytes is, where it is of none of the kinds that are read.

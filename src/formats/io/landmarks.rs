@@ -172,6 +172,9 @@ mod tests {
             let text = read(&format!("{head}{rows}")).unwrap_err().to_string();
             assert!(text.contains(expected) && text.contains("marks.csv"), "{text}");
         }
+        let contours = format!("{{\"contours\":[{}0]}}", "1,2,".repeat(9999));
+        let text = read(&contours).unwrap_err().to_string();
+        assert!(text.contains("no column name") && text.len() < 1500, "{text}");
         let text = read("name,x,y,z\na,1,2,3\n").unwrap_err().to_string();
         assert!(text.contains("no column planning_x"), "{text}");
     }

@@ -25,6 +25,14 @@ pub(super) fn load<T: Send>(path: &Path, take: impl FnOnce(&mut Raster<'_>) -> R
     Ok(Loaded { value, path: path.into(), sha256, header, warnings })
 }
 
+/// As [`load`], but of DICOM also an MR series, whose values are no labels.
+pub(super) fn load_scan<T: Send>(
+    path: &Path,
+    take: impl FnOnce(&mut Raster<'_>) -> Result<T> + Send,
+) -> Result<Loaded<T>> {
+    if dicom::is_place(path) { dicom::load_scan(path, take) } else { load(path, take) }
+}
+
 /// The most bytes that a file can have by what its header, in these first bytes, promises.
 fn promised(path: &Path, head: &[u8]) -> Result<u64> {
     if nrrd::is_nrrd(head) {

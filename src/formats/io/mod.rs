@@ -63,7 +63,7 @@ pub use guard::{check_files, recorded_file};
 pub use head::read_grid;
 pub use held::{at_work, is_lock};
 pub use identity::{path_as_text, relative_to, same_file, whole_path};
-pub use image::{Stored, WriteOptions, read_dose, read_image, write_image, write_map, write_mask};
+pub use image::{Stored, WriteOptions, read_dose, read_image, read_scan, write_image, write_map, write_mask};
 pub use json::{json, read_json, write_json};
 pub use labels::{
     check_labels, read_bones, read_label_map, read_label_map_on, read_label_names, read_labels, read_organs,

@@ -27,7 +27,8 @@ pub(super) fn text_of(path: &Path, mut bytes: Vec<u8>) -> Result<String> {
         return Err(Error::read(path, "it is UTF-16 text", "save it as UTF-8"));
     }
     if let Some(other) = super::kinds::told(&bytes) {
-        return Err(Error::read(path, format!("it is {}", other.what), other.remedy));
+        let remedy = format!("{}, or check whether two files are swapped", other.remedy);
+        return Err(Error::read(path, format!("it is {}", other.what), remedy));
     }
     String::from_utf8(bytes)
         .map_err(|e| Error::read(path, format!("it is no UTF-8 text ({e})"), "save it as UTF-8 text"))

@@ -203,8 +203,9 @@ enum Json {
 }
 
 fn parse_json(path: &Path, text: &str) -> Result<Json> {
-    serde_json::from_str(text).map_err(|e| {
-        Error::read(path, format!("it is no 4x4 and no table of 4x4 ({e})"), "write {\"couch\": [[1, 0, 0, 5], ...]}")
+    serde_json::from_str(text).map_err(|_| {
+        let remedy = "write {\"couch\": [[1, 0, 0, 5], ...]}; a field is NIfTI, MetaImage or NRRD";
+        Error::read(path, "it is no 4x4 matrix and no table of such by name", remedy)
     })
 }
 

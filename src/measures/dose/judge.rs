@@ -51,7 +51,9 @@ pub fn question(what: &str, most: f32, fractions: f64) -> Option<Warning> {
     } else if most > much && fractions >= 2.0 {
         format!("{what}: {most:.1} Gy in one of {fractions} fractions; is it in cGy, or the dose of all fractions?")
     } else if most > much {
-        format!("{what}: the greatest dose is {most:.1} Gy; is it in cGy or percent?")
+        format!(
+            "{what}: the greatest dose is {most:.1} Gy; is it in cGy or percent, or a plan that counts more than once?"
+        )
     } else {
         return None;
     };

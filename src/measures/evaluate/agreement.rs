@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 /// Distance of the places that are compared, mm: the images' own detail beyond it is mostly noise.
 const STEP_MM: f64 = 4.0;
 /// Half a window, in such steps.
+/// In windows of 15 mm correlations differ by some hundredths.
 const REACH: usize = 2;
 /// Share of a window's places that must be known.
 const KNOWN: f64 = 0.3;

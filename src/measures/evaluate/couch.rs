@@ -164,6 +164,16 @@ impl CouchMatch {
         self.shift_mm.into()
     }
 
+    /// Where the shift has brought the patient, mm to his own sides: `left 4.6, front 0.3, head 3.9`.
+    pub fn towards(&self) -> String {
+        let sides = [["right", "left"], ["front", "back"], ["feet", "head"]];
+        let of = |(mm, [minus, plus]): (f64, [&str; 2])| {
+            let tenths = (mm * 10.0).round() / 10.0;
+            format!("{} {:.1}", if tenths < 0.0 { minus } else { plus }, tenths.abs())
+        };
+        self.shift_mm.into_iter().zip(sides).map(of).collect::<Vec<_>>().join(", ")
+    }
+
     /// Translation and rotation, planning to fraction.
     pub fn rigid(&self) -> Rigid {
         let turn = Rotation3::new(Vector3::from(self.rotation_deg).map(f64::to_radians));
@@ -251,6 +261,13 @@ mod tests {
             own.iter().map(|(_, p)| (motions()[n] * p - whole * p).norm_squared()).sum::<f64>() / own.len() as f64
         };
         f64::midpoint(of(0), of(1))
+    }
+
+    #[test]
+    fn a_shift_is_told_by_the_patients_sides() {
+        let of = |shift_mm: [f64; 3]| CouchMatch { shift_mm, ..CouchMatch::default() }.towards();
+        assert_eq!(of([4.56, -4.64, 3.9]), "left 4.6, front 4.6, head 3.9");
+        assert_eq!(of([-0.04, 0.26, -12.0]), "left 0.0, back 0.3, feet 12.0");
     }
 
     #[test]

@@ -31,7 +31,7 @@ struct SurfaceNode {
 
 /// Triangles of a leaf.
 const LEAF: usize = 6;
-/// Rounds of smoothing: a step in, a step out each.
+/// Rounds of smoothing: a step in, a step out each, so that nothing shrinks (Taubin, SIGGRAPH 1995).
 const ROUNDS: usize = 8;
 const STEPS: [f64; 2] = [0.5, -0.53];
 const NONE: u32 = u32::MAX;

@@ -205,6 +205,7 @@ fn variance_by_bones(patient: &SampledPatient<'_>, nodes: &[Node]) -> Vec<f32> {
 
 /// A bone's turn brings tissue no farther than at so many of its radii from its centre: what lies farther away does not swing with
 /// a rib.
+/// Through all tissue intervals are wider by half, and hold no more.
 const REACH: f64 = 2.0;
 
 /// What moved bones bring to a node, mm.

@@ -40,6 +40,7 @@ pub struct PosePosterior {
 }
 
 /// Turns bring a bone at its radius at most so many times as far as its deviation tells.
+/// Bounded by the deviation itself, intervals of 90 % hold 87 % of the truths, on the phantom 61 %.
 const MOST_TURN: f64 = 2.0;
 /// The fit's own deviations are at most so many times too small, or less than [`SMALL_MM`]: more would tear a bone out of joints
 /// whose other bones are known.

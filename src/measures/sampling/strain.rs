@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The change of volume is averaged over this, mm (sigma).
 const AVERAGE_MM: f64 = 3.0;
 /// The factor at most.
+/// Chosen on the cases of docs/decisions/samples.md that had no part in choosing the scale.
 const MOST: f64 = 2.0;
 /// Volumes are counted within these, relative: what folds tells no more.
 const COUNTED: [f32; 2] = [0.05, 20.0];

@@ -15,7 +15,7 @@ use crate::io::dicom::write::{
 };
 use crate::io::dicom::{
     Dose, Patient, Role, Series, StructureSet, check_frames, describe_series, is_dicom_path, read_dose,
-    read_structure_set, same_frame,
+    read_structure_set, require_ct, same_frame,
 };
 use crate::pipeline::Outcome;
 use crate::provenance::{InputFile, Provenance};
@@ -110,14 +110,15 @@ impl Clinic {
         Ok(())
     }
 
-    /// Reads what is needed of the planning CT and the CT of each fraction.
+    /// Reads what is needed of the planning CT and the series of each fraction, a CT or an MR.
     ///
     /// # Errors
     /// [`Error::Usage`] when planning or a fraction is no DICOM; [`Error::Input`] when one names no frame of reference, they
-    /// are not of one patient, or structures or dose do not lie in planning's frame of reference; [`Error::Read`] when a file
-    /// cannot be read.
+    /// are not of one patient, planning is an MR (what is written of it is a CT series), or structures or dose do not lie in
+    /// planning's frame of reference; [`Error::Read`] when a file cannot be read.
     pub fn read(files: &ClinicFiles, planning: &Path, fractions: &[&Path]) -> Result<Self> {
         let (own, _) = series(planning)?;
+        require_ct(planning)?;
         let fractions = fractions.iter().map(|path| {
             let found = series(path)?;
             same_patient(planning, &own, path, &found.0)?;

@@ -180,9 +180,8 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         warnings: vec![Warning::new(findings::BONE_IN_PIECES, "skull: 2 pieces, <largest> 98 %; check the label map")],
         regions: None,
     };
-    let sha256 = "0123456789abcdef".repeat(4);
-    let inputs = [InputRole::Planning, InputRole::Bones, InputRole::Fraction]
-        .map(|role| InputFile::new(role, format!("case/{role}.nii.gz").into(), sha256.clone()));
+    let inputs = [(InputRole::Planning, "01"), (InputRole::Bones, "23"), (InputRole::Fraction, "45")]
+        .map(|(role, digits)| InputFile::new(role, format!("case/{role}.nii.gz").into(), digits.repeat(32)));
     let mut case = Case::new(planning, bones, fraction);
     case.fraction.landmarks = landmarks;
     let outputs = vec![OutputFile {

@@ -1,6 +1,7 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
 use crate::chainmail::{LinkReport, Pruning};
+use crate::config::InputRole;
 use crate::error::{Error, Result};
 use crate::evaluate::agreement::Agreement;
 use crate::evaluate::contact::ContactReport;
@@ -218,16 +219,30 @@ impl Report {
         Some((self.bones.get(n)?, *self.own_motion_mm.get(n)?))
     }
 
+    /// Whether planning and fraction are one scan by their bytes: a slip, or a test that nothing moves.
+    pub fn one_scan(&self) -> bool {
+        let of = |role: InputRole| self.inputs.iter().find(|i| i.role == role).map(|i| (&i.sha256, &i.entry));
+        of(InputRole::Planning).is_some_and(|planning| of(InputRole::Fraction) == Some(planning))
+    }
+
     /// Number of bones that the image determined.
     pub fn bones_by_image(&self) -> usize {
         self.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).count()
     }
 }
 
+/// What is said where [`Report::one_scan`] holds.
+pub(super) const ONE_SCAN: &str = "planning and fraction are one and the same scan: nothing had to move";
+
 /// The first words of a text, in so many letters about; nothing where it is no longer than that.
 pub(super) fn first_words(text: &str, letters: usize) -> Option<&str> {
     let (end, _) = text.char_indices().nth(letters)?;
     Some(text[..end].rsplit_once(' ').map_or(&text[..end], |(head, _)| head))
+}
+
+/// A number of threads in words.
+pub(super) fn threads(n: usize) -> String {
+    if n == 1 { "1 thread".to_owned() } else { format!("{n} threads") }
 }
 
 /// A count with its thousands set apart by thin spaces, as `2 118 297`.
@@ -273,6 +288,16 @@ mod tests {
     #[test]
     fn thousands_stand_apart() {
         assert_eq!([0, 999, 1_000, 2_118_297].map(count), ["0", "999", "1\u{202f}000", "2\u{202f}118\u{202f}297"]);
+    }
+
+    #[test]
+    fn one_scan_in_place_of_two_is_told() {
+        let (case, outcome, mut run) = example::small();
+        assert!(!Report::new(&case, &outcome, &run).one_scan());
+        let planning = run.inputs[0].sha256.clone();
+        run.inputs[2].sha256 = planning;
+        let report = Report::new(&case, &outcome, &run);
+        assert!(report.one_scan() && super::super::table::terminal_table(&report).contains(ONE_SCAN));
     }
 
     #[test]

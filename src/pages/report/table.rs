@@ -1,6 +1,6 @@
 //! The short table at the end of a run on the terminal.
 
-use super::numbers::{Report, first_words};
+use super::numbers::{ONE_SCAN, Report, first_words, threads};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::verdict::{Verdict, against, overall};
@@ -54,6 +54,9 @@ pub fn terminal_table(report: &Report) -> String {
             ),
         ));
     }
+    if report.one_scan() {
+        rows.insert(1, ("", ONE_SCAN.to_owned()));
+    }
     if let Some(kind) = &report.fraction_kind {
         rows.insert(1, ("fraction", kind.to_string()));
     }
@@ -82,7 +85,7 @@ pub fn terminal_table(report: &Report) -> String {
         format!("inverse-consistency error {:.3} mm mean, {:.2} mm worst away from bone contact", back.mean, back.max),
     ));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
-    rows.push(("run", format!("{:.1} s on {} threads{memory}", report.seconds(), report.threads)));
+    rows.push(("run", format!("{:.1} s on {}{memory}", report.seconds(), threads(report.threads))));
     for (n, told) in warnings(&report.warnings).into_iter().enumerate() {
         rows.push((if n == 0 { "warnings" } else { "" }, told));
     }
@@ -130,10 +133,11 @@ fn agreement(images: &Agreement) -> String {
 /// The couch shift, and what it leaves of the bones that it is matched on.
 fn couch(couch: &CouchMatch) -> Option<String> {
     let worst = couch.worst()?;
-    let [x, y, z] = couch.shift_mm.map(|c| (c * 10.0).round() / 10.0 + 0.0);
     Some(format!(
-        "left {x:.1}, back {y:.1}, head {z:.1} mm on {} bones; leaves {:.1} mm at most ({}), {:.1} turned by {:.1} deg",
+        "patient lies {} mm by {} {}; leaves {:.1} ({}), {:.1} turned {:.1} deg",
+        couch.towards(),
         couch.on.len(),
+        if couch.on.len() == 1 { "bone" } else { "bones" },
         worst.shift_mm,
         worst.bone,
         worst.rotation_mm,

@@ -26,7 +26,7 @@ impl ConfigFile {
     /// [`Error::Read`] when the file cannot be read or parsed, [`Error::Usage`] when it holds `nan` or `inf`.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
-            .map_err(|e| Error::read(path, e.to_string(), "check the path of --config"))?;
+            .map_err(|e| Error::read(path, e.to_string(), "check the path of --config, a text file"))?;
         let text = text.trim_start_matches('\u{feff}');
         let bad = |problem: String| {
             Error::read(path, problem, "give a TOML file of settings or the report.json of an earlier run")

@@ -69,8 +69,10 @@ pub struct ScanOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Modality {
-    /// A CT or cone-beam CT in HU.
+    /// What the header says: an MR where it is a DICOM series of one, else a CT.
     #[default]
+    Auto,
+    /// A CT or cone-beam CT in HU.
     Ct,
     /// Magnetic resonance: grey values of any scale, and no HU.
     Mr,

@@ -332,6 +332,7 @@ fn reached(labels: &LabelMap, jacobian: &Spans<f32>, config: &Config) -> Vec<Vol
 }
 
 /// Departure from the asked factor that is warned of.
+/// The full grid reaches a factor to 3 %.
 const VOLUME_TOLERANCE: f64 = 0.05;
 
 fn missed(v: &VolumeReached) -> Option<Warning> {

@@ -35,7 +35,7 @@ impl PlanningScan {
     /// As [`mr::tissue_scale`], and where it looks like a CT in HU.
     pub fn by_modality(self, config: &Config) -> Result<Self> {
         match config.planning.modality {
-            Modality::Ct => Ok(self),
+            Modality::Auto | Modality::Ct => Ok(self),
             Modality::Mr => {
                 check_mr("planning MR", &self.ct, config)?;
                 Ok(Self { ct: mr::tissue_scale(&self.ct)?.image, ..self })

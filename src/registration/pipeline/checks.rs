@@ -44,7 +44,7 @@ pub fn check_grids(ct: &Grid, bones: &Grid) -> Result<()> {
 /// [`Error::Input`] where it is no CT in HU, or no MR where the settings say that it is one.
 pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
     match config.fraction.modality {
-        Modality::Ct => check_image("fraction CT", fraction, config),
+        Modality::Auto | Modality::Ct => check_image("fraction CT", fraction, config),
         Modality::Mr => check_mr("fraction MR", fraction, config),
     }
 }

@@ -132,7 +132,8 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
     }
     if caution.uncertain > 0 {
         let message = format!(
-            "in {} voxels the field's inverse residual times the dose gradient exceeds 1 % of the maximum dose; greatest {:.2} Gy",
+            "in {} voxels both fields, there and back, miss by so much that the dose may change by over 1 % of its maximum; \
+             greatest change {:.2} Gy",
             caution.uncertain, caution.greatest_gy
         );
         all.push(Warning::new(findings::UNCERTAIN_FIELD_IN_STEEP_DOSE, message));

@@ -48,7 +48,7 @@ impl fmt::Display for FractionKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut told = Vec::new();
         if let Some(grey) = &self.grey {
-            told.push(format!("slope {:.2}, shading {:.0} HU", grey.gain.recip(), grey.shading));
+            told.push(format!("contrast {:.2} times planning's, shading {:.0} HU", grey.gain.recip(), grey.shading));
         }
         told.extend(self.view.words());
         f.write_str(match self.mr {
@@ -93,10 +93,12 @@ impl FractionKind {
             );
             out.push(Warning::new(findings::SHADED_FRACTION, message));
         }
-        if let Some(MisledTissue { percent, centre_mm: [x, y, z] }) = self.misled {
+        if let Some(MisledTissue { percent, centre_mm }) = self.misled {
+            // Adding 0 turns the minus of a zero away.
+            let [x, y, z] = centre_mm.map(|c| c.round() + 0.0);
             let message = format!(
-                "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm, the images drew it and agreed no better for \
-                 it; bones alone carry it there. Streaks of metal, noise or grey values of another machine do that"
+                "in {percent:.0} % of soft tissue, around ({x:.0}, {y:.0}, {z:.0}) mm of planning, moving it by the images did not \
+                 make them agree better; bones alone move it there. Streaks of metal, noise or grey values of another machine do that"
             );
             out.push(Warning::new(findings::IMAGES_MISLEAD, message));
         }
@@ -124,7 +126,7 @@ mod tests {
         let view =
             ViewReport { circle: Some(circle), padding: Some(-1000.0), measured_percent: 40.0, ..Default::default() };
         let kind = FractionKind { view, grey: Some(grey), corrected: true, misled: None, mr: None };
-        assert_eq!(kind.to_string(), "CBCT-like (slope 0.80, shading 118 HU, circle of 250 mm)");
+        assert_eq!(kind.to_string(), "CBCT-like (contrast 0.80 times planning's, shading 118 HU, circle of 250 mm)");
         let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
         assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
         assert!((kind.on_plannings_scale(-100.0) + 105.0).abs() < 1e-4);

@@ -23,7 +23,7 @@ pub(super) fn check(options: &CouchOptions, skeleton: &Skeleton, bones: &LabelMa
     if let Some(name) = options.bones.iter().find(|name| !known(name)) {
         let names: Vec<&str> = skeleton.bones.iter().map(|b| b.name.as_str()).collect();
         return Err(Error::usage(
-            format!("the couch shift is to be matched on {name}: no bone of the planning scan has this name"),
+            format!("no bone of the planning scan is named {name}: the couch shift cannot be matched on it"),
             format!("give some of {}, or none for the spine", names.join(", ")),
         ));
     }
@@ -32,7 +32,7 @@ pub(super) fn check(options: &CouchOptions, skeleton: &Skeleton, bones: &LabelMa
     {
         return Err(Error::usage(
             format!(
-                "the couch shift is to be matched in {}: no bone lies in this box",
+                "no bone lies in the box {}: the couch shift cannot be matched there",
                 within.map(|v| v.to_string()).join(",")
             ),
             "give least x, y, z, then greatest, in LPS mm of the planning scan, around bones",

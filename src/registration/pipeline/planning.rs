@@ -194,7 +194,7 @@ const MR_TOLD: &str = "the planning scan is an MR: bones are compared by ranges 
 /// Judges planning scan and labels by themselves and against each other.
 pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {
     matching::check(&config.couch, skeleton, &planning.bones)?;
-    let is_ct = config.planning.modality == Modality::Ct;
+    let is_ct = config.planning.modality != Modality::Mr;
     let mut warnings = if is_ct {
         check_image("planning CT", &planning.ct, config)?
     } else {

@@ -95,13 +95,15 @@ pub fn register_fraction(
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
         let resting = Resting::new(&part.planning, skeleton, &body, true, config, runtime)?;
         let moved = Fitted { skeleton: skeleton.clone(), body, fit };
-        let outcome = carried(&part, moved, &resting, fraction.as_ref(), warnings, config, runtime)?;
+        let ready = Ready { case: &part, resting: &resting, fraction: fraction.as_ref() };
+        let outcome = carried(ready, moved, warnings, config, runtime)?;
         return Ok((Outcome { weighed, ..outcome }, Some(part)));
     }
     let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
     let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
-    let outcome = carried(case, moved, resting, fraction.as_ref(), warnings, config, runtime)?;
+    let ready = Ready { case, resting, fraction: fraction.as_ref() };
+    let outcome = carried(ready, moved, warnings, config, runtime)?;
     Ok((Outcome { weighed, ..outcome }, None))
 }
 
@@ -118,16 +120,23 @@ fn placed(case: &Case, skeleton: &Skeleton) -> Result<(Option<Vec<Option<GivenMo
     }
 }
 
+/// A case with what was made of both its sides before the bones' motion is carried out.
+struct Ready<'a> {
+    case: &'a Case,
+    resting: &'a Resting,
+    /// The patient in the fraction CT, where it is known.
+    fraction: Option<&'a Fraction<'a>>,
+}
+
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
-    case: &Case,
+    ready: Ready<'_>,
     moved: Fitted,
-    resting: &Resting,
-    fraction: Option<&Fraction<'_>>,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
+    let Ready { case, resting, fraction } = ready;
     let through = Through::of(case, resting, fraction.filter(|_| images_pull(config)));
     let mut moved = moved;
     let open = moved.fit.open.take();

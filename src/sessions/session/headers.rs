@@ -3,21 +3,23 @@
 use super::fraction::FractionSources;
 use super::planning::PlanningSources;
 use super::source::Source;
-use crate::config::Config;
+use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use crate::io::dicom::is_dicom_path;
-use crate::io::{read_grid, read_image, read_label_map};
+use crate::io::dicom::{Scan, is_dicom_path, scan_of};
+use crate::io::{read_grid, read_label_map, read_scan};
 use crate::pipeline::{check_grids, check_size, memory_estimate};
 use crate::volume::Volume;
 
-/// Refuses, by the headers alone, scans that are too small, labels of another grid, and a region outside the planning CT;
+/// Refuses, by the headers alone, scans that are too small, labels of another grid, a region outside the planning CT, and scans
+/// that are not of the modality that the settings name;
 /// returns the memory that the greediest fraction is expected to need, bytes. Without a fraction the planning scan counts
 /// as one.
 ///
 /// # Errors
 /// As reading a header, and [`Error::Input`] and [`Error::Usage`] as above.
 pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Config) -> Result<u64> {
+    planning_modality(side, config.planning.modality)?;
     let planning = grid_of(&side.ct)?;
     check_size("planning CT", &planning)?;
     // Contours are drawn on the planning grid.
@@ -25,11 +27,12 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
     let labels = if drawn { planning.clone() } else { grid_of(&side.bones)? };
     if let Err(elsewhere) = check_grids(&planning, &labels) {
         // That a file cannot be read or used at all is the first thing to tell.
-        side.ct.path().map(read_image).transpose()?;
+        side.ct.path().map(read_scan).transpose()?;
         side.bones.path().map(|path| read_label_map(path, None)).transpose()?;
         return Err(elsewhere);
     }
     config.region.check_box(&planning)?;
+    modality(fractions, config.fraction.modality)?;
     let mut expected = 0;
     for one in fractions {
         let fraction = grid_of(&one.ct)?;
@@ -37,6 +40,52 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
         expected = expected.max(memory_estimate(&planning, &fraction, config));
     }
     Ok(if fractions.is_empty() { memory_estimate(&planning, &planning, config) } else { expected })
+}
+
+/// What made the planning scan: what a DICOM series says of itself, else what is `told`, else a CT.
+///
+/// # Errors
+/// As [`modality`].
+pub(super) fn planning_modality(side: &PlanningSources, told: Modality) -> Result<Modality> {
+    of_scan(&side.ct, told, "--planning-modality")
+}
+
+/// What made a scan: what a DICOM series says of itself, else what is `told` by an option, else a CT.
+fn of_scan(scan: &Source<Volume<f32>>, told: Modality, option: &str) -> Result<Modality> {
+    let own = match scan.path().map_or(Ok(None), scan_of)? {
+        Some(Scan::Ct) => Modality::Ct,
+        Some(Scan::Mr) => Modality::Mr,
+        None if told == Modality::Auto => Modality::Ct,
+        None => told,
+    };
+    if told != Modality::Auto && own != told {
+        let [is, said] = if own == Modality::Mr { ["an MR", "a CT"] } else { ["a CT", "an MR"] };
+        let name = scan.path().map_or_else(String::new, |p| p.display().to_string());
+        return Err(Error::usage(
+            format!("{name}: it is {is} series, and the settings say {said} ({option})"),
+            format!("leave {option} out: a DICOM series says itself what it is; choose one of several by FOLDER#NUMBER"),
+        ));
+    }
+    Ok(own)
+}
+
+/// What made the fractions, which are of one modality: what DICOM series say of themselves, else what is `told`, else a CT.
+///
+/// # Errors
+/// [`Error::Usage`] when a series is of another modality than is told, or than another fraction; else as finding a series.
+pub(super) fn modality(fractions: &[FractionSources], told: Modality) -> Result<Modality> {
+    let name = |one: &FractionSources| one.ct.path().map_or("an image in memory".into(), |p| p.display().to_string());
+    let unsaid = if told == Modality::Auto { Modality::Ct } else { told };
+    let mut first: Option<(Modality, &FractionSources)> = None;
+    for one in fractions {
+        let own = of_scan(&one.ct, told, "--modality")?;
+        let (of_first, other) = *first.get_or_insert((own, one));
+        if of_first != own {
+            let problem = format!("{} and {} are of two modalities, a CT and an MR", name(other), name(one));
+            return Err(Error::usage(problem, "register the fractions of each modality in a run of their own"));
+        }
+    }
+    Ok(first.map_or(unsaid, |(own, _)| own))
 }
 
 /// The grid of what is given; of a file by its header.

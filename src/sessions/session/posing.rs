@@ -121,7 +121,9 @@ impl PoseRequest {
 /// # Errors
 /// When a file cannot be read or used, or the motion names bones that the skeleton does not have.
 pub fn pose(request: PoseRequest, runtime: &Runtime) -> Result<Registered> {
-    let PoseRequest { planning, motion, landmarks: marks, margin_mm, recorded, config, command } = request;
+    let PoseRequest { planning, motion, landmarks: marks, margin_mm, recorded, mut config, command } = request;
+    config.planning.modality = headers::planning_modality(&planning, config.planning.modality)?;
+    config.fraction.modality = headers::modality(&[], config.fraction.modality)?;
     if !(0.0..=MOST_MARGIN_MM).contains(&margin_mm) {
         let problem = format!("a margin of {margin_mm} mm cannot be put around the planning scan");
         return Err(Error::usage(problem, format!("give 0 to {MOST_MARGIN_MM} mm")));

@@ -88,7 +88,7 @@ impl Request {
 fn on_disk(path: Option<&Path>) -> Result<&Path> {
     path.ok_or_else(|| {
         let problem = "only DICOM can go back as DICOM, and a scan is given in memory";
-        Error::usage(problem, "give the folders of both CT series, or leave dicom out")
+        Error::usage(problem, "give the folders of both series, or leave dicom out")
     })
 }
 
@@ -123,10 +123,14 @@ impl Session {
     /// Reads what is small, then the planning side beside the first fraction.
     ///
     /// # Errors
-    /// When a file cannot be read or used; what is asked for as DICOM must be there as DICOM.
+    /// When a file cannot be read or used; what is asked for as DICOM must be there as DICOM; [`Error::Usage`] when a fraction is
+    /// of another modality than the settings say.
     pub fn open(mut request: Request, runtime: &Runtime) -> Result<Self> {
         let planning_file = request.planning.ct.path().map(Path::to_owned);
         request.fractions.iter_mut().try_for_each(|one| one.settle(planning_file.as_deref()))?;
+        let planning = headers::planning_modality(&request.planning, request.config.planning.modality)?;
+        request.config.planning.modality = planning;
+        request.config.fraction.modality = headers::modality(&request.fractions, request.config.fraction.modality)?;
         let clinic = match &request.clinic {
             Some(_) => runtime.stage("read for DICOM", || request.clinic())?,
             None => None,

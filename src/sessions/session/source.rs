@@ -50,10 +50,12 @@ pub type Names = BTreeMap<u16, String>;
 /// An image's values.
 ///
 /// # Errors
-/// As [`io::read_image`].
+/// As [`io::read_scan`].
 pub fn image(role: InputRole, source: Source<Volume<f32>>, provenance: &mut Provenance) -> Result<Volume<f32>> {
     match source {
-        Source::File(path) => Ok(provenance.take_scan(role, io::read_image(path)?)),
+        Source::File(path) => {
+            Ok(provenance.take_scan(role, io::read_scan(path)?))
+        }
         Source::Memory(volume) => Ok(volume),
     }
 }

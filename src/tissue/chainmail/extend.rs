@@ -8,8 +8,10 @@ use rayon::prelude::*;
 /// Distance from the patient over which the field is continued unchanged, mm: as far as readers interpolate.
 const KEEP_MM: f64 = 8.0;
 /// Least distance over which it then fades to the motion of the couch, mm: zero in the frame of this room.
+/// At 12 mm the fields of moderate take 83.9 MB for 87.6, and no less time.
 const FADE_MM: f64 = 20.0;
 /// Distance over which a displacement fades, as a multiple of its own length.
+/// With [`EASE`] the slope is 0.74 at most; at 1 the field would fold.
 const FADE: f64 = 1.6;
 /// Share of that distance over which the slope grows, and falls again: it stays below 3/4, and the field one to one.
 const EASE: f64 = 0.15;

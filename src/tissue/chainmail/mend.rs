@@ -44,7 +44,7 @@ pub(super) fn mend(
         for cells in blocks.values() {
             let [low, high] = bounds(cells.iter().map(|&c| grid.voxel(c)), grid.size());
             let lattice = Lattice::patch(tissue, &options.material, organs, low, high);
-            settle(&lattice, low, cells, turns, options, REACH * (attempt + 1), push);
+            settle(&Patch { lattice, low, cells }, turns, options, REACH * (attempt + 1), push);
         }
     }
 }
@@ -78,16 +78,18 @@ fn bounds(cells: impl Iterator<Item = [usize; 3]>, size: [usize; 3]) -> [[usize;
     [low, high]
 }
 
-/// Lets the soft voxels around the cells settle; keeps the result if fewer cells are folded.
-fn settle(
-    lattice: &Lattice,
+/// A block of the full grid.
+struct Patch<'a> {
+    lattice: Lattice,
+    /// Its first voxel.
     low: [usize; 3],
-    cells: &[usize],
-    turns: &[Matrix3<f64>],
-    options: &ChainmailOptions,
-    reach: usize,
-    push: &mut PushField,
-) {
+    /// Folded cells of the full grid that lie in it.
+    cells: &'a [usize],
+}
+
+/// Lets the soft voxels around a patch's folded cells settle; keeps the result if fewer cells are folded.
+fn settle(patch: &Patch<'_>, turns: &[Matrix3<f64>], options: &ChainmailOptions, reach: usize, push: &mut PushField) {
+    let Patch { lattice, low, cells } = patch;
     let grid = push.displacement.grid().clone();
     let size = lattice.grid.size();
     // The patch has a border of one node.

@@ -12,7 +12,7 @@ use crate::field::PushField;
 use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 
-/// Control points on each bone.
+/// Control points on each bone: the thesis has 5 to 6 (4.2.3).
 const POINTS_PER_BONE: usize = 6;
 
 /// An interpolating thin-plate spline of displacements.

@@ -22,14 +22,18 @@ const WIDE_MM: f64 = 20.0;
 /// Grey values are counted in these, HU, so that single precision does.
 const UNIT_HU: f64 = 100.0;
 /// Contrast (standard deviation) below which a correlation means nothing, HU.
+/// Half or twice as much moves no mean error by 0.003 mm.
 const RIDGE_HU: f64 = 3.0;
 /// Points of an element that both scans must show on the mean of a neighbourhood.
+/// Half or twice as many move no mean error by 0.003 mm.
 const LEAST_SEEN: f32 = 0.2;
 /// A correlation that changes by less has neither gained nor lost.
+/// At 0.005 and 0.02: 0.353 and 0.342 for 0.350 mm under streaks.
 const LEAST_CHANGE: f32 = 0.01;
-/// Tissue that is drawn by less does no harm, mm, ...
+/// Tissue that is drawn by less does no harm, mm: else a pair that the bones alone explain would be judged by its noise.
 const LEAST_MM: f32 = 0.3;
-/// ... and by more counts as if it were this much more.
+/// Tissue that is drawn by more counts as if it were this much more than that, mm.
+/// At 1 and 4: 0.367 and 0.343 for 0.350 mm under streaks.
 const FARTHEST_MM: f32 = 2.0;
 /// Tissue is taken to be drawn by at least this on the mean, mm: where images agree with the bones alone nothing is to be doubted.
 const LEAST_MEAN_MM: f64 = 0.1;
@@ -39,6 +43,7 @@ const LEAST_MEAN_MM: f64 = 0.1;
 const WITHOUT_GAIN: f32 = 0.2;
 const DOUBTED_PERCENT: f64 = 4.0;
 /// Once they are doubted they must do better than this: ordinary pairs have 0.8 to 1 nearly everywhere.
+/// At 0.2 and 0.8: 0.428 and 0.270 for 0.350 mm under streaks, 0.416 and 0.474 for 0.426 under noise.
 const CLEAR: f32 = 0.4;
 
 /// Where images mislead.

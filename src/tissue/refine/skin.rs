@@ -15,6 +15,7 @@ const KNOWN_MM: f64 = 20.0;
 /// Differences beyond this count less (Huber), mm.
 const ROBUST_MM: f64 = 3.0;
 /// How well an outline tells where the skin is, one standard deviation, mm.
+/// It scales the weight; five times the weight: 0.479 for 0.473 mm without grey values (moderate).
 const SD_MM: f64 = 0.5;
 /// The skin is not believed within half of this distance from the edge of either scan, and fully from one and a half on, mm.
 const EDGE_MM: f64 = 6.0;

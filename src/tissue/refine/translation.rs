@@ -9,7 +9,7 @@ use crate::volume::{Volume, gaussian, trilinear, trilinear_vector};
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
-/// Width (sigma) of the neighbourhoods, mm.
+/// Width (sigma) of the neighbourhoods, mm: wider than soft tissue is off before images pull it.
 const WIDE_MM: f64 = 25.0;
 /// Spacing of the grey values, and of the voxels that they are found from, mm.
 const SPACING_MM: f64 = 10.0;

@@ -118,6 +118,10 @@ impl Ready {
 
 /// Sums of a row of places, of which the evidence for each follows.
 pub trait Row {
+    /// Every so many rows of places are looked at first, as wide as the evidence around the right place is.
+    const STRIDE: usize;
+    /// So many of the best turns at a place are looked at around it; none: all.
+    const TURNS: Option<usize>;
     /// For so many places.
     fn new(width: usize) -> Self;
     /// Sums those that begin `margin` voxels before the row (j, k) of the image.
@@ -131,13 +135,14 @@ pub trait Row {
 struct Places {
     margin: [usize; 3],
     size: [usize; 3],
+    stride: [usize; 3],
 }
 
 impl Places {
     fn voxel(&self, n: usize) -> [i32; 3] {
         let [i, j, _] = self.size;
         let at = [n % i, n / i % j, n / i / j];
-        std::array::from_fn(|a| at[a] as i32 - self.margin[a] as i32)
+        std::array::from_fn(|a| (at[a] * self.stride[a]) as i32 - self.margin[a] as i32)
     }
 }
 
@@ -162,7 +167,9 @@ pub fn proposals<S: Row>(
     // As far beyond the image as a bone's middle is while the least share is in view.
     let reach = |a: usize| all.iter().flat_map(|t| &t.offsets).map(|o| o[a].unsigned_abs() as usize).max().unwrap_or(0);
     let margin: [usize; 3] = std::array::from_fn(|a| reach(a) * 2 / 5);
-    let places = Places { margin, size: std::array::from_fn(|a| ready.size[a] + 2 * margin[a]) };
+    let stride = [1, S::STRIDE, S::STRIDE];
+    let size = std::array::from_fn(|a| (ready.size[a] + 2 * margin[a]).div_ceil(stride[a]));
+    let places = Places { margin, size, stride };
     let width = places.size[0];
     let mut best = vec![0f32; places.size.iter().product()];
     best.par_chunks_mut(width).enumerate().for_each_init(
@@ -189,7 +196,8 @@ pub fn proposals<S: Row>(
         let mut sums = S::new(3);
         let [i, j, k] = places.voxel(n);
         let mut best = Proposal { evidence: 0.0, middle: Point3::origin(), turn: UnitQuaternion::identity() };
-        for (turned, turn) in all.iter().zip(turns) {
+        for &t in &likely(&mut sums, &all, ready, [i, j, k]) {
+            let (turned, turn) = (&all[t], &turns[t]);
             for (dk, dj) in (-1..=1).flat_map(|dk| (-1..=1).map(move |dj| (dk, dj))) {
                 sums.row(turned, ready, 1 - i, [j + dj, k + dk]);
                 for x in 0..3 {
@@ -214,6 +222,20 @@ pub fn proposals<S: Row>(
     out
 }
 
+/// The turns that are looked at around a place: those of the most evidence at it, where not all are.
+fn likely<S: Row>(sums: &mut S, all: &[Turned], ready: &Ready, [i, j, k]: [i32; 3]) -> Vec<usize> {
+    let mut turns: Vec<usize> = (0..all.len()).collect();
+    let Some(most) = S::TURNS.filter(|most| *most < all.len()) else { return turns };
+    let at = |turned: &Turned| {
+        sums.row(turned, ready, 1 - i, [j, k]);
+        (0..3).map(|x| sums.evidence(x, turned.values.len())).fold(0.0, f32::max)
+    };
+    let evidence: Vec<f32> = all.iter().map(at).collect();
+    turns.sort_by(|&a, &b| evidence[b].total_cmp(&evidence[a]));
+    turns.truncate(most);
+    turns
+}
+
 /// Whether no place around has more evidence; of equal ones the first counts.
 fn peak(best: &[f32], places: &Places, n: usize) -> bool {
     let [ni, nj, nk] = places.size;
@@ -233,6 +255,9 @@ fn peak(best: &[f32], places: &Places, n: usize) -> bool {
 pub struct Sums([Vec<f32>; 6]);
 
 impl Row for Sums {
+    const STRIDE: usize = 1;
+    const TURNS: Option<usize> = None;
+
     fn new(width: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; width]))
     }

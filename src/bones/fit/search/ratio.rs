@@ -3,7 +3,7 @@
 
 use super::super::shape::CHANNELS;
 use super::correlate::{LEAST_SHARE, MOST_CORRELATION, Ready, Row};
-use super::template::{GROUPS, Turned};
+use super::template::{DESCRIBED, GROUPS, Turned};
 use nalgebra::{SMatrix, SVector};
 
 const PAIRS: usize = GROUPS * (GROUPS + 1) / 2;
@@ -20,6 +20,9 @@ const OF_VALUES: usize = PAIRS + GROUPS + 2;
 pub struct RatioSums([Vec<f32>; OF_VALUES + 5]);
 
 impl Row for RatioSums {
+    const STRIDE: usize = 2;
+    const TURNS: Option<usize> = Some(4);
+
     fn new(width: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; width]))
     }
@@ -121,7 +124,7 @@ impl RatioSums {
     /// Evidence of the descriptors for the i-th place.
     fn alike(&self, i: usize, voxels: usize) -> f32 {
         let [n, planning, fraction, both, mean] = std::array::from_fn(|q| self.0[OF_VALUES + q][i]);
-        let share = n / voxels.max(1) as f32;
+        let share = (n * DESCRIBED as f32 / voxels.max(1) as f32).min(1.0);
         let unrelated = planning + fraction - 2.0 * mean;
         if share < LEAST_SHARE || unrelated <= 1e-4 * n {
             return 0.0;

@@ -19,6 +19,8 @@ const AROUND_MM: f64 = 8.0;
 const LEAST_MM3: f64 = 3000.0;
 /// Voxels that a turned bone is compared by, at most.
 const VOXELS: usize = 500;
+/// One in so many of them has a descriptor: neighbours' hold nearly the same.
+pub const DESCRIBED: usize = 3;
 
 /// The planning side of the search: CT and labels, coarse.
 #[derive(Debug, Clone)]
@@ -154,8 +156,10 @@ impl Template<'_> {
         let mut all = all.thinned(VOXELS);
         if let Some(shapes) = shapes {
             let place = |o: &[i32; 3]| centre + back * (fraction.step() * Vector3::from(o.map(f64::from)));
-            let places: Vec<Point3<f64>> = all.offsets.iter().map(place).collect();
-            all.descriptors = shapes.planning(&places, turn);
+            let places: Vec<Point3<f64>> = all.offsets.iter().step_by(DESCRIBED).map(place).collect();
+            all.descriptors = vec![None; all.offsets.len()];
+            let described = all.descriptors.iter_mut().step_by(DESCRIBED);
+            described.zip(shapes.planning(&places, turn)).for_each(|(own, found)| *own = found);
         }
         all
     }

@@ -31,6 +31,9 @@ const PLACES: usize = 400;
 const TURN: f64 = 0.1;
 /// Fewer places in view say nothing.
 const LEAST_PLACES: usize = 40;
+/// Descriptors of a bone of which so little is in view do not count, and those of one of which so much is count whole: what is left
+/// of a cut bone has them at many places.
+const WHOLE: [f64; 2] = [0.35, 0.7];
 /// Share that differs in any image; keeps the logarithm finite.
 const LEAST_SHARE: f64 = 1e-3;
 
@@ -100,7 +103,14 @@ struct Pair<'a> {
 }
 
 impl Shape<'_> {
-    fn pair<'d>(&self, planning: &'d Descriptor, at: Point3<f64>, centre: &Point3<f64>) -> Option<Pair<'d>> {
+    /// Without derivatives, slopes are left out.
+    fn pair<'d>(
+        &self,
+        planning: &'d Descriptor,
+        at: Point3<f64>,
+        centre: &Point3<f64>,
+        derivatives: bool,
+    ) -> Option<Pair<'d>> {
         let grid = &self.fraction.grid;
         let index = grid.index(&at);
         let (size, strides) = (grid.size(), grid.strides());
@@ -122,9 +132,10 @@ impl Shape<'_> {
             let sign: [f64; 3] = std::array::from_fn(|a| if up[a] == 1 { 1.0 } else { -1.0 });
             let weight = w[0] * w[1] * w[2];
             let by = Vector3::new(sign[0] * w[1] * w[2], w[0] * sign[1] * w[2], w[0] * w[1] * sign[2]);
-            for ((value, slope), d) in fraction.iter_mut().zip(&mut slope).zip(&self.fraction.each[l]) {
-                *value += weight * f64::from(*d);
-                *slope += by * f64::from(*d);
+            let each = &self.fraction.each[l];
+            fraction.iter_mut().zip(each).for_each(|(value, d)| *value += weight * f64::from(*d));
+            if derivatives {
+                slope.iter_mut().zip(each).for_each(|(slope, d)| *slope += by * f64::from(*d));
             }
         }
         let back = grid.inverse_step().transpose();
@@ -135,7 +146,7 @@ impl Shape<'_> {
     pub fn add(&self, to: &mut Evaluation, t: &Rigid, centre: &Point3<f64>, held: Option<Held>, derivatives: bool) {
         let all = self.places.points.iter().zip(self.descriptors.iter());
         let pairs: Vec<Pair<'_>> =
-            all.filter_map(|(p, d)| d.as_ref().and_then(|d| self.pair(d, t * p, centre))).collect();
+            all.filter_map(|(p, d)| d.as_ref().and_then(|d| self.pair(d, t * p, centre, derivatives))).collect();
         if pairs.len() < LEAST_PLACES {
             return;
         }
@@ -157,7 +168,9 @@ impl Shape<'_> {
         }
         let apart = apart + LEAST_SHARE * unrelated;
         let view = held.map_or(n / self.places.points.len() as f64, |held| held.view);
-        let scale = self.places.volume_mm3 / INDEPENDENT_MM3 * view;
+        let [none, all] = WHOLE;
+        let whole = ((n / self.places.points.len() as f64 - none) / (all - none)).clamp(0.0, 1.0);
+        let scale = self.places.volume_mm3 / INDEPENDENT_MM3 * view * whole;
         to.cost += 0.5 * scale * (apart / unrelated).ln();
         if !derivatives {
             return;

@@ -64,6 +64,7 @@ pub struct ConsistencyReport {
 /// between them.
 const CONTACT_MM: f64 = 10.0;
 /// Share of the limit beyond which a miss makes its surroundings movable, and below which a voxel counts as mended.
+/// From 0.6 on the same points were left, and moderate took 0.76 s for 0.48.
 const SEED: f64 = 0.8;
 const MENDED: f64 = 0.99;
 /// Distance from such a miss up to which soft tissue may move, mm.
@@ -75,9 +76,11 @@ const WILD_MM: f64 = 4.0;
 /// Times that a step is tried, each half as long as the one before.
 const HALVINGS: usize = 3;
 /// The power of a miss that steps make smaller: high, so that the longest counts, and not so high that nothing else does.
+/// At 6 a phantom keeps one point beyond the limit, at 10 the case change 11; at 8 neither keeps any.
 const POWER: i32 = 8;
 /// Weight of the moves' roughness (differences between neighbours per mm) against the errors: where it starts, by how much it grows after
 /// a step that brought nothing and shrinks after one that did, and where that ends.
+/// Fixed at 0.05 a phantom keeps 16 points beyond the limit, at 0.1 none.
 const ROUGHNESS: f64 = 0.3;
 const STIFFER: f64 = 4.0;
 const SOFTER: f64 = 0.5;

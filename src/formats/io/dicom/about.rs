@@ -30,7 +30,7 @@ pub struct About {
 }
 
 impl About {
-    /// Of a CT series; `None` where the path is no DICOM or no CT series.
+    /// Of a CT or MR series; `None` where the path is no DICOM or no such series.
     pub fn of(path: &Path) -> Option<Self> {
         let (series, _) = is_dicom_path(path).then(|| describe_series(path).ok()).flatten()?;
         Some(Self {

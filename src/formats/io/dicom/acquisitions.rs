@@ -45,9 +45,15 @@ fn by_time(frames: &[Frame]) -> Option<Vec<&'static str>> {
         .then(|| times.iter().map(|t| if *t < middle { "earlier" } else { "later" }).collect())
 }
 
-fn listed(files: &[PathBuf], frames: &[Frame], name: &str, values: &[&str]) -> String {
+/// How many images have each of the values of a name, which belong to `frames` in their order, and the first file of each.
+pub(super) fn listed<'a>(
+    files: &[PathBuf],
+    frames: impl IntoIterator<Item = &'a Frame>,
+    name: &str,
+    values: &[&str],
+) -> String {
     let mut kinds: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
-    for (frame, value) in frames.iter().zip(values) {
+    for (frame, value) in frames.into_iter().zip(values) {
         kinds.entry(value).or_insert((0, frame.object)).0 += 1;
     }
     let one = |(value, (count, object)): (&&str, &(usize, usize))| {

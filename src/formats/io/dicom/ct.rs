@@ -1,4 +1,4 @@
-//! A CT series as a volume in HU.
+//! A CT series as a volume in HU, or an MR series as one of grey values.
 
 use super::super::Loaded;
 use super::super::bytes::{read_bytes, sha256};
@@ -7,9 +7,11 @@ use super::counts::fewer;
 use super::elements::{Item, text, whole};
 use super::find::Object;
 use super::frames::{Frame, frames};
+use super::mr;
 use super::open;
 use super::pixels::{Pixels, believable};
-use super::place::{CT, Chosen, choose};
+use super::place::{Chosen, choose};
+use super::scan::Scan;
 use super::series::{Series, Slice};
 use super::stack::{Stack, stack};
 use crate::error::{Error, Result};
@@ -27,6 +29,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// HU that a place without a measurement may have; other values are replaced by air.
 const PADDING_HU: [f64; 2] = [-4096.0, 4000.0];
 const AIR_HU: f64 = -1024.0;
+/// What a place without a measurement has in an MR: no signal.
+const NO_SIGNAL: f64 = 0.0;
 /// Units of Rescale Type (PS3.3 C.11.1.1.2) that are no HU.
 const NO_HU: [&str; 6] = ["OD", "MGML", "Z_EFF", "ED", "EDW", "PCT"];
 
@@ -39,20 +43,19 @@ pub(super) struct Planned {
     header: Box<DefaultDicomObject>,
 }
 
-/// Reads a CT series in HU, LPS mm, from its folder, from the file of one of its slices, or from
-/// `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's axes are
-/// columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of
-/// the sorted SHA-256 of the files used, one a line.
+/// Reads a CT series in HU, or an MR series in its own grey values ([`Series::modality`] tells which), LPS mm, from its folder,
+/// from the file of one of its slices, or from `FOLDER#SERIES_NUMBER` or `FOLDER#UID` where the folder holds several. The grid's
+/// axes are columns, rows and slices, right-handed; slices are ordered by position. The SHA-256 is that of the sorted SHA-256 of
+/// the files used, one a line.
 ///
 /// # Errors
-/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which
-/// series is meant; when it is no CT; when slices are missing, differ at one place, are tilted or
-/// do not make one volume; when pixels are compressed in a way that is not read; when values are no
-/// HU.
+/// [`Error::Read`] when a file is missing or damaged. [`Error::Input`] when it is not clear which series is meant; when it is
+/// neither CT nor MR, or an MR of maps; when slices are missing, differ at one place, are tilted or do not make one volume; when
+/// pixels are compressed in a way that is not read; when values of a CT are no HU.
 pub fn read_series(path: impl AsRef<Path>) -> Result<Loaded<(Volume<f32>, Series)>> {
     let path = path.as_ref();
     match choose(path)? {
-        (Chosen::Ct(objects, beside), same) => read(&same, objects, beside),
+        (Chosen::Scan(objects, beside), same) => read(&same, objects, beside),
         (Chosen::Dose(..) | Chosen::Labels(_), _) => Err(no_ct(path)),
     }
 }
@@ -67,9 +70,11 @@ pub(super) fn no_ct(path: &Path) -> Error {
 pub(super) fn plan(path: &Path, mut objects: Vec<Object>, mut warnings: Vec<Warning>) -> Result<Planned> {
     let what = path.display().to_string();
     let all = objects.len();
-    objects.retain(|o| CT.contains(&o.sop_class.as_str()));
+    let scan = Scan::of(&objects).unwrap_or(Scan::Ct);
+    objects.retain(|o| Scan::of_class(&o.sop_class) == Some(scan));
     if objects.len() < all {
-        let message = format!("{what}: {} objects that are no CT images are left out", all - objects.len());
+        let (left_out, name) = (all - objects.len(), scan.name());
+        let message = format!("{what}: {left_out} objects that are no {name} images are left out");
         warnings.push(Warning::new(findings::DICOM_LEFT_OUT, message));
     }
     let localizer = |o: &Object| o.image_type().iter().any(|k| k == "LOCALIZER");
@@ -102,17 +107,24 @@ pub(super) fn plan(path: &Path, mut objects: Vec<Object>, mut warnings: Vec<Warn
     warnings.extend(fewer(&what, &objects)?);
     let files: Vec<PathBuf> = objects.iter().map(|o| o.path.clone()).collect();
     let each = objects.par_iter().enumerate().map(|(n, o)| frames(n, o)).collect::<Result<Vec<_>>>()?;
+    let frames: Vec<Frame> = each.into_iter().flatten().collect();
+    if scan == Scan::Mr {
+        mr::one_image(&what, &files, &frames)?;
+    }
     let same = |a: &Frame, b: &Frame| same_values(&files, a, b);
-    let mut stack = stack(&what, &files, each.into_iter().flatten().collect(), &same)?;
+    let mut stack = stack(&what, &files, frames, &same)?;
     warnings.append(&mut stack.warnings);
     let lossy = |o: &&Object| text(&o.header, tags::LOSSY_IMAGE_COMPRESSION) == "01";
     if let Some(object) = objects.iter().find(lossy) {
         let ratio = text(&object.header, tags::LOSSY_IMAGE_COMPRESSION_RATIO);
         let ratio = if ratio.is_empty() { String::new() } else { format!(", {ratio} times smaller") };
-        let message = format!("{what}: its images were compressed with loss{ratio}: edges and HU are not as measured");
+        let message =
+            format!("{what}: its images were compressed with loss{ratio}: edges and values are not as measured");
         warnings.push(Warning::new(findings::DICOM_LOSSY, message));
     }
-    warnings.extend(unit(&what, &stack.frames)?);
+    if scan == Scan::Ct {
+        warnings.extend(unit(&what, &stack.frames)?);
+    }
     let mut series = first.series.clone();
     if series.frame_of_reference.is_empty() {
         let message = format!(
@@ -168,20 +180,25 @@ impl Padding {
     }
 }
 
-/// A frame's values in HU; returns how many that were not measured are air now, since no CT has
-/// such values.
+/// A frame's values in HU, or an MR's; returns how many that were not measured are air now, since no CT has
+/// such values, or show no signal.
 fn fill(pixels: &Pixels, frame: &Frame, padding: Option<&Padding>, out: &mut [f32]) -> usize {
     let [slope, intercept] = frame.scale;
     let mut replaced = 0;
     pixels.each(frame.index, |n, stored| {
-        let mut hu = slope * stored as f64 + intercept;
-        if padding.is_some_and(|p| (p.from..=p.to).contains(&stored)) && !(PADDING_HU[0]..=PADDING_HU[1]).contains(&hu)
-        {
-            hu = AIR_HU;
-            replaced += 1;
+        let mut value = slope * stored as f64 + intercept;
+        if padding.is_some_and(|p| (p.from..=p.to).contains(&stored)) {
+            let (odd, nothing) = match frame.scan {
+                Scan::Ct => (!(PADDING_HU[0]..=PADDING_HU[1]).contains(&value), AIR_HU),
+                Scan::Mr => (value != NO_SIGNAL, NO_SIGNAL),
+            };
+            if odd {
+                value = nothing;
+                replaced += 1;
+            }
         }
         if let Some(out) = out.get_mut(n) {
-            *out = hu as f32;
+            *out = value as f32;
         }
     });
     replaced
@@ -216,14 +233,18 @@ pub(super) fn read(path: &Path, objects: Vec<Object>, beside: Vec<Warning>) -> R
     let used = files.par_iter().zip(parts).with_max_len(1).filter(|(_, parts)| !parts.is_empty());
     let sums = used.map(one).collect::<Result<Vec<_>>>()?;
     let replaced = replaced.into_inner();
+    let scan = frames.first().map_or(Scan::Ct, |f| f.scan);
     if replaced > 0 {
-        let message = format!(
-            "{}: {replaced} voxels that were not measured (Pixel Padding Value) had values that no CT has; they are {AIR_HU} HU",
-            path.display()
-        );
+        let now = match scan {
+            Scan::Ct => format!("had values that no CT has; they are {AIR_HU} HU"),
+            Scan::Mr => format!("had values that no signal has; they are {NO_SIGNAL}"),
+        };
+        let message =
+            format!("{}: {replaced} voxels that were not measured (Pixel Padding Value) {now}", path.display());
         warnings.push(Warning::new(findings::DICOM_PADDING, message));
     }
-    let notes = notes("DICOM CT", &header, &grid, frames.first().map(|f| f.scale), &series.description);
+    let format = format!("DICOM {}", scan.name());
+    let notes = notes(&format, &header, &grid, frames.first().map(|f| f.scale), &series.description);
     let volume = Volume::new(grid, data)?;
     Ok(Loaded { value: (volume, series), path: path.into(), sha256: sum(sums), header: notes, warnings })
 }

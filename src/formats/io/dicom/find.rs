@@ -17,10 +17,13 @@ use std::path::{Path, PathBuf};
 /// Folders deeper than this are not looked into: a link may lead in a circle.
 pub(super) const DEEPEST: usize = 16;
 /// SOP classes whose objects are nothing without pixels; those of CT come first.
-const PIXELS: [&str; 6] = [
+const PIXELS: [&str; 9] = [
     uids::CT_IMAGE_STORAGE,
     uids::ENHANCED_CT_IMAGE_STORAGE,
     uids::LEGACY_CONVERTED_ENHANCED_CT_IMAGE_STORAGE,
+    uids::MR_IMAGE_STORAGE,
+    uids::ENHANCED_MR_IMAGE_STORAGE,
+    uids::LEGACY_CONVERTED_ENHANCED_MR_IMAGE_STORAGE,
     uids::RT_DOSE_STORAGE,
     uids::SEGMENTATION_STORAGE,
     uids::LABEL_MAP_SEGMENTATION_STORAGE,

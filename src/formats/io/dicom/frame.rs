@@ -10,7 +10,7 @@ use std::path::Path;
 /// As what a path is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// A CT series.
+    /// A CT or MR series.
     Image,
     /// A structure set or a segmentation.
     Structures,
@@ -69,7 +69,7 @@ pub fn frame_of(Framed { path, role }: Framed<'_>) -> Result<Option<String>> {
         Role::Structures => of("RTSTRUCT")?,
         Role::Dose => of("RTDOSE")?,
         Role::Image => match choose(path)?.0 {
-            Chosen::Ct(objects, _) | Chosen::Dose(objects, _) => {
+            Chosen::Scan(objects, _) | Chosen::Dose(objects, _) => {
                 objects.into_iter().next().map(|o| o.series.frame_of_reference)
             }
             Chosen::Labels(object) => Some(object.series.frame_of_reference),

@@ -1,8 +1,10 @@
-//! The images of a CT series with their geometry and scale, from single-slice objects (PS3.3
-//! C.7.6.2, C.8.2.1) and from enhanced multi-frame ones (C.7.6.16, C.8.15).
+//! The images of a CT or MR series with their geometry and scale, from single-slice objects (PS3.3
+//! C.7.6.2, C.8.2.1, C.8.3.1) and from enhanced multi-frame ones (C.7.6.16, C.8.13, C.8.15).
 
 use super::elements::{Item, first, items, number, some, text, texts, whole};
 use super::find::Object;
+use super::mr;
+use super::scan::Scan;
 use crate::error::{Error, Result};
 use crate::findings;
 use dicom_core::Tag;
@@ -32,17 +34,21 @@ pub(super) struct Frame {
     pub(super) spacing: [f64; 2],
     /// Columns and rows.
     pub(super) size: [usize; 2],
-    /// Slope and intercept to HU.
+    /// Slope and intercept to HU, or to an MR's grey values.
     pub(super) scale: [f64; 2],
     /// What values are in after scaling; empty where the object does not say.
     pub(super) unit: String,
+    /// What made it.
+    pub(super) scan: Scan,
+    /// Image Type, or Frame Type; of an MR with the part of a complex image.
+    pub(super) kind: Vec<String>,
     /// Whether it is a localizer (PS3.3 C.8.2.1.1.1).
     pub(super) localizer: bool,
     /// What tells images at one place apart: acquisition, number and time.
     pub(super) told: String,
     /// What images of one acquisition and reconstruction have in common, by name.
     pub(super) origin: Vec<(&'static str, String)>,
-    /// When it was acquired, s.
+    /// When it was acquired, s; of an MR unknown, whose slices are measured in turns.
     pub(super) time: Option<f64>,
 }
 
@@ -124,22 +130,27 @@ pub(super) fn plane(path: &Path, places: Places<'_>) -> Result<Plane> {
 
 fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result<Frame> {
     let path = &object.path;
-    let missing = |name: &str| refuse(path, format!("it has no usable {name}"));
+    let scan = Scan::of_class(&object.sop_class).unwrap_or(Scan::Ct);
     let Plane { position, axes, spacing, size } = plane(path, places)?;
-    let scale = places.group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE);
+    let transformation = places.group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE);
     if !items(places.set, tags::MODALITY_LUT_SEQUENCE).is_empty() {
         return Err(refuse(
             path,
             "its values are scaled by a table (Modality LUT Sequence), not by slope and intercept",
         ));
     }
-    let (slope, intercept) = number(scale, tags::RESCALE_SLOPE)
-        .filter(|s| *s != 0.0)
-        .zip(number(scale, tags::RESCALE_INTERCEPT))
-        .ok_or_else(|| missing("Rescale Slope and Rescale Intercept"))?;
-    let kind = match places.group(tags::CT_IMAGE_FRAME_TYPE_SEQUENCE) {
+    let scale = scale(path, transformation, scan)?;
+    let frame_type = match scan {
+        Scan::Ct => places.group(tags::CT_IMAGE_FRAME_TYPE_SEQUENCE),
+        Scan::Mr => places.group(tags::MR_IMAGE_FRAME_TYPE_SEQUENCE),
+    };
+    let kind = match frame_type {
         group if group.get(tags::FRAME_TYPE).is_some() => texts(group, tags::FRAME_TYPE),
         _ => texts(places.set, tags::IMAGE_TYPE),
+    };
+    let kind = match scan {
+        Scan::Ct => kind,
+        Scan::Mr => mr::kind(places.set, kind, &text(frame_type, tags::COMPLEX_IMAGE_COMPONENT)),
     };
     Ok(Frame {
         object: at,
@@ -150,13 +161,30 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
         axes,
         spacing,
         size,
-        scale: [slope, intercept],
-        unit: text(scale, tags::RESCALE_TYPE),
+        scale: scale.unwrap_or([1.0, 0.0]),
+        unit: text(transformation, tags::RESCALE_TYPE),
+        scan,
         localizer: kind.iter().any(|k| k == "LOCALIZER"),
         told: told(places),
-        origin: origin(places),
-        time: time(places),
+        origin: match scan {
+            Scan::Ct => origin(places),
+            Scan::Mr => mr::origin(places, &kind, scale.is_some()),
+        },
+        time: if scan == Scan::Ct { time(places) } else { None },
+        kind,
     })
+}
+
+/// Slope and intercept of an image (PS3.3 C.11.1). Many MR have none, which the MR Image module does not ask for: their stored
+/// values are grey values.
+fn scale(path: &Path, set: &Item, scan: Scan) -> Result<Option<[f64; 2]>> {
+    let both = [tags::RESCALE_SLOPE, tags::RESCALE_INTERCEPT];
+    if scan == Scan::Mr && both.iter().all(|tag| text(set, *tag).is_empty()) {
+        return Ok(None);
+    }
+    let slope = number(set, tags::RESCALE_SLOPE).filter(|s| *s != 0.0);
+    let both = slope.zip(number(set, tags::RESCALE_INTERCEPT)).map(|(slope, intercept)| [slope, intercept]);
+    both.map(Some).ok_or_else(|| refuse(path, "it has no usable Rescale Slope and Rescale Intercept"))
 }
 
 /// Directions of columns and rows, made exactly orthonormal.

@@ -1,4 +1,4 @@
-//! DICOM where an image is asked for: a CT series in HU, or a dose in Gy.
+//! DICOM where an image is asked for: a CT series in HU, an MR series where one may be, or a dose in Gy.
 
 use super::super::Loaded;
 use super::super::bytes::sha256_of;
@@ -8,6 +8,7 @@ use super::super::voxels::{Element, Layout};
 use super::counts::lost_of;
 use super::find::Object;
 use super::place::{Chosen, choose, is_segmentation, objects};
+use super::scan::{Scan, no_hu};
 use super::segmentation::{self, Segment};
 use super::{Dose, Series, ct, dose};
 use crate::error::{Error, Result};
@@ -23,10 +24,25 @@ use std::path::{Path, PathBuf};
 /// Reads a CT series, or a dose.
 ///
 /// # Errors
-/// As [`super::read_series`] and [`super::read_doses`].
+/// As [`super::read_series`] and [`super::read_doses`]; [`Error::Input`] of an MR series, which has no HU.
 pub(in super::super) fn read_image(path: &Path) -> Result<Loaded<Volume<f32>>> {
     match choose(path)? {
-        (Chosen::Ct(objects, beside), same) => {
+        (Chosen::Scan(objects, _), _) if Scan::of(&objects) == Some(Scan::Mr) => Err(no_hu(path)),
+        chosen => read_chosen(path, chosen),
+    }
+}
+
+/// Reads a CT or MR series, or a dose.
+///
+/// # Errors
+/// As [`super::read_series`] and [`super::read_doses`].
+pub(in super::super) fn read_scan(path: &Path) -> Result<Loaded<Volume<f32>>> {
+    read_chosen(path, choose(path)?)
+}
+
+fn read_chosen(path: &Path, chosen: (Chosen, PathBuf)) -> Result<Loaded<Volume<f32>>> {
+    match chosen {
+        (Chosen::Scan(objects, beside), same) => {
             let Loaded { value, path, sha256, header, warnings } = ct::read(&same, objects, beside)?;
             Ok(Loaded { value: value.0, path, sha256, header, warnings })
         }
@@ -73,13 +89,13 @@ pub fn dose_at(path: &Path) -> Result<Loaded<Dose>> {
     }
 }
 
-/// The grid of a CT series, without its pixels, or of a dose.
+/// The grid of a CT or MR series, without its pixels, or of a dose.
 ///
 /// # Errors
-/// As [`read_image`], but for the pixels.
+/// As [`read_scan`], but for the pixels.
 pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
     match choose(path)? {
-        (Chosen::Ct(objects, beside), same) => {
+        (Chosen::Scan(objects, beside), same) => {
             let planned = ct::plan(&same, objects, beside)?;
             Ok((planned.stack.grid, planned.warnings))
         }
@@ -91,13 +107,13 @@ pub(in super::super) fn read_grid(path: &Path) -> Result<(Grid, Vec<Warning>)> {
     }
 }
 
-/// What a CT series says of itself, and its grid, without its pixels.
+/// What a CT or MR series says of itself, and its grid, without its pixels.
 ///
 /// # Errors
 /// As [`super::read_series`], but for the pixels.
 pub fn describe_series(path: &Path) -> Result<(Series, Grid)> {
     match choose(path)? {
-        (Chosen::Ct(objects, beside), same) => {
+        (Chosen::Scan(objects, beside), same) => {
             let planned = ct::plan(&same, objects, beside)?;
             Ok((planned.series, planned.stack.grid))
         }
@@ -113,7 +129,7 @@ pub fn describe_series(path: &Path) -> Result<(Series, Grid)> {
 /// As for finding both.
 pub fn missing_images(of: &Path, series: &Path) -> Result<Option<Warning>> {
     let (series, objects) = match choose(series)? {
-        (Chosen::Ct(objects, _), _) => (series, objects),
+        (Chosen::Scan(objects, _), _) => (series, objects),
         _ => return Ok(None),
     };
     let beside = |file: &Path| objects_root(series).is_some_and(|folder| file.starts_with(folder));
@@ -141,7 +157,22 @@ pub(in super::super) fn load<T>(path: &Path, take: impl FnOnce(&mut Raster<'_>) 
         let stored = Stored { grid: value.volume.grid().clone(), element: Element::U16, bytes, names: value.names };
         return raster(Loaded { value: stored, path, sha256, header, warnings }, take);
     }
-    let Loaded { value, path, sha256, header, warnings } = read_image(path)?;
+    raster_of(read_image(path)?, take)
+}
+
+/// The same of an image that may be an MR.
+///
+/// # Errors
+/// As [`load`] and [`read_scan`].
+pub(in super::super) fn load_scan<T>(
+    path: &Path,
+    take: impl FnOnce(&mut Raster<'_>) -> Result<T>,
+) -> Result<Loaded<T>> {
+    if is_segmentation(path) { load(path, take) } else { raster_of(read_scan(path)?, take) }
+}
+
+fn raster_of<T>(read: Loaded<Volume<f32>>, take: impl FnOnce(&mut Raster<'_>) -> Result<T>) -> Result<Loaded<T>> {
+    let Loaded { value, path, sha256, header, warnings } = read;
     let bytes: Vec<u8> = value.data().par_iter().flat_map_iter(|v| v.to_le_bytes()).collect();
     let stored = Stored { grid: value.grid().clone(), element: Element::F32, bytes, names: BTreeMap::new() };
     raster(Loaded { value: stored, path, sha256, header, warnings }, take)
@@ -187,7 +218,7 @@ fn raster<T>(stored: Loaded<Stored>, take: impl FnOnce(&mut Raster<'_>) -> Resul
 /// As for reading the image, but for its pixels.
 pub(in super::super) fn checksum(path: &Path) -> Result<String> {
     let files: Vec<PathBuf> = match choose(path) {
-        Ok((Chosen::Ct(objects, beside), same)) => {
+        Ok((Chosen::Scan(objects, beside), same)) => {
             ct::used(&ct::plan(&same, objects, beside)?).into_iter().cloned().collect()
         }
         Ok((Chosen::Dose(objects, _), _)) => objects.into_iter().map(|o| o.path).collect(),

@@ -5,6 +5,7 @@ use super::elements::Item;
 use super::image::{describe_series, dose_at};
 use super::place::{is_dicom_path, is_segmentation, segmentation};
 use super::registration::{DerivedRegistration, reference_of, write_deformable};
+use super::scan::Scan;
 use super::series::{Patient, Series};
 use super::structures::{Roi, StructureSet};
 use super::write::{
@@ -12,6 +13,7 @@ use super::write::{
     write_segmentation, write_structures,
 };
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::io::contours::contour_json;
 use crate::volume::contour::{Contours, Structure};
@@ -167,12 +169,17 @@ impl Like {
     /// Writes an image in HU as a series into a folder. `of` is what it was made of, which is referred to where it is DICOM.
     ///
     /// # Errors
-    /// [`Error::Write`]; [`Error::Input`] when it was made of a series of another patient.
+    /// [`Error::Write`]; [`Error::Input`] when it was made of a series of another patient, or of an MR, which has no HU.
     pub fn image(&self, out: &Path, ct: &Volume<f32>, of: Option<&Path>) -> Result<()> {
         let of = of.filter(|path| is_dicom_path(path));
         let source = of.map(|path| Ok::<_, Error>((path, describe_series(path)?.0))).transpose()?;
         if let Some((path, source)) = &source {
             self.same_patient(path, &source.patient)?;
+            if Scan::of_class(&source.sop_class) == Some(Scan::Mr) {
+                let problem = "it is an MR series, and an image is written as a CT series in HU";
+                let remedy = "name a file as --out, for example *.nii.gz, and leave --dicom-like out";
+                return Err(Error::refused(findings::DICOM_NO_CT, path.display().to_string(), problem, remedy));
+            }
         }
         let refuse = |e: std::io::Error| Error::write(out, e.to_string(), "choose a folder that you may write to");
         std::fs::create_dir_all(out).map_err(refuse)?;

@@ -1,4 +1,4 @@
-//! DICOM: CT series, structure sets, dose and registrations, read and written. One file per object.
+//! DICOM: CT and MR series, structure sets, dose and registrations, read and written. One file per object.
 //!
 //! Parsing and encoding is dicom-rs's; here is what the objects mean (DICOM PS3.3). DICOM's patient
 //! coordinates are LPS mm, as everywhere inside the library, so positions pass through unchanged.
@@ -19,11 +19,13 @@ mod frames;
 mod image;
 mod keyhole;
 pub mod like;
+mod mr;
 mod open;
 mod pixels;
 mod place;
 mod planes;
 pub mod registration;
+mod scan;
 mod segmentation;
 mod series;
 mod settle;
@@ -50,11 +52,12 @@ pub use dose::{read_dose, read_doses};
 pub use find::{Catalogue, Group, Object, find};
 pub use frame::{Framed, Role, check_frames, frame_of, same_frame};
 pub(super) use image::read_dose as read_dose_image;
-pub(super) use image::{checksum, load, read_grid, read_image};
+pub(super) use image::{checksum, load, load_scan, read_grid, read_image, read_scan};
 pub use image::{describe_series, dose_at, missing_images};
 pub use like::CarriedDose;
 pub(super) use place::{folder_of, is_place, require};
 pub use place::{is_dicom_path, is_segmentation, is_structure_set};
+pub use scan::{Scan, require_ct, scan_of};
 pub(super) use segmentation::{Segment, bone_or_name, on_grid, read_segmentation};
 pub use series::{Patient, Series, Slice, Study};
 pub use structures::{Roi, StructureSet, read_structure_set};

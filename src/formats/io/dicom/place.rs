@@ -6,16 +6,14 @@ use super::beside::beside;
 use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Damaged, Group, Object, find, medium};
+use super::mr::{only_maps, refuse_map};
 use super::open::{Opened, is_dicom, open};
+use super::scan::Scan;
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::warning::Warning;
 use dicom_dictionary_std::tags;
 use std::path::{Path, PathBuf};
-
-/// SOP classes that are CT images (PS3.4 B.5): CT, Enhanced CT, Legacy Converted Enhanced CT.
-pub(super) const CT: [&str; 3] =
-    ["1.2.840.10008.5.1.4.1.1.2", "1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.2.2"];
 
 /// Modality of segmentations.
 const SEG: &str = "SEG";
@@ -100,7 +98,7 @@ pub(in super::super) fn folder_of(path: &Path) -> Option<PathBuf> {
         return Some(root);
     }
     let slice = || match open(&root, tags::ROI_CONTOUR_SEQUENCE) {
-        Opened::Object(object, _) => CT.contains(&text(&object, tags::SOP_CLASS_UID).as_str()),
+        Opened::Object(object, _) => Scan::of_class(&text(&object, tags::SOP_CLASS_UID)).is_some(),
         _ => false,
     };
     (is_dicom(&root) && slice()).then(|| parent(&root))
@@ -133,8 +131,8 @@ fn holds_dicom(path: &Path, deeper: usize) -> bool {
 
 /// What is read as an image.
 pub(super) enum Chosen {
-    /// The objects of a CT series, and what is to be known of the files beside them.
-    Ct(Vec<Object>, Vec<Warning>),
+    /// The objects of a CT or MR series, and what is to be known of the files beside them.
+    Scan(Vec<Object>, Vec<Warning>),
     /// A dose, or the doses of a series, and the same.
     Dose(Vec<Object>, Vec<Warning>),
     /// A segmentation, which has a grid and is no image.
@@ -154,7 +152,7 @@ pub(super) fn choose(path: &Path) -> Result<(Chosen, PathBuf)> {
         let found = objects(&place.root)?;
         let group = match &place.choice {
             Some(choice) => named(&found, path, choice)?,
-            None => only_ct(&found, path)?,
+            None => only_scan(&found, path)?,
         };
         return Ok((readable(path, group, &found)?, path.into()));
     }
@@ -199,9 +197,14 @@ fn other_kind(damaged: &Damaged, modality: &str) -> Option<bool> {
     of_kind(damaged, modality).filter(|own| !own)
 }
 
-/// Whether a series is of CT slices or frames.
+/// What made the slices or frames of a series; `None` where it is of other objects.
+fn scan(group: &Group<'_>) -> Option<Scan> {
+    Scan::of(group.objects.iter().copied())
+}
+
+/// Whether a series is of CT or MR slices or frames.
 fn is_slice(group: &Group<'_>) -> bool {
-    group.objects.iter().any(|o| CT.contains(&o.sop_class.as_str()))
+    scan(group).is_some()
 }
 
 /// Whether a series is nothing but a localizer.
@@ -213,12 +216,15 @@ fn list(groups: &[Group<'_>]) -> String {
     groups.iter().map(|g| format!("\n    {}; UID {}", g.words(), g.series.uid)).collect()
 }
 
-/// The one CT series of a folder.
-fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
+/// The one CT series of a folder; in one without a CT the one MR series, maps left aside.
+fn only_scan<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
     let groups = found.groups();
-    let mut ct: Vec<Group<'_>> = groups.iter().filter(|g| is_slice(g) && !is_localizer(g)).cloned().collect();
-    match ct.len() {
-        1 => Ok(ct.remove(0)),
+    let of = |made_by: Scan| groups.iter().filter(move |g| scan(g) == Some(made_by) && !is_localizer(g)).cloned();
+    let (maps, mr): (Vec<Group<'_>>, Vec<Group<'_>>) = of(Scan::Mr).partition(|g| only_maps(&g.objects).is_some());
+    let ct: Vec<Group<'_>> = of(Scan::Ct).collect();
+    let (mut all, name) = if ct.is_empty() { (mr, "MR") } else { (ct, "CT") };
+    match all.len() {
+        1 => Ok(all.remove(0)),
         0 => {
             let dose: Vec<&Group<'_>> = groups.iter().filter(|g| g.series.modality == "RTDOSE").collect();
             if let [one] = dose.as_slice() {
@@ -227,6 +233,9 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
             let labels: Vec<&Group<'_>> = groups.iter().filter(|g| g.series.modality == SEG).collect();
             if let ([one], true) = (labels.as_slice(), dose.is_empty()) {
                 return Ok((*one).clone());
+            }
+            if let Some((map, kind)) = maps.first().and_then(|g| only_maps(&g.objects)) {
+                return Err(refuse_map(&path.display().to_string(), &(map, kind), &[]));
             }
             let problem = format!("it holds no CT series:{}", list(&groups));
             Err(Error::refused(
@@ -237,11 +246,11 @@ fn only_ct<'a>(found: &'a Catalogue, path: &Path) -> Result<Group<'a>> {
             ))
         }
         n => {
-            let alone = |g: &&Group<'_>| ct.iter().filter(|o| o.series.number == g.series.number).count() == 1;
-            let number = ct.iter().filter(alone).find_map(|g| g.series.number);
-            let example = number.map_or_else(|| ct[0].series.uid.clone(), |n| n.to_string());
+            let alone = |g: &&Group<'_>| all.iter().filter(|o| o.series.number == g.series.number).count() == 1;
+            let number = all.iter().filter(alone).find_map(|g| g.series.number);
+            let example = number.map_or_else(|| all[0].series.uid.clone(), |n| n.to_string());
             let remedy = format!("choose one by its number or its UID: {}#{example}", path.display());
-            let problem = format!("it holds {n} CT series:{}", list(&ct));
+            let problem = format!("it holds {n} {name} series:{}", list(&all));
             Err(Error::refused(findings::DICOM_SEVERAL, path.display().to_string(), problem, remedy))
         }
     }
@@ -254,8 +263,10 @@ fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a
         |g: &&Group<'_>| g.series.uid == choice || g.series.number.is_some_and(|n| choice.parse::<i32>() == Ok(n));
     let mut matching: Vec<Group<'_>> = groups.iter().filter(chosen).cloned().collect();
     // Planning systems number structures and doses as the CT that they belong to.
-    if matching.len() > 1 && matching.iter().filter(|g| is_slice(g)).count() == 1 {
-        matching.retain(is_slice);
+    for made_by in [Scan::Ct, Scan::Mr] {
+        if matching.len() > 1 && matching.iter().filter(|g| scan(g) == Some(made_by)).count() == 1 {
+            matching.retain(|g| scan(g) == Some(made_by));
+        }
     }
     match matching.len() {
         1 => Ok(matching.remove(0)),
@@ -274,15 +285,19 @@ fn named<'a>(found: &'a Catalogue, path: &Path, choice: &str) -> Result<Group<'a
 /// A series as something that is read, or a refusal by its modality.
 fn readable(path: &Path, group: Group<'_>, found: &Catalogue) -> Result<Chosen> {
     let owned = |objects: Vec<&Object>| objects.into_iter().cloned().collect::<Vec<_>>();
-    if is_slice(&group) {
+    if let Some(made_by) = scan(&group) {
+        if let (Scan::Mr, Some(map)) = (made_by, only_maps(&group.objects)) {
+            let others: Vec<Group<'_>> = found.groups().into_iter().filter(|g| scan(g) == Some(Scan::Mr)).collect();
+            return Err(refuse_map(&path.display().to_string(), &map, &others));
+        }
         let same = |damaged: &Damaged| {
             let told = damaged.series.as_ref().filter(|s| !s.uid.is_empty());
-            told.map(|s| s.uid == group.series.uid).or(other_kind(damaged, "CT"))
+            told.map(|s| s.uid == group.series.uid).or(other_kind(damaged, made_by.name()))
         };
         let mut warnings = beside(path, found, &group.objects, &same)?;
         let all: Vec<&Object> = found.objects.iter().collect();
         warnings.extend(lost_of(&group.objects, &all));
-        return Ok(Chosen::Ct(owned(group.objects), warnings));
+        return Ok(Chosen::Scan(owned(group.objects), warnings));
     }
     let (what, remedy) = match group.series.modality.as_str() {
         "RTDOSE" => {
@@ -296,7 +311,9 @@ fn readable(path: &Path, group: Group<'_>, found: &Catalogue) -> Result<Chosen> 
             return Err(several_labels(path, &group.objects));
         }
         "RTSTRUCT" => ("a structure set, no image", "give it where structures, contours or bones are asked for"),
-        "MR" => ("an MR series: its values are no HU", "give a CT; bones and densities cannot be told from MR values"),
+        "MR" => {
+            ("of modality MR, but no MR image (a screenshot, a spectrum or raw data)", "give the series of the slices")
+        }
         "PT" => ("a PET series: its values are no HU", "give the CT that was taken with it"),
         "RTIMAGE" => ("a projection (RT Image), no volume", "give a CT series"),
         "RTPLAN" => ("a plan, which has no image", "give the CT series, or the RTDOSE of the plan"),

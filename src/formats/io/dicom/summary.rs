@@ -4,7 +4,7 @@
 use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, Group, Object, day, find};
-use super::place::CT;
+use super::scan::Scan;
 use super::series::Patient;
 use super::{ct, dose, segmentation, structures};
 use crate::error::{Error, Result};
@@ -39,7 +39,7 @@ pub struct Entry {
     pub objects: usize,
     /// What it holds, in words.
     pub content: String,
-    /// The grid of a CT series or dose.
+    /// The grid of a CT or MR series, or of a dose.
     pub grid: Option<Grid>,
     /// Frame of reference: entries of one letter can be compared; empty where none is told.
     pub frame: String,
@@ -141,7 +141,7 @@ fn entry(
             problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
         }
     }
-    if s.modality == "CT" {
+    if matches!(s.modality.as_str(), "CT" | "MR") {
         let others: Vec<&Object> = units.iter().flat_map(|u| u.objects.iter().copied()).collect();
         problems.extend(lost_of(&unit.objects, &others).into_iter().map(|w| w.message));
     }
@@ -193,7 +193,7 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
     let Some(first) = unit.objects.first() else { return Ok((String::new(), None, Vec::new())) };
     let images = |word: &str| many(unit.objects.len(), word);
     match unit.series.modality.as_str() {
-        "CT" if unit.objects.iter().any(|o| CT.contains(&o.sop_class.as_str())) => {
+        "CT" | "MR" if Scan::of(unit.objects.iter().copied()).is_some() => {
             let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
             let planned = ct::plan(Path::new("series"), objects, Vec::new())?;
             let grid = planned.stack.grid;
@@ -260,15 +260,13 @@ impl std::fmt::Display for Summary {
             }
             let number = e.number.map_or("none".into(), |n| n.to_string());
             let frame = if e.frame.is_empty() { "none" } else { &e.frame };
-            let description = if e.description.is_empty() { String::new() } else { format!(", {}", e.description) };
-            let (entry, modality, date, content) = (e.entry, &e.modality, day(&e.date), &e.content);
+            let (entry, modality, date) = (e.entry, &e.modality, day(&e.date));
             let file = e.path.as_deref().and_then(|p| p.strip_prefix(&self.path).ok());
             let file = file.filter(|p| !p.as_os_str().is_empty());
-            let file = file.map_or(String::new(), |p| format!(", {}", p.display()));
-            writeln!(
-                f,
-                "  {entry:>5}  {number:>6}  {modality:<8}  {date:<10}  {frame:<5}  {content}{description}{file}"
-            )?;
+            let file = file.map_or(String::new(), |p| p.display().to_string());
+            let told = [e.content.as_str(), e.description.as_str(), file.as_str()];
+            let told = told.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ");
+            writeln!(f, "  {entry:>5}  {number:>6}  {modality:<8}  {date:<10}  {frame:<5}  {told}")?;
             if !e.refers_to.is_empty() {
                 let to = e.refers_to.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                 writeln!(f, "  {:>5}  refers to entry {to}", "")?;
@@ -284,16 +282,26 @@ impl std::fmt::Display for Summary {
         if frames.len() > 1 {
             writeln!(f, "  {} frames of reference: positions can be compared within one letter only", frames.len())?;
         }
-        let series = self.entries.iter().filter(|e| e.modality == "CT" && e.number.is_some()).nth(1);
-        if let Some(number) = series.and_then(|e| e.number) {
+        for modality in ["CT", "MR"] {
+            let of = |e: &&Entry| e.modality == modality && e.number.is_some();
+            let series: Vec<&Entry> = self.entries.iter().filter(of).collect();
+            let [_, second, ..] = series.as_slice() else { continue };
             let path = self.path.display();
-            writeln!(
-                f,
-                "  several CT series: {path}#{number} means the one whose number in the column `series` is {number}"
-            )?;
+            // A number names a series as long as no other has it.
+            match second.number {
+                Some(number) if series.iter().filter(|e| e.number == second.number).count() == 1 => writeln!(
+                    f,
+                    "  several {modality} series: {path}#{number} means the one whose number in the column `series` is {number}"
+                )?,
+                _ => writeln!(
+                    f,
+                    "  several {modality} series of one number: {path}#{} means that of entry {}",
+                    second.series, second.entry
+                )?,
+            }
         }
         if self.other_files > 0 {
-            writeln!(f, "  {} other files", self.other_files)?;
+            writeln!(f, "  {} other {}", self.other_files, if self.other_files == 1 { "file" } else { "files" })?;
         }
         for damaged in &self.damaged {
             writeln!(f, "  damaged: {damaged}")?;

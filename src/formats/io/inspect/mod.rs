@@ -6,7 +6,7 @@ mod text;
 pub use folder::{FolderCheck, check_folder};
 
 use super::labels::is_label;
-use super::load::load;
+use super::load::load_scan;
 use super::names::header_names;
 use super::raster::{GeometrySource, HeaderNotes, Raster, VectorKind};
 use super::voxels::Layout;
@@ -124,7 +124,7 @@ pub enum Content {
 /// As for reading an image, except that values which are not finite are counted, not refused.
 pub fn inspect(path: impl AsRef<Path>) -> Result<Inspection> {
     let path = path.as_ref();
-    let loaded = load(path, |raster| Ok((raster.grid.clone(), content(path, raster)?)))?;
+    let loaded = load_scan(path, |raster| Ok((raster.grid.clone(), content(path, raster)?)))?;
     let (grid, content) = loaded.value;
     let orientation = orientation(&grid);
     let (path, sha256, header, warnings) = (loaded.path, loaded.sha256, loaded.header, loaded.warnings);
@@ -147,7 +147,9 @@ pub fn compare_grids(files: &[Inspection]) -> Vec<String> {
             let [m, n] = [a, b].map(|g| g.size().map(|s| s.to_string()).join(" x "));
             format!("{n} voxels, not {m}; middles {:.1} mm apart", (a.middle() - b.middle()).norm())
         };
-        format!("{} is NOT on the grid of {}: {why}", name(other), name(first))
+        let labels = [first, other].iter().any(|f| matches!(f.content, Content::Labels { .. }));
+        let may = if labels { "" } else { "; a fraction or a dose need not be" };
+        format!("{} is NOT on the grid of {}: {why}{may}", name(other), name(first))
     };
     others.iter().map(compare).collect()
 }

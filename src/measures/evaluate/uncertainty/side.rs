@@ -9,6 +9,7 @@ use rayon::prelude::*;
 /// Spacing at which the map is computed, mm.
 const SPACING_MM: f64 = 3.0;
 /// Width (sigma) of the averages of difference and gradient, mm.
+/// The features that the map was chosen from have it (docs/decisions/uncertainty.md).
 pub(super) const AVERAGE_MM: f64 = 4.0;
 /// The planning CT and its bones at the resolution of the map.
 #[derive(Debug, Clone)]

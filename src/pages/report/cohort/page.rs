@@ -23,6 +23,11 @@ svg.course polyline { fill: none; stroke: var(--bar); stroke-width: 1.6; }
 svg.course circle { fill: var(--after); }
 svg.course circle.apart { fill: #d97706; }
 svg.course line { stroke: var(--line); stroke-width: 1; }
+@page { size: landscape; }
+@media print {
+  .scrolled { overflow: visible; }
+  table.runs th, table.runs td { padding-right: 4px; font-size: 7px; line-height: 1.4; }
+}
 ";
 
 /// Width and height of a course, and the room around it.

@@ -131,14 +131,14 @@ impl SampledDose {
         }
         for s in &self.structures {
             let named = |f: &&FigureBand| ["mean", "D95", "D0.03cc"].contains(&f.figure.as_str());
-            let cell = |f: &FigureBand| format!("{} {:.2} ({:.2} to {:.2})", f.figure, f.value, f.low, f.high);
+            let cell = |f: &FigureBand| format!("{} {:.2} (90 %: {:.2} to {:.2})", f.figure, f.value, f.low, f.high);
             let cells: Vec<String> = s.figures.iter().filter(named).map(cell).collect();
             text += &format!("  {}: {} Gy\n", s.name, cells.join(", "));
         }
         for d in &self.limits {
             let word = word(d.decision);
             text += &format!(
-                "  limit {} {}: {word} ({:.2}, {:.2} to {:.2})\n",
+                "  limit {} {}: {word} ({:.2}, 90 %: {:.2} to {:.2})\n",
                 d.limit.structure,
                 d.limit.text(),
                 d.found,

@@ -179,7 +179,7 @@ pub(super) fn rows(report: &EvaluationReport, part: &str) -> Vec<FigureRow> {
 pub(super) fn number(value: f64, unit: &str) -> String {
     let size = value.abs();
     match unit {
-        "cells" | "voxels" | "pairs" | "points" => format!("{value:.0}"),
+        "cells" | "voxels" | "pairs" | "points" | "warning" | "warnings" => format!("{value:.0}"),
         _ if size == 0.0 => "0".into(),
         _ if size < 0.001 => format!("{value:.1e}"),
         _ if size < 10.0 => format!("{value:.3}"),
@@ -193,7 +193,8 @@ mod tests {
 
     #[test]
     fn numbers_have_the_digits_they_deserve() {
-        let shown = [(0.0, "mm"), (12.0, "cells"), (5.4e-7, "mm"), (0.123_45, "mm"), (123.456, "HU")];
-        assert_eq!(shown.map(|(v, u)| number(v, u)), ["0", "12", "5.4e-7", "0.123", "123.5"]);
+        let shown =
+            [(0.0, "mm"), (12.0, "cells"), (6.0, "warnings"), (5.4e-7, "mm"), (0.123_45, "mm"), (123.456, "HU")];
+        assert_eq!(shown.map(|(v, u)| number(v, u)), ["0", "12", "6", "5.4e-7", "0.123", "123.5"]);
     }
 }

@@ -3,7 +3,7 @@
 use super::super::html::paper::{more, printed};
 use super::super::html::verdict::{identity, review, table as verdicts, verdict};
 use super::super::html::{data_url, head, inputs, warnings};
-use super::super::numbers::utc;
+use super::super::numbers::{threads, utc};
 use super::super::viewer::policy;
 use super::figures::{PARTS, figures, rows};
 use super::pictures::BEFORE;
@@ -247,6 +247,6 @@ fn provenance(report: &EvaluationReport) -> Markup {
         (inputs(&report.inputs, "evaluation.json"))
         h3 { "Command" }
         pre { span.clip { (report.command) } }
-        p.note { (format!("{seconds:.1} s on {} threads: ", report.threads)) (report.stages.iter().map(|s| format!("{} {:.1} s", s.stage, s.seconds)).collect::<Vec<_>>().join(", ")) }
+        p.note { (format!("{seconds:.1} s on {}: ", threads(report.threads))) (report.stages.iter().map(|s| format!("{} {:.1} s", s.stage, s.seconds)).collect::<Vec<_>>().join(", ")) }
     }
 }

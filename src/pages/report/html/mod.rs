@@ -8,7 +8,7 @@ mod tables;
 pub(super) mod verdict;
 mod view;
 
-use super::numbers::{Report, utc};
+use super::numbers::{Report, threads, utc};
 use super::pictures::Picture;
 use super::viewer::{View, policy, section};
 use crate::pipeline::FractionKind;
@@ -184,7 +184,7 @@ fn stages(report: &Report) -> Markup {
     let longest = report.stages.iter().map(|s| s.seconds).fold(1e-9, f64::max);
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", at most {:.2} GB of memory", b as f64 / 1e9));
     html! {
-        p { (format!("{:.1} s in all on {} threads{memory}.", report.seconds(), report.threads)) }
+        p { (format!("{:.1} s in all on {}{memory}.", report.seconds(), threads(report.threads))) }
         div.bars {
             @for s in &report.stages {
                 span { (s.stage) }

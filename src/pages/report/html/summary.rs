@@ -1,6 +1,6 @@
 //! Top of the page: whose scans, and the key figures.
 
-use super::super::numbers::{Report, count, utc};
+use super::super::numbers::{ONE_SCAN, Report, count, utc};
 use super::verdict::identity;
 use crate::config::InputRole;
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
@@ -46,16 +46,19 @@ pub(super) fn header(report: &Report, title: &str) -> Markup {
     } else {
         scan(InputRole::Fraction)
     };
-    // Adding 0 turns the minus of a zero away.
-    let s = report.couch.shift().map(|c| (c * 10.0).round() / 10.0 + 0.0);
+    let couch = &report.couch;
+    let lies = format!(
+        " (the patient lies {}; a couch corrects this the other way; scanner origins included)",
+        couch.towards()
+    );
     html! {
         header {
             p.brand { "aventail \u{b7} deformable registration report" }
             h1 { span.clip { (title) } }
             dl.case {
                 div { dt.planning { "Planning" } dd { (scan(InputRole::Planning)) br; span.note { (grid(&report.planning_grid)) } } }
-                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } } }
-                div { dt { "Couch shift" } dd { (format!("{:.1} mm", s.norm())) span.note { (format!(" (left {:.1}, back {:.1}, head {:.1}; scanner origins included)", s.x, s.y, s.z)) br; (matched(report)) } } }
+                div { dt.fraction { "Fraction" } dd { (fraction) br; span.note { (grid(&report.fraction_grid)) @if let Some(kind) = &report.fraction_kind { br; (kind) } } @if report.one_scan() { br; strong { (ONE_SCAN) } } } }
+                div { dt { "Couch shift" } dd { (format!("{:.1} mm", couch.shift().norm())) span.note { (lies) br; (matched(report)) } } }
                 div { dt { "Made" } dd { (utc(report.created)) span.note { " by aventail " (report.version) } } }
             }
         }
@@ -141,7 +144,7 @@ pub(super) fn cards(report: &Report) -> Markup {
             @if given > 0 {
                 (card("Bones given their motion", html! { (given) small { " of " (report.bones.len()) } }, "no image took part; the others follow their joints"))
             } @else {
-                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; the others follow their joints")))
+                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; what is not found follows its joint")))
             }
             @if let Some(images) = &report.agreement {
                 (card("Images agree at bones / in soft tissue", html! { (correlation(images.bones)) " / " (correlation(images.soft_tissue)) }, &before(images)))

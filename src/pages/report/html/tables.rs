@@ -155,8 +155,8 @@ pub(super) fn trust(report: &Report) -> Markup {
     html! {
         div {
             p.note {
-                "One standard deviation: at least two thirds of errors should be smaller, and nearly all below three times as much. Estimated, not "
-                "measured: on cases with known truth it ranks places rightly (Spearman 0.5 to 0.6), and 60 to 90 % of errors lie below it "
+                "One standard deviation: about two thirds of errors should be smaller. Estimated, not measured: on CTs with known truth it "
+                "ranks places roughly (Spearman 0.5 to 0.6); 65 to 87 % of errors lie below it and 99 % below three times as much "
                 "(docs/validation.md)."
             }
             table {
@@ -304,7 +304,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
                     tr { td { "Inverse-consistency error (planning to fraction and back) away from bone contact, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
                     tr { td { "Of those, beyond the limit (before soft tissue was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
-                    tr { td { "Voxels inverted" } td.n { (count(r.n)) } }
+                    tr { td { "Voxels inverted, of all in the fraction's grid (shares are of these)" } td.n { (count(r.n)) " of " (count(inverse.voxels)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
                     tr { td { "Not converged, in tissue" } td.n { (share(inverse.unconverged_tissue)) } }
                     tr { td { "Of those, shown as outside the planning scan" } td.n { (inverse.strayed) } }

@@ -186,7 +186,7 @@ pub(super) fn fused(overlay: Overlay, plane: &Plane, planning: &[f32], fraction:
 /// What the colours mean.
 pub(super) fn colours(overlay: Overlay, legend: &mut Legend<'_>) {
     if overlay == Overlay::Checks {
-        legend.swatch([170; 3], &format!("planning CT and fraction in turns, squares of {CHECK_MM} mm"));
+        legend.swatch([170; 3], &format!("planning and fraction in turns, {CHECK_MM} mm"));
         return;
     }
     legend.swatch(BLUE, "planning CT");

@@ -28,6 +28,14 @@ pub(super) struct PictureScene<'a> {
     pub(super) shift_before: Option<Vector3<f64>>,
 }
 
+/// The planes that were chosen for both scans.
+struct Chosen {
+    planning: Vec<Plane>,
+    fraction: Vec<Plane>,
+    /// What they go through and why.
+    focus: String,
+}
+
 /// Share of the fraction's box that the planning scan must cover for the picture before registration to be as scanned.
 const LEAST_OVERLAP: f64 = 0.25;
 /// Rim around the patient, mm.
@@ -60,7 +68,7 @@ impl<'a> PictureScene<'a> {
         }
         let planning = planes(&regions(&body, &from, case.planning.ct.grid()), &from).into();
         let fraction = planes(&regions(&moved, &to, case.fraction.ct.grid()), &to).into();
-        Self::of_planes(case, outcome, planning, fraction, moved, told, shift_before)
+        Self::of_planes(case, outcome, Chosen { planning, fraction, focus: told }, moved, shift_before)
     }
 
     /// One plane of planning and one of the fraction, through this coordinate (LPS mm) of both; what is drawn over them
@@ -75,19 +83,18 @@ impl<'a> PictureScene<'a> {
             vec![Plane::alone(kind, &region, &through).keeping_shapes()]
         };
         let (planning, fraction) = (plane(&body, case.planning.ct.grid()), plane(&moved, case.fraction.ct.grid()));
-        let told = format!("{} at {at:.1} mm", kind.name());
-        Self::of_planes(case, outcome, planning, fraction, moved, told, shift_before)
+        let focus = format!("{} at {at:.1} mm", kind.name());
+        Self::of_planes(case, outcome, Chosen { planning, fraction, focus }, moved, shift_before)
     }
 
     fn of_planes(
         case: &'a Case,
         outcome: &'a Outcome,
-        planning: Vec<Plane>,
-        fraction: Vec<Plane>,
+        chosen: Chosen,
         moved: Vec<Point3<f64>>,
-        focus: String,
         shift_before: Option<Vector3<f64>>,
     ) -> Self {
+        let Chosen { planning, fraction, focus } = chosen;
         let hu = |ct, planes: &[Plane]| planes.iter().map(|plane| plane.hu(ct)).collect::<Vec<_>>();
         let fraction_hu = hu(&case.fraction.ct, &fraction);
         let mut scene = Self {

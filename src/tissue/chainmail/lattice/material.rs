@@ -84,6 +84,7 @@ const fn knot(hu: f32, min: f32, max: f32, shear: f32) -> Knot {
 }
 
 /// Air below -500 HU, rigid from 250 HU; soft tissue from 40 % to 10 % of a link between fat and dense muscle.
+/// The thesis prints the end points alone; these and the next were set before any result was seen.
 const STIFF: [Knot; 5] = [
     knot(-500.0, 0.0, 2.0, 1.0),
     knot(-200.0, 0.6, 1.4, 0.4),

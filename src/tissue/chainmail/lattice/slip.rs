@@ -53,6 +53,7 @@ impl SlipOptions {
 }
 
 /// Vessels and airways up to twice this width belong to the lung, mm.
+/// At 3 mm a chest errs by 1.825 mm for 1.820, at 12 nothing changes.
 const VESSELS_MM: f64 = 6.0;
 
 /// A region that slides along its border.
@@ -74,8 +75,10 @@ pub struct Slip {
 }
 
 /// Width (sigma) of the average that gives the surface its normal, in elements.
+/// At 0.6 nothing changes, at 2.4 a chest errs by 1.823 mm for 1.820.
 const SMOOTH: f64 = 1.2;
 /// A surface is near where the share changes by so much from an element to the next.
+/// Half or twice as much moves no mean error by 0.003 mm.
 const NEAR: f64 = 1e-2;
 
 impl Slip {

@@ -52,12 +52,14 @@ pub struct Relaxation<'a> {
     scale: Vec<f32>,
 }
 
-/// Steps of the local rotations in each round.
+/// Steps of the local rotations in each round, which go on from those of the last.
 const STEPS: usize = 2;
 
 /// An element goes this many times as far as to where its links would let it rest (successive over-relaxation).
+/// With it 3 rounds after a comparison do what 8 did (0.291 mm before and after on moderate).
 const OVER: f32 = 1.7;
 /// Sweeps over the elements after each fit of their rotations.
+/// Three, with two rounds for three, gave 0.290 for 0.291 mm on moderate and were slower.
 const SWEEPS: usize = 2;
 
 impl<'a> Relaxation<'a> {
@@ -282,6 +284,7 @@ impl<'a> Relaxation<'a> {
 /// Local rotation minus identity of every node that `displacement` means, column by column; 0 outside. `turns` are the bones'
 /// rotations.
 pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<f64>]) -> Vec<Turn> {
+    /// More than in a round: they begin at no rotation.
     const STEPS: usize = 12;
     let (links, softness) = (Links::new(lattice, true), softness(lattice, Elasticity::Corotated));
     let u: Vec<Lanes> = displacement.iter().map(|u| [u[0], u[1], u[2], 0.0]).collect();

@@ -9,10 +9,13 @@ use crate::volume::Mask;
 use rayon::prelude::*;
 
 /// Relative volume of a cell's corner below which (or above its inverse) images free its elements.
+/// Without it 215 cells of moderate folded; at 0.6 a chest errs by 1.841 mm for 1.820.
 const LEAST_VOLUME: f64 = 0.3;
 /// Times that elements are freed of images at each spacing.
+/// Half or twice as many move no mean error by 0.003 mm.
 const RELEASES: usize = 6;
 /// Links around a tangled cell that settle anew when it is freed.
+/// Halved nothing changes, at 10 a chest errs by 1.811 mm for 1.820.
 const AROUND: usize = 5;
 
 /// Relaxes by mechanics alone (several times where organs change their volume, until they do), then by the images.
@@ -82,6 +85,7 @@ fn set(nodes: &mut [bool], more: &[bool]) {
 }
 
 /// Share of the soft elements that may still move after the last comparison.
+/// Half or twice as much moves no mean error by 0.003 mm.
 const STILL_MOVING: f64 = 0.01;
 
 /// Those of `nodes` that have moved by more than `least`, mm.

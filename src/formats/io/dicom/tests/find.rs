@@ -40,7 +40,7 @@ fn the_summary_tells_what_refers_to_what_and_hides_names() {
         "6 slices, 5 x 4 x 6, 1.5 x 2 x 3 mm",
         "1 structure,",
         "refers to entry 1",
-        "1 other files",
+        "1 other file\n",
         "PLAN PHYSICAL GY",
     ] {
         assert!(text.contains(word), "{word}: {text}");

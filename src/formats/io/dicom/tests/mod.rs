@@ -8,6 +8,7 @@ mod dose;
 mod find;
 mod like;
 mod make;
+mod mr;
 mod multi;
 mod pixels;
 mod places;

@@ -39,7 +39,7 @@ fn a_slice_means_its_series_and_a_number_one_of_several() {
 #[test]
 fn other_modalities_are_refused_with_words() {
     for (modality, word) in
-        [("MR", "MR series"), ("PT", "PET"), ("RTIMAGE", "projection"), ("RTSTRUCT", "structure set")]
+        [("MR", "no MR image"), ("PT", "PET"), ("RTIMAGE", "projection"), ("RTSTRUCT", "structure set")]
     {
         let dir = tempfile::tempdir().unwrap();
         let mut set = base("1.2.3", "1.5.1", "1.7.9", modality);
