@@ -198,7 +198,13 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
-            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, format!("{}: {:.0} % of it should be visible in the fraction CT but its contrast is not found there (voxels of 2.5 mm and more do that to thin bones, too); it follows its joint", bone.name, 100.0 * bone.visible)));
+            let message = format!(
+                "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but too little of its \
+                 contrast is found to place it (voxels of 2.5 mm and more do that to thin bones, too)",
+                bone.name,
+                100.0 * bone.visible
+            );
+            out.push(Warning::new(findings::BONE_NOT_EXPLAINED, message));
         }
         let beyond = &bone.beyond_range;
         if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {
@@ -277,7 +283,7 @@ mod tests {
             ..bone("hyoid", Stop::FollowsJoint, 0.0)
         };
         let [(code, message)] = &told(seen(0.92, DeterminedBy::Joint))[..] else { panic!("one warning") };
-        assert!(code == "bone-not-explained" && message.contains("hyoid: 92 %"), "{code}: {message}");
+        assert!(code == "bone-not-explained" && message.contains("hyoid follows its joint: 92 %"), "{code}: {message}");
         // Out of view it follows its joint, as it must.
         assert_eq!(told(seen(0.2, DeterminedBy::Joint)), []);
         assert_eq!(told(seen(0.92, DeterminedBy::Image)), []);

@@ -53,9 +53,7 @@ pub type Names = BTreeMap<u16, String>;
 /// As [`io::read_scan`].
 pub fn image(role: InputRole, source: Source<Volume<f32>>, provenance: &mut Provenance) -> Result<Volume<f32>> {
     match source {
-        Source::File(path) => {
-            Ok(provenance.take_scan(role, io::read_scan(path)?))
-        }
+        Source::File(path) => Ok(provenance.take_scan(role, io::read_scan(path)?)),
         Source::Memory(volume) => Ok(volume),
     }
 }
