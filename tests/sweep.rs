@@ -220,7 +220,9 @@ impl Row {
             self.rival = seen.map(bone).collect::<Vec<_>>().join(";");
         }
         let proposed = found.weighed.hypotheses.iter().map(|h| {
-            let right = level_apart(skeleton, &h.transforms, &truth, |b| h.evidence[b] > 0.0);
+            // Where bones out of view are is a guess.
+            let most = h.evidence.iter().copied().fold(0.0, f64::max);
+            let right = level_apart(skeleton, &h.transforms, &truth, |b| h.evidence[b] > 0.2 * most);
             format!("{:.4}:{:.2}:{}", h.cost, h.apart_mm, number(right))
         });
         self.hypotheses = proposed.collect::<Vec<_>>().join(";");
