@@ -23,6 +23,7 @@ mod images;
 mod invariance;
 mod labels;
 mod library;
+mod mr;
 mod page;
 mod phantom;
 mod pose;

@@ -233,9 +233,11 @@ fn a_series_says_itself_whether_it_is_a_ct_or_an_mr() {
     assert!(error.contains("it is a CT series, and the settings say an MR"), "{error}");
     let error = refused(ct, &[ct, mr], &[], 2);
     assert!(error.contains("are of two modalities"), "{error}");
-    // Planning is a CT.
+    let error = refused(mr, &[mr], &["--planning-modality", "ct"], 2);
+    assert!(error.contains("the settings say a CT (--planning-modality)"), "{error}");
+    // As planning it is read; contours of another frame do not lie on it.
     let error = refused(mr, &[mr], &[], 4);
-    assert!(error.contains("[dicom-no-ct]") && error.contains("MR series"), "{error}");
+    assert!(!error.contains("[dicom-no-ct]") && error.contains("frame"), "{error}");
     // Grey values of an MR go through a field as they are, and into no CT series.
     let pull = folder().join("dicom_mr_pull.mha");
     let grid = Grid::axis_aligned(SIZE, [2.0, 2.0, 3.0], [10.0, 20.0, 30.0]).unwrap();

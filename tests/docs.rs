@@ -255,11 +255,108 @@ fn paths_in_the_documents_are_there() {
     assert!(missing.is_empty(), "{missing:#?}");
 }
 
+/// Pages of figures: each of their tables stands in docs/data, or a test makes it.
+const FIGURES: [&str; 4] = ["validation.md", "performance.md", "study.md", "real.md"];
+
+/// A table of docs/data in Markdown, its first row the header; and what its first lines do not say of where it comes from.
+fn table_of(path: &Path) -> (String, Vec<&'static str>) {
+    let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let said = |key: &str| {
+        let start = format!("# {key}: ");
+        text.lines().any(|line| line.strip_prefix(&start).is_some_and(|rest| !rest.trim().is_empty()))
+    };
+    let lacking = ["command", "date", "machine"].into_iter().filter(|key| !said(key)).collect();
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).comment(Some(b'#')).from_reader(text.as_bytes());
+    let mut table = String::new();
+    for (n, row) in reader.records().enumerate() {
+        let row = row.unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        let cells = row.iter().map(|cell| if cell.is_empty() { " |".to_owned() } else { format!(" {cell} |") });
+        table += &format!("|{}\n", cells.collect::<String>());
+        if n == 0 {
+            table += &format!("|{}\n", "---|".repeat(row.len()));
+        }
+    }
+    (table, lacking)
+}
+
+/// The name in `<!-- table: NAME -->`.
+fn table_named(line: &str) -> Option<&str> {
+    line.strip_prefix("<!-- table: ")?.strip_suffix(" -->")
+}
+
+/// A page with its tables as docs/data has them, and the files that they come from.
+fn rendered(page: &Path, text: &str) -> (String, Vec<PathBuf>) {
+    let (mut made, mut files) = (String::new(), Vec::new());
+    let mut inside = false;
+    for line in text.lines() {
+        inside &= line != "<!-- end -->";
+        if !inside {
+            made += &format!("{line}\n");
+        }
+        if let Some(name) = table_named(line) {
+            let file = page.parent().unwrap_or(page).join(name);
+            made += &table_of(&file).0;
+            files.push(file);
+            inside = true;
+        }
+    }
+    assert!(!inside, "{}: a table without `<!-- end -->`", page.display());
+    (made, files)
+}
+
+/// What a page says and docs/data does not is an old figure. After a change of the data:
+/// `AVENTAIL_WRITE_DOCS=1 cargo test --release --test all docs`.
+#[test]
+fn tables_of_the_pages_are_those_of_their_data() {
+    let docs = root().join("docs");
+    let mut used = BTreeSet::new();
+    for page in documents().into_iter().filter(|path| path.starts_with(&docs)) {
+        let text = fs::read_to_string(&page).unwrap();
+        if !text.lines().any(|line| table_named(line).is_some()) {
+            continue;
+        }
+        let (made, files) = rendered(&page, &text);
+        if made != text && std::env::var_os("AVENTAIL_WRITE_DOCS").is_some() {
+            fs::write(&page, &made).unwrap();
+        } else {
+            assert!(
+                made == text,
+                "{} is not what docs/data says; this test's comment says how to write it",
+                page.display()
+            );
+        }
+        used.extend(files);
+    }
+    let data = fs::read_dir(docs.join("data")).unwrap().map(|entry| entry.unwrap().path());
+    for path in data.filter(|path| path.extension().is_some_and(|e| e == "csv")) {
+        let lacking = table_of(&path).1;
+        assert!(lacking.is_empty(), "{}: no `# ...: ` of {lacking:?}", path.display());
+        assert!(used.contains(&path), "{}: in no page", path.display());
+    }
+}
+
+#[test]
+fn no_table_of_figures_stands_without_its_data() {
+    let mut bare = Vec::new();
+    for page in FIGURES {
+        let text = fs::read_to_string(root().join("docs").join(page)).unwrap();
+        let mut made = false;
+        for (n, line) in text.lines().enumerate() {
+            if line.starts_with("<!-- ") {
+                made = !line.starts_with("<!-- end");
+            } else if line.starts_with('|') && !made {
+                bare.push(format!("docs/{page}:{}", n + 1));
+            }
+        }
+    }
+    assert!(bare.is_empty(), "rows of tables outside `<!-- table: data/NAME.csv -->` and `<!-- end -->`: {bare:?}");
+}
+
 /// Nobody reads more: what a page gains another loses.
 #[test]
 fn the_documents_stay_short() {
     let of = |path: &Path| path.starts_with(root().join("docs")) || path == root().join("README.md");
     let words = |path: &PathBuf| fs::read_to_string(path).unwrap().split_whitespace().count();
     let all: usize = documents().iter().filter(|path| of(path)).map(words).sum();
-    assert!(all < 38_500, "{all} words in README and docs");
+    assert!(all < 25_000, "{all} words in README and docs");
 }

@@ -74,15 +74,21 @@ fn bracketed(finding: Option<&Finding>) -> String {
 
 /// Letters of a line that a message shows at most.
 const LONGEST: usize = 600;
+/// So many of them are its last: there a program's words say why it failed.
+const LAST: usize = 200;
 
-/// A text whose lines end early: of a wrong file one line may be megabytes.
+/// A text whose lines lose their middle: of a wrong file one line may be megabytes.
 fn clipped(text: String) -> String {
     if text.len() <= LONGEST {
         return text;
     }
-    let clip = |line: &str| match line.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{} ...", &line[..end]),
-        None => line.to_owned(),
+    let clip = |line: &str| {
+        let letters = line.char_indices().map(|(at, _)| at);
+        let (mut first, mut last) = (letters.clone().skip(LONGEST - LAST), letters.rev());
+        match (first.next(), first.nth(LAST), last.nth(LAST - 1)) {
+            (Some(end), Some(_), Some(start)) => format!("{} ... {}", &line[..end], &line[start..]),
+            _ => line.to_owned(),
+        }
     };
     text.lines().map(clip).collect::<Vec<_>>().join("\n")
 }

@@ -15,7 +15,7 @@ DIR          ct_1.nii.gz, ct_2.nii.gz, ... (any number), bones_1.nii.gz (labels 
 The first scan is registered to every other; of three or more every other also to every third, with the first's bones carried
 by aventail's own field. The patient is what aventail finds in each scan. Measured in the first scan, lengths in mm:
   surface    distance of each bone's surface (350 HU), mapped, to the nearest surface of the other scan that faces the same way,
-             along its normal; the floor is what it gives for a scan and itself on a grid half a voxel away (cubic)
+             along its normal; scan 2 against itself: the same scan on a grid half a voxel away (cubic)
   left       how far a rigid fit of one bone's surface would still move it: what the distance to the nearest surface hides
   bent       rms departure of each bone from rigid motion
   skin       distance of the skin (-350 HU) to the other scan's; positive: mapped outside of it
@@ -190,7 +190,7 @@ def mean(bones, value):
 def tables(result):
     """Markdown."""
     surface, of = (lambda b: b["surface"].get("mean")), (lambda key: lambda b: b.get(key))
-    lines = [f"Floor of the distance of bone surfaces: {result['floor']['mean']:.2f} mm mean, {result['floor']['p95']:.2f} (95th)."]
+    lines = [f"Scan 2 against itself, half a voxel away, bone surfaces: {result['floor']['mean']:.2f} mm mean, {result['floor']['p95']:.2f} (95th)."]
     lines += [f"Left out: {tool} ({why})." for tool, why in result["left_out"].items()]
     with_landmarks = any("landmarks" in r for r in result["runs"])
     lines += ["", "| run | tool | bone surfaces: mean, worst | left: mean, worst | bent: worst | skin: mean, 95th, signed | agreement | "

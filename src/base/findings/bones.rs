@@ -9,8 +9,13 @@ findings! {
     );
     BONE_NOT_EXPLAINED = doubted(
         "bone-not-explained",
-        "A bone in view is not found; it follows its joint.",
+        "Too little of a bone's contrast is found to place it; it follows its joint.",
         "Check the fusion images.",
+    );
+    BONE_UNLIKE = doubted(
+        "bone-unlike",
+        "The image explains a bone worse than the others.",
+        "Check its label and the fusion images.",
     );
     BONE_WITHOUT_PARENT = warned(
         "bone-without-parent",

@@ -2,13 +2,13 @@
 //!
 //! No common field of view or origin is assumed: for a few turns, every shift that brings enough of the bones into the
 //! fraction image is scored by the share of bone HU variance that it explains, at coarse resolution; the best are refined
-//! (docs/decisions/fit.md).
+//! (docs/method.md).
 
 use super::given::GivenMotion;
 use super::problem::{Body, PoseProblem};
 use super::relation;
 use super::samples::Samples;
-use super::similarity::Measure;
+use super::similarity::{Measure, evaluate};
 use super::solver::solve;
 use super::tissue::Tissue;
 use crate::error::{Error, Result};
@@ -268,7 +268,9 @@ pub(super) fn near_motions(
     let mut doubt = None;
     for (motion, share) in upright_motions(samples, fraction, measure)? {
         if starts.iter().all(|(near, _)| bones.apart(near, &motion) > SAME_MM) {
-            if share > explained + BETTER && doubt.is_none() {
+            // A corner of the bones fits many places.
+            let seen = bones.visible(&motion) >= visible.min(IN_VIEW);
+            if seen && share > explained + BETTER && doubt.is_none() {
                 let message = format!(
                     "the start that was given explains {:.0} % of the bones' contrast, and a place {:.0} mm from it {:.0} %: look at the \
                      fusion images",
@@ -360,6 +362,11 @@ impl<'a> Together<'a> {
     }
 
     /// Those that explain enough and differ, of all in the order of their cost.
+    /// Share of the bones that a motion has in view.
+    fn visible(&self, t: &Rigid) -> f64 {
+        evaluate(self.samples, self.fraction, t, &(t * self.centre), self.measure, None, false).visible
+    }
+
     fn starts(&self, found: Vec<Refined>) -> Result<Starts> {
         let best = found.first().map_or(0.0, |best| best.explained.max(0.0));
         let mut starts = Starts::new();
