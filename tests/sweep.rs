@@ -8,7 +8,7 @@ use crate::support::folder;
 use crate::support::shared::fine;
 use crate::support::views::{Cut, Scene, of_phantom, of_real, real_scans};
 use aventail::config::{Config, SoftTissue};
-use aventail::findings::Finding;
+use aventail::findings::{self, Finding};
 use aventail::fit::{DeterminedBy, Place, Resolution, level_apart, levels_apart};
 use aventail::geometry::Rigid;
 use aventail::io::{read_image, read_labels};
@@ -33,6 +33,15 @@ const WHOLE: f64 = 0.9;
 const HALF: f64 = 0.5;
 /// Bones of this volume tell a place, mm^3.
 const LARGE_MM3: f64 = 5000.0;
+
+/// What asks for a look at where the bones are; what is said of the soft tissue between them does not count here.
+const OF_PLACE: [&Finding; 5] = [
+    findings::BONES_LOST,
+    findings::FRACTION_SCALED,
+    findings::LEVEL_UNSURE,
+    findings::SIDE_UNSURE,
+    findings::WEAK_START,
+];
 
 /// The planning side of many cases.
 struct Patient {
@@ -86,7 +95,7 @@ struct Row {
     vertebrae: usize,
     /// `registered`, the code of the refusal, or an error that is no finding.
     outcome: String,
-    /// Codes of what was found, and whether one asks for a look.
+    /// Codes of what was found, and whether one asks for a look at where the bones are.
     findings: String,
     doubted: bool,
     /// The worst of the bones in view that the image places, and whether a finding names it.
@@ -164,7 +173,7 @@ impl Row {
         let codes: Vec<&str> = found.warnings.iter().map(|w| w.code.as_str()).collect();
         self.outcome = "registered".into();
         self.findings = codes.join("|");
-        self.doubted = codes.iter().any(|code| Finding::of(code).is_some_and(|f| f.doubted));
+        self.doubted = found.warnings.iter().any(|w| OF_PLACE.iter().any(|finding| w.is(finding)));
         let placed = |b: usize| fits[b].determined_by == DeterminedBy::Image;
         let shown = |b: usize| placed(b) && fits[b].visible >= HALF;
         let named = |b: usize| found.warnings.iter().any(|w| w.message.contains(&fits[b].name));
@@ -209,7 +218,9 @@ impl Row {
             self.rival = seen.map(bone).collect::<Vec<_>>().join(";");
         }
         let proposed = found.weighed.hypotheses.iter().map(|h| {
-            let right = level_apart(skeleton, &h.transforms, &truth, |b| h.evidence[b] > 0.0);
+            // Where bones out of view are is a guess.
+            let most = h.evidence.iter().copied().fold(0.0, f64::max);
+            let right = level_apart(skeleton, &h.transforms, &truth, |b| h.evidence[b] > 0.2 * most);
             format!("{:.4}:{:.2}:{}", h.cost, h.apart_mm, number(right))
         });
         self.hypotheses = proposed.collect::<Vec<_>>().join(";");

@@ -16,7 +16,13 @@ import math
 import sys
 from collections import defaultdict
 
+# What asks for a look at where the bones are.
+OF_PLACE = {"bones-lost", "fraction-scaled", "level-unsure", "side-unsure", "weak-start"}
 BINS = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.01]
+
+
+def doubted(row):
+    return bool(OF_PLACE & set(row["findings"].split("|")))
 
 
 class Case:
@@ -24,8 +30,8 @@ class Case:
 
     def __init__(self, row):
         self.seed, self.kind = int(row["seed"]), row["kind"].split(":")[0]
-        self.doubted = row["doubted"] == "true"
         self.findings = row["findings"].split("|")
+        self.doubted = doubted(row)
         self.right = int(row["levels_wrong"]) == 0
         self.shift = int(row["level"])
         places = [p.split(":") for p in row["places"].split(";") if p]
@@ -95,8 +101,8 @@ def main():
     for kind, some in [*sorted(kinds.items()), ("all", large)]:
         done = [r for r in some if r["outcome"] == "registered"]
         wrong = [r for r in done if int(r["levels_wrong"]) > 0]
-        cells = [len(some), len(done), sum(r["doubted"] == "true" for r in done), sum(r["beyond"] == "0" for r in done),
-                 len(wrong), sum(r["doubted"] != "true" for r in wrong), len(some) - len(done)]
+        cells = [len(some), len(done), sum(map(doubted, done)), sum(r["beyond"] == "0" for r in done),
+                 len(wrong), sum(not doubted(r) for r in wrong), len(some) - len(done)]
         print(f"| {kind} | " + " | ".join(str(c) for c in cells) + " |")
     refusals = defaultdict(int)
     for row in large:
