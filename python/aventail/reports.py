@@ -354,6 +354,15 @@ class _Report(TypedDict):
     outputs: list[OutputFile]
 
 
+class SearchedPlace(TypedDict):
+    """A place of all bones that the search of an unclear start has proposed."""
+
+    proposed_by: list[str]
+    evidence_percent: float
+    apart_mm: float
+    shift_mm: list[float]
+
+
 class Report(_Report, total=False):
     """The numbers of a run; ``fraction_kind`` where images took part in soft tissue.
 
@@ -362,6 +371,7 @@ class Report(_Report, total=False):
     """
 
     agreement: Agreement
+    search: list[SearchedPlace]
     verdict: Literal["pass", "review", "fail"]
     fraction_kind: dict[str, Any]
 

@@ -1,5 +1,6 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
+use super::searched::{SearchedPlace, searched};
 use crate::chainmail::{LinkReport, Pruning};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
@@ -106,6 +107,9 @@ pub struct Report {
     /// Motion of each bone's centroid apart from the couch shift, mm, in the order of the bones.
     #[serde(default)]
     pub own_motion_mm: Vec<f64>,
+    /// Places of all bones that a search has proposed, best first; nothing where a quick start was enough.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub search: Vec<SearchedPlace>,
     /// Motion of each joint, in the order of the bones.
     pub pose: Pose,
     /// How rigidly the field moves each bone.
@@ -183,6 +187,7 @@ impl Report {
             fraction_kind: outcome.kind.clone(),
             bones: outcome.bone_fits.clone(),
             own_motion_mm: outcome.own_motion_mm(),
+            search: searched(outcome),
             pose: outcome.pose.clone(),
             rigidity: outcome.rigidity.clone(),
             jacobian: outcome.jacobian_report.clone(),

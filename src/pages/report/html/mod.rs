@@ -9,7 +9,7 @@ pub(super) mod verdict;
 mod view;
 
 use super::numbers::{Report, threads, utc};
-use super::pictures::Picture;
+use super::pictures::{Picture, is_of_a_place};
 use super::viewer::{View, policy, section};
 use crate::pipeline::FractionKind;
 use crate::provenance::InputFile;
@@ -88,6 +88,13 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 (verdict::table(&report.verdicts, RULES_ON_PAPER))
                 h2 { "Bones" }
                 (tables::bones(report))
+                @if !report.search.is_empty() {
+                    h2 { "Search" }
+                    (tables::searched(report))
+                    div.pair.screen {
+                        @for place in pictures.iter().filter(|p| is_of_a_place(p.file)) { (figure(Some(place))) }
+                    }
+                }
                 h2 { "Contact and sliding" }
                 (tables::contact(report))
                 h2 { "Jacobian" }
@@ -248,6 +255,36 @@ fn limits() -> Markup {
 mod tests {
     use super::super::{draw, example};
     use super::*;
+    use crate::fit::Hypothesis;
+    use crate::geometry::Rigid;
+
+    #[test]
+    fn places_that_a_search_has_weighed_are_told_and_rivals_drawn() {
+        let (case, mut outcome, run) = example::small();
+        assert!(!page(&Report::new(&case, &outcome, &run), &[], None).contains("<h2>Search</h2>"));
+        let bones = outcome.skeleton.bones.len();
+        let place = |cost: f64, x: f64| Hypothesis {
+            transforms: vec![Rigid::translation(x, 0.0, 0.0); bones],
+            evidence: vec![1.0; bones],
+            root: 0,
+            cost,
+            apart_mm: x,
+            proposed_by: vec![0],
+        };
+        outcome.weighed.hypotheses = vec![place(-80.0, 0.0), place(-68.0, 31.0), place(-20.0, 55.0)];
+        let report = Report::new(&case, &outcome, &run);
+        let told: Vec<(f64, f64)> = report.search.iter().map(|p| (p.evidence_percent, p.shift_mm.x)).collect();
+        assert_eq!(told, [(100.0, 0.0), (85.0, 31.0), (25.0, 55.0)]);
+        let pictures = draw(&case, &outcome).unwrap();
+        let places: Vec<&str> = pictures.iter().map(|p| p.file).filter(|f| is_of_a_place(f)).collect();
+        assert_eq!(places, ["fusion_place_2.png"], "the third has too little evidence");
+        let page = page(&report, &pictures, None);
+        assert!(
+            page.contains("<h2>Search</h2>") && page.contains("85 %") && page.contains("Second place of the search")
+        );
+        let read: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
+        assert_eq!(read.search, report.search);
+    }
 
     #[test]
     fn page_is_self_contained_and_holds_the_figures() {

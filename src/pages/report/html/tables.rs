@@ -24,6 +24,30 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or(MISSING.to_owned(), |v| format!("{v:.digits$}"))
 }
 
+/// Places that the search of an unclear start has weighed.
+pub(super) fn searched(report: &Report) -> Markup {
+    html! {
+        p.note {
+            "All bones together did not show where the patient lies, so each bone proposed places, and the joints chose. The first place "
+            "began the fit. One with nearly as much evidence may be another level of the spine: look at its picture."
+        }
+        table {
+            thead { tr { th { "Place" } th { "Proposed by" } th.n { "Evidence" } th.n { "From the first" br; "mm" } th.n { "Shift (x, y, z)" br; "mm" } } }
+            tbody {
+                @for (n, place) in report.search.iter().enumerate() {
+                    tr {
+                        td { (n + 1) }
+                        td.wide { (place.proposed_by.join(", ")) }
+                        td.n { (format!("{:.0} %", place.evidence_percent)) }
+                        td.n { (format!("{:.0}", place.apart_mm)) }
+                        td.n { (format!("{:.0}, {:.0}, {:.0}", place.shift_mm.x, place.shift_mm.y, place.shift_mm.z)) }
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// Each bone's motion and how well it is known.
 pub(super) fn bones(report: &Report) -> Markup {
     let rigid_rms = |bone: &BoneFit| report.rigidity.iter().find(|r| r.name == bone.name).map(|r| r.rms_mm);

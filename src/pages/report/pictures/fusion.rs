@@ -4,6 +4,7 @@
 use super::super::canvas::{Canvas, Rgb};
 use super::super::colour::{BLUE, ORANGE, fuse, grey, stepped, tone};
 use super::super::plane::{Plane, nearest};
+use super::super::searched::{SearchedPlace, searched};
 use super::legend::{Legend, sheet};
 use super::scene::Overlay;
 use super::{PictureScene, Plate, bones};
@@ -47,6 +48,44 @@ pub(super) fn couch(scene: &PictureScene<'_>) -> Option<Plate> {
         ),
         canvas: panels(scene, &scene.case.planning.ct, &s, &s),
     })
+}
+
+/// Pictures of other places that a search has weighed, by rank.
+const PLACES: [(&str, &str); 3] = [
+    ("fusion_place_2.png", "Second place of the search"),
+    ("fusion_place_3.png", "Third place of the search"),
+    ("fusion_place_4.png", "Fourth place of the search"),
+];
+/// A place of less evidence than this is not drawn, percent of the best one's.
+const RIVAL_PERCENT: f64 = 50.0;
+
+/// The planning CT moved as a whole to each other place that a search has weighed and that is a rival.
+pub(super) fn places(scene: &PictureScene<'_>) -> Vec<Plate> {
+    let all = searched(scene.outcome);
+    let rivals = PLACES.iter().zip(all.iter().skip(1)).filter(|(_, place)| place.evidence_percent >= RIVAL_PERCENT);
+    let plate = |(&(file, title), place): (&(&'static str, &'static str), &SearchedPlace)| {
+        let s = place.shift_mm;
+        Plate {
+            file,
+            title,
+            caption: format!(
+                "The planning CT moved as a whole by ({:.1}, {:.1}, {:.1}) mm, as {} proposed; {:.0} % of the evidence of the best place. \
+                 Same planes: bones that lie on each other here speak for it.",
+                s.x,
+                s.y,
+                s.z,
+                place.proposed_by.join(", "),
+                place.evidence_percent
+            ),
+            canvas: panels(scene, &scene.case.planning.ct, &s, &s),
+        }
+    };
+    rivals.map(plate).collect()
+}
+
+/// The pictures of [`places`] among others, by their file.
+pub(in crate::report) fn is_of_a_place(file: &str) -> bool {
+    PLACES.iter().any(|(own, _)| *own == file)
 }
 
 /// A smaller shift is not seen, mm.

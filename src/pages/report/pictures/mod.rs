@@ -23,7 +23,7 @@ use crate::pipeline::{Case, Outcome};
 use crate::sampling::SampleSet;
 pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
-pub(super) use fusion::LEAST_SHIFT_MM;
+pub(super) use fusion::{LEAST_SHIFT_MM, is_of_a_place};
 use rayon::prelude::*;
 use scene::PictureScene;
 pub(super) use scene::shift_before;
@@ -64,6 +64,8 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
     );
     let mut pictures = pictures?;
     pictures.extend([couch?, lung?].into_iter().flatten());
+    let places = fusion::places(&scene).into_par_iter().map(Plate::encoded);
+    pictures.extend(places.collect::<Result<Vec<_>>>()?);
     Ok(pictures)
 }
 
