@@ -443,9 +443,7 @@ fn label_notes(before: &LabelMap, after: &LabelMap) -> Vec<String> {
         .filter(|l| !new.contains_key(l))
         .map(|l| before.names.get(l).cloned().unwrap_or_else(|| l.to_string()))
         .collect();
-    let mut notes = vec![format!("{} of {} labels lie on the new grid", new.len(), old.len())];
-    if !gone.is_empty() {
-        notes.push(format!("outside it: {}", gone.join(", ")));
-    }
-    notes
+    let kept = format!("{} of {} labels lie on the new grid", new.len(), old.len());
+    let outside = (!gone.is_empty()).then(|| format!("outside it: {}", gone.join(", ")));
+    std::iter::once(kept).chain(outside).collect()
 }

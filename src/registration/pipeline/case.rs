@@ -1,9 +1,5 @@
 //! The loaded inputs of a registration.
 
-use super::checks::check_mr;
-use crate::body::mr;
-use crate::config::{Config, Modality};
-use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
@@ -27,20 +23,6 @@ impl PlanningScan {
     /// Of a CT and its labels alone.
     pub fn new(ct: Volume<f32>, bones: LabelMap) -> Self {
         Self { ct, bones, skeleton: None }
-    }
-
-    /// With an MR, on any scale, for the CT, where the settings name it.
-    ///
-    /// # Errors
-    /// As [`mr::tissue_scale`], and where it looks like a CT in HU.
-    pub fn by_modality(self, config: &Config) -> Result<Self> {
-        match config.planning.modality {
-            Modality::Auto | Modality::Ct => Ok(self),
-            Modality::Mr => {
-                check_mr("planning MR", &self.ct, config)?;
-                Ok(Self { ct: mr::tissue_scale(&self.ct)?.image, ..self })
-            }
-        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What an image, a label map or their headers must be by themselves.
 
 use super::PlanningScan;
+use crate::body::mr;
 use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
@@ -56,6 +57,22 @@ pub fn check_fraction(fraction: &Volume<f32>, config: &Config) -> Result<Vec<War
 pub fn check_mr(what: &str, image: &Volume<f32>, config: &Config) -> Result<Vec<Warning>> {
     check_values(what, image, "an MR")?;
     config.checks.told(no_hounsfield(what, image).map(|()| Vec::new()))
+}
+
+impl PlanningScan {
+    /// With an MR, on any scale, for the CT, where the settings name it.
+    ///
+    /// # Errors
+    /// As [`mr::tissue_scale`], and where it looks like a CT in HU.
+    pub fn by_modality(self, config: &Config) -> Result<Self> {
+        match config.planning.modality {
+            Modality::Auto | Modality::Ct => Ok(self),
+            Modality::Mr => {
+                check_mr("planning MR", &self.ct, config)?;
+                Ok(Self { ct: mr::tissue_scale(&self.ct)?.image, ..self })
+            }
+        }
+    }
 }
 
 /// Whether an image of this grid can show a patient; headers are enough to tell.

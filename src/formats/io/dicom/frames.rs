@@ -3,7 +3,7 @@
 
 use super::elements::{Item, first, items, number, some, text, texts, whole};
 use super::find::Object;
-use super::mr;
+use super::kinds;
 use super::scan::Scan;
 use crate::error::{Error, Result};
 use crate::findings;
@@ -150,7 +150,7 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
     };
     let kind = match scan {
         Scan::Ct => kind,
-        Scan::Mr => mr::kind(places.set, kind, &text(frame_type, tags::COMPLEX_IMAGE_COMPONENT)),
+        Scan::Mr => kinds::kind(places.set, kind, &text(frame_type, tags::COMPLEX_IMAGE_COMPONENT)),
     };
     Ok(Frame {
         object: at,
@@ -168,7 +168,7 @@ fn frame(object: &Object, places: Places<'_>, at: usize, index: usize) -> Result
         told: told(places),
         origin: match scan {
             Scan::Ct => origin(places),
-            Scan::Mr => mr::origin(places, &kind, scale.is_some()),
+            Scan::Mr => contrast(places, &kind, scale.is_some()),
         },
         time: if scan == Scan::Ct { time(places) } else { None },
         kind,
@@ -267,4 +267,22 @@ pub(super) fn refuse(path: &Path, problem: impl Into<String>) -> Error {
         problem,
         "export the series again, or convert it with a tool that knows the vendor's files, for example dcm2niix",
     )
+}
+
+/// What all images of one volume have in common, by name: a difference in one of them is another contrast.
+fn contrast(places: Places<'_>, kind: &[String], scaled: bool) -> Vec<(&'static str, String)> {
+    let framed = |group: Tag, tag: Tag| number(places.group(group), tag);
+    let echo_time = framed(tags::MR_ECHO_SEQUENCE, tags::EFFECTIVE_ECHO_TIME).or(number(places.set, tags::ECHO_TIME));
+    let b = framed(tags::MR_DIFFUSION_SEQUENCE, tags::DIFFUSION_B_VALUE);
+    let content = places.group(tags::FRAME_CONTENT_SEQUENCE);
+    let moment = whole(content, tags::TEMPORAL_POSITION_INDEX);
+    let moment = moment.or(whole(places.set, tags::TEMPORAL_POSITION_IDENTIFIER));
+    vec![
+        ("image type", kind.join("\\")),
+        ("echo time", echo_time.map(|t| format!("{t:.2} ms")).unwrap_or_default()),
+        ("echo", texts(places.set, tags::ECHO_NUMBERS).join("/")),
+        ("temporal position", moment.map(|n| n.to_string()).unwrap_or_default()),
+        ("b-value", b.map(|b| format!("{b:.0} s/mm2")).unwrap_or_default()),
+        ("Rescale Slope", if scaled { "some" } else { "" }.into()),
+    ]
 }

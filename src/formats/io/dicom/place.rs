@@ -6,7 +6,7 @@ use super::beside::beside;
 use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, DEEPEST, Damaged, Group, Object, find, medium};
-use super::mr::{only_maps, refuse_map};
+use super::kinds::{only_maps, refuse_map};
 use super::open::{Opened, is_dicom, open};
 use super::scan::Scan;
 use crate::error::{Error, Result};

@@ -1,8 +1,7 @@
 //! What made the images of a series: CT or MR, by the class of its objects.
 
 use super::find::Object;
-use super::place::{Chosen, choose, is_place};
-use crate::error::{Error, Result};
+use crate::error::Error;
 use crate::findings;
 use dicom_dictionary_std::uids;
 use std::path::Path;
@@ -51,28 +50,6 @@ impl Scan {
             Self::Mr => "MR",
         }
     }
-}
-
-/// What made the series that a path means; `None` where it is no DICOM, a dose or a segmentation.
-///
-/// # Errors
-/// As for finding the series.
-pub fn scan_of(path: &Path) -> Result<Option<Scan>> {
-    if !is_place(path) {
-        return Ok(None);
-    }
-    Ok(match choose(path)?.0 {
-        Chosen::Scan(objects, _) => Scan::of(&objects),
-        Chosen::Dose(..) | Chosen::Labels(_) => None,
-    })
-}
-
-/// Refuses an MR series where HU are needed.
-///
-/// # Errors
-/// [`Error::Input`] then; else as [`scan_of`].
-pub fn require_ct(path: &Path) -> Result<()> {
-    if scan_of(path)? == Some(Scan::Mr) { Err(no_hu(path)) } else { Ok(()) }
 }
 
 /// The refusal of an MR series where HU are needed.

@@ -88,13 +88,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                 (verdict::table(&report.verdicts, RULES_ON_PAPER))
                 h2 { "Bones" }
                 (tables::bones(report))
-                @if !report.search.is_empty() {
-                    h2 { "Search" }
-                    (tables::searched(report))
-                    div.pair.screen {
-                        @for place in pictures.iter().filter(|p| is_of_a_place(p.file)) { (figure(Some(place))) }
-                    }
-                }
+                (searched(report, pictures))
                 h2 { "Contact and sliding" }
                 (tables::contact(report))
                 h2 { "Jacobian" }
@@ -117,6 +111,19 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
         }
     }
     .into_string()
+}
+
+/// What a search has weighed, with its rivals.
+fn searched(report: &Report, pictures: &[Picture]) -> Markup {
+    html! {
+        @if !report.search.is_empty() {
+            h2 { "Search" }
+            (tables::searched(report))
+            div.pair.screen {
+                @for place in pictures.iter().filter(|p| is_of_a_place(p.file)) { (figure(Some(place))) }
+            }
+        }
+    }
 }
 
 /// What the colours of every fusion mean.
