@@ -100,6 +100,7 @@ _ARGUMENTS: dict[str, str] = {
     "out": "folder",
     "plan": "plan",
     "planning": "planning",
+    "planning-modality": "planning.modality in the settings",
     "planning-to-fraction": "planning_to_fraction",
     "pose": "pose",
     "reference": "reference",

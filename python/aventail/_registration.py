@@ -373,8 +373,8 @@ def register(
     ``bones="auto"`` has TotalSegmentator, where it is installed, label the file ``planning``; the labels are kept in
     ``bones_folder`` (without it the current folder) and found there by the next run. Nobody has looked at them: look.
 
-    The fraction may be an MR. A DICOM series says that it is one; of other images say it with the settings
-    ``{"fraction": {"modality": "mr"}}``.
+    Planning or fraction may be an MR. A DICOM series says that it is one; of other images say it with the settings
+    ``{"planning": {"modality": "mr"}}`` and ``{"fraction": {"modality": "mr"}}``.
 
     ``fraction_bones`` are labels of bones in the fraction (named by ``fraction_labels`` where they do not name themselves; a path,
     an image, or ``"auto"``): where both scans have a bone's label, its surface places the bone before the image does. With the
