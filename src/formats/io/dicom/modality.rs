@@ -22,7 +22,7 @@ pub fn scan_of(path: &Path) -> Result<Option<Scan>> {
 /// Refuses an MR series where HU are needed.
 ///
 /// # Errors
-/// [`crate::Error::Input`] then; else as [`scan_of`].
+/// [`crate::error::Error::Input`] then; else as [`scan_of`].
 pub fn require_ct(path: &Path) -> Result<()> {
     if scan_of(path)? == Some(Scan::Mr) { Err(no_hu(path)) } else { Ok(()) }
 }
