@@ -157,7 +157,7 @@ fn told(skeleton: &Skeleton, hypotheses: &[Hypothesis]) -> Option<Warning> {
         format!("; the next best, {:.0} mm away, has {:.0} % of its evidence", next.apart_mm, 100.0 * share)
     });
     let message = format!(
-        "all bones together do not tell where the patient lies; bones alone proposed the start that the joints favour ({}){next}",
+        "the start was searched: single bones proposed places, and the joints favour that of {}{next}",
         names.join(", ")
     );
     Some(Warning::new(findings::START_SEARCHED, message))

@@ -13,7 +13,7 @@ pub struct SearchedPlace {
     pub evidence_percent: f64,
     /// How far from there it takes the bones, on the mean, mm.
     pub apart_mm: f64,
-    /// Motion of the middle of the bone with most evidence, planning to fraction, LPS mm.
+    /// Motion of the bones' middles, mean by their evidence, planning to fraction, LPS mm.
     pub shift_mm: Vector3<f64>,
 }
 
@@ -23,13 +23,15 @@ pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
     let best = all.first().map_or(-1.0, |first| first.cost.min(-f64::MIN_POSITIVE));
     let bones = &outcome.skeleton.bones;
     let of = |place: &crate::fit::Hypothesis| {
-        let middle = bones.get(place.root)?.centroid;
-        Some(SearchedPlace {
+        let moved = bones.iter().zip(&place.transforms).zip(&place.evidence);
+        let moved = moved.map(|((bone, t), evidence)| (*evidence, t * bone.centroid - bone.centroid));
+        let (all, sum) = moved.fold((0.0, Vector3::zeros()), |(all, sum), (w, shift)| (all + w, sum + shift * w));
+        SearchedPlace {
             proposed_by: place.proposed_by.iter().filter_map(|&b| Some(bones.get(b)?.name.clone())).collect(),
             evidence_percent: (100.0 * place.cost / best).clamp(0.0, 100.0),
             apart_mm: place.apart_mm,
-            shift_mm: place.transforms.get(place.root)? * middle - middle,
-        })
+            shift_mm: if all > 0.0 { sum / all } else { sum },
+        }
     };
-    all.iter().filter_map(of).collect()
+    all.iter().map(of).collect()
 }

@@ -28,8 +28,8 @@ fn number(value: Option<f64>, digits: usize) -> String {
 pub(super) fn searched(report: &Report) -> Markup {
     html! {
         p.note {
-            "All bones together did not show where the patient lies, so each bone proposed places, and the joints chose. The first place "
-            "began the fit. One with nearly as much evidence may be another level of the spine: look at its picture."
+            "Each bone proposed places, and the joints chose. The first place began the fit. One with nearly as much evidence may be "
+            "another level of the spine: look at its picture."
         }
         table {
             thead { tr { th { "Place" } th { "Proposed by" } th.n { "Evidence" } th.n { "From the first" br; "mm" } th.n { "Shift (x, y, z)" br; "mm" } } }
