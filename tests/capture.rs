@@ -1,8 +1,8 @@
 //! How far off a fraction may lie and still be found: couch shifts and turns, and necks bent by 30 degrees.
 
-use crate::support::shared::fine;
+use crate::support::shared::{bones_alone, fine};
 use crate::support::skip::cases;
-use aventail::config::{Config, Preset, SoftTissue};
+use aventail::config::Preset;
 use aventail::fit::{BoneSamples, FitOptions, FitResult, FitStart, fit_pose};
 use aventail::geometry::{Grid, Rigid};
 use aventail::io::pose::read_pose;
@@ -21,14 +21,6 @@ fn fitted(skeleton: &Skeleton, planning: &Volume<f32>, bones: &LabelMap, fractio
     let options = FitOptions::default();
     let samples = BoneSamples::new(skeleton, planning, bones, &options);
     fit_pose(skeleton, &samples, fraction, FitStart::Search, &options, &Silent).expect("the bones are found")
-}
-
-/// The fit as it comes; what it makes of soft tissue is not looked at here.
-fn bones_alone() -> Config {
-    let mut config = Config { soft_tissue: SoftTissue::NearestBone, ..Config::default() };
-    config.consistency.rounds = 0;
-    config.output.uncertainty = false;
-    config
 }
 
 /// The same image elsewhere, turned about its middle.

@@ -5,9 +5,9 @@
 //! its scans. `tests/peers/levels.py` tells from that file how often a stated probability holds.
 
 use crate::support::folder;
-use crate::support::shared::fine;
+use crate::support::shared::{bones_alone, fine};
 use crate::support::views::{Cut, Scene, of_phantom, of_real, real_scans};
-use aventail::config::{Config, SoftTissue};
+use aventail::config::Config;
 use aventail::findings::{self, Finding};
 use aventail::fit::{DeterminedBy, Place, Resolution, level_apart, levels_apart};
 use aventail::geometry::Rigid;
@@ -225,14 +225,6 @@ impl Row {
         });
         self.hypotheses = proposed.collect::<Vec<_>>().join(";");
     }
-}
-
-/// Finds the bones as the default does, and spends no time on what lies between them.
-fn bones_alone() -> Config {
-    let mut config = Config { soft_tissue: SoftTissue::NearestBone, ..Config::default() };
-    config.consistency.rounds = 0;
-    config.output.uncertainty = false;
-    config
 }
 
 /// Registers a view.

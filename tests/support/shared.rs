@@ -1,6 +1,6 @@
 //! Phantoms and registrations that several files of tests look at, each made once.
 
-use aventail::config::Config;
+use aventail::config::{Config, SoftTissue};
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::pipeline::{Case, Outcome, register};
 use aventail::runtime::Runtime;
@@ -20,6 +20,14 @@ pub fn fine() -> &'static Phantom {
 pub fn coarse() -> &'static Phantom {
     static ONE: OnceLock<Phantom> = OnceLock::new();
     ONE.get_or_init(|| Phantom::new(&PhantomOptions::coarse()).expect("the options are sensible"))
+}
+
+/// Settings of a fit as it comes, where what is made of soft tissue is not looked at.
+pub fn bones_alone() -> Config {
+    let mut config = Config { soft_tissue: SoftTissue::NearestBone, ..Config::default() };
+    config.consistency.rounds = 0;
+    config.output.uncertainty = false;
+    config
 }
 
 /// A case with default settings.

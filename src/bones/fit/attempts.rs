@@ -9,7 +9,7 @@ use super::planning::BoneSamples;
 use super::rivals::{SHORT_MM, best_level};
 use super::schedule::{Fitter, Guess, Start, Tried};
 use super::search::{Hypothesis, Search};
-use super::shape::{Described, Shapes};
+use super::shape::Shapes;
 use super::similarity::Measure;
 use super::start::{FitStart, Starts, common_motions, left, near_motions};
 use super::weighed::{Place, Weighed};
@@ -136,8 +136,7 @@ pub fn fit_pose_weighed(
 fn shapes<'a>(samples: &'a BoneSamples, fraction: &Volume<f32>, options: &FitOptions) -> Option<Shapes<'a>> {
     let planning = samples.anatomy.undescribed.as_ref()?;
     let drawn = samples.at(*options.outward.first()?)?;
-    let Coarse { value, seen } = Coarse::new(fraction);
-    Some(Shapes::new(Described::new(&value, &seen), planning, &drawn.bones))
+    Some(Shapes::new(Coarse::new(fraction), planning, &drawn.bones))
 }
 
 /// A hypothesis of the search that is worth less than this share of the best one is no rival.

@@ -82,6 +82,8 @@ mod attempts;
 mod coarse;
 mod evaluation;
 mod given;
+#[cfg(test)]
+mod hanging;
 mod labels;
 mod level;
 mod lie;

@@ -70,30 +70,16 @@ pub fn level_apart(
 
 #[cfg(test)]
 mod tests {
+    use super::super::hanging::hanging;
     use super::*;
-    use crate::skeleton::{Bone, Joint};
-    use nalgebra::{Matrix3, Point3};
 
     #[test]
     fn a_spine_moved_up_by_its_vertebrae_is_so_many_levels_apart() {
-        let bone = |n: usize, name: String| Bone {
-            name,
-            label: n as u16 + 1,
-            parent: n.checked_sub(1),
-            joint: Joint {
-                name: String::new(),
-                centre: Point3::origin(),
-                axes: Matrix3::identity(),
-                rotation_range_deg: [[-1.0, 1.0]; 3],
-                translation_range_mm: [1.0; 3],
-                source: String::new(),
-            },
-            centroid: Point3::new(0.0, 0.0, 20.0 * n as f64),
-            volume_mm3: 1.0,
-        };
-        let mut bones: Vec<Bone> = (0..6).map(|n| bone(n, format!("vertebrae_C{}", 7 - n))).collect();
-        bones.push(bone(6, "skull".into()));
-        let skeleton = Skeleton { bones };
+        let mut skeleton = hanging(&[None, Some(0), Some(1), Some(2), Some(3), Some(4), Some(5)]);
+        for (n, bone) in skeleton.bones.iter_mut().enumerate() {
+            bone.name = if n < 6 { format!("vertebrae_C{}", 7 - n) } else { "skull".into() };
+            bone.centroid.z = 20.0 * n as f64;
+        }
         let here = vec![Rigid::identity(); 7];
         let moved = |mm: f64| vec![Rigid::translation(1.0, -2.0, mm); 7];
         let middle = |b: usize| (1..4).contains(&b);

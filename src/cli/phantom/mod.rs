@@ -430,11 +430,8 @@ fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
         text.split('x').map(|t| t.parse().map_err(|_| format!("`{t}` is no number"))).collect::<Result<_, _>>()?;
     let spacing: [f64; 3] =
         numbers.try_into().map_err(|_| "three numbers joined by x are needed, for example 1.5x1.5x3".to_owned())?;
-    if spacing.iter().all(|s| (0.2..=20.0).contains(s)) {
-        Ok(spacing)
-    } else {
-        Err("each spacing must lie between 0.2 and 20 mm".into())
-    }
+    let sensible = spacing.iter().all(|s| (0.2..=20.0).contains(s));
+    if sensible { Ok(spacing) } else { Err("each spacing must lie between 0.2 and 20 mm".into()) }
 }
 
 #[cfg(test)]

@@ -19,8 +19,8 @@ pub struct SearchedPlace {
 
 /// What the search of a run has proposed, best first; nothing where a quick start was enough.
 pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
-    let all = &outcome.weighed.hypotheses;
-    let best = all.first().map_or(-1.0, |first| first.cost.min(-f64::MIN_POSITIVE));
+    let places = &outcome.weighed.hypotheses;
+    let best = places.first().map_or(-1.0, |first| first.cost.min(-f64::MIN_POSITIVE));
     let bones = &outcome.skeleton.bones;
     let of = |place: &crate::fit::Hypothesis| {
         let moved = bones.iter().zip(&place.transforms).zip(&place.evidence);
@@ -33,5 +33,5 @@ pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
             shift_mm: if all > 0.0 { sum / all } else { sum },
         }
     };
-    all.iter().map(of).collect()
+    places.iter().map(of).collect()
 }

@@ -129,7 +129,10 @@ impl Search<'_> {
     /// # Errors
     /// As the solver.
     pub fn hypotheses(&self, fraction: &Volume<f32>, known: &[Rigid]) -> Result<Vec<Hypothesis>> {
-        let ready = Ready::new(&Coarse::new(fraction), self.shapes);
+        let ready = match self.shapes {
+            Some(shapes) => Ready::new(shapes.coarse(), Some(shapes)),
+            None => Ready::new(&Coarse::new(fraction), None),
+        };
         let templates = self.anatomy.templates(self.skeleton);
         let (all, everywhere) = turns(self.shapes.is_some() && templates.len() <= FEW);
         let turns = Turns { all: &all, everywhere };

@@ -78,8 +78,6 @@ fn mean_of(found: impl Iterator<Item = f32>) -> f32 {
 /// The fraction's descriptors, on the search's coarse grid.
 pub struct Described {
     pub(super) grid: Grid,
-    /// Steps of the grid as vectors, mm.
-    pub(super) steps: Matrix3<f64>,
     /// Zero where there is none.
     pub each: Vec<Descriptor>,
     /// Whether there is one.
@@ -88,7 +86,7 @@ pub struct Described {
 
 impl Described {
     /// Of blocks of the fraction, air being no tissue.
-    pub fn new(fraction: &Volume<f32>, seen: &[bool]) -> Self {
+    pub fn new(Coarse { value: fraction, seen }: &Coarse) -> Self {
         let grid = fraction.grid().clone();
         let [ni, nj, nk] = grid.size().map(|n| n as i32);
         let value = |v: [i32; 3]| {
@@ -108,7 +106,7 @@ impl Described {
         let mean = mean_of(all.iter().flatten().map(|(_, own)| *own));
         let each = all.par_iter().map(|d| d.map_or([0.0; CHANNELS], |d| finished(d, mean))).collect();
         let is = all.iter().map(Option::is_some).collect();
-        Self { steps: *grid.step(), grid, each, is }
+        Self { grid, each, is }
     }
 
     /// Mean descriptor.

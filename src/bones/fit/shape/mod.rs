@@ -14,6 +14,7 @@ mod descriptor;
 
 pub use descriptor::{CHANNELS, Described, Descriptor, Undescribed};
 
+use super::coarse::Coarse;
 use super::evaluation::{Evaluation, Held};
 use super::relation::INDEPENDENT_MM3;
 use super::samples::Samples;
@@ -41,6 +42,7 @@ type Found = Arc<Vec<Option<Descriptor>>>;
 
 /// Planning and a fraction, ready to be compared bone by bone.
 pub struct Shapes<'a> {
+    coarse: Coarse,
     fraction: Described,
     planning: &'a Undescribed,
     variance: f32,
@@ -57,11 +59,17 @@ pub struct Shape<'a> {
 }
 
 impl<'a> Shapes<'a> {
-    /// Of the fraction's descriptors and the samples of each bone.
-    pub fn new(fraction: Described, planning: &'a Undescribed, bones: &[Samples]) -> Self {
-        let variance = planning.variance(&fraction.steps);
+    /// Of the fraction's blocks and the samples of each bone.
+    pub fn new(coarse: Coarse, planning: &'a Undescribed, bones: &[Samples]) -> Self {
+        let fraction = Described::new(&coarse);
+        let variance = planning.variance(fraction.grid.step());
         let bones = bones.iter().map(|b| b.thinned(PLACES)).collect();
-        Self { fraction, planning, variance, bones, found: Mutex::default() }
+        Self { coarse, fraction, planning, variance, bones, found: Mutex::default() }
+    }
+
+    /// The fraction's blocks, which have the descriptors.
+    pub fn coarse(&self) -> &Coarse {
+        &self.coarse
     }
 
     /// The fraction's descriptors.
@@ -71,7 +79,7 @@ impl<'a> Shapes<'a> {
 
     /// Planning's descriptors at places, turned.
     pub fn planning(&self, places: &[Point3<f64>], turn: &UnitQuaternion<f64>) -> Vec<Option<Descriptor>> {
-        self.planning.described(places, turn, &self.fraction.steps, self.variance)
+        self.planning.described(places, turn, self.fraction.grid.step(), self.variance)
     }
 
     /// A bone, about so turned.

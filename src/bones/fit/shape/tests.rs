@@ -1,5 +1,4 @@
 use super::*;
-use crate::fit::coarse::Coarse;
 use crate::geometry::{Grid, about};
 use crate::volume::Volume;
 
@@ -40,8 +39,7 @@ fn scene(motion: &Rigid) -> Scene {
 
 impl Scene {
     fn shapes(&self) -> Shapes<'_> {
-        let Coarse { value, seen } = Coarse::new(&self.fraction);
-        Shapes::new(Described::new(&value, &seen), &self.planning, &[samples()])
+        Shapes::new(Coarse::new(&self.fraction), &self.planning, &[samples()])
     }
 }
 
@@ -55,7 +53,7 @@ fn cost(shape: &Shape<'_>, t: &Rigid) -> Evaluation {
 fn exchanged_grey_values_have_the_same_descriptors() {
     let [a, b] = [image(4.0, tissue), image(4.0, |p| 400.0 - 0.7 * tissue(p))];
     let seen = vec![true; a.data().len()];
-    let [a, b] = [&a, &b].map(|image| Described::new(image, &seen));
+    let [a, b] = [a, b].map(|value| Described::new(&Coarse { value, seen: seen.clone() }));
     assert!(a.is == b.is && a.is.iter().filter(|is| **is).count() > 20_000);
     let apart = a.each.iter().flatten().zip(b.each.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(apart < 1e-3, "{apart}");

@@ -1,9 +1,8 @@
 //! What decides on the way of the fit, at its limits.
 
+use crate::fit::hanging::hanging;
 use crate::fit::schedule::{doubtful, held, neighbours, unexplained};
 use crate::fit::similarity::Evaluation;
-use crate::skeleton::{Bone, Joint, Skeleton};
-use nalgebra::{Matrix3, Point3};
 
 fn seen(visible: f64, explained: f64, contrast: [f64; 2]) -> Evaluation {
     Evaluation { visible, explained, contrast, ..Evaluation::nothing() }
@@ -13,23 +12,7 @@ fn seen(visible: f64, explained: f64, contrast: [f64; 2]) -> Evaluation {
 fn neighbours_are_parent_and_children() {
     // 2 hangs on 0, 3 and 1 on 2, 4 on 3.
     let parents = [None, Some(2), Some(0), Some(2), Some(3)];
-    let joint = Joint {
-        name: String::new(),
-        centre: Point3::origin(),
-        axes: Matrix3::identity(),
-        rotation_range_deg: [[-1.0, 1.0]; 3],
-        translation_range_mm: [1.0; 3],
-        source: String::new(),
-    };
-    let bone = |(n, parent): (usize, Option<usize>)| Bone {
-        name: n.to_string(),
-        label: n as u16 + 1,
-        parent,
-        joint: joint.clone(),
-        centroid: Point3::origin(),
-        volume_mm3: 1.0,
-    };
-    let skeleton = Skeleton { bones: parents.into_iter().enumerate().map(bone).collect() };
+    let skeleton = hanging(&parents);
     let of = |b: usize| neighbours(&skeleton, b).collect::<Vec<_>>();
     assert_eq!([0, 1, 2, 3, 4].map(of), [vec![2], vec![2], vec![0, 1, 3], vec![2, 4], vec![3]]);
 }
