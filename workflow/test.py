@@ -1,7 +1,7 @@
-"""Runs the workflow on 12 phantom patients with 3 fractions each, kills it in the middle, finishes it, and checks what it made.
+"""Runs the workflow on phantom patients (6 unless told) with 3 fractions each, kills it in the middle, finishes it, and checks what it made.
 Where Slurm takes jobs and Snakemake has its plugin, two of them go through the profile for Slurm as well.
 
-python workflow/test.py PROGRAM FOLDER     (snakemake on PATH; FOLDER is made anew)
+python workflow/test.py PROGRAM FOLDER [PATIENTS]     (snakemake on PATH; FOLDER is made anew)
 """
 
 import csv
@@ -15,12 +15,12 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
-PATIENTS, FRACTIONS = 12, 3
+PATIENTS, FRACTIONS = int(sys.argv[3]) if len(sys.argv) > 3 else 6, 3
 WEIGHTS = [0.3, 0.3, 0.4]
 # Of each registration, for intervals of the dose.
 SAMPLES = 4
 # Killed when this many registrations are done.
-KILLED_AT = 8
+KILLED_AT = 5
 
 
 def call(*words, **more):
