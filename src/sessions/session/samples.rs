@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::io::samples::{self, SAMPLES, SampledField, SamplesFile};
 use crate::io::{Planned, RunFolder};
 use crate::pipeline::{Case, Outcome, correlation, sample};
-use crate::report::{Report, SAMPLES_PAGE, SAMPLES_SHOWN, ShownSamples};
+use crate::report::{Report, SAMPLES_PAGE, SAMPLES_SHOWN, ShownSamples, write_samples_page};
 use crate::runtime::Runtime;
 use crate::sampling::{Drawn, PosePosterior, SampleSet, SamplingOptions, Strain};
 use std::path::Path;
@@ -46,7 +46,7 @@ impl DrawnSamples {
             let labels = outcome.posterior.as_ref().map(PosePosterior::labels).unwrap_or_default();
             let first = &drawn[..drawn.len().min(SAMPLES_SHOWN)];
             let first = SampleSet::new(&case.planning.bones.volume, &labels, first)?;
-            let shown = ShownSamples::draw((case, outcome), &first, options)?;
+            let shown = ShownSamples::draw(case, outcome, &first, options)?;
             Ok(Self { drawn, strain, options: *options, shown })
         };
         runtime.stage("draw samples", all)
@@ -83,7 +83,7 @@ impl DrawnSamples {
             outputs: Vec::new(),
         };
         let write = || {
-            self.shown.write_page(out, of.command)?;
+            write_samples_page(out, &self.shown, of.command)?;
             samples::write(out, &of.case.planning.bones, posterior, &self.drawn, &[SAMPLES_PAGE], about)
         };
         runtime.stage("write samples", write)?;

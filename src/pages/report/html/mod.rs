@@ -3,14 +3,14 @@
 //! The verdict of the rules comes first, and the reviewer's fields, which stay blank.
 
 pub(super) mod paper;
+pub(super) mod samples;
 mod summary;
 mod tables;
 pub(super) mod verdict;
 mod view;
 
 use super::numbers::{Report, threads, utc};
-use super::pictures::{Picture, is_of_a_place};
-use super::samples::{STYLE as OF_SAMPLES, ShownSamples};
+use super::pictures::{Picture, ShownSamples, is_of_a_place};
 use super::viewer::{View, policy, section};
 use crate::pipeline::FractionKind;
 use crate::provenance::InputFile;
@@ -43,7 +43,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples:
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail: {title}"), samples.map_or("", |_| OF_SAMPLES), &policy(view.is_some())))
+            (head(&format!("aventail: {title}"), samples.map_or("", |_| samples::STYLE), &policy(view.is_some())))
             body {
                 // What is in a sheet is on one page of paper; its pictures have the room that is left.
                 div.sheet {
@@ -88,7 +88,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples:
                 @if let Some(samples) = samples {
                     div.screen {
                         h2 { "Samples of the error" }
-                        (samples.section())
+                        (samples::turns(samples))
                     }
                 }
                 h2 { "Verdicts" }
