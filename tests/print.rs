@@ -207,7 +207,7 @@ fn an_overfull_report_prints_on_four_pages_too() {
     for (name, report, [width, height]) in
         [("tall", &full, [1080, 3600]), ("wide", &full, [1080, 380]), ("bare", &bare, [1080, 2900])]
     {
-        let html = page(report, &pictures(width, height), None);
+        let html = page(report, &pictures(width, height), None, None);
         let file = files::bytes(&folder().join(format!("{name}.html")), html.as_bytes());
         let Some(papers) = on_paper(name, &file) else { return };
         for (paper, pages) in papers {
