@@ -190,7 +190,7 @@ fn nothing_lies_on_anything_else_whatever_parts_a_report_has() {
             report.agreement = None;
             report.warnings.clear();
         }
-        let html = page(&report, &drawn, None);
+        let html = page(&report, &drawn, None, None);
         let name = format!("parts_{parts}");
         let file = files::bytes(&folder().join(format!("{name}.html")), html.as_bytes());
         let Some(papers) = on_paper(&name, &file) else { return };
@@ -207,7 +207,7 @@ fn an_overfull_report_prints_on_four_pages_too() {
     for (name, report, [width, height]) in
         [("tall", &full, [1080, 3600]), ("wide", &full, [1080, 380]), ("bare", &bare, [1080, 2900])]
     {
-        let html = page(report, &pictures(width, height), None);
+        let html = page(report, &pictures(width, height), None, None);
         let file = files::bytes(&folder().join(format!("{name}.html")), html.as_bytes());
         let Some(papers) = on_paper(name, &file) else { return };
         for (paper, pages) in papers {
@@ -215,7 +215,7 @@ fn an_overfull_report_prints_on_four_pages_too() {
         }
     }
     // What is not printed is counted; the screen has all of it.
-    let html = page(&full, &[], None);
+    let html = page(&full, &[], None, None);
     for told in ["And 33 more warnings: report.json", "And 44 more bones, which move least", "And 140 more landmarks"] {
         assert!(html.contains(told), "{told}");
     }

@@ -76,6 +76,15 @@ fn they_are_the_same_bits_again_and_with_the_registration_itself() {
         assert!(bytes(first, n) == bytes(&beside, n), "sample {n}");
     }
     aventail().arg("inspect").arg(beside.join(SAMPLES)).assert().success();
+    // The report shows what the first three add, as their own page does; without samples it does not.
+    let turns = |page: &Path| {
+        let html = fs::read_to_string(page).unwrap();
+        html.split_once("<div class=\"turns\">").map(|(_, rest)| rest.split_once("</div>").unwrap().0.to_owned())
+    };
+    let shown = turns(&folder().join("with_samples/report.html")).unwrap();
+    assert!(shown.matches("<figure>").count() == 3 && shown.matches("data:image/png;base64,").count() == 3);
+    assert!(turns(&beside.join("samples.html")).unwrap() == shown);
+    assert!(turns(&done().out.join("report.html")).is_none());
     let other = folder().join("other_seed");
     draw(&done().out, &other, &["--number", "2", "--seed", "7"]);
     assert!(bytes(first, 1) != bytes(&other, 1));

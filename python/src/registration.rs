@@ -103,7 +103,7 @@ impl Registration {
         self.runs.run(py, progress, move |runtime| {
             let mut found = all.write().unwrap_or_else(PoisonError::into_inner);
             let held = found.hold(&folder)?;
-            found.save(held, &folder, Beside { view, files: &[] }, runtime).map(drop)
+            found.save(held, &folder, Beside { view, ..Beside::default() }, runtime).map(drop)
         })
     }
 

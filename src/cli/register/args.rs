@@ -92,7 +92,7 @@ pub struct RegisterArgs {
     #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub couch_match: Option<String>,
     /// Also draw this many samples of the registration's error, for `dose map|accumulate --samples`: the folder `samples` of the
-    /// results (see `aventail samples`)
+    /// results (see `aventail samples`); the report shows what the first three add
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
     /// Seed of the samples

@@ -19,7 +19,9 @@ use crate::progress::Progress;
 use crate::report::{self, Clinic, Report};
 use crate::runtime::Runtime;
 use crate::sampling::SamplingOptions;
-use crate::session::{Beside, BonesBy, FractionSources, Registered, Request, Session, Source, within_memory};
+use crate::session::{
+    Beside, BonesBy, DrawnSamples, FractionSources, Registered, Request, Session, Source, within_memory,
+};
 use crate::volume::region::RegionOptions;
 use index::Index;
 use serde::Serialize;
@@ -58,9 +60,13 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
         index.iter_mut().filter(|_| texts.is_empty()).try_for_each(Index::begin)?;
         let (out, folder) = waiting.next().ok_or_else(|| Error::Internal("no folder is held".into()))?;
         let mut registered = registered;
-        let (text, report) = told(&mut registered, folder, out, &args.run, &[], &runtime)?;
+        // The registration is saved where its samples cannot be drawn, too.
+        let drawn = samples.as_ref().map(|options| registered.draw_samples(options, &runtime));
+        let shown = drawn.as_ref().and_then(|drawn| drawn.as_ref().ok()).map(DrawnSamples::shown);
+        let beside = Beside { view: !args.run.no_view, files: &[], samples: shown };
+        let (text, report) = told(&mut registered, folder, out, beside, &args.run, &runtime)?;
         texts.push(text);
-        samples.as_ref().map_or(Ok(()), |options| registered.save_samples(&report, out, options, &runtime))
+        drawn.transpose()?.map_or(Ok(()), |drawn| registered.save_samples(&drawn, &report, out, &runtime))
     })?;
     all_told(texts, &names, index, args.run.told.json)
 }
@@ -267,7 +273,8 @@ pub(super) fn saved(
     files: &[(String, &str)],
     runtime: &Runtime,
 ) -> Result<String> {
-    Ok(told(&mut registered, folder, out, run, files, runtime)?.0)
+    let beside = Beside { view: !run.no_view, files, samples: None };
+    Ok(told(&mut registered, folder, out, beside, run, runtime)?.0)
 }
 
 /// As [`saved`], with the report.
@@ -275,11 +282,11 @@ fn told(
     registered: &mut Registered,
     folder: RunFolder,
     out: &Path,
+    beside: Beside<'_>,
     run: &RunArgs,
-    files: &[(String, &str)],
     runtime: &Runtime,
 ) -> Result<(String, Report)> {
-    let report = registered.save(folder, out, Beside { view: !run.no_view, files }, runtime)?;
+    let report = registered.save(folder, out, beside, runtime)?;
     let text = match run.told.json {
         true => report.json()?,
         false => format!("{}\nThe report: {}", report::terminal_table(&report), out.join("report.html").display()),

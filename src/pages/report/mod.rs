@@ -47,10 +47,10 @@ pub use identity::Decided;
 pub use library::{About, Gallery, Manifest, PostureRecord, RECORD, Rejected, Totals, library_page};
 pub use numbers::{OutputFile, Report, Run};
 pub use outputs::{Files, planned};
-pub use pictures::{FigureKind, FigureOf, Picture, draw, figure};
+pub use pictures::{FigureKind, FigureOf, Picture, SAMPLES_SHOWN, ShownSamples, draw, figure};
 pub use plane::Kind as PlaneKind;
 pub use restore::{cut_to, restore};
-pub use samples::{SAMPLES_PAGE, SAMPLES_SHOWN, write_samples_page};
+pub use samples::{SAMPLES_PAGE, write_samples_page};
 pub use save::{More, Saving, save};
 pub use searched::SearchedPlace;
 pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};
@@ -63,8 +63,8 @@ use crate::io::{relative_to, whole_path, write_file, write_json};
 use crate::pipeline::{Case, Outcome};
 use std::path::Path;
 
-/// Writes the report of a run, with the pictures that [`draw`] made of it and the volumes that [`embed`] did, into `folder` and returns its numbers; the
-/// `report.json` comes last and has the checksums of all that is there.
+/// Writes the report of a run, with the pictures that [`draw`] made of it, the volumes that [`embed`] did, and its samples, into
+/// `folder` and returns its numbers; the `report.json` comes last and has the checksums of all that is there.
 ///
 /// # Errors
 /// [`Error::Write`] when a file or folder cannot be written, [`Error::Internal`] when a picture cannot be encoded.
@@ -75,6 +75,7 @@ pub fn write(
     run: &Run,
     mut pictures: Vec<Picture>,
     view: Option<View>,
+    samples: Option<&ShownSamples>,
 ) -> Result<Report> {
     let pictures_folder = folder.join("report");
     std::fs::create_dir_all(&pictures_folder)
@@ -93,7 +94,7 @@ pub fn write(
     let transforms = report.bones.iter().map(|b| (b.name.as_str(), &b.transform));
     write_bone_transforms(&folder.join("bone_transforms.json"), transforms)?;
     more.push(("bone_transforms.json".into(), "4x4 of each bone, planning to fraction, LPS mm"));
-    let page = page(&report, &pictures, view.as_ref());
+    let page = page(&report, &pictures, view.as_ref(), samples);
     write_file(folder.join("report.html"), |out| out.write_all(page.as_bytes()))?;
     more.push(("report.html".into(), "the report as a page"));
     for (name, what) in more {

@@ -1,69 +1,32 @@
 //! The page of a run's samples: what the first of them add to the registration, in turns.
 
-use super::html::{data_url, head};
-use super::pictures::of_samples;
+use super::html::{head, samples as section};
+use super::pictures::ShownSamples;
 use super::viewer::policy;
 use crate::error::Result;
 use crate::io::write_file;
-use crate::pipeline::{Case, Outcome};
-use crate::sampling::{SampleSet, SamplingOptions};
 use maud::{DOCTYPE, html};
 use std::path::Path;
 
 /// The page's file.
 pub const SAMPLES_PAGE: &str = "samples.html";
-/// Samples that the page shows at most.
-pub const SAMPLES_SHOWN: usize = 3;
-/// Their pictures.
-const DRAWN: [&str; SAMPLES_SHOWN] = ["sample_1.png", "sample_2.png", "sample_3.png"];
-/// They are shown in turns; who wants less motion, and paper, gets one below the other.
-const STYLE: &str = "
-.turns { position: relative; }
-.turns figure { margin: 0; }
-.turns img { width: 100%; display: block; }
-@media screen and (prefers-reduced-motion: no-preference) {
-  .turns figure { animation: turn 3.6s step-end infinite; }
-  .turns figure + figure { position: absolute; inset: 0; }
-  .turns figure:nth-child(2) { animation-delay: -2.4s; }
-  .turns figure:nth-child(3) { animation-delay: -1.2s; }
-  .turns:hover figure { animation-play-state: paused; }
-  @keyframes turn { 0% { opacity: 1; } 33.34% { opacity: 0; } 100% { opacity: 0; } }
-}
-";
 
 /// Writes the page of samples of a run into `folder`; everything that it needs is inside.
 ///
 /// # Errors
 /// [`crate::Error::Write`] when the file cannot be written.
-pub fn write_samples_page(
-    folder: &Path,
-    (case, outcome): (&Case, &Outcome),
-    samples: &SampleSet,
-    options: &SamplingOptions,
-    command: &str,
-) -> Result<()> {
-    let files = &DRAWN[..DRAWN.len().min(samples.number())];
-    let pictures = of_samples(case, outcome, samples, files)?;
+pub fn write_samples_page(folder: &Path, samples: &ShownSamples, command: &str) -> Result<()> {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
-            (head("aventail: samples of a registration", STYLE, &policy(false)))
+            (head("aventail: samples of a registration", section::STYLE, &policy(false)))
             body {
                 div.sheet {
                     header {
                         p.brand { "aventail \u{b7} samples" }
                         h1 { "How far this registration may be off" }
                     }
-                    p {
-                        (options.number) " other registrations that fit about as well (seed " (options.seed) ", scale " (options.scale)
-                        "). The pictures show in turns what the first three add to the one that was found: bones move as wholes, "
-                        "neighbours together, and soft tissue varies over some millimetres. Hold the pointer over the picture to stop."
-                    }
-                    div.turns {
-                        @for p in &pictures {
-                            figure { img alt=(p.caption) src=(data_url(&p.png)); figcaption { (p.caption) } }
-                        }
-                    }
+                    (section::turns(samples))
                 }
                 div.end {
                     pre { span.clip { (command) } }

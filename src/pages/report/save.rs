@@ -1,7 +1,7 @@
 //! Everything of a run into its folder.
 
 use super::outputs::write_outputs;
-use super::{OutputFile, Report, Run, draw, embed, write};
+use super::{OutputFile, Report, Run, ShownSamples, draw, embed, write};
 use crate::config::Config;
 use crate::error::Result;
 use crate::io::RunFolder;
@@ -28,6 +28,8 @@ pub struct Saving<'a> {
     pub view: bool,
     /// Structures of the planning CT, for the page.
     pub contours: Option<&'a Contours>,
+    /// Samples of the registration's error, for the page.
+    pub samples: Option<&'a ShownSamples>,
     /// Files beyond fields, images and report.
     pub more: Option<&'a More<'a>>,
 }
@@ -55,7 +57,7 @@ pub fn save(
 fn fill(
     case: &Case,
     outcome: &mut Outcome,
-    Saving { command, config, inputs, view, contours, more }: Saving<'_>,
+    Saving { command, config, inputs, view, contours, samples, more }: Saving<'_>,
     out: &Path,
     runtime: &Runtime,
 ) -> Result<Report> {
@@ -79,5 +81,5 @@ fn fill(
         limits: config.verdict.clone(),
     };
     let (pictures, view) = (pictures?, view?);
-    runtime.stage("report", || write(out, case, outcome, &run, pictures, view))
+    runtime.stage("report", || write(out, case, outcome, &run, pictures, view, samples))
 }

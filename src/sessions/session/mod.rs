@@ -22,6 +22,6 @@ pub use planning::{BonesBy, PlanningSources};
 pub use posing::{MotionSource, PoseRequest, pose};
 pub use registered::{Beside, Registered};
 pub use registering::{Request, Session};
-pub use samples::{SAMPLES_FOLDER, Sampled, write_samples};
+pub use samples::{DrawnSamples, SAMPLES_FOLDER, Sampled, write_samples};
 pub use source::{Names, Source, bones, image, landmarks, structures};
 pub use start::split;

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::io::{Planned, RunFolder};
 use crate::pipeline::{Case, Outcome};
 use crate::provenance::Provenance;
-use crate::report::{self, Clinic, Decided, More, OutputFile, Report, Run, Saving};
+use crate::report::{self, Clinic, Decided, More, OutputFile, Report, Run, Saving, ShownSamples};
 use crate::runtime::{Runtime, StageTime};
 use std::path::Path;
 use std::sync::Arc;
@@ -43,6 +43,8 @@ pub struct Beside<'a> {
     pub view: bool,
     /// Files that lie in the folder already and belong to the run: name and meaning.
     pub files: &'a [(String, &'a str)],
+    /// Samples of the error that the report shows.
+    pub samples: Option<&'a ShownSamples>,
 }
 
 impl Registered {
@@ -122,6 +124,7 @@ impl Registered {
             inputs: &self.provenance.inputs,
             view: beside.view,
             contours: back.as_ref().and_then(|(clinic, _)| clinic.contours()),
+            samples: beside.samples,
             more: Some(&more as &More<'_>),
         };
         report::save(&self.case, &mut self.outcome, saving, folder, out, runtime)

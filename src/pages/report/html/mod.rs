@@ -3,13 +3,14 @@
 //! The verdict of the rules comes first, and the reviewer's fields, which stay blank.
 
 pub(super) mod paper;
+pub(super) mod samples;
 mod summary;
 mod tables;
 pub(super) mod verdict;
 mod view;
 
 use super::numbers::{Report, threads, utc};
-use super::pictures::{Picture, is_of_a_place};
+use super::pictures::{Picture, ShownSamples, is_of_a_place};
 use super::viewer::{View, policy, section};
 use crate::pipeline::FractionKind;
 use crate::provenance::InputFile;
@@ -34,7 +35,7 @@ pub(super) fn head(title: &str, more: &str, policy: &str) -> Markup {
 }
 
 /// The page of a run; everything it needs is inside.
-pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> String {
+pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples: Option<&ShownSamples>) -> String {
     let picture = |file: &str| figure(pictures.iter().find(|p| p.file == file));
     let title = summary::title(report);
     let has_landmarks = report.landmarks.is_some();
@@ -42,7 +43,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
     html! {
         (DOCTYPE)
         html lang="en" {
-            (head(&format!("aventail: {title}"), "", &policy(view.is_some())))
+            (head(&format!("aventail: {title}"), samples.map_or("", |_| samples::STYLE), &policy(view.is_some())))
             body {
                 // What is in a sheet is on one page of paper; its pictures have the room that is left.
                 div.sheet {
@@ -82,6 +83,12 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>) -> Strin
                             }
                         }
                         (tables::landmarks(report))
+                    }
+                }
+                @if let Some(samples) = samples {
+                    div.screen {
+                        h2 { "Samples of the error" }
+                        (samples::turns(samples))
                     }
                 }
                 h2 { "Verdicts" }
@@ -268,7 +275,7 @@ mod tests {
     #[test]
     fn places_that_a_search_has_weighed_are_told_and_rivals_drawn() {
         let (case, mut outcome, run) = example::small();
-        assert!(!page(&Report::new(&case, &outcome, &run), &[], None).contains("<h2>Search</h2>"));
+        assert!(!page(&Report::new(&case, &outcome, &run), &[], None, None).contains("<h2>Search</h2>"));
         let bones = outcome.skeleton.bones.len();
         let place = |cost: f64, x: f64| Hypothesis {
             transforms: vec![Rigid::translation(x, 0.0, 0.0); bones],
@@ -285,7 +292,7 @@ mod tests {
         let pictures = draw(&case, &outcome).unwrap();
         let places: Vec<&str> = pictures.iter().map(|p| p.file).filter(|f| is_of_a_place(f)).collect();
         assert_eq!(places, ["fusion_place_2.png"], "the third has too little evidence");
-        let page = page(&report, &pictures, None);
+        let page = page(&report, &pictures, None, None);
         assert!(
             page.contains("<h2>Search</h2>") && page.contains("85 %") && page.contains("Second place of the search")
         );
@@ -299,7 +306,7 @@ mod tests {
         let report = Report::new(&case, &outcome, &run);
         let pictures = draw(&case, &outcome).unwrap();
         assert_eq!(pictures.len(), 6);
-        let page = page(&report, &pictures, None);
+        let page = page(&report, &pictures, None, None);
         for outside in ["http:", "https:", "src=\"/", "url(", "<script", "<link"] {
             assert!(!page.contains(outside), "{outside}");
         }
@@ -325,7 +332,7 @@ mod tests {
         let (case, mut outcome, run) = example::small();
         outcome.landmarks = None;
         let pictures = draw(&case, &outcome).unwrap();
-        let page = page(&Report::new(&case, &outcome, &run), &pictures, None);
+        let page = page(&Report::new(&case, &outcome, &run), &pictures, None, None);
         assert_eq!(pictures.len(), 4);
         assert!(!page.contains("<h2>Landmarks</h2>"));
     }

@@ -10,6 +10,7 @@ mod landmarks;
 pub(super) mod legend;
 pub(super) mod residuals;
 mod scene;
+mod shown;
 pub(super) mod uncertainty;
 
 use super::canvas::Canvas;
@@ -20,13 +21,13 @@ use crate::concepts::transfer_functions;
 use crate::error::Result;
 use crate::io::write_file;
 use crate::pipeline::{Case, Outcome};
-use crate::sampling::SampleSet;
 pub use figure::{FigureKind, FigureOf, figure};
 pub(super) use focus::{focus, in_the_patient};
 pub(super) use fusion::{LEAST_SHIFT_MM, is_of_a_place};
 use rayon::prelude::*;
 use scene::PictureScene;
 pub(super) use scene::shift_before;
+pub use shown::{SAMPLES_SHOWN, ShownSamples};
 use std::path::Path;
 
 /// One picture, encoded, with what the page says about it.
@@ -67,20 +68,6 @@ pub fn draw(case: &Case, outcome: &Outcome) -> Result<Vec<Picture>> {
     let places = fusion::places(&scene).into_par_iter().map(Plate::encoded);
     pictures.extend(places.collect::<Result<Vec<_>>>()?);
     Ok(pictures)
-}
-
-/// What each of the first samples adds to the registration, a picture each at one scale; as many as `files` has names.
-///
-/// # Errors
-/// [`crate::error::Error::Internal`] when a picture cannot be encoded.
-pub(super) fn of_samples(
-    case: &Case,
-    outcome: &Outcome,
-    samples: &SampleSet,
-    files: &[&'static str],
-) -> Result<Vec<Picture>> {
-    let scene = PictureScene::new(case, outcome);
-    displacement::of_samples(&scene, samples, files).into_iter().map(Plate::encoded).collect()
 }
 
 /// The material transfer function of the run; nothing when its settings do not hold one.
