@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
 use crate::support::files::{self, nifti, put_f32, put_i16};
-use crate::support::{Done, Register, aventail, done, files_below, folder, phantom, small_phantom};
+use crate::support::{Done, Register, aventail, bones_alone, done, files_below, folder, phantom, small_phantom};
 use aventail::geometry::Grid;
 use aventail::volume::{LabelMap, Volume};
 use printed::{stderr, stdout};
@@ -434,17 +434,12 @@ fn a_changed_input_is_noticed_when_a_report_runs_again() {
 
 #[test]
 fn fields_are_written_in_the_format_asked_for() {
-    let reference = aventail::io::read_field(done().out.join("planning_to_fraction.nii.gz")).unwrap().value;
+    let first = Register::quick("nifti");
+    first.command().assert().success();
+    let reference = aventail::io::read_field(first.out.join("planning_to_fraction.nii.gz")).unwrap().value;
     // The settings of a run alone are enough to make its field again when the inputs are named.
-    let settings = Register::phantom("mha").with("--config", done().out.join("settings.toml")).flag("-q");
-    let small = Register::quick("nifti");
-    small.command().assert().success();
-    let small = aventail::io::read_field(small.out.join("planning_to_fraction.nii.gz")).unwrap().value;
-    for (format, register, reference) in [
-        ("mha", settings, &reference),
-        ("mha", Register::quick("small_mha"), &small),
-        ("nrrd", Register::quick("nrrd"), &small),
-    ] {
+    let again = Register::of(small_phantom(), at("mha")).with("--config", first.out.join("settings.toml")).flag("-q");
+    for (format, register) in [("mha", again), ("nrrd", Register::quick("nrrd"))] {
         let register = register.with("--field-format", format);
         register.command().assert().success();
         let file = register.out.join(format!("planning_to_fraction.{format}"));
@@ -532,9 +527,7 @@ fn skeleton_shows_the_tree_and_writes_it() {
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert!(json.to_string().contains("vertebrae_C7"));
     // What it writes is what `register --skeleton` takes, and unchanged it changes nothing.
-    // Voxels of 5 mm miss each other so often that the steps of consistency would enlarge any difference.
-    let settings = files::bytes(&at("as_it_is.toml"), b"[consistency]\nrounds = 0\n");
-    let run = |name: &str| Register::phantom(name).with("--config", &settings).flag("-q");
+    let run = |name: &str| Register::phantom(name).with("--config", bones_alone()).flag("-q");
     let fields = [run("built_skeleton"), run("own_skeleton").with("--skeleton", &file)].map(|register| {
         register.command().assert().success();
         aventail::io::read_field(register.out.join("planning_to_fraction.nii.gz")).unwrap().value
