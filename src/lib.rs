@@ -4,14 +4,6 @@
 //! soft-tissue elements carries their motion to every voxel. The result is a displacement vector field
 //! (DVF) with the evidence for it: landmark residuals, Jacobian characteristics and fusion images.
 //!
-//! # Frames and directions
-//!
-//! All positions are in the **LPS** world frame in **millimetres**; files are converted at the boundary
-//! (`io`) and nowhere else. Two field types keep directions apart:
-//!
-//! - [`field::PushField`] on the planning grid: planning point `x` goes to `x + u(x)` in the fraction;
-//! - [`field::PullField`] on the fraction grid: fraction voxel `y` shows what was at `y + v(y)` in planning.
-//!
 //! # A registration
 //!
 //! ```
@@ -34,6 +26,14 @@
 //!
 //! [`report::save`] writes what a run of the program writes, and [`report::Clinic`] what a planning system takes back;
 //! [`field`] carries images, labels and points.
+//!
+//! # Frames and directions
+//!
+//! All positions are in the **LPS** world frame in **millimetres**; files are converted at the boundary
+//! (`io`) and nowhere else. Two field types keep directions apart:
+//!
+//! - [`field::PushField`] on the planning grid: planning point `x` goes to `x + u(x)` in the fraction;
+//! - [`field::PullField`] on the fraction grid: fraction voxel `y` shows what was at `y + v(y)` in planning.
 //!
 //! # Rooms
 //!

@@ -352,6 +352,105 @@ fn no_table_of_figures_stands_without_its_data() {
     assert!(bare.is_empty(), "rows of tables outside `<!-- table: data/NAME.csv -->` and `<!-- end -->`: {bare:?}");
 }
 
+/// Where the figures in prose come from: docs/data/figures.toml.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Figures {
+    measured: Vec<Measured>,
+    repeated: Vec<Repeated>,
+    given: Vec<Given>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Measured {
+    page: String,
+    command: String,
+    date: String,
+    machine: String,
+    commit: String,
+    figures: Vec<String>,
+}
+
+/// Figures of a table of docs/data, rounded.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Repeated {
+    page: String,
+    table: String,
+    figures: Vec<String>,
+}
+
+/// Sizes, settings, limits, versions, dates: no results.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Given {
+    page: String,
+    figures: Vec<String>,
+}
+
+/// A page's prose in one line: without code blocks, tables, comments and targets of links.
+fn flowing(text: &str) -> String {
+    let lines = prose(text).into_iter().map(|(_, line)| line);
+    let own = lines.filter(|line| !line.starts_with('|') && !line.starts_with("<!-- "));
+    let line = own.flat_map(str::split_whitespace).collect::<Vec<_>>().join(" ");
+    let mut parts = line.split("](");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |line, rest| line + "]" + rest.split_once(')').map_or("", |(_, rest)| rest))
+}
+
+/// Figures: words outside backticks whose first letter or digit is a digit (`0.25`, `(1.8)`, `-500`; not `C4`).
+fn figures(prose: &str) -> impl Iterator<Item = &str> {
+    let digit_first = |word: &&str| word.chars().find(|c| c.is_alphanumeric()).is_some_and(|c| c.is_ascii_digit());
+    prose.split('`').step_by(2).flat_map(str::split_whitespace).filter(digit_first)
+}
+
+/// Whether a figure is one of a table's numbers, rounded as the figure is.
+fn is_in(figure: &str, table: &str) -> bool {
+    let figure = figure.trim_matches(|c: char| !c.is_ascii_digit());
+    let decimals = figure.split_once('.').map_or(0, |(_, behind)| behind.len());
+    let rows = table.lines().filter(|line| !line.starts_with('#'));
+    let mut numbers = rows.flat_map(|line| line.split(|c: char| !c.is_ascii_digit() && c != '.'));
+    numbers.any(|n| n.parse::<f64>().is_ok_and(|n| format!("{n:.decimals$}") == figure))
+}
+
+/// Each piece of docs/data/figures.toml stands once on its page, and is struck out; no figure may be left.
+#[test]
+fn figures_in_prose_are_those_of_their_data() {
+    let data = root().join("docs/data");
+    let said: Figures = toml::from_str(&fs::read_to_string(data.join("figures.toml")).unwrap()).unwrap();
+    let mut wrong = Vec::new();
+    for Measured { page, command, date, machine, commit, figures } in &said.measured {
+        if [command, date, machine, commit].iter().any(|value| value.trim().is_empty()) {
+            wrong.push(format!("{page}: no command, date, machine or commit of {figures:?}"));
+        }
+    }
+    for Repeated { page, table, figures: pieces } in &said.repeated {
+        let values = fs::read_to_string(data.join(table)).unwrap_or_else(|e| panic!("{table}: {e}"));
+        let other = pieces.iter().flat_map(|piece| figures(piece)).filter(|figure| !is_in(figure, &values));
+        wrong.extend(other.map(|figure| format!("{page}: {figure} is not in {table}")));
+    }
+    let measured = said.measured.iter().map(|m| (&m.page, &m.figures));
+    let repeated = said.repeated.iter().map(|r| (&r.page, &r.figures));
+    let given = said.given.iter().map(|g| (&g.page, &g.figures));
+    let pages = FIGURES.iter().map(|page| format!("docs/{page}")).chain(["README.md".to_owned()]);
+    let text_of = |page: &String| flowing(&fs::read_to_string(root().join(page)).unwrap());
+    let mut left: BTreeMap<String, String> = pages.map(|page| (page.clone(), text_of(&page))).collect();
+    for (page, pieces) in measured.chain(repeated).chain(given) {
+        let text = left.get_mut(page).unwrap_or_else(|| panic!("{page} is no page of figures"));
+        for piece in pieces {
+            match text.matches(piece.as_str()).count() {
+                1 => *text = text.replace(piece.as_str(), " "),
+                times => wrong.push(format!("{page}: stands there {times} times: {piece}")),
+            }
+        }
+    }
+    for (page, text) in &left {
+        wrong.extend(figures(text).map(|figure| format!("{page}: not in docs/data/figures.toml: {figure}")));
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
 /// Nobody reads more: what a page gains another loses.
 #[test]
 fn the_documents_stay_short() {
