@@ -85,12 +85,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples:
                         (tables::landmarks(report))
                     }
                 }
-                @if let Some(samples) = samples {
-                    div.screen {
-                        h2 { "Samples of the error" }
-                        (samples::turns(samples))
-                    }
-                }
+                (sampled(samples))
                 h2 { "Verdicts" }
                 (verdict::table(&report.verdicts, RULES_ON_PAPER))
                 h2 { "Bones" }
@@ -118,6 +113,18 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples:
         }
     }
     .into_string()
+}
+
+/// Where samples were drawn with the run: the first of them.
+fn sampled(samples: Option<&ShownSamples>) -> Markup {
+    html! {
+        @if let Some(samples) = samples {
+            div.screen {
+                h2 { "Samples of the error" }
+                (samples::turns(samples))
+            }
+        }
+    }
 }
 
 /// What a search has weighed, with its rivals.
