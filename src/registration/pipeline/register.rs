@@ -189,6 +189,8 @@ pub fn check_inputs(case: &Case, config: &Config) -> Result<Vec<Warning>> {
     Ok(warnings)
 }
 
+/// Of a bone in view by less than this, too little contrast is no wonder and is not warned of.
+const SHOULD_BE_FOUND: f64 = 0.3;
 /// Farther than this beyond its soft range a joint is warned of.
 const BEYOND_DEG: f64 = 3.0;
 const BEYOND_MM: f64 = 3.0;
@@ -197,7 +199,7 @@ const BEYOND_MM: f64 = 3.0;
 pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     let mut out = Vec::new();
     for bone in &fit.bones {
-        if bone.determined_by == DeterminedBy::Joint && bone.visible > 0.3 {
+        if bone.determined_by == DeterminedBy::Joint && bone.visible > SHOULD_BE_FOUND {
             let message = format!(
                 "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but too little of its \
                  contrast is found to place it (voxels of 2.5 mm and more do that to thin bones, too)",
