@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// What `aventail figure --help` adds.
 pub(super) const AFTER: &str = "\
 Drawn as in the report, from the run's own files and inputs, which must be unchanged. An .svg
-holds the scans as pixels, and lines, arrows and letters as such; a .png holds all as pixels.
+holds the scans as pixels, and lines, arrows and text as vectors; a .png holds only pixels.
 
 Examples:
   aventail figure out --kind fusion --plane sagittal --at 3.5 --out fusion.svg
