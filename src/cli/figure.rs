@@ -77,7 +77,7 @@ pub(super) fn run(args: &FigureArgs) -> Result<String> {
         Some("png") => false,
         _ => {
             return Err(Error::usage(
-                format!("{}: the figure's format is not told", args.out.display()),
+                format!("{}: the file name does not say the figure's format", args.out.display()),
                 "give a file that ends in .svg or .png",
             ));
         }

@@ -167,7 +167,7 @@ impl StudiedMotion {
         let Some(side) = PlanningSources::recorded(&inputs) else {
             return Err(Error::input(
                 path.display().to_string(),
-                "it does not name the files of its planning CT and bones: the images were made by the run itself",
+                "it does not name the files of its planning CT and bones: the run made its images itself",
                 "write the phantom with `aventail phantom`, register its files, and study that run",
             ));
         };

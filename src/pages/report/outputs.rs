@@ -74,7 +74,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         files.add(name, what, move |path| io::write_mask(path, mask, &options(what)));
     }
     if let Some(skin) = &outcome.skin_contact {
-        let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
+        let what = "fraction voxels where skin passes through skin";
         files.add("skin_contact.nii.gz", what, move |path| io::write_mask(path, skin, &options(what)));
     }
     if let Some((map, _)) = &outcome.uncertainty {

@@ -58,11 +58,11 @@ pub fn confirmed(
         && one.uid == other.uid
     {
         let problem = format!(
-            "it takes points of the frame of reference {a} to {b}, and {} ({}) and {} ({}) both claim to lie in {}: which of them \
-             is meant cannot be told",
+            "it takes points of the frame of reference {a} to {b}, and {} ({}) and {} ({}) both claim to lie in {}: it is unclear \
+             which of them is meant",
             one.what, one.name, other.what, other.name, one.uid
         );
-        let remedy = "give a scan of each frame of reference: of what `register --dicom` has written the series in its folder ct";
+        let remedy = "give a scan of each frame of reference: for results of `register --dicom` the series in their folder ct";
         return Err(Error::refused(findings::DICOM_FRAME, file, problem, remedy));
     }
     for NamedFrame { name: frame, uid, what } in known {

@@ -87,7 +87,7 @@ impl Request {
 
 fn on_disk(path: Option<&Path>) -> Result<&Path> {
     path.ok_or_else(|| {
-        let problem = "only DICOM can go back as DICOM, and a scan is given in memory";
+        let problem = "DICOM results need DICOM input, and a scan is given in memory";
         Error::usage(problem, "give the folders of both series, or leave dicom out")
     })
 }
