@@ -81,7 +81,8 @@ impl CourseDose {
     pub(super) fn read(path: &Path, seen_from: &Path) -> Result<(Self, InputFile)> {
         let remedy = "give the JSON file that `aventail dose accumulate` with samples wrote beside a dose";
         let beside: Beside = read_json(path, remedy)?;
-        let without = || Error::input(path.display().to_string(), "it has no results of samples of the registration", remedy);
+        let without =
+            || Error::input(path.display().to_string(), "it has no results of samples of the registration", remedy);
         let samples = beside.samples.ok_or_else(without)?;
         let whole = whole_path(path).map_err(|e| Error::read(path, e.to_string(), "check the path"))?;
         let patient = whole.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned();
