@@ -51,7 +51,7 @@ pub enum FigureKindName {
     Displacement,
     /// Volume after over before
     Jacobian,
-    /// How far the result may be trusted, mm
+    /// Estimated error, one standard deviation, mm
     Uncertainty,
 }
 

@@ -9,7 +9,7 @@ findings! {
     );
     BONE_NOT_EXPLAINED = doubted(
         "bone-not-explained",
-        "Too little of a bone's contrast is found to place it; it follows its joint.",
+        "Too little of a bone's contrast is found; the bone follows its joint.",
         "Check the fusion images.",
     );
     BONE_UNLIKE = doubted(
@@ -44,7 +44,7 @@ findings! {
     );
     BONES_BY_LABEL = doubted(
         "bones-by-label",
-        "No label names a bone; each is one rigid bone.",
+        "No label has a bone's name; each counts as one rigid bone.",
         "Give names with --labels.",
     );
     BONES_LOST = doubted(

@@ -68,7 +68,7 @@ impl PlanningSources {
         [self.ct.path(), self.bones.path()].into_iter().chain(more).flatten().map(Path::to_owned)
     }
 
-    /// What is to be known of labels that were made.
+    /// Warnings about labels that were made.
     pub fn made(&self) -> &[Warning] {
         &self.made
     }

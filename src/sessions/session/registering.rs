@@ -20,11 +20,11 @@ pub struct Request {
     pub planning: PlanningSources,
     /// The fractions, in the order in which they are registered.
     pub fractions: Vec<FractionSources>,
-    /// What goes back to a planning system, where DICOM is asked for.
+    /// What is written for a planning system, where DICOM is asked for.
     pub clinic: Option<ClinicFiles>,
     /// Leaves the patient's identity out of reports.
     pub anonymous: bool,
-    /// Planning and fraction truly lie in one frame of reference: nothing is to be said about it.
+    /// Planning and fraction truly lie in one frame of reference: no warning about it.
     pub same_frame: bool,
     /// Inputs of an earlier run, whose checksums are compared with those of the files that are read.
     pub recorded: Vec<RecordedInput>,
@@ -58,7 +58,7 @@ impl Request {
         self.fractions.iter_mut().try_for_each(|one| one.make_bones(by, runtime))
     }
 
-    /// Refuses what the request itself and headers tell; returns the memory that the greediest fraction is expected to need,
+    /// Refuses faults that show in the request itself or in headers; returns the expected memory of the fraction that needs most,
     /// bytes.
     ///
     /// # Errors
