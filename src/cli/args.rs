@@ -104,7 +104,7 @@ pub enum PresetName {
 pub enum SpeedName {
     /// Coarser elements, no map of uncertainty (preset fast)
     Fast,
-    /// The most accurate for its run time (preset default)
+    /// What measures best for its time (preset default)
     Balanced,
 }
 

@@ -17,10 +17,10 @@ pub struct ClinicArgs {
     /// Dose of the plan
     #[arg(long, value_name = "RTDOSE", requires = "dicom")]
     pub dose: Option<PathBuf>,
-    /// Leave the patient's identity out of the report and of DICOM (names of files and UIDs of study and series stay)
+    /// Leave the patient's identity out of the report and of DICOM (UIDs of study and series stay, and names of files)
     #[arg(long)]
     pub anonymous: bool,
-    /// Planning and fraction really share one frame of reference: keep it in the output
+    /// Planning and fraction really share one frame of reference: keep it in what is written
     #[arg(long)]
     pub same_frame: bool,
 }

@@ -46,7 +46,7 @@ pub struct CurveArgs {
     /// Fraction CT
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub fraction: Option<PathBuf>,
-    /// Points known in both scans, to measure the error
+    /// Points known in both scans, which tell the error
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub landmarks: Option<PathBuf>,
     /// Settings to run (TOML; data/curve.toml of the sources is the one that is built in)

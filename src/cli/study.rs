@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
 A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found
-there. Each stage's result is kept: a study that was stopped continues where it was.
+there. Each stage's result is kept, so that a study that was stopped goes on where it was.
 
 --concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's
 chapter 5 shows: transfer functions (Fig. 13), processing order (14, 15), rotation (17, 18),
@@ -167,7 +167,7 @@ impl StudiedMotion {
         let Some(side) = PlanningSources::recorded(&inputs) else {
             return Err(Error::input(
                 path.display().to_string(),
-                "it does not name the files of its planning CT and bones: the run made its images itself",
+                "it does not name the files of its planning CT and bones: the images were made by the run itself",
                 "write the phantom with `aventail phantom`, register its files, and study that run",
             ));
         };

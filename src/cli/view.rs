@@ -30,7 +30,7 @@ Examples:
 /// Options of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; with several fractions, the folder of one
+    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; of several fractions the folder of one
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
     /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set). Default: those that

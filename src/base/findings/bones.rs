@@ -9,7 +9,7 @@ findings! {
     );
     BONE_NOT_EXPLAINED = doubted(
         "bone-not-explained",
-        "Too little of a bone's contrast is found; the bone follows its joint.",
+        "Too little of a bone's contrast is found to place it; it follows its joint.",
         "Check the fusion images.",
     );
     BONE_UNLIKE = doubted(

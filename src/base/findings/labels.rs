@@ -4,12 +4,12 @@ findings! {
     LABELS:
     CONTOURS_CANCEL = warned(
         "contours-cancel",
-        "Contours cancel: what two enclose counts as outside.",
+        "Contours cancel: what two enclose is outside.",
         "Nest contours for holes only.",
     );
     CONTOURS_CROSS = warned(
         "contours-cross",
-        "Contours cross: what two enclose counts as outside.",
+        "Contours cross: what two enclose is outside.",
         "Draw parts apart, or as one.",
     );
     CONTOURS_REPEATED = warned(
@@ -64,7 +64,7 @@ findings! {
     );
     LABELS_OVERLAP = warned(
         "labels-overlap",
-        "Structures overlap; the first named keeps the voxels.",
+        "Structures overlap; the first keeps the voxels.",
         "Reorder the files if needed.",
     );
     SEGMENTS_LEFT_OUT = warned(

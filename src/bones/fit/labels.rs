@@ -84,7 +84,7 @@ pub fn from_labels(
         return Err(Error::input(
             "the fraction's bone labels",
             format!(
-                "no bone of the skeleton has labels in both scans that match; the fraction's are {}",
+                "no bone of the skeleton has labels in both scans that fit; the fraction's are {}",
                 names.join(", ")
             ),
             "name the fraction's labels as planning's, or leave them out",

@@ -114,7 +114,7 @@ pub struct SampledArgs {
     /// be off. Writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and bands and 90 % intervals into the page
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub samples: Vec<PathBuf>,
-    /// Doses x of V_x in the table of intervals, Gy
+    /// Doses of V_x in the table of intervals, Gy
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
     /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
@@ -227,8 +227,8 @@ pub struct DvhArgs {
     /// Doses in Gy
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
-    /// Structures in the doses' frame, or in planning with a field: a label map, or contours (JSON, DICOM structure set).
-    /// Contours may overlap
+    /// Structures in the doses' frame, or in planning with a field: a label map, or contours (JSON, DICOM structure set), which
+    /// may overlap
     #[arg(long, value_name = "FILE")]
     pub structures: PathBuf,
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
@@ -246,7 +246,7 @@ pub struct DvhArgs {
     /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
-    /// Doses x of V_x, Gy
+    /// Doses of V_x, Gy
     #[arg(long, value_name = "GY", num_args = 1..)]
     pub at: Vec<f64>,
     /// Width of a bin of the curves, Gy

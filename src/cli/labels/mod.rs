@@ -18,10 +18,10 @@ Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_
 gives all of its named structures. A folder gives all its images, in order of name. NAME=FILE names a
 mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
 drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
-names, unless NAME= gives another.
+names, unless NAME= says the name.
 
 Where structures overlap the one named first keeps the voxels. Bones are numbered 1 to 68 by the
-skeleton's anatomy, the same in every map; all others follow from 101 on, in alphabetical order.
+skeleton's anatomy, the same in every map; all others follow from 101 on, by the alphabet.
 
 Examples:
   # TotalSegmentator's folder of masks
@@ -55,7 +55,7 @@ pub struct MergeArgs {
     /// Planning CT: structure sets are drawn on its grid, and all other files must have it
     #[arg(long, value_name = "IMAGE")]
     pub grid: Option<PathBuf>,
-    /// Names in a structure set that are not recognised (TOML): a table `bones` with lines such as "Unterkiefer" = "mandible"
+    /// Names in a structure set that are not recognised (TOML): a table `bones` with lines as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// How the result is told.

@@ -15,7 +15,7 @@ pub(super) const PLAN: &str = "postures.toml";
 
 pub(in crate::cli) const HELP: &str = "\
 Without --plan postures vary as they usually do between fractions: the couch by 1.9 mm and 0.75
-degrees, the neck by a few degrees shared by its levels, and also jaw, hyoid and shoulders
+degrees, the neck by a few degrees shared by its levels, jaw, hyoid and shoulders besides
 (docs/library.md has the numbers and their sources). A plan changes that:
 
   scale = 1.5                        # all standard deviations times 1.5
@@ -42,7 +42,7 @@ Writes to OUT:
                   with --structures contours.json, with --dose dose.nii.gz, with --cbct or --noise
                   image.nii.gz, as the machine would show ct.nii.gz
 
-To continue a run that was stopped, start it again with the same settings. --fit finds the
+A run that was stopped goes on when it is started again with the same settings. --fit finds the
 principal modes of a patient's own fractions and writes them as a plan.
 
 Examples:
@@ -70,7 +70,7 @@ pub struct LibraryArgs {
     /// Seed of the draws: the same seed gives the same postures, however many are drawn
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u32,
-    /// Draw implausible postures again: bones that overlap or come apart, folds, skin that passes through skin
+    /// Draw again where a posture is implausible: bones that lie in each other or come apart, folds, skin in skin
     #[arg(long, requires = "sample")]
     pub reject: bool,
     /// Folder for the results; made if missing

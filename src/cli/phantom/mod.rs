@@ -64,10 +64,10 @@ pub struct PhantomArgs {
     #[arg(long, value_name = "FILE")]
     pub pose: Option<PathBuf>,
     /// A breathing chest instead of head and neck; its diaphragm goes down by MM [default: 20], or
-    /// up if MM is negative
+    /// up if below 0
     #[arg(long, value_name = "MM", num_args = 0..=1, allow_negative_numbers = true, conflicts_with = "pose")]
     pub breathing: Option<Option<f64>>,
-    /// Make cone-beam CTs of the fractions; FILE (TOML, like the cbct.toml that it writes) sets how
+    /// Make cone-beam CTs of the fractions; FILE (TOML, as the written cbct.toml) changes how
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     pub cbct: Option<Option<PathBuf>>,
     /// A test object with an exact answer instead of the anatomy

@@ -82,8 +82,8 @@ pub struct RegisterArgs {
     /// Whether bone landmarks start the fit to the image or replace it
     #[arg(long, value_enum)]
     pub bone_landmarks_use: Option<LandmarkUseName>,
-    /// Register only this part of the planning scan and 50 mm around it: the name of a label, or a box in LPS mm. The results
-    /// are cut to it (see `region` in docs/settings.md)
+    /// Only this part of the planning scan, with 50 mm around it: the name of a label, or a box in LPS mm. The results are
+    /// cut to it (see `region` in docs/settings.md)
     #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub roi: Option<String>,
     /// Bones that the couch shift for setup is matched on: spine (the vertebrae nearest the middle of what both scans show), names

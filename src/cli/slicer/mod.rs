@@ -18,7 +18,7 @@ docs/slicer.md has every click.";
 /// What `aventail slicer` can do.
 #[derive(Debug, Subcommand)]
 pub enum SlicerVerb {
-    /// Make a folder that Slicer loads as a module: the module calls this program at its present path
+    /// Make a folder that Slicer loads as a module: it calls this program where it lies now
     #[command(after_help = HELP)]
     Install(InstallArgs),
     /// What Slicer calls: --xml describes the module, else it registers what Slicer has written for it

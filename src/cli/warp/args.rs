@@ -79,8 +79,8 @@ pub struct WarpArgs {
     /// with the label at each voxel; for contours also the contours that 5, 50 and 95 % of the samples reach. Only from planning to fraction
     #[arg(long, value_name = "DIR", requires = "input")]
     pub samples: Option<PathBuf>,
-    /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not name them: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
-    /// For one matrix of several write FILE#ras or FILE#lps
+    /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
+    /// One matrix of several can say it as FILE#ras or FILE#lps
     #[arg(long, value_enum)]
     pub space: Option<SpaceName>,
     /// Write the chain as one field that takes points of --from to --to, instead of carrying an input

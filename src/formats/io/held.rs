@@ -84,9 +84,9 @@ impl Guarded {
         }
         let (input, output) = (self.input.display().to_string(), output.display().to_string());
         let problem = if input == output {
-            "the result would overwrite this input".to_owned()
+            "the result would take the place of this input".to_owned()
         } else {
-            format!("the result {output} is the same file and would overwrite this input")
+            format!("the result {output} is the same file and would take the place of this input")
         };
         Err(Error::refused(
             findings::INPUT_OVERWRITTEN,

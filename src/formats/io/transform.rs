@@ -80,7 +80,7 @@ fn of_text(path: &Path, entry: Option<&str>, space: Option<Space>) -> Result<Rig
                 Some(e) if e.eq_ignore_ascii_case("lps") => Some(Space::Lps),
                 Some(other) => {
                     let problem = format!("it holds one matrix, none of the name {other:?}");
-                    let remedy = "leave #NAME out, or name the space of its coordinates: FILE#ras or FILE#lps";
+                    let remedy = "leave #NAME out, or tell the space of its coordinates: FILE#ras or FILE#lps";
                     return Err(Error::input(path.display().to_string(), problem, remedy));
                 }
             };

@@ -1,4 +1,4 @@
-//! Rank 4: plausible registrations beside the one that was found: examples of the field's error.
+//! Rank 4: plausible registrations beside the one that was found: what an error of the field may look like.
 //!
 //! A [`PosePosterior`] holds the remaining uncertainty of the bones, the map of uncertainty that of soft tissue. A
 //! [`TissueModel`] draws [`Drawn`] samples of both: bones stay rigid, tissue follows them and adds a random field of the

@@ -28,7 +28,7 @@ impl PlanningScan {
 /// A fraction of the patient, with what is known of planning and this fraction; LPS mm.
 #[derive(Debug, Clone)]
 pub struct FractionScan {
-    /// Fraction CT, HU; for a posture that was made, the artificial CT.
+    /// Fraction CT, HU; of a posture that was made, the artificial one.
     pub ct: Volume<f32>,
     /// Evaluation landmarks; they never enter the fit.
     pub landmarks: Vec<Landmark>,

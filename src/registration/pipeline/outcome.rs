@@ -28,7 +28,7 @@ pub const CARRYING: &str = "propagate to soft tissue";
 pub struct VolumeReached {
     /// Its name.
     pub organ: String,
-    /// Volume after over before, as asked for.
+    /// Volume after over before that was asked for.
     pub factor: f64,
     /// Volume after over before in the field: mean Jacobian of its cells; `None` where the organ has no cells.
     pub reached: Option<f64>,
@@ -88,7 +88,7 @@ pub struct Outcome {
     pub rigidity: Vec<BoneRigidity>,
     /// Bones that overlap or come apart, and skin on skin.
     pub contact: ContactReport,
-    /// Fraction voxels where skin passes through skin, when there are any.
+    /// Fraction voxels where the pushed patient lies on himself, when there are any.
     pub skin_contact: Option<Mask>,
     /// Volumes that were asked to change.
     pub volume_changes: Vec<VolumeReached>,
@@ -96,7 +96,7 @@ pub struct Outcome {
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
     pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
-    /// Remaining uncertainty of the bones' poses; where a map of uncertainty was made.
+    /// What the fit leaves open of the bones; where a map of uncertainty was made.
     pub posterior: Option<PosePosterior>,
     /// How far the images agree before, with the couch shift and after; where a fraction was registered.
     pub agreement: Option<Agreement>,

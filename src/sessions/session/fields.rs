@@ -163,7 +163,7 @@ pub fn doubt(file: &str, from: &str, to: &str, field: &Grid, known: &[Known<'_>]
     let ((own, own_image), (other, image)) = (best(true)?, best(false)?);
     (other < own).then(|| {
         let message = format!(
-            "{file}: it does not say its direction; a field from {from} to {to} lies on a grid of {from}, but it lies on that of \
+            "{file}: it does not tell its direction; a field from {from} to {to} lies on a grid of {from}, but it lies on that of \
              {} ({}) and not on that of {} ({from}): check that it does not point the other way",
             image.name, image.frame, own_image.name
         );

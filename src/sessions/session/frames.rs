@@ -58,8 +58,8 @@ pub fn confirmed(
         && one.uid == other.uid
     {
         let problem = format!(
-            "it takes points of the frame of reference {a} to {b}, and {} ({}) and {} ({}) both claim to lie in {}: it is unclear \
-             which of them is meant",
+            "it takes points of the frame of reference {a} to {b}, and {} ({}) and {} ({}) both claim to lie in {}: which of them \
+             is meant cannot be told",
             one.what, one.name, other.what, other.name, one.uid
         );
         let remedy =

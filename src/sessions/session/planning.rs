@@ -68,7 +68,7 @@ impl PlanningSources {
         [self.ct.path(), self.bones.path()].into_iter().chain(more).flatten().map(Path::to_owned)
     }
 
-    /// Warnings about labels that were made.
+    /// What is to be known of labels that were made.
     pub fn made(&self) -> &[Warning] {
         &self.made
     }
@@ -190,7 +190,8 @@ pub(super) fn made_bones(
     runtime: &Runtime,
 ) -> Result<AutoBones> {
     if named {
-        let problem = format!("{what} are \"auto\" and labels are given: labels that are made have their names");
+        let problem =
+            format!("{what} are \"auto\" and labels are given: the labels of TotalSegmentator bring their own names");
         return Err(Error::usage(problem, "leave labels out, or name a label map"));
     }
     let Some(planning) = ct else {

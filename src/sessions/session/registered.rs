@@ -93,7 +93,7 @@ impl Registered {
         planned
     }
 
-    /// Locks the folder that it will be written into; refuses a folder that holds an input or another command's results.
+    /// Takes hold of the folder that it will be written into; refuses one that holds an input, or somebody else's work.
     ///
     /// # Errors
     /// As [`RunFolder::open`].

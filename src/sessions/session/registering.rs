@@ -20,11 +20,11 @@ pub struct Request {
     pub planning: PlanningSources,
     /// The fractions, in the order in which they are registered.
     pub fractions: Vec<FractionSources>,
-    /// What is written for a planning system, where DICOM is asked for.
+    /// What goes back to a planning system, where DICOM is asked for.
     pub clinic: Option<ClinicFiles>,
     /// Leaves the patient's identity out of reports.
     pub anonymous: bool,
-    /// Planning and fraction truly lie in one frame of reference: no warning about it.
+    /// Planning and fraction truly lie in one frame of reference: nothing is to be said about it.
     pub same_frame: bool,
     /// Inputs of an earlier run, whose checksums are compared with those of the files that are read.
     pub recorded: Vec<RecordedInput>,

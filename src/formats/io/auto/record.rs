@@ -111,7 +111,7 @@ impl LabelsRecord {
         );
         let partial = self.failed.iter().map(|f| {
             let message = format!(
-                "{file}: the {} has no label and moves with what is about it, because task {} failed ({}); remove {file} and {} to \
+                "{file}: the {} has no label and moves with the surrounding tissue, because task {} failed ({}); remove {file} and {} to \
                  have all made anew",
                 f.bone,
                 f.task,

@@ -70,7 +70,7 @@ pub(super) fn summed(path: &Path, mut read: Vec<Loaded<Dose>>) -> Result<Loaded<
         add.for_each(|(sum, d)| *sum += *d);
     }
     let message = format!(
-        "{}: the doses of {count} beams are summed; they do not show whether the plan has more beams",
+        "{}: the doses of {count} beams are summed; whether the plan has more beams cannot be told from them",
         path.display()
     );
     whole.warnings.retain(|w| !w.is(findings::DOSE_PART));

@@ -175,7 +175,7 @@ fn run_lengths(segment: &[u8]) -> usize {
 fn decode(path: &Path, object: &DefaultDicomObject, count: usize, frame: [usize; 2]) -> Result<Vec<u8>> {
     let syntax = object.meta().transfer_syntax().trim_end_matches('\0').trim();
     let refused = |what: &str, tool: &str| {
-        let problem = format!("its pixels are compressed as {what}, which is not supported");
+        let problem = format!("its pixels are compressed as {what}, which is not read");
         let remedy = format!("unpack all slices first, for example with `{tool}`");
         Error::refused(findings::DICOM_COMPRESSION, path.display().to_string(), problem, remedy)
     };

@@ -113,8 +113,7 @@ fn header(path: &Path, bytes: &[u8]) -> Result<NiftiHeader> {
         return Err(not_nifti(&format!("it holds {} bytes, fewer than a NIfTI-1 header", bytes.len())));
     }
     if [i32::from_le_bytes(first), i32::from_be_bytes(first)].contains(&(HEADER as i32)) && bytes[344..348] == [0; 4] {
-        let remedy =
-            "convert header and image to one .nii file, and check left and right: ANALYZE does not record them";
+        let remedy = "convert header and image to one .nii file, and check left and right: ANALYZE does not tell them";
         return Err(Error::read(path, "it is an ANALYZE 7.5 header, without a NIfTI-1 magic number", remedy));
     }
     let header = NiftiHeader::from_reader(bytes).map_err(|_| not_nifti("it has no NIfTI-1 magic number"))?;

@@ -133,7 +133,7 @@ fn with_directions(
             .is_some_and(|n| (0..n.len()).any(|a| axes[a].is_some() && !n[a].is_nan()));
         if both {
             let problem = format!("it has {key} beside space directions, which may contradict each other");
-            return Err(fields.field(problem, "leave one of them out: space directions and space origin suffice"));
+            return Err(fields.field(problem, "leave one of them out: space directions and space origin tell all"));
         }
     }
     let kept: Vec<(usize, Vector3<f64>)> = axes.iter().zip(sizes).filter_map(|(v, &n)| v.map(|v| (n, v))).collect();

@@ -157,7 +157,7 @@ fn big_endian(fields: &Fields<'_>, element: Element) -> Result<bool> {
         Some("big") => Ok(true),
         None if element.size() == 1 => Ok(false),
         None => Err(fields.field(
-            format!("it does not give the byte order of its {} values", element.name()),
+            format!("it does not tell the byte order of its {} values", element.name()),
             "add the line `endian: little` (or big) to the header",
         )),
         Some(other) => Err(fields.field(format!("endian {other:?} is neither little nor big"), "correct the header")),

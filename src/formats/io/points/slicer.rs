@@ -31,7 +31,7 @@ pub(super) fn read_markups(file: &File<'_>) -> Result<PointFile> {
     for (m, list) in lists.iter().enumerate() {
         let kind = list["type"].as_str().unwrap_or("Fiducial");
         if !POINTWISE.contains(&kind) {
-            let problem = format!("a markup of type {kind} is not defined by its control points alone");
+            let problem = format!("a markup of type {kind} is more than its control points");
             return Err(file.refuse(problem, format!("give point lists or curves: {}", POINTWISE.join(", "))));
         }
         // A unit by name, or by code, coding scheme and name.

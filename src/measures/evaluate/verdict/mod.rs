@@ -13,13 +13,13 @@ pub use warned::of_warnings;
 
 use serde::{Deserialize, Serialize};
 
-/// How a figure compares with its limit.
+/// How a figure stands to its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mark {
     /// Nothing speaks against it.
     Pass,
-    /// A person must look at it before it is used.
+    /// A person looks before it is used.
     Review,
     /// Not to be used as it is.
     Fail,
@@ -49,7 +49,7 @@ pub struct Verdict {
     pub limit: String,
     /// Who gives the limits.
     pub source: String,
-    /// How the value compares with them.
+    /// How the value stands to them.
     pub verdict: Mark,
     /// Why.
     pub reason: String,

@@ -143,7 +143,7 @@ pub(super) fn section(doses: &[CourseDose]) -> Markup {
             p.note {
                 "Each figure of the accumulated dose, and in brackets its 90 % interval over samples of the registrations' errors. "
                 "Common is the share of the variance in steep dose that is the same in all fractions: more fractions "
-                "do not average it out. Outlines and doses are assumed to be right."
+                "do not average it out. Outlines and doses are taken for right."
             }
             div.scrolled { table.runs {
                 thead { tr {

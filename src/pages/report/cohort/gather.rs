@@ -103,7 +103,7 @@ impl RunFound {
                 return Err(Error::refused(
                     findings::NO_RUN,
                     path.display().to_string(),
-                    format!("neither it nor a folder in it holds a {REPORT}: there is no finished run"),
+                    format!("neither it nor a folder in it holds a {REPORT}: no run, or none that was finished"),
                     "give the --out folders of finished runs, or a folder that holds them",
                 ));
             }

@@ -92,10 +92,10 @@ impl SampledDose {
             title: "Figures with their 90 % intervals".into(),
             note: format!(
                 "Each figure of the registration that was found, and in brackets its 90 % interval over {} samples of the \
-                 registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are assumed to be right.{}",
+                 registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are taken for right.{}",
                 self.number,
                 self.common_percent.map_or(String::new(), |percent| format!(
-                    " Of the variance in steep dose {percent:.0} % is common to the fractions: more fractions do not average it out."
+                    " Of the variance in steep dose {percent:.0} % is common to the fractions: more of them do not average it out."
                 ))
             ),
             head: std::iter::once("structure".to_owned()).chain(heads).collect(),
@@ -126,7 +126,7 @@ impl SampledDose {
         );
         if let Some(percent) = self.common_percent {
             text += &format!(
-                "  {percent:.0} % of that variance is common to the fractions: more fractions do not average it out\n"
+                "  {percent:.0} % of that variance is common to the fractions: more of them do not average it out\n"
             );
         }
         for s in &self.structures {

@@ -128,7 +128,7 @@ fn step(what: &str, places: &[f64], told: &Told) -> Result<f64> {
         return Ok(step);
     }
     if places.len() < 2 {
-        let problem = "it has frames at one place only, and gives neither Spacing Between Slices nor Slice Thickness";
+        let problem = "it has frames at one place only, and tells neither Spacing Between Slices nor Slice Thickness";
         return Err(Error::refused(
             findings::DICOM_INCOMPLETE,
             what,

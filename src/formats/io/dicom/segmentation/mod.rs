@@ -48,7 +48,7 @@ impl Header {
         let class = text(set, tags::SOP_CLASS_UID);
         if !READ.contains(&class.as_str()) {
             let what = if class == uids::SURFACE_SEGMENTATION_STORAGE { "of surfaces" } else { "of a kind" };
-            let problem = format!("it is a segmentation {what}, which is not supported (SOP Class UID {class})");
+            let problem = format!("it is a segmentation {what} that is not read (SOP Class UID {class})");
             let remedy = "export it as a segmentation of voxels, as contours, or as a label map";
             return Err(Error::refused(findings::SEGMENTS_ODD, path.display().to_string(), problem, remedy));
         }

@@ -98,7 +98,7 @@ impl Stored {
         };
         let Some(value) = pixels.value().primitive() else {
             let syntax = object.meta().transfer_syntax().trim_end_matches('\0').to_owned();
-            let problem = format!("its bits are compressed (transfer syntax {syntax}), which is not supported");
+            let problem = format!("its bits are compressed (transfer syntax {syntax}), which is not read");
             let remedy = "unpack it first, for example with `Dataset.decompress()` of pydicom";
             return Err(Error::refused(findings::DICOM_COMPRESSION, path.display().to_string(), problem, remedy));
         };

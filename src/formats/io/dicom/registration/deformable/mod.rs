@@ -174,7 +174,8 @@ fn the_one<'o>(source: &Source<'_>, object: &'o InMemDicomObject) -> Result<&'o 
             [tags::PRE_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE, tags::POST_DEFORMATION_MATRIX_REGISTRATION_SEQUENCE]
         {
             if (matrix(source, item, tag)? - Matrix4::identity()).abs().max() > 1e-6 {
-                let problem = "a matrix stands in a registration of its own, and the file does not say how it applies to the grid";
+                let problem =
+                    "a matrix stands in a registration of its own, and it is not told how it belongs to the grid";
                 let remedy = "export matrices and grid as one registration, or only the grid";
                 return Err(Error::input(source.path.display().to_string(), problem, remedy));
             }
