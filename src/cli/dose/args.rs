@@ -234,10 +234,10 @@ pub struct DvhArgs {
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// For structures in planning and doses in the fraction: field on the planning grid, planning x goes to x + u(x)
+    /// For structures in planning and doses in the fraction, field on the planning grid: planning x goes to x + u(x)
     #[arg(long, value_name = "FILE")]
     pub planning_to_fraction: Option<PathBuf>,
-    /// The same purpose: field on the fraction grid, fraction y shows planning y + v(y)
+    /// Likewise, field on the fraction grid: fraction y shows planning y + v(y)
     #[arg(long, value_name = "FILE")]
     pub fraction_to_planning: Option<PathBuf>,
     /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals

@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map
-gives all of its named structures. A folder gives all its images, in order of name. NAME=FILE names a
-mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
+gives all of its named structures. A folder gives all its images, in order of name. NAME=FILE names
+a mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
 drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
 names, unless NAME= says the name.
 

@@ -61,7 +61,7 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
                 }
                 (rejected(about))
                 h2 { "Where the usual variation comes from" }
-                p.note { "They hold for all that the plan does not set itself; " (about.plan) " has every number." }
+                p.note { "These sources hold for what the plan does not set itself; " (about.plan) " has every number." }
                 table {
                     tbody { @for s in sources() { tr { td { b { (s.part) } } td.wide { (s.source) } } } }
                 }
