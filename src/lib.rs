@@ -24,7 +24,7 @@
 //! # }
 //! ```
 //!
-//! [`report::save`] writes what a run of the program writes, and [`report::Clinic`] what a planning system takes back;
+//! [`report::save`] writes the same files as a run of the program; [`report::Clinic`] writes DICOM for the planning system;
 //! [`field`] carries images, labels and points.
 //!
 //! # Frames and directions

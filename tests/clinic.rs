@@ -257,7 +257,7 @@ fn what_is_no_dicom_cannot_go_back_as_dicom() {
         .arg(folder().join("none"));
     let done = run.assert().code(2);
     let said = String::from_utf8_lossy(&done.get_output().stderr).into_owned();
-    assert!(said.contains("planning_ct.nii.gz") && said.contains("only DICOM can go back as DICOM"), "{said}");
+    assert!(said.contains("planning_ct.nii.gz") && said.contains("DICOM results need DICOM input"), "{said}");
 }
 
 #[test]

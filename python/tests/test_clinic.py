@@ -313,7 +313,7 @@ def test_bones_that_cannot_be_made(
     planning, fraction = segmentator / "planning.nii.gz", segmentator / "fraction.nii.gz"
     with pytest.raises(aventail.UsageError, match="in memory"):
         aventail.register(phantom.planning, "auto", fraction)
-    with pytest.raises(aventail.UsageError, match="labels that are made have their names"):
+    with pytest.raises(aventail.UsageError, match="the labels of TotalSegmentator bring their own names"):
         aventail.register(planning, "auto", fraction, labels={1: "skull"})
     with pytest.raises(aventail.ReadError, match="none.nii.gz"):
         aventail.register(planning, "auto", tmp_path / "none.nii.gz")

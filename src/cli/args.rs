@@ -81,8 +81,8 @@ pub struct PlanningArgs {
     /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
     #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. Of a structure set
-    /// a TOML file of names that are not recognised: a table `bones` with lines as "Unterkiefer" = "mandible"
+    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. For a structure
+    /// set: a TOML file for names that are not recognised, a table `bones` with lines such as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)

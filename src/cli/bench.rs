@@ -12,8 +12,8 @@ use std::fmt::Write;
 pub(super) const HELP: &str = "\
 The scene is the phantom on the thesis's grid: 512 x 512 x 126 voxels of 0.98 x 0.98 x 3 mm, 42
 bones, 7 million voxels of tissue. Making it takes a minute and is not timed. Each task's time is
-the median of --repeat runs; `floor` is the share of it that moving the bytes of its inputs and
-results once would take, at the memory bandwidth measured in the same run. Targets are for two
+the median of --repeat runs; `floor` is the share of that time needed to move its inputs and
+results through memory once, at the bandwidth measured in the same run. Targets are for two
 idle cores at full size. Processor time adds up all threads and hardly depends on what else the
 machine does. With superposition and propagation both among the tasks, the default propagation is
 compared with the exact one as well.

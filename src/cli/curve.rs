@@ -17,8 +17,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-Every setting of the plan is registered anew, one after the other, and the default with fewer
-threads; the time is that of the registration in memory. The error is the mean distance of the
+Registers the case with each setting of the plan in turn, and with the default on fewer threads;
+the time is that of the registration in memory. The error is the mean distance of the
 landmarks from where they should be. Without a case of your own it is measured on the phantom, at
 20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md;
 curve.json has their checksums for `aventail inspect`.

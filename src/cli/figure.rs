@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// What `aventail figure --help` adds.
 pub(super) const AFTER: &str = "\
 Drawn as in the report, from the run's own files and inputs, which must be unchanged. An .svg
-holds the scans as pixels, and lines, arrows and letters as such; a .png holds all as pixels.
+holds the scans as pixels, and lines, arrows and text as vectors; a .png holds only pixels.
 
 Examples:
   aventail figure out --kind fusion --plane sagittal --at 3.5 --out fusion.svg
@@ -51,7 +51,7 @@ pub enum FigureKindName {
     Displacement,
     /// Volume after over before
     Jacobian,
-    /// How far the result may be trusted, mm
+    /// Estimated error, one standard deviation, mm
     Uncertainty,
 }
 
@@ -77,7 +77,7 @@ pub(super) fn run(args: &FigureArgs) -> Result<String> {
         Some("png") => false,
         _ => {
             return Err(Error::usage(
-                format!("{}: the figure's format is not told", args.out.display()),
+                format!("{}: the file name does not say the figure's format", args.out.display()),
                 "give a file that ends in .svg or .png",
             ));
         }

@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 /// Options of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Images, label maps or displacement fields; folders or files of DICOM, whose content is listed; or folders of runs (of a
-    /// single result the JSON beside it), whose files are checked against their reports
+    /// Images, label maps or displacement fields; DICOM folders or files, to list what they hold; folders of runs (or the JSON
+    /// beside a single result), to check their files against the report
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// How the result is told.
     #[command(flatten)]
     pub told: JsonArgs,
-    /// Leave the patient's name, number and date of birth out of what is printed of DICOM
+    /// For DICOM, do not print the patient's name, number and date of birth
     #[arg(long)]
     pub anonymous: bool,
 }

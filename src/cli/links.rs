@@ -163,7 +163,7 @@ impl LinkArg {
             (Some(said), _) => Ok(said.clone()),
             (None, Some(own)) => Ok(own),
             (None, None) => Err(Error::usage(
-                format!("{}: it does not tell which frame's points it takes where", self.file),
+                format!("{}: it does not say from which frame to which it takes points", self.file),
                 "give it as FROM:TO=FILE. A field lies on the grid of FROM and takes its points x to x + u(x) in TO: ITK's, \
                  elastix's, plastimatch's and NiftyReg's fields of fixed image A and moving image B are A:B",
             )),
@@ -209,7 +209,7 @@ mod tests {
         for (text, own, word) in [
             ("fraction:planning=f.mha", own(), "takes planning points to fraction"),
             ("day2:planning=f.mha", own(), "day2:planning"),
-            ("f.mha", None, "does not tell"),
+            ("f.mha", None, "does not say"),
         ] {
             let error = arg(text).agreed(own).unwrap_err();
             assert!(error.to_string().contains(word) && error.exit_code() == 2, "{error}");

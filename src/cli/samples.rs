@@ -12,14 +12,13 @@ use clap::Args;
 use std::path::PathBuf;
 
 pub(super) const AFTER: &str = "\
-Each sample is another registration that fits about as well: bones vary as far as the fit leaves
-them open, neighbours together, and soft tissue varies by the map of uncertainty, correlated over
-some millimetres. `aventail dose map|accumulate --samples` tells with them how far a dose may be
-off.
+Each sample is another registration that fits about as well: bones vary within the uncertainty of
+the fit, neighbours together; soft tissue varies by the map of uncertainty, correlated over some
+millimetres. `aventail dose map|accumulate --samples` uses them to show how far a dose may be off.
 
 Writes to the folder `samples` of the run (or --out): samples.json, bones.nii.gz and
 sample_001.nii.gz onwards; each is added to planning_to_fraction (docs/formats.md). samples.html
-shows what the first three add, in turns.
+shows in turn what the first three add.
 
 Example:
   aventail samples out --number 50";

@@ -9,9 +9,9 @@ use clap::Args;
 use std::path::PathBuf;
 
 pub(super) const HELP: &str = "\
-A folder of a run is one with a report.json; other folders are searched for such, six levels deep.
-A run's patient is the one that its DICOM names, else the folder around it, and its fraction is
-its own folder: results/PATIENT/FRACTION.
+A folder with a report.json is a run; other folders are searched for runs, six levels deep. The
+patient is the one that the run's DICOM names, otherwise the folder around the run; the fraction
+is the run's own folder: results/PATIENT/FRACTION.
 
 A figure stands apart where it is worse than the median of all runs by more than 3.5 modified
 z-scores (median absolute deviations) and by an amount that matters. Five runs are needed.
@@ -33,7 +33,7 @@ pub struct SummaryArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Files beside doses that were added up with samples (`dose accumulate --samples`): figures with their intervals, and limits
+    /// JSON files that `dose accumulate --samples` wrote beside its doses: adds their figures with intervals, and limits
     #[arg(long, value_name = "JSON", num_args = 1..)]
     pub dose: Vec<PathBuf>,
     /// Name patients by folders, not by what DICOM says

@@ -33,7 +33,7 @@ pub struct ViewArgs {
     /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; of several fractions the folder of one
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
-    /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set). Without it those that
+    /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set). Default: those that
     /// the run carried
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,

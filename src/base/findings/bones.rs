@@ -44,7 +44,7 @@ findings! {
     );
     BONES_BY_LABEL = doubted(
         "bones-by-label",
-        "No label names a bone; each is one rigid bone.",
+        "No label has a bone's name; each counts as one rigid bone.",
         "Give names with --labels.",
     );
     BONES_LOST = doubted(

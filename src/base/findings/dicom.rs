@@ -75,7 +75,7 @@ findings! {
     DICOM_ONE_FRAME = doubted(
         "dicom-one-frame",
         "Planning and fraction claim one frame of reference.",
-        "Export each with its own; without a new setup: --same-frame.",
+        "Export each with its own; if truly one: --same-frame.",
     );
     DICOM_PADDING = warned(
         "dicom-padding",

@@ -69,7 +69,7 @@ findings! {
     );
     UNCERTAIN_FIELD_IN_STEEP_DOSE = warned(
         "uncertain-field-in-steep-dose",
-        "The miss there and back by both fields changes dose by over 1 % of the maximum.",
+        "The inverse-consistency error changes dose by over 1 % of the maximum.",
         "Do not trust the dose there.",
     );
 }

@@ -24,7 +24,7 @@ findings! {
     );
     FRACTION_TURNED = refused(
         "fraction-turned",
-        "Only another orientation shows the bones.",
+        "The bones are found only in another orientation.",
         "Correct the wrong header; give scans of one position.",
     );
     HU_DOUBTFUL = doubted(
@@ -34,12 +34,12 @@ findings! {
     );
     IMAGES_MISLEAD = doubted(
         "images-mislead",
-        "Images move tissue but do not agree better; bones alone move it.",
+        "Moving tissue by images did not improve their agreement; bones alone move it.",
         "Check fusion and uncertainty.",
     );
     LEVEL_UNSURE = doubted(
         "level-unsure",
-        "The short spine nearly fits another level.",
+        "The short spine fits another level nearly as well.",
         "Check levels; place one with --bone-landmarks.",
     );
     MR_FRACTION = doubted(
@@ -49,7 +49,7 @@ findings! {
     );
     MR_PLANNING = doubted(
         "mr-planning",
-        "The planning scan is an MR: planning_on_fraction and the pictures show it freed of the coil's bias, and not in HU.",
+        "The planning scan is an MR: planning_on_fraction and the pictures show it corrected for coil bias, not in HU.",
         "Look at bones and skin in the fusion images; carry the MR's own values with `aventail warp`.",
     );
     NOT_AN_MR = refused(

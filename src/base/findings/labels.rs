@@ -24,7 +24,7 @@ findings! {
     );
     LABEL_ON_WRONG_SIDE = doubted(
         "label-on-wrong-side",
-        "Labels lie on another side than named.",
+        "Labels lie on the side opposite their names.",
         "Check them.",
     );
     LABELS_DOUBLED = refused(

@@ -34,8 +34,8 @@ Examples:
   aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz --out dose_on_planning.nii.gz";
 
 const ACCUMULATE: &str = "\
-Beside OUT lie a .json file as of `dose map`, and the page (.html): isodoses of the sum and of
-each fraction's share, what is steep, and with --structures dose-volume histograms.
+Writes beside OUT a .json file, as `dose map` does, and a page (.html): isodoses of the sum and of
+each fraction's share, where the dose is steep, and with --structures dose-volume histograms.
 
 Example:
   aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 0.571 0.429 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
@@ -117,7 +117,7 @@ pub struct SampledArgs {
     /// Doses of V_x in the table of intervals, Gy
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
+    /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -191,10 +191,10 @@ pub struct AccumulateArgs {
     /// Direction of the fields
     #[arg(long, value_enum, default_value = "planning-to-fraction")]
     pub direction: DirectionName,
-    /// Doses of one fraction each: number of fractions that each dose was given
+    /// For doses of one fraction each: number of fractions that each dose stands for
     #[arg(long, value_name = "N", num_args = 1.., conflicts_with = "weights")]
     pub fractions: Vec<f64>,
-    /// Doses of the whole plan each: share of the plan that each dose stands for, from 0 to 1 (default: 1 each)
+    /// For doses of the whole plan each: share of the plan that each dose stands for, from 0 to 1 (default: 1 each)
     #[arg(long, value_name = "SHARE", num_args = 1..)]
     pub weights: Vec<f64>,
     /// Image whose grid the result gets, in the planning frame; the folder of a DICOM series too
@@ -234,16 +234,16 @@ pub struct DvhArgs {
     /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Structures lie in planning and the doses in the fraction: field on the planning grid, planning x goes to x + u(x)
+    /// For structures in planning and doses in the fraction, field on the planning grid: planning x goes to x + u(x)
     #[arg(long, value_name = "FILE")]
     pub planning_to_fraction: Option<PathBuf>,
-    /// The same: field on the fraction grid, fraction y shows planning y + v(y)
+    /// Likewise, field on the fraction grid: fraction y shows planning y + v(y)
     #[arg(long, value_name = "FILE")]
     pub fraction_to_planning: Option<PathBuf>,
     /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Limits that are kept, not kept, or undecided, in quotes: "cord:D0.03cc<=45" "target:D95>=57"
+    /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
     /// Doses of V_x, Gy
@@ -272,10 +272,10 @@ pub struct CompareArgs {
     /// CT of the reference, in HU and its frame: the page draws isodoses on it
     #[arg(long, value_name = "FILE")]
     pub ct: Option<PathBuf>,
-    /// CT that the dose is drawn on instead, same frame: for example the fraction CT mapped to planning
+    /// CT to draw the dose on instead of --ct, same frame: for example the fraction CT mapped to planning
     #[arg(long, value_name = "FILE", requires = "ct")]
     pub dose_ct: Option<PathBuf>,
-    /// Dose difference that matters, Gy; 3 % of the reference's maximum without
+    /// Dose difference that matters, Gy (default: 3 % of the reference's maximum)
     #[arg(long, value_name = "GY")]
     pub tolerance: Option<f64>,
     /// Greatest distance that is searched, mm

@@ -207,9 +207,9 @@ fn steep_table(dose: &Volume<f32>, steep: &Mask, reports: &[DoseReport]) -> Dose
         title: "Steep dose".into(),
         note: format!(
             "Steep is what changes by more than 1 % of the greatest dose ({:.2} Gy) per mm: a millimetre of error of the field changes \
-             the dose there by more than that, and no figure of this page can show it. Doubtful is steep dose where the field folds, \
-             leaves the images, or misses itself there and back by more than 1 % of the greatest dose; of several fractions the worst \
-             counts.",
+             the dose there by more than that, and no figure of this page can show it. Doubtful is steep dose where the field folds \
+             or leaves the images, or where its inverse-consistency error changes the dose by more than 1 % of the greatest; of \
+             several fractions the worst counts.",
             most / 100.0
         ),
         head: ["", "above 10 %, ml", "of it steep, ml", "%", "doubtful, ml", "greatest miss of the field, Gy"]

@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map
-gives all of its named structures. Of a folder every image is taken, by name. NAME=FILE names a
-mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
+gives all of its named structures. A folder gives all its images, in order of name. NAME=FILE names
+a mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
 drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
 names, unless NAME= says the name.
 
@@ -26,7 +26,7 @@ skeleton's anatomy, the same in every map; all others follow from 101 on, by the
 Examples:
   # TotalSegmentator's folder of masks
   aventail labels merge segmentations --only-bones --out bones.nii.gz
-  # its further tasks first: what task total calls skull holds the mandible
+  # its further tasks first: the skull of its task `total` includes the mandible
   aventail labels merge mandible=craniofacial.nii.gz hyoid=headneck.nii.gz total.nii.gz \\
                 --only-bones --out bones.nii.gz
   aventail labels merge C1.nii.gz skull=head_bone.mha --out bones.nii.gz

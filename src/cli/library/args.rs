@@ -104,7 +104,7 @@ pub struct LibraryArgs {
     /// Leave the displacement fields out: they are most of a library's size
     #[arg(long)]
     pub no_fields: bool,
-    /// Make the images those of a cone-beam machine too; FILE (TOML, as `aventail phantom --cbct` writes it) changes how
+    /// Also write each CT as a cone-beam machine would show it; FILE (TOML, as `aventail phantom --cbct` writes it) sets how
     #[arg(long, value_name = "FILE", num_args = 0..=1, conflicts_with = "noise")]
     pub cbct: Option<Option<PathBuf>>,
     /// Add white noise of this standard deviation to the images, HU

@@ -57,7 +57,7 @@ impl Sources {
         config.output.uncertainty = false;
         if config.region.is_some() {
             return Err(Error::usage(
-                "the settings choose a region, and a library is of the whole scan",
+                "the settings choose a region, but a library covers the whole scan",
                 "remove [region] from the settings",
             ));
         }

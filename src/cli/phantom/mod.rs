@@ -34,8 +34,8 @@ one fraction, in which the lungs and what lies below them have slid along the ch
 of landmarks.csv face each other across the pleura.
 With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading,
 noise, streaks, a round and short field of view with a bright rim where the patient is cut, blank
-end slices. The truth is what it is without. Beside the image lie measured.nii.gz (1 where the
-machine saw anything) and cbct.toml, the settings, any of which FILE may change.
+end slices. The truth is the same as without --cbct. Beside the image lie measured.nii.gz (1 where
+the machine saw anything) and cbct.toml with the settings; FILE may change any of them.
 With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for
 the head RS.dcm and RD.dcm), fraction, and in registration the true motion as Deformable Spatial
 Registration, and that of one bone as Spatial Registration.

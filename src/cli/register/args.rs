@@ -14,13 +14,14 @@ Writes to OUT:
   planning_on_fraction.nii.gz planning CT on the fraction grid, int16 HU
   bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
   bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
-  bone_posterior.json         what the fit leaves open of the bones' poses, for `aventail samples`
+  bone_posterior.json         remaining uncertainty of the bones' poses, for `aventail samples`
   jacobian.nii.gz             V_deformed / V_initial, planning grid; -1 folded, 1 outside tissue
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels
                               that the planning scan covers
-  uncertainty.nii.gz          how far the result may be trusted, mm, planning grid; -1 not known
-  skin_contact.nii.gz         only where the moved patient lies on himself: fraction voxels
+  uncertainty.nii.gz          estimated error, one standard deviation in mm, planning grid; -1 not
+                              known
+  skin_contact.nii.gz         fraction voxels where skin passes through skin, if there are any
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 
@@ -46,11 +47,10 @@ pub struct RegisterArgs {
     /// on planning alone is done once, and each fraction has a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// What made the fraction: a CT (also a cone-beam CT), in HU, or an MR. A DICOM series says it itself; other files are taken for
-    /// a CT
+    /// Kind of the fraction: a CT (also a cone-beam CT) in HU, or an MR. A DICOM series states its own; other files count as CT
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
-    /// What made the planning scan: a CT in HU, or an MR, whose bones must be labelled
+    /// Kind of the planning scan: a CT in HU, or an MR, whose bones must be labelled
     #[arg(long, value_enum)]
     pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing
@@ -66,8 +66,8 @@ pub struct RegisterArgs {
     /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
-    /// Labels of bones in the fraction, named as planning's (label map, structure set, or auto for TotalSegmentator): where both
-    /// scans have a bone's label, its surface places the bone before the image does. With several fractions one for each
+    /// Bone labels of the fraction, with the same names as in planning (label map, structure set, or auto for TotalSegmentator):
+    /// where both scans label a bone, its surface places it before the image does. Give one for each fraction
     #[arg(long, value_name = "FILE|auto", conflicts_with = "bone_landmarks")]
     pub fraction_bones: Vec<PathBuf>,
     /// Names of the fraction's labels (JSON), where its label map has none
@@ -87,8 +87,8 @@ pub struct RegisterArgs {
     /// cut to it (see `region` in docs/settings.md)
     #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub roi: Option<String>,
-    /// What the couch shift is matched on, for setup: spine (the vertebrae nearest the middle of what both scans show), names of
-    /// bones, or a box in LPS mm of the planning scan whose bones count. It changes no field
+    /// Bones that the couch shift for setup is matched on: spine (the vertebrae nearest the middle of what both scans show), names
+    /// of bones, or the bones in a box (LPS mm, planning scan). The fields do not depend on it
     #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub couch_match: Option<String>,
     /// Also draw this many samples of the registration's error, for `dose map|accumulate --samples`: the folder `samples` of the
@@ -118,9 +118,9 @@ pub struct RegisterArgs {
 /// What places bones that have labels in both scans.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum FitName {
-    /// The image, which the labels start
+    /// The image; the labels give its start
     Image,
-    /// The labels alone; bones without follow their joints
+    /// The labels alone; bones without labels follow their joints
     Labels,
 }
 

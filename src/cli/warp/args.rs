@@ -76,7 +76,8 @@ pub struct WarpArgs {
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Folder of samples of the registration (`aventail samples`): for labels also writes OUT_share_NAME, the share of samples
-    /// with the label at each voxel; for contours also those that 5, 50 and 95 % of the samples reach. From planning to fraction
+    /// with the label at each voxel; for contours also the contours that 5, 50 and 95 % of the samples reach. Only from planning to
+    /// fraction
     #[arg(long, value_name = "DIR", requires = "input")]
     pub samples: Option<PathBuf>,
     /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.

@@ -120,7 +120,7 @@ impl RunFolder {
             page && std::fs::read(&path).is_ok_and(|text| !text.windows(OWN.len()).any(|part| part == OWN))
         };
         planned.reports.iter().chain(&planned.names).find(foreign).map_or(Ok(()), |name| {
-            let problem = "no run of aventail has written this page, which the results would take the place of";
+            let problem = "no run of aventail has written this page, and the results would overwrite it";
             let remedy = "give another --out, or move the file away";
             Err(Error::refused(findings::OTHER_FILE, folder.join(name).display().to_string(), problem, remedy))
         })

@@ -103,7 +103,7 @@ impl Clinic {
     pub fn check(config: &Config) -> Result<()> {
         if config.region.is_some() {
             return Err(Error::usage(
-                "DICOM is given back of the whole scan, and the settings choose a region",
+                "DICOM is written only for the whole scan, but the settings choose a region",
                 "ask for no DICOM, or remove [region] from the settings",
             ));
         }
@@ -244,12 +244,12 @@ fn derivation() -> String {
 /// A series of a planning system, with its grid.
 fn series(path: &Path) -> Result<(Series, Grid)> {
     if !is_dicom_path(path) {
-        let problem = format!("{}: only DICOM can go back as DICOM, and this is none", path.display());
+        let problem = format!("{}: DICOM results need DICOM input, and this is not DICOM", path.display());
         return Err(Error::usage(problem, "give the folders of the CT series, or ask for no DICOM"));
     }
     let (series, grid) = describe_series(path)?;
     if series.frame_of_reference.is_empty() {
-        let problem = "its images name no frame of reference, so that nothing can be said to lie in it";
+        let problem = "its images name no frame of reference, which DICOM results must refer to";
         return Err(Error::input(path.display().to_string(), problem, "export the series again with it"));
     }
     Ok((series, grid))

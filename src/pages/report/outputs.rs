@@ -74,17 +74,17 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         files.add(name, what, move |path| io::write_mask(path, mask, &options(what)));
     }
     if let Some(skin) = &outcome.skin_contact {
-        let what = "fraction voxels where the moved patient lies on himself: skin passes through skin";
+        let what = "fraction voxels where skin passes through skin";
         files.add("skin_contact.nii.gz", what, move |path| io::write_mask(path, skin, &options(what)));
     }
     if let Some((map, _)) = &outcome.uncertainty {
-        let what = "how far the result may be trusted, on the planning grid, mm; -1 outside the patient";
+        let what = "estimated error, one standard deviation, on the planning grid, mm; -1 outside the patient";
         files.add("uncertainty.nii.gz", what, move |path| {
             io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))
         });
     }
     if let Some(posterior) = &outcome.posterior {
-        let what = "what the fit leaves open of the bones' poses, for aventail samples";
+        let what = "remaining uncertainty of the bones' poses, for aventail samples";
         files.add(BONE_POSTERIOR, what, move |path| io::write_json(path, posterior));
     }
     if let Some(regions) = &outcome.regions {

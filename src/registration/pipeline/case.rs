@@ -7,8 +7,7 @@ use crate::skeleton::Skeleton;
 use crate::volume::{LabelMap, Volume};
 use std::sync::Arc;
 
-/// The planning side of a patient, loaded and converted to LPS mm: what all his fractions share, and all that a posture is made
-/// from.
+/// The planning side of a patient, loaded and converted to LPS mm: all fractions share it, and postures are made from it alone.
 #[derive(Debug, Clone)]
 pub struct PlanningScan {
     /// Planning CT, HU; an MR on the scale of [`crate::body::mr::tissue_scale`].
@@ -35,9 +34,9 @@ pub struct FractionScan {
     pub landmarks: Vec<Landmark>,
     /// Landmarks on bones, which place the skeleton; see [`crate::fit::LandmarkUse`].
     pub bone_landmarks: Vec<BoneLandmark>,
-    /// Labels of bones on the fraction's grid or another, which place the skeleton as landmarks do; those come before them.
+    /// Labels of bones on the fraction's grid or another, which place the skeleton; bone landmarks take precedence over them.
     pub bones: Option<LabelMap>,
-    /// Motion of all bones together, planning to fraction, near which the fit begins; bone landmarks come before it.
+    /// Motion of all bones together, planning to fraction, near which the fit begins; bone landmarks take precedence over it.
     pub start: Option<Rigid>,
 }
 

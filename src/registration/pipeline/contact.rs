@@ -78,7 +78,7 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
     }
     if report.skin_voxels > 0 {
         let message = format!(
-            "the moved patient lies on himself in {:.2} ml of the fraction ({} voxels): skin passes through skin; see \
+            "skin passes through skin in {:.2} ml of the fraction ({} voxels); see \
              skin_contact.nii.gz, and do not trust dose or contours there",
             report.skin_ml, report.skin_voxels
         );

@@ -132,7 +132,7 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
     }
     if caution.uncertain > 0 {
         let message = format!(
-            "in {} voxels both fields, there and back, miss by so much that the dose may change by over 1 % of its maximum; \
+            "in {} voxels the inverse-consistency error may change the dose by over 1 % of its maximum; \
              greatest change {:.2} Gy",
             caution.uncertain, caution.greatest_gy
         );

@@ -30,7 +30,7 @@ pub struct VolumeReached {
     pub organ: String,
     /// Volume after over before that was asked for.
     pub factor: f64,
-    /// What the field makes of it: mean Jacobian of its cells; `None` where the organ has none.
+    /// Volume after over before in the field: mean Jacobian of its cells; `None` where the organ has no cells.
     pub reached: Option<f64>,
 }
 

@@ -189,7 +189,7 @@ impl Planning {
 
 /// What is said of a planning MR.
 const MR_TOLD: &str = "the planning scan is an MR: bones are compared by ranges of its grey values and by their surroundings, soft \
-                       tissue by those ranges; the scanner's geometric distortion is taken for none. Look at the fusion images";
+                       tissue by those ranges; the scanner's geometric distortion is not corrected. Look at the fusion images";
 
 /// Judges planning scan and labels by themselves and against each other.
 pub(super) fn check_planning(planning: &PlanningScan, skeleton: &Skeleton, config: &Config) -> Result<Vec<Warning>> {

@@ -22,7 +22,7 @@ use crate::view::View;
 use crate::warning::Warning;
 use std::borrow::Cow;
 
-/// Registers a case. Of a region of interest the outcome lies on the grids of that part; [`register_fraction`] returns it.
+/// Registers a case. With a region of interest the outcome lies on the grids of that part; [`register_fraction`] returns the part.
 ///
 /// # Errors
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
@@ -31,8 +31,8 @@ pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outco
     Ok(register_fraction(case, &Planning::new(&case.planning, config, runtime)?, config, runtime)?.0)
 }
 
-/// Registers a case whose planning side is prepared, by itself or for another fraction, with the same settings; where they name a
-/// region, also returns the part of the case that was carried on, on whose grids everything lies.
+/// Registers a case whose planning side was prepared with the same settings, alone or for another fraction; where they name a
+/// region, also returns the part of the case that was registered: everything lies on its grids.
 ///
 /// # Errors
 /// As [`register`].

@@ -45,7 +45,8 @@ pub fn sample(planning: &PlanningScan, outcome: &Outcome, options: &SamplingOpti
         return Err(Error::usage(problem, "give 20 to 100 samples"));
     }
     let (Some(posterior), Some((uncertainty, _))) = (&outcome.posterior, &outcome.uncertainty) else {
-        let problem = "it does not tell how far it may be off: there is no map of uncertainty, or nothing of the bones";
+        let problem =
+            "it has no uncertainty to sample: the map of uncertainty or the posterior of the bones is missing";
         return Err(Error::input("the registration", problem, "register with uncertainty = true in [output]"));
     };
     let strain = strain(planning, outcome);

@@ -62,7 +62,8 @@ pub fn confirmed(
              is meant cannot be told",
             one.what, one.name, other.what, other.name, one.uid
         );
-        let remedy = "give a scan of each frame of reference: of what `register --dicom` has written the series in its folder ct";
+        let remedy =
+            "give a scan of each frame of reference: for results of `register --dicom` the series in their folder ct";
         return Err(Error::refused(findings::DICOM_FRAME, file, problem, remedy));
     }
     for NamedFrame { name: frame, uid, what } in known {

@@ -63,9 +63,7 @@ fn of_scan(scan: &Source<Volume<f32>>, told: Modality, option: &str) -> Result<M
         let name = scan.path().map_or_else(String::new, |p| p.display().to_string());
         return Err(Error::usage(
             format!("{name}: it is {is} series, and the settings say {said} ({option})"),
-            format!(
-                "leave {option} out: a DICOM series says itself what it is; choose one of several by FOLDER#NUMBER"
-            ),
+            format!("leave {option} out: a DICOM series states its modality; choose one of several by FOLDER#NUMBER"),
         ));
     }
     Ok(own)

@@ -1,8 +1,8 @@
-//! Rank 11: from what is given, files or memory, to saved results. The one way of program, Python package and workflow.
+//! Rank 11: from inputs, in files or memory, to saved results. Program, Python package and workflow all use it.
 //!
 //! A [`Request`] names what is given. [`Session::open`] reads the planning side, once; [`Session::register_all`] registers the
-//! fractions one after the other and hands each [`Registered`] on, which [`Registered::save`] writes. [`pose`] makes one of a
-//! motion that is given. Progress and interruption are the [`Runtime`](crate::runtime::Runtime)'s.
+//! fractions one after the other and passes on each [`Registered`], which [`Registered::save`] writes. [`pose`] makes one from
+//! a given motion. Progress and interruption are the [`Runtime`](crate::runtime::Runtime)'s.
 
 pub mod fields;
 mod fraction;

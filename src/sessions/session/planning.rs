@@ -190,7 +190,8 @@ pub(super) fn made_bones(
     runtime: &Runtime,
 ) -> Result<AutoBones> {
     if named {
-        let problem = format!("{what} are \"auto\" and labels are given: labels that are made have their names");
+        let problem =
+            format!("{what} are \"auto\" and labels are given: the labels of TotalSegmentator bring their own names");
         return Err(Error::usage(problem, "leave labels out, or name a label map"));
     }
     let Some(planning) = ct else {

@@ -58,7 +58,7 @@ impl Request {
         self.fractions.iter_mut().try_for_each(|one| one.make_bones(by, runtime))
     }
 
-    /// Refuses what the request itself and headers tell; returns the memory that the greediest fraction is expected to need,
+    /// Refuses faults that show in the request itself or in headers; returns the expected memory of the fraction that needs most,
     /// bytes.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl Request {
 
 fn on_disk(path: Option<&Path>) -> Result<&Path> {
     path.ok_or_else(|| {
-        let problem = "only DICOM can go back as DICOM, and a scan is given in memory";
+        let problem = "DICOM results need DICOM input, and a scan is given in memory";
         Error::usage(problem, "give the folders of both series, or leave dicom out")
     })
 }

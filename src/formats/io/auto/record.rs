@@ -71,7 +71,7 @@ impl LabelsRecord {
         }
         let refuse = |problem: String| {
             let remedy = format!(
-                "give {} as the file of bones if it is right, corrected by hand for example; else remove it and {}, and it is made anew",
+                "if {} is right, for example corrected by hand, give it as the file of bones; otherwise remove it and {}, and it is made anew",
                 place.labels.display(),
                 place.record.display()
             );
@@ -111,7 +111,7 @@ impl LabelsRecord {
         );
         let partial = self.failed.iter().map(|f| {
             let message = format!(
-                "{file}: the {} has no label and moves with what is about it, because task {} failed ({}); remove {file} and {} to \
+                "{file}: the {} has no label and moves with the surrounding tissue, because task {} failed ({}); remove {file} and {} to \
                  have all made anew",
                 f.bone,
                 f.task,

@@ -54,8 +54,8 @@ pub(super) fn beside(
         }
     }
     if !lost.is_empty() {
-        let problem = format!("files beside what is read cannot be read, and may be a part of it: {}", list(&lost));
-        let remedy = "copy or export the series again; move what is no part of it elsewhere";
+        let problem = format!("some files beside it cannot be read and may belong to it: {}", list(&lost));
+        let remedy = "copy or export the series again; move files that do not belong to it elsewhere";
         return Err(Error::refused(findings::DICOM_DAMAGED, path.display().to_string(), problem, remedy));
     }
     let message = || format!("{}: files of other series or kinds cannot be read: {}", path.display(), list(&odd));

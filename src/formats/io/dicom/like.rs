@@ -79,7 +79,7 @@ pub fn check(out: &Path, like: Option<&Path>, folder: bool) -> Result<()> {
     let file = out.display();
     match like {
         None if is_dcm(out) => Err(Error::usage(
-            format!("{file}: DICOM needs a patient, a study and a frame of reference, and nothing tells them"),
+            format!("{file}: DICOM output needs patient, study and frame of reference, and none is given"),
             "add --dicom-like SERIES, the folder of the DICOM series of the scan that the result lies in",
         )),
         None => Ok(()),
@@ -119,7 +119,7 @@ impl Like {
     pub fn read(path: &Path) -> Result<Self> {
         let (series, grid) = describe_series(path)?;
         if series.frame_of_reference.is_empty() {
-            let problem = "its images name no frame of reference, so that nothing can be said to lie in it";
+            let problem = "its images name no frame of reference, which DICOM results must refer to";
             return Err(Error::input(path.display().to_string(), problem, "export the series again with it"));
         }
         Ok(Self { path: path.to_owned(), series, grid })

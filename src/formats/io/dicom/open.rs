@@ -127,7 +127,7 @@ pub(super) fn whole(path: &Path, bytes: &[u8]) -> Result<Box<DefaultDicomObject>
 
 /// The refusal of a file that dicom-rs cannot parse.
 pub(super) fn damaged(path: &Path, why: &str) -> Error {
-    let remedy = "copy or export it again; what is whole and odd `dcmconv IN OUT` of DCMTK may mend";
+    let remedy = "copy or export it again; if it is complete, `dcmconv IN OUT` of DCMTK may repair it";
     Error::read(path, format!("it is damaged, or no DICOM: {why}"), remedy)
 }
 

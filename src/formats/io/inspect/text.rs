@@ -64,7 +64,7 @@ impl Content {
         match self {
             Self::Image { values, .. } => format!("image, {values}"),
             Self::Labels { labels, .. } => format!("label map, {} labels", labels.len()),
-            Self::Field { .. } => "displacement field; which way it points the format cannot tell".into(),
+            Self::Field { .. } => "displacement field; its format does not record the direction".into(),
             Self::Other { reason, values } => format!("no image and no field: {reason}; {values}"),
         }
     }

@@ -96,7 +96,7 @@ impl Limits {
     /// Dice of a structure.
     pub fn dice(&self, name: &str, dice: f64) -> Verdict {
         let name = format!("{name}, Dice");
-        let remedy = "compare the mapped contour with the drawn one; small structures have a low Dice soon";
+        let remedy = "compare the mapped contour with the drawn one; small structures easily have a low Dice";
         Figure { name, value: dice, unit: "", source: TG132, remedy }.at_least(self.dice)
     }
 

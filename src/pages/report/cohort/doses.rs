@@ -81,7 +81,8 @@ impl CourseDose {
     pub(super) fn read(path: &Path, seen_from: &Path) -> Result<(Self, InputFile)> {
         let remedy = "give the JSON file that `aventail dose accumulate` with samples wrote beside a dose";
         let beside: Beside = read_json(path, remedy)?;
-        let without = || Error::input(path.display().to_string(), "it tells no samples of the registration", remedy);
+        let without =
+            || Error::input(path.display().to_string(), "it has no results of samples of the registration", remedy);
         let samples = beside.samples.ok_or_else(without)?;
         let whole = whole_path(path).map_err(|e| Error::read(path, e.to_string(), "check the path"))?;
         let patient = whole.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned();
@@ -140,8 +141,8 @@ pub(super) fn section(doses: &[CourseDose]) -> Markup {
         @if !doses.is_empty() {
             h2 { "Dose over the course" }
             p.note {
-                "Each figure of the dose that was added up, and in brackets between which values it lies in nine of ten samples of the "
-                "registrations' errors. Common is the share of the variance in steep dose that all fractions share, so that more of them "
+                "Each figure of the accumulated dose, and in brackets its 90 % interval over samples of the registrations' errors. "
+                "Common is the share of the variance in steep dose that is the same in all fractions: more fractions "
                 "do not average it out. Outlines and doses are taken for right."
             }
             div.scrolled { table.runs {

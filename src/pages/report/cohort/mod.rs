@@ -159,7 +159,7 @@ fn several_plannings(runs: &mut [Member]) -> Vec<Warning> {
             })
             .collect();
         let message = format!(
-            "{}: its runs were made of {} planning CTs, and may be of as many patients: {}",
+            "{}: its runs use {} planning CTs and may belong to as many patients: {}",
             patient[0].patient,
             each.len(),
             each.join("; ")
@@ -252,7 +252,7 @@ mod tests {
         let told = |m: &Member| m.warnings.iter().any(|w| w == "planning-differs");
         assert_eq!(cohort.runs.iter().filter(|m| told(m)).count(), 2);
         assert!(cohort.runs.iter().all(|m| told(m) == (m.patient == "P1")));
-        assert!(cohort.terminal_text().contains("P1: its runs were made of 2 planning CTs"));
+        assert!(cohort.terminal_text().contains("P1: its runs use 2 planning CTs"));
         let page = page::page(&cohort);
         assert!(page.find("2 planning CTs").unwrap() < page.find("<table").unwrap());
         assert!(String::from_utf8(text::csv(&cohort).unwrap()).unwrap().contains("planning-differs"));

@@ -54,7 +54,7 @@ pub(super) fn page(cohort: &Cohort) -> String {
                 p.note {
                     "A figure stands apart where it is worse than the cohort's median by more than 3.5 modified z-scores "
                     "(Iglewicz and Hoaglin 1993: median absolute deviations) and by an amount that matters. It says that a run is unlike the others, "
-                    "not that it is wrong; and a cohort that is wrong throughout has none."
+                    "not that it is wrong; in a cohort that is wrong throughout, none stands apart."
                 }
                 (runs(cohort, &shown))
                 h2 { "Courses over the fractions" }

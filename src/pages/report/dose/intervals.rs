@@ -91,7 +91,7 @@ impl SampledDose {
         DoseTable {
             title: "Figures with their 90 % intervals".into(),
             note: format!(
-                "Each figure of the registration that was found, and between which values it lies in nine of ten of {} samples of the \
+                "Each figure of the registration that was found, and in brackets its 90 % interval over {} samples of the \
                  registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are taken for right.{}",
                 self.number,
                 self.common_percent.map_or(String::new(), |percent| format!(

@@ -143,7 +143,7 @@ fn searched(report: &Report, pictures: &[Picture]) -> Markup {
 /// What the colours of every fusion mean.
 fn colour_key(report: &Report) -> Markup {
     if report.fraction_kind.as_ref().is_some_and(FractionKind::unlike) {
-        return html! { p.key { "Planning and fraction in squares in turns: skin and bones go on from one to the next where both agree." } };
+        return html! { p.key { "Squares show planning and fraction in turn: where both agree, skin and bones continue from square to square." } };
     }
     html! {
         p.key {
@@ -264,9 +264,9 @@ fn limits() -> Markup {
             h2 { "Limits" }
             p {
                 "aventail is research software and not a medical device. The field is a model: bones are placed by the image, "
-                "soft tissue follows them through the chain mail and, where both CTs show contrast, the images; in uniform tissue it "
-                "is a guess of mechanics. Tissue that appears or vanishes is not modelled. Landmarks speak for the places where they lie; a Jacobian free of "
-                "folds says that the field is regular, not that it is right. TG-132 gives no tolerance for carrying dose."
+                "soft tissue follows them through the chain mail and, where both CTs show contrast, the images; in uniform tissue its "
+                "motion is only the mechanical model's estimate. Tissue that appears or vanishes is not modelled. Landmarks test only the places where they lie; a Jacobian without "
+                "folds shows that the field is regular, not that it is right. TG-132 gives no tolerance for carrying dose."
             }
         }
     }

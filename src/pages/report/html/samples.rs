@@ -26,7 +26,7 @@ pub(in crate::report) fn turns(samples: &ShownSamples) -> Markup {
     html! {
         p {
             (number) " other registrations that fit about as well (seed " (seed) ", scale " (scale)
-            "). The pictures show in turns what the first " (samples.pictures.len()) " add to the one that was found: bones move "
+            "). The pictures show in turn what the first " (samples.pictures.len()) " add to the one that was found: bones move "
             "as wholes, neighbours together, and soft tissue varies over some millimetres. Hold the pointer over the picture "
             "to stop."
         }

@@ -28,7 +28,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 pub(super) fn searched(report: &Report) -> Markup {
     html! {
         p.note {
-            "Each bone proposed places, and the joints chose. The first place began the fit. One with nearly as much evidence may be "
+            "Each bone proposed places, and the joints chose among them. The fit began at the first. One with nearly as much evidence may be "
             "another level of the spine: look at its picture."
         }
         table {
@@ -56,7 +56,7 @@ pub(super) fn bones(report: &Report) -> Markup {
     let on_paper = printed(&motion, BONES_ON_PAPER);
     html! {
         p.note {
-            "Motion is the displacement of a bone's centre, from planning to fraction; left is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Uncertainty is one standard "
+            "Motion is the displacement of a bone's centre, from planning to fraction; left by couch is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Uncertainty is one standard "
             "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the mean "
             "motion alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
@@ -225,7 +225,7 @@ pub(super) fn contact(report: &Report) -> Markup {
     let opening: Vec<_> = c.joints.iter().filter(|j| j.growth_mm() > SHOWN_GROWTH_MM).collect();
     html! {
         p.note {
-            "Bones are rigid: where they would overlap after their motion, label, joint or fit is wrong by as much. Depth counts beyond that in the "
+            "Bones cannot overlap: if they do after their motion, a label, a joint or the fit is wrong by that much. Depth is what exceeds the overlap in the "
             "planning CT, from " (format!("{LISTED_MM} mm")) " on; a gap is the least distance of two surfaces. Labels are known to about half a voxel."
         }
         div.pair {
@@ -256,7 +256,7 @@ pub(super) fn contact(report: &Report) -> Markup {
         }
         (more(c.overlaps.len().max(opening.len()), PAIRS_ON_PAPER, "pairs", "report.json"))
         p {
-            @if c.skin_voxels == 0 { "Nowhere does the moved patient lie on himself: skin does not pass through skin." }
+            @if c.skin_voxels == 0 { "Skin passes through skin nowhere." }
             @else { "Skin passes through skin in " (format!("{:.2} ml", c.skin_ml)) " (" (count(c.skin_voxels)) " fraction voxels, skin_contact.nii.gz)." }
         }
     }

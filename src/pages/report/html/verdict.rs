@@ -19,8 +19,8 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
     let (mark, reasons) = (overall(verdicts), against(verdicts));
     let passed = verdicts.iter().filter(|v| v.verdict == Mark::Pass).count();
     let head = match mark {
-        Mark::Pass => "Nothing measured speaks against it",
-        Mark::Review => "To be looked at before it is used",
+        Mark::Pass => "No measured figure speaks against it",
+        Mark::Review => "Look at it before you use it",
         Mark::Fail => "Not to be used as it is",
     };
     html! {

@@ -61,7 +61,7 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
                 }
                 (rejected(about))
                 h2 { "Where the usual variation comes from" }
-                p.note { "Of a plan with values of its own these hold for what it leaves as it is; " (about.plan) " has every number." }
+                p.note { "These sources hold for what the plan does not set itself; " (about.plan) " has every number." }
                 table {
                     tbody { @for s in sources() { tr { td { b { (s.part) } } td.wide { (s.source) } } } }
                 }
@@ -76,7 +76,7 @@ pub fn library_page(title: &str, records: &[PostureRecord], gallery: &Gallery, a
                     p {
                         "Research software, not a medical device. Bones move rigidly about the joints of a skeleton that was built from labels; "
                         "soft tissue follows them by a mechanical model, which is a guess. A dose is carried with the tissue and not computed "
-                        "anew. What varies, and by how much, is a plan and not this patient."
+                        "anew. What varies, and by how much, comes from a plan, not from this patient."
                     }
                 }
                 footer { "aventail " (about.version) ". Angles in degrees, lengths in mm." }

@@ -100,7 +100,7 @@ pub(super) fn after(scene: &PictureScene<'_>) -> Plate {
             Overlay::Colours => "The planning CT deformed onto the fraction, same planes. Grey where both agree; one colour alone where \
                                  they differ or where the other scan has no data. A cone-beam CT is shown on planning's scale."
                 .to_owned(),
-            Overlay::Checks => "The planning CT deformed onto the fraction, same planes: skin and bones go on from square to square where \
+            Overlay::Checks => "The planning CT deformed onto the fraction, same planes: skin and bones continue from square to square where \
                                 both agree."
                 .to_owned(),
         },

@@ -82,7 +82,7 @@ impl Origin {
     /// Date and time, for objects that must have them.
     pub(in crate::io::dicom) fn dated(&self, path: &Path) -> Result<(&str, &str)> {
         if self.when.date.is_empty() {
-            let problem = "such an object needs the date of its content, and neither the series nor its study has one";
+            let problem = "the object needs a content date, and neither the series nor its study has a date";
             return Err(Error::write(path, problem, "give a date"));
         }
         let time = if self.when.time.is_empty() { "000000" } else { &self.when.time };
