@@ -51,7 +51,7 @@ pub enum FigureKindName {
     Displacement,
     /// Volume after over before
     Jacobian,
-    /// Estimated error, one standard deviation, mm
+    /// Estimated error, mm: about two thirds of the errors lie below it
     Uncertainty,
 }
 

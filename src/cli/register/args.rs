@@ -19,8 +19,8 @@ Writes to OUT:
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: patient; tissue whose motion was computed; fraction voxels
                               that the planning scan covers
-  uncertainty.nii.gz          estimated error, one standard deviation in mm, planning grid; -1 not
-                              known
+  uncertainty.nii.gz          estimated error, mm, planning grid: about two thirds of the errors lie
+                              below it; -1 not known
   skin_contact.nii.gz         fraction voxels where skin passes through skin, if there are any
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml

@@ -78,7 +78,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         files.add("skin_contact.nii.gz", what, move |path| io::write_mask(path, skin, &options(what)));
     }
     if let Some((map, _)) = &outcome.uncertainty {
-        let what = "estimated error, one standard deviation, on the planning grid, mm; -1 outside the patient";
+        let what = "estimated error on the planning grid, mm: about two thirds of the errors lie below it; -1 outside the patient";
         files.add("uncertainty.nii.gz", what, move |path| {
             io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))
         });
