@@ -57,7 +57,7 @@ pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, invers
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::characteristics::JacobianStats;
+    use crate::evaluate::jacobian::JacobianStats;
     use crate::geometry::Grid;
     use crate::volume::Volume;
 
