@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -114,3 +115,32 @@ def test_a_fit_begins_where_it_is_told() -> None:
 def test_a_phantom_is_shown_as_it_is_asked_for(coarse: aventail.Phantom) -> None:
     circle = aventail.phantom(spacing=(9, 9, 9), cbct=True)
     assert np.array_equal(circle.planning, coarse.planning) and not np.array_equal(circle.fraction, coarse.fraction)
+
+
+def test_a_library_is_made_as_it_is_asked_for(tmp_path: Path) -> None:
+    coarse = aventail.phantom(spacing=(14, 14, 14))
+    coarse.planning.save(tmp_path / "ct.nii.gz")
+    coarse.bones.save(tmp_path / "bones.nii.gz")
+    (tmp_path / "plan.toml").write_text("scale = 3.0\n[limits]\noverlap_mm = 0.0\n")
+    more: dict[str, Any] = {"sample": 1, "plan": tmp_path / "plan.toml"}
+    given = (tmp_path / "ct.nii.gz", tmp_path / "bones.nii.gz")
+    made = aventail.library(*given, tmp_path / "out", fields=False, margin_mm=14.0, **more)
+    assert (len(made["training"]), len(made["implausible"])) == (0, 1)
+    assert not list(tmp_path.rglob("*planning_to_fraction*"))
+    grown = aventail.Image.of(tmp_path / "out" / "posture_001" / "ct.nii.gz").size
+    assert grown == tuple(n + 2 for n in coarse.planning.size)
+    drawn = aventail.library(*given, tmp_path / "rejected", reject=True, fields=False, **more)
+    assert (len(drawn["training"]), drawn["implausible"]) == (1, []) and drawn["rejected"]
+
+
+def test_a_skeleton_that_is_given_is_the_one_that_moves(coarse: aventail.Phantom, tmp_path: Path) -> None:
+    bones = aventail.skeleton(coarse.bones)["bones"]
+    turn: Any = {"skull": {"axial_deg": 10.0}}
+    own = aventail.pose(coarse.planning, coarse.bones, turn, settings="fast")
+    centre = [bone["joint"]["centre"] for bone in bones if bone["name"] == "skull"][0]
+    moved = [centre[0] + 30.0, *centre[1:]]
+    (tmp_path / "skeleton.toml").write_text(f"[bones.skull]\ncentre_mm = {json.dumps(moved)}\n")
+    other = aventail.pose(coarse.planning, coarse.bones, turn, skeleton=tmp_path / "skeleton.toml", settings="fast")
+    shift = [found.bones["skull"][:3, 3] for found in (own, other)]
+    # The centre of a turn by 10 degrees lies 30 mm farther to the left.
+    assert np.linalg.norm(shift[0] - shift[1]) == pytest.approx(60.0 * np.sin(np.radians(5.0)), abs=0.5)

@@ -406,5 +406,8 @@ def test_samples_vary_as_the_map_says_and_keep_bones_rigid(
         moved = places + field[tuple(voxels.T)]
         lengths = np.linalg.norm(moved[1:] - moved[:-1], axis=1)
         assert np.allclose(lengths, np.linalg.norm(places[1:] - places[:-1], axis=1), atol=1e-3)
+    # Soft tissue varies by the factor that is given.
+    half, whole = (next(iter(registration.samples(2, seed=3, scale=s))).array for s in (0.5, 1.0))
+    assert 0.3 < np.abs(half - found)[soft].mean() / np.abs(whole - found)[soft].mean() < 0.8
     with pytest.raises(aventail.Error):
         registration.samples(1)
