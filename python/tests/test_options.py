@@ -118,13 +118,13 @@ def test_a_phantom_is_shown_as_it_is_asked_for(coarse: aventail.Phantom) -> None
 
 
 def test_a_library_is_made_as_it_is_asked_for(tmp_path: Path) -> None:
-    coarse = aventail.phantom(spacing=(14, 14, 14))
+    coarse = aventail.phantom(spacing=(13, 13, 13))
     coarse.planning.save(tmp_path / "ct.nii.gz")
     coarse.bones.save(tmp_path / "bones.nii.gz")
     (tmp_path / "plan.toml").write_text("scale = 3.0\n[limits]\noverlap_mm = 0.0\n")
     more: dict[str, Any] = {"sample": 1, "plan": tmp_path / "plan.toml"}
     given = (tmp_path / "ct.nii.gz", tmp_path / "bones.nii.gz")
-    made = aventail.library(*given, tmp_path / "out", fields=False, margin_mm=14.0, **more)
+    made = aventail.library(*given, tmp_path / "out", fields=False, margin_mm=13.0, **more)
     assert (len(made["training"]), len(made["implausible"])) == (0, 1)
     assert not list(tmp_path.rglob("*planning_to_fraction*"))
     grown = aventail.Image.of(tmp_path / "out" / "posture_001" / "ct.nii.gz").size
