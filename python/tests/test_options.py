@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import aventail
+from aventail import _case
 
 GRID: dict[str, Any] = {"spacing": (2.0, 2.0, 2.0), "origin": (5.0, -3.0, 40.0)}
 SIZE = (12, 10, 14)
@@ -144,3 +145,9 @@ def test_a_skeleton_that_is_given_is_the_one_that_moves(coarse: aventail.Phantom
     shift = [found.bones["skull"][:3, 3] for found in (own, other)]
     # The centre of a turn by 10 degrees lies 30 mm farther to the left.
     assert np.linalg.norm(shift[0] - shift[1]) == pytest.approx(60.0 * np.sin(np.radians(5.0)), abs=0.5)
+
+
+def test_labels_go_with_their_fractions() -> None:
+    first, third = (aventail.Image(np.full(SIZE, n, np.uint16), **GRID, names={n: "skull"}) for n in (1, 3))
+    given: Any = _case.fraction_bones([first, None, third], None, 3, True)
+    assert given[1] is None and [names for _, names in (given[0], given[2])] == [{1: "skull"}, {3: "skull"}]
