@@ -6,9 +6,9 @@ use crate::skeleton::{Bone, Joint, Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Volume};
 use nalgebra::{Matrix3, Point3};
 
-/// Voxels of 4 mm.
+/// Voxels of 6 mm.
 pub(super) fn grid() -> Grid {
-    Grid::axis_aligned([24; 3], [4.0; 3], [-46.0, -46.0, 100.0]).unwrap()
+    Grid::axis_aligned([24; 3], [6.0; 3], [-69.0, -69.0, 100.0]).unwrap()
 }
 
 /// Whether a voxel lies in a box, both ends included.
@@ -27,10 +27,19 @@ pub(super) fn labels() -> LabelMap {
     LabelMap { volume: Volume::from_fn(grid.clone(), of), names: names.into_iter().collect() }
 }
 
+/// Radius of the patient, mm.
+pub(super) const RADIUS: f64 = 60.0;
+
+/// A ball around the middle of the patient.
+pub(super) fn ball(radius: f64) -> Mask {
+    let grid = grid();
+    let middle = grid.middle();
+    Volume::from_fn(grid.clone(), |n| (grid.centre(grid.voxel(n)) - middle).norm() < radius)
+}
+
 /// Inside of the skin.
 pub(super) fn body() -> Mask {
-    let (grid, middle) = (grid(), Point3::new(0.0, 0.0, 146.0));
-    Volume::from_fn(grid.clone(), |n| (grid.centre(grid.voxel(n)) - middle).norm() < 40.0)
+    ball(RADIUS)
 }
 
 /// The CT, HU.
