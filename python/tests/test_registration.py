@@ -87,6 +87,12 @@ def test_images_labels_dose_and_contours_are_carried(
     # On another grid, and back.
     coarse = aventail.Image(np.zeros((20, 20, 20), np.float32), (12, 12, 12), (-120, -140, -200))
     assert registration.warp(phantom.planning, to="fraction", grid=coarse).size == (20, 20, 20)
+    cut = registration.warp(phantom.contours, to="fraction", grid=coarse)
+    assert {round(float(p[0, 2]), 3) for polygons in cut.structures.values() for p in polygons} <= {
+        round(coarse.point((0, 0, k))[2], 3) for k in range(20)
+    }
+    with pytest.raises(aventail.InputError, match="dose"):
+        registration.warp(phantom.planning, to="fraction", kind="dose")
     home = registration.warp(phantom.fraction, to="planning")
     assert home.size == phantom.planning.size
     still = sitk.Resample(phantom.fraction.to_sitk(), phantom.planning.to_sitk(), sitk.Transform(), sitk.sitkLinear, -1000)
