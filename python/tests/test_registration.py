@@ -87,6 +87,12 @@ def test_images_labels_dose_and_contours_are_carried(
     # On another grid, and back.
     coarse = aventail.Image(np.zeros((20, 20, 20), np.float32), (12, 12, 12), (-120, -140, -200))
     assert registration.warp(phantom.planning, to="fraction", grid=coarse).size == (20, 20, 20)
+    cut = registration.warp(phantom.contours, to="fraction", grid=coarse)
+    assert {round(float(p[0, 2]), 3) for polygons in cut.structures.values() for p in polygons} <= {
+        round(coarse.point((0, 0, k))[2], 3) for k in range(20)
+    }
+    with pytest.raises(aventail.InputError, match="dose"):
+        registration.warp(phantom.planning, to="fraction", kind="dose")
     home = registration.warp(phantom.fraction, to="planning")
     assert home.size == phantom.planning.size
     still = sitk.Resample(phantom.fraction.to_sitk(), phantom.planning.to_sitk(), sitk.Transform(), sitk.sitkLinear, -1000)
@@ -406,5 +412,8 @@ def test_samples_vary_as_the_map_says_and_keep_bones_rigid(
         moved = places + field[tuple(voxels.T)]
         lengths = np.linalg.norm(moved[1:] - moved[:-1], axis=1)
         assert np.allclose(lengths, np.linalg.norm(places[1:] - places[:-1], axis=1), atol=1e-3)
+    # Soft tissue varies by the factor that is given.
+    half, whole = (next(iter(registration.samples(2, seed=3, scale=s))).array for s in (0.5, 1.0))
+    assert 0.3 < np.abs(half - found)[soft].mean() / np.abs(whole - found)[soft].mean() < 0.8
     with pytest.raises(aventail.Error):
         registration.samples(1)

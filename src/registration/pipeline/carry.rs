@@ -3,6 +3,7 @@
 use super::contact;
 use super::couch::{Couch, common_shift};
 use super::elements::{alone_mm, bone_of_label, tissue};
+use super::field_warnings::field_warnings;
 use super::fraction::Fraction;
 use super::kind::MisledTissue;
 use super::matching::couch_match;
@@ -396,55 +397,5 @@ fn regions_of(
     Ok(LabelMap { volume: owner.map(label), names })
 }
 
-/// Findings about the field.
-fn field_warnings(
-    push: &PushField,
-    jacobian: &evaluate::jacobian::JacobianReport,
-    inverse: &field::InverseReport,
-) -> Vec<Warning> {
-    let mut out = Vec::new();
-    if jacobian.body.folded > 0 {
-        out.push(Warning::new(
-            findings::FOLDED,
-            format!(
-                "{} of {} tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
-                jacobian.body.folded, jacobian.body.cells
-            ),
-        ));
-    }
-    if jacobian.contact.folded > 0 {
-        out.push(Warning::new(
-            findings::BONES_MEET,
-            format!(
-                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
-                jacobian.contact.folded, jacobian.contact.cells
-            ),
-        ));
-    }
-    if jacobian.interface.folded > 0 {
-        out.push(Warning::new(
-            findings::SLIDING,
-            format!(
-                "{} of {} cells of declared sliding interfaces are folded: motion may be discontinuous there",
-                jacobian.interface.folded, jacobian.interface.cells
-            ),
-        ));
-    }
-    if inverse.unconverged_tissue > 0 {
-        out.push(Warning::new(
-            findings::INVERSE,
-            format!(
-                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm); {} of them, missed by more \
-                 than a voxel, show nothing of the planning scan",
-                inverse.unconverged_tissue, inverse.unconverged_max_mm, inverse.strayed
-            ),
-        ));
-    }
-    if push.computed.count() == 0 {
-        out.push(Warning::new(
-            findings::NO_TISSUE,
-            "the planning CT shows no tissue above the least HU inside the patient",
-        ));
-    }
-    out
-}
+#[cfg(test)]
+mod tests;

@@ -108,3 +108,18 @@ fn check_values(what: &str, image: &Volume<f32>, kind: &str) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn labels_lie_on_the_cts_grid_but_for_rounding() {
+        let ct = Grid::axis_aligned([8, 7, 6], [1.0, 1.0, 3.0], [10.0, -20.0, 100.0]).unwrap();
+        let off = |mm: f64| check_grids(&ct, &ct.shifted(&Vector3::new(0.0, mm, 0.0)));
+        assert!(off(0.0).is_ok() && off(0.05).is_ok());
+        // Half a voxel is another grid.
+        assert!(off(0.5).unwrap_err().to_string().contains("is not that of the planning CT"));
+    }
+}

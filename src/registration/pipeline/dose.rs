@@ -145,3 +145,80 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FROM: [f64; 3] = [-20.0, 10.0, 300.0];
+
+    /// A cube of 10 Gy, in voxels of 2 mm, from this voxel along x.
+    fn cube(first: usize) -> Volume<f32> {
+        let grid = Grid::axis_aligned([16, 10, 10], [2.0; 3], FROM).unwrap();
+        Volume::from_fn(grid.clone(), |n| {
+            let [i, j, k] = grid.voxel(n);
+            if (first..first + 4).contains(&i) && (3..7).contains(&j) && (3..7).contains(&k) { 10.0 } else { 0.0 }
+        })
+    }
+
+    /// A shift of 4 mm to the left, given both ways, forth on so many planes along x alone.
+    fn shift(planes: usize) -> FieldPair {
+        let grid = |n: usize| Grid::axis_aligned([n, 10, 10], [2.0; 3], FROM).unwrap();
+        let [push, pull] = [(planes, 4.0), (16, -4.0)].map(|(n, mm)| Volume::filled(grid(n), [mm, 0.0, 0.0]));
+        FieldPair::new(Some(push), Some(pull), None, None).unwrap().unwrap()
+    }
+
+    fn energy_mass() -> DoseMethod {
+        DoseMethod::EnergyMass(EnergyMassOptions::default())
+    }
+
+    /// Where the middle of a dose lies along x, mm.
+    fn middle(dose: &Volume<f32>) -> f64 {
+        let grid = dose.grid();
+        let each = dose.data().iter().enumerate().map(|(n, gy)| [f64::from(*gy), grid.centre(grid.voxel(n)).x]);
+        let [sum, moment] = each.fold([0.0; 2], |[sum, moment], [gy, x]| [sum + gy, moment + gy * x]);
+        moment / sum
+    }
+
+    #[test]
+    fn a_dose_goes_the_way_that_is_asked_by_both_methods() {
+        let (dose, pair) = (cube(5), shift(16));
+        let water = dose.map(|_| 0.0);
+        for (direction, mm) in [(Direction::PlanningToFraction, 4.0), (Direction::FractionToPlanning, -4.0)] {
+            for method in [DoseMethod::Interpolate, energy_mass()] {
+                let (mapped, _) = map_dose(&dose, &pair, direction, dose.grid(), &method, Some(&water)).unwrap();
+                let moved = middle(&mapped) - middle(&dose);
+                assert!((moved - mm).abs() < 1e-3, "{direction:?} {method:?}: {moved}");
+            }
+        }
+    }
+
+    #[test]
+    fn dose_outside_the_field_that_carries_it_is_told() {
+        // The push field covers half of the dose.
+        let (dose, pair) = (cube(5), shift(7));
+        let water = dose.map(|_| 0.0);
+        let outside = |direction: Direction, method: &DoseMethod| {
+            let report = map_dose(&dose, &pair, direction, dose.grid(), method, Some(&water)).unwrap().1;
+            (report.outside.amount_percent, report.warnings.iter().any(|w| w.is(findings::OUTSIDE_FIELD)))
+        };
+        let (percent, told) = outside(Direction::PlanningToFraction, &energy_mass());
+        assert!((percent - 50.0).abs() < 1e-6 && told, "{percent}");
+        // The pull field, by which it is interpolated, covers all of it. On the way back the fields change their roles.
+        assert_eq!(outside(Direction::PlanningToFraction, &DoseMethod::Interpolate), (0.0, false));
+        assert_eq!(outside(Direction::FractionToPlanning, &energy_mass()), (0.0, false));
+        let (percent, told) = outside(Direction::FractionToPlanning, &DoseMethod::Interpolate);
+        assert!(percent > 10.0 && told, "{percent}");
+    }
+
+    #[test]
+    fn energy_that_leaves_the_target_is_told() {
+        let lost = |outside_j: f64| {
+            let balance = EnergyBalance { source_j: 100.0, outside_j, ..EnergyBalance::default() };
+            warnings(&Caution::default(), Some(&balance))
+        };
+        assert!(lost(0.9).is_empty());
+        let [word] = &lost(5.0)[..] else { panic!("one warning") };
+        assert!(word.is(findings::ENERGY_OUTSIDE) && word.message.contains("5.0 % of the energy"), "{word:?}");
+    }
+}

@@ -41,3 +41,14 @@ pub(super) fn tissue<'a>(
     let sliding = sliding.map(|region| SlidingRegion { region, along });
     Tissue { ct: &planning.ct, body, labels: &planning.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_field_of_the_bones_alone_is_coarse() {
+        let at = |spacing_mm: f64| alone_mm(&ChainmailOptions { spacing_mm, ..ChainmailOptions::default() });
+        assert_eq!([at(3.0), at(12.0)], [8.0, 12.0]);
+    }
+}

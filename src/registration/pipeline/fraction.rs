@@ -55,3 +55,23 @@ impl<'a> Fraction<'a> {
         Fraction { ct: Cow::Owned(ct), body: part(&self.body, grid, false), view: self.view.clone(), mr: self.mr }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::small;
+    use super::*;
+    use crate::chainmail::Carry;
+    use crate::geometry::Rigid;
+
+    #[test]
+    fn image_and_patient_go_with_the_couch() {
+        let (ct, body, shift) = (small::ct(), small::body(), Rigid::translation(30.5, -4.25, 12.0));
+        let there = Fraction { ct: Cow::Borrowed(&ct), body: body.clone(), view: ViewReport::default(), mr: None };
+        let couch = Couch::of(&small::fit([shift; 2], shift), ct.grid(), Carry::Rigid);
+        let shifted = there.shifted(&couch);
+        let back = couch.grid(ct.grid());
+        assert!((back.origin() - ct.grid().origin() + shift.translation.vector).norm() < 1e-3);
+        assert!(shifted.ct.grid().matches(&back, 1e-9) && shifted.body.grid().matches(&back, 1e-9));
+        assert_eq!((shifted.ct.data(), shifted.body.data()), (ct.data(), body.data()));
+    }
+}

@@ -1,6 +1,7 @@
 //! What the rules say of a registration.
 
 use super::{Case, Outcome};
+use crate::evaluate::rigidity::BoneRigidity;
 use crate::evaluate::verdict::{Limits, Verdict, of_warnings};
 
 /// The rules of [`crate::evaluate::verdict`] on what a run has measured and warned of: those that fail, those to be
@@ -13,7 +14,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     if let Some(l) = outcome.landmarks.as_ref().filter(|l| l.after.n > 0) {
         all.extend(limits.landmarks(&l.after, voxel));
     }
-    if let Some(bone) = outcome.rigidity.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm)) {
+    if let Some(bone) = least_rigid(&outcome.rigidity) {
         all.push(limits.rigidity(&bone.name, bone.rms_mm));
     }
     all.extend(limits.folds(direction, jacobian, grids[0].voxel_volume() / 1000.0));
@@ -31,4 +32,26 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     }
     all.extend(of_warnings(&outcome.warnings));
     all
+}
+
+/// The bone that the field bends most.
+fn least_rigid(bones: &[BoneRigidity]) -> Option<&BoneRigidity> {
+    bones.iter().max_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Rigid;
+
+    #[test]
+    fn the_bone_that_bends_most_is_judged() {
+        let bent = |rms_mm: f64| {
+            let name = format!("{rms_mm} mm");
+            BoneRigidity { name, voxels: 100, best: Rigid::identity(), rms_mm, max_mm: rms_mm }
+        };
+        let bones = [bent(0.2), bent(0.7), bent(0.1)];
+        assert_eq!(least_rigid(&bones).map(|bone| bone.name.as_str()), Some("0.7 mm"));
+        assert!(least_rigid(&[]).is_none());
+    }
 }

@@ -8,6 +8,7 @@ mod couch;
 mod curve;
 mod dose;
 mod elements;
+mod field_warnings;
 mod fraction;
 mod judge;
 mod kind;
@@ -22,6 +23,8 @@ mod probable;
 mod region;
 mod register;
 mod sampled;
+#[cfg(test)]
+mod small;
 mod study;
 mod uncertainty;
 

@@ -12,7 +12,7 @@ use crate::evaluate::uncertainty::UncertaintyReport;
 use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::{BoneFit, DeterminedBy, Weighed};
 use crate::sampling::PosePosterior;
-use crate::skeleton::{Pose, Skeleton};
+use crate::skeleton::{Bone, Pose, Skeleton};
 use crate::volume::{LabelMap, Mask, Spans, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -119,7 +119,37 @@ pub struct Outcome {
 impl Outcome {
     /// Motion of each bone's centroid apart from the couch shift, mm, in the order of the skeleton.
     pub fn own_motion_mm(&self) -> Vec<f64> {
-        let bones = self.skeleton.bones.iter().zip(&self.bone_fits);
-        bones.map(|(bone, fit)| (fit.transform * bone.centroid - bone.centroid - self.couch.shift()).norm()).collect()
+        own_motion_mm(&self.skeleton.bones, &self.bone_fits, &self.couch.shift())
+    }
+}
+
+fn own_motion_mm(bones: &[Bone], fits: &[BoneFit], couch: &Vector3<f64>) -> Vec<f64> {
+    let moved = |(bone, fit): (&Bone, &BoneFit)| (fit.transform * bone.centroid - bone.centroid - couch).norm();
+    bones.iter().zip(fits).map(moved).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::small::{fitted, skeleton};
+    use super::*;
+    use crate::geometry::Rigid;
+
+    #[test]
+    fn a_bone_is_placed_by_an_image_that_shows_half_of_it() {
+        let seen = |visible: f64, determined_by: DeterminedBy| {
+            is_placed(&BoneFit { visible, determined_by, ..fitted("hyoid", Rigid::identity()) })
+        };
+        assert!(seen(0.5, DeterminedBy::Image) && !seen(0.49, DeterminedBy::Image));
+        assert!(seen(0.0, DeterminedBy::Given) && !seen(1.0, DeterminedBy::Joint));
+    }
+
+    #[test]
+    fn the_couch_is_no_motion_of_a_bones_own() {
+        let couch = Vector3::new(30.0, -4.0, 12.0);
+        let fits = [couch, couch + Vector3::new(0.0, 3.0, 4.0)]
+            .map(|shift| fitted("", Rigid::translation(shift.x, shift.y, shift.z)));
+        let own = own_motion_mm(&skeleton().bones, &fits, &couch);
+        assert!(own[0].abs() < 1e-12 && (own[1] - 5.0).abs() < 1e-12, "{own:?}");
+        assert_eq!(moves_most(&fits, &own), Some(1));
     }
 }

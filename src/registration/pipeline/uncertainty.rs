@@ -169,6 +169,9 @@ mod tests {
         // What the image shows is known by the image, and at worst by the joint.
         let [atlas, skull] = known(DeterminedBy::Image, 1.0);
         assert!((atlas - 0.4f64.hypot(LEAST_MM)).abs() < 1e-12 && skull < 1.1, "{atlas} {skull}");
+        // Of half a bone half as well.
+        let [atlas, _] = known(DeterminedBy::Image, 0.5);
+        assert!((atlas - 0.8f64.hypot(LEAST_MM)).abs() < 1e-12, "{atlas}");
     }
 
     #[test]
