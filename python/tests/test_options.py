@@ -87,7 +87,7 @@ def test_contours_keep_their_planes_and_colours(tmp_path: Path) -> None:
     # Sagittal: the axes in the plane are y and z.
     axes = (0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     square = [[12.0, 0.0, 50.0], [12.0, 10.0, 50.0], [12.0, 10.0, 60.0], [12.0, 0.0, 60.0]]
-    own = aventail.Contours({"cord": [square]}, axes, {"cord": (0, 255, 9)})
+    own = aventail.Contours({"cord": [np.array(square)]}, axes, {"cord": (0, 255, 9)})
     own.save(tmp_path / "c.json", "fraction")
     back = aventail.Contours.of(tmp_path / "c.json")
     assert back.orientation == axes and back.colours == {"cord": (0, 255, 9)}
