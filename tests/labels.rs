@@ -374,7 +374,7 @@ fn labels_of_both_scans_place_the_bones_without_an_image() {
     let middle = errors[errors.len() / 2];
     // Voxels of 9 mm: labels of both scans are staircases of their own, of which thin bones have few steps.
     println!("bones by labels alone, middle {middle:.2} mm, worst {:.2}", errors[errors.len() - 1]);
-    assert!(middle < 3.5, "{errors:?}");
+    assert!(middle < 3.0, "{errors:?}");
     let again = folder().join("by_labels_again");
     let config = run.out.join("report.json");
     aventail().args(["register", "-q", "--config"]).arg(config).arg("--out").arg(&again).assert().success();
