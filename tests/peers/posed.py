@@ -19,13 +19,13 @@ uncertainty u: Spearman's correlation with the error of soft tissue, errors belo
 import argparse
 import json
 import os
-import subprocess
 import tempfile
 
 import numpy as np
 from fields import Image
 from scipy import stats
 from side_by_side import errors, true_points
+from tools import Job, aventail
 
 COLUMNS = ["case", "bones", "of 200 points", "by joints", "soft tissue", "in the circle", "out of it", "landmarks", "folds",
            "there and back: mean, worst", "Spearman", "below u, 2u, 3u", "above 1 mm in the highest tenth"]  # fmt: skip
@@ -49,16 +49,15 @@ def worth(u, error):
 def row(given, name, out):
     case = f"{given.cases}/{name}"
     planning, bones, labels = (f"{given.cases}/{n}" for n in ("planning_ct.nii.gz", "bones.nii.gz", "bones.json"))
-    command = [given.aventail, "register", "-q", "--no-view", "--planning", planning, "--bones", bones, "--labels", labels]
-    command += ["--fraction", f"{case}/{given.fraction}", "--landmarks", f"{case}/landmarks.csv", "--out", out]
-    command += ["--threads", str(given.threads)] + (["--config", given.config] if given.config else [])
-    subprocess.run(command, check=True, capture_output=True)
+    job = Job(given.aventail, planning, f"{case}/{given.fraction}", bones, labels, out=out, threads=given.threads)
+    more = ["--no-view", "--landmarks", f"{case}/landmarks.csv"] + (["--config", given.config] if given.config else [])
+    field = aventail(job, more)
     with open(f"{out}/report.json", encoding="utf-8") as file:
         report = json.load(file)
     with open(labels, encoding="utf-8") as file:
         number = {name: int(label) for label, name in json.load(file)["labels"].items()}
     truth = true_points(case)
-    error, label = errors(f"{out}/planning_to_fraction.nii.gz", truth), truth[:, 6]
+    error, label = errors(field, truth), truth[:, 6]
     soft = label == 0
     shown = [number[b["name"]] for b in report["bones"] if b["determined_by"] == "image"]
     points = {b: error[label == b] for b in np.unique(label[~soft])}
