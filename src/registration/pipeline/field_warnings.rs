@@ -8,26 +8,32 @@ use crate::warning::Warning;
 /// Findings about the field.
 pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, inverse: &InverseReport) -> Vec<Warning> {
     let mut out = Vec::new();
-    for (stats, code, what) in [
-        (
-            &jacobian.body,
+    if jacobian.body.folded > 0 {
+        out.push(Warning::new(
             findings::FOLDED,
-            "tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
-        ),
-        (
-            &jacobian.contact,
+            format!(
+                "{} of {} tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
+                jacobian.body.folded, jacobian.body.cells
+            ),
+        ));
+    }
+    if jacobian.contact.folded > 0 {
+        out.push(Warning::new(
             findings::BONES_MEET,
-            "cells between touching bones are folded: rigid bones slide or collide there",
-        ),
-        (
-            &jacobian.interface,
+            format!(
+                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
+                jacobian.contact.folded, jacobian.contact.cells
+            ),
+        ));
+    }
+    if jacobian.interface.folded > 0 {
+        out.push(Warning::new(
             findings::SLIDING,
-            "cells of declared sliding interfaces are folded: motion may be discontinuous there",
-        ),
-    ] {
-        if stats.folded > 0 {
-            out.push(Warning::new(code, format!("{} of {} {what}", stats.folded, stats.cells)));
-        }
+            format!(
+                "{} of {} cells of declared sliding interfaces are folded: motion may be discontinuous there",
+                jacobian.interface.folded, jacobian.interface.cells
+            ),
+        ));
     }
     if inverse.unconverged_tissue > 0 {
         out.push(Warning::new(
