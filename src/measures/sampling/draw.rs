@@ -1,5 +1,6 @@
 //! Drawing samples: bones from what the fit leaves open, tissue behind them and by itself.
 
+use super::beside::held;
 use super::model::{TissueModel, brought};
 use super::noise::Noise;
 use super::options::{Correlation, SamplingOptions};
@@ -66,7 +67,13 @@ impl TissueModel<'_> {
                 };
                 tissue[node.at] = [component(0), component(1), component(2)];
             }
-            let mut tissue = unfold(&self.grid, &self.found, tissue);
+            let hold = |tissue: &mut [[f32; 3]]| {
+                for node in &self.nodes {
+                    tissue[node.at] = held(node.beside, &node.moved, &bones, tissue[node.at]);
+                }
+            };
+            hold(&mut tissue);
+            let mut tissue = unfold(&self.grid, &self.found, tissue, hold);
             tissue.iter_mut().for_each(|v| *v = v.map(|mm| (mm * STEPS).round() / STEPS));
             Ok(Drawn { bones, tissue: Volume::new(self.grid.clone(), tissue)? })
         };

@@ -4,6 +4,7 @@
 //! [`TissueModel`] draws [`Drawn`] samples of both: bones stay rigid, tissue follows them and adds a random field of the
 //! map's deviation. A [`SampleSet`] reads them at any place. What was measured: docs/decisions/samples.md.
 
+mod beside;
 mod draw;
 mod model;
 mod noise;

@@ -1,5 +1,6 @@
 //! What samples of soft tissue are drawn from: how far the map says each place may be off, and how it follows the bones.
 
+use super::beside::limits;
 use super::options::Correlation;
 use super::posterior::{PosePosterior, PosedBone};
 use super::strain::Strain;
@@ -60,6 +61,8 @@ pub(super) struct Node {
     pub(super) follows: [(u16, f32); FOLLOWED],
     /// Deviation of each component of what is its own, mm.
     pub(super) own_mm: f32,
+    /// The bone that it lies beside, by its place in the posterior, and how far from its motion it may be taken, mm.
+    pub(super) beside: Option<(u16, f32)>,
 }
 
 /// Ready to draw samples of a registration.
@@ -91,11 +94,12 @@ impl<'a> TissueModel<'a> {
             trilinear_vector(patient.push, &patient.push.grid().index_within(&x)).unwrap_or_default()
         };
         let found: Vec<Vector3<f64>> = (0..grid.len()).into_par_iter().map(displaced).collect();
-        let node = |(at, follows): (&usize, [(u16, f32); FOLLOWED])| {
+        let beside = limits(&patient.bones.volume, &patient.posterior.labels(), &grid, &listed);
+        let node = |((at, follows), beside): ((&usize, [(u16, f32); FOLLOWED]), Option<(u16, f32)>)| {
             let x = grid.centre(grid.voxel(*at));
-            Node { at: *at, moved: x + found[*at], follows, own_mm: 0.0 }
+            Node { at: *at, moved: x + found[*at], follows, own_mm: 0.0, beside }
         };
-        let mut nodes: Vec<Node> = listed.iter().zip(follows).map(node).collect();
+        let mut nodes: Vec<Node> = listed.iter().zip(follows).zip(beside).map(node).collect();
         let by_bones = variance_by_bones(&patient, &nodes);
         for (node, bones) in nodes.iter_mut().zip(by_bones) {
             let all = (scale as f32 * map[node.at]).powi(2);

@@ -1,9 +1,9 @@
 //! Samples at any place: what each adds to the registration.
 
+use super::beside::nearest_bone;
 use super::draw::Drawn;
 use crate::error::{Error, Result};
 use crate::geometry::{Grid, Rigid};
-use crate::volume::distance::{nearest_label, squared_distance_within};
 use crate::volume::{Surrounding, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 
@@ -47,10 +47,7 @@ impl SampleSet {
         if drawn.iter().any(|d| d.bones.len() != bones.len() || !d.tissue.grid().matches(&grid, 1e-3)) {
             return Err(odd("their bones or grids differ"));
         }
-        let mut place = vec![0u16; usize::from(u16::MAX) + 1];
-        bones.iter().enumerate().for_each(|(n, label)| place[usize::from(*label)] = n as u16 + 1);
-        let own = labels.map(|l| place[usize::from(*l)]);
-        let far = squared_distance_within(&own.map(|o| *o != 0), true, BESIDE_BONE_MM);
+        let (owner, far) = nearest_bone(labels, bones, BESIDE_BONE_MM);
         let number = drawn.len();
         let mut tissue = vec![0f32; 3 * number * grid.len()];
         for (node, out) in tissue.chunks_mut(3 * number).enumerate() {
@@ -62,7 +59,7 @@ impl SampleSet {
             number,
             bones: (0..bones.len()).map(|b| drawn.iter().map(|d| d.bones[b]).collect()).collect(),
             far: far.map(|square| square.sqrt()),
-            owner: nearest_label(&own),
+            owner,
             grid,
             tissue,
         })

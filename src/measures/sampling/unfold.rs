@@ -13,12 +13,17 @@ const FADE_MM: f64 = 5.0;
 const WHOLE: f32 = 0.67;
 /// The mean of a sample is taken over this, mm (sigma).
 const MEAN_MM: f64 = 6.0;
-/// Rounds of it: one is enough nearly everywhere.
-const ROUNDS: usize = 3;
+/// Rounds of it at most: one is enough nearly everywhere.
+const ROUNDS: usize = 6;
 
 /// Smooths what a sample adds at the nodes of a grid wherever it would fold tissue, which the registration displaces by `found`
-/// there; LPS mm.
-pub(super) fn unfold(grid: &Grid, found: &[Vector3<f64>], mut added: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+/// there; LPS mm. `hold` holds what is smoothed to the bones beside it.
+pub(super) fn unfold(
+    grid: &Grid,
+    found: &[Vector3<f64>],
+    mut added: Vec<[f32; 3]>,
+    hold: impl Fn(&mut [[f32; 3]]),
+) -> Vec<[f32; 3]> {
     for _ in 0..ROUNDS {
         let folds = folding(grid, found, &added);
         if !folds.contains(&true) {
@@ -31,6 +36,7 @@ pub(super) fn unfold(grid: &Grid, found: &[Vector3<f64>], mut added: Vec<[f32; 3
             let share = (share[node] / WHOLE).min(1.0);
             (0..3).for_each(|a| value[a] += share * (mean[a][node] - value[a]));
         }
+        hold(&mut added);
     }
     added
 }
@@ -99,7 +105,7 @@ mod tests {
         let found = vec![Vector3::new(1.0, 2.0, 3.0); grid.len()];
         let before = folding(&grid, &found, &added);
         assert!(before.contains(&true));
-        let after = unfold(&grid, &found, added.clone());
+        let after = unfold(&grid, &found, added.clone(), |_| ());
         assert!(!folding(&grid, &found, &after).contains(&true));
         for l in 0..grid.len() {
             let [i, ..] = grid.voxel(l);
@@ -108,7 +114,7 @@ mod tests {
         }
         // What does not fold stays as it is to the bit.
         let gentle: Vec<[f32; 3]> = added.iter().map(|v| v.map(|c| 0.2 * c)).collect();
-        let same = unfold(&grid, &found, gentle.clone());
+        let same = unfold(&grid, &found, gentle.clone(), |_| ());
         assert!(same.iter().flatten().zip(gentle.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 }
