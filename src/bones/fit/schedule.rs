@@ -284,8 +284,10 @@ impl<'a> Fitter<'a> {
         if now.visible < LEAST_VISIBLE {
             return Ok(None);
         }
-        // By another modality a bone matches less well, so that what comes into view would draw it.
-        let hold = !search && self.options.measure == Measure::CorrelationRatio;
+        // By another modality a bone matches less well, so that what comes into view would draw it. Yet a cut one may begin hidden,
+        // and the joints would have it: the coarsest pass lets it come.
+        let comes = now.visible < WHOLE && self.options.outward.first() == Some(&level.drawn.resolution);
+        let hold = !search && !comes && self.options.measure == Measure::CorrelationRatio;
         let held = hold.then_some(Held { view: now.visible, gain: 0.0, grey: None });
         let fit = |base| {
             let solution = solve(problem(base, held), level.tolerance_mm, self.options.max_iterations)?;
