@@ -196,7 +196,7 @@ while [ $# -gt 0 ]; do
 done
 [ "$ml" = yes ] && [ -f "$in" ] || { echo "no input, or no --ml" >&2; exit 2; }
 case "$in" in *.nii|*.nii.gz) ;; *) echo "Unknown file type" >&2; exit 1 ;; esac
-[ "$classes" = yes ] && [ $task != total ] && { echo "ValueError: roi_subset only works with task 'total'" >&2; exit 1; }
+[ "$classes" = yes ] && [ $task != total ] && [ $task != total_mr ] && { echo "ValueError: roi_subset only works with task 'total'" >&2; exit 1; }
 [ -f "$here/fails_$task" ] && { echo "working"; echo "RuntimeError: no memory for $task" >&2; exit 1; }
 echo "Predicting $task" >&2
 cp "$here/$task.nii.gz" "$out"
@@ -270,6 +270,62 @@ cp "$here/$task.nii.gz" "$out"
         assert!(message.contains("[bones-auto-changed]") && message.contains(&files[1]), "{message}");
         // Another planning CT has labels of its own.
         on_path(skeleton(&here, &small_phantom().fraction), Some(&here)).assert().code(3);
+    }
+
+    /// An image that passes for an MR: the grey values of a T1 on the phantom.
+    fn mr(here: &Path, ct: &Path) -> PathBuf {
+        let ct = io::read_image(ct).unwrap().value;
+        let grey = |hu: &f32| match *hu {
+            hu if hu < -300.0 => 5.0,
+            hu if hu < 0.0 => 850.0,
+            hu if hu < 150.0 => 350.0,
+            _ => 60.0,
+        };
+        let file = here.join("mr.nii.gz");
+        io::write_image(&file, &ct.map(grey), io::Stored::Int16, &io::WriteOptions::default()).unwrap();
+        file
+    }
+
+    #[test]
+    fn an_mr_is_labelled_by_tasks_of_its_own() {
+        let here = stand_in("mr");
+        let spine = |n: &str| n == "sacrum" || n.starts_with("vertebrae");
+        files::labels(&here.join("vertebrae_mr.nii.gz"), &renamed(|n| spine(n).then(|| n.to_owned())));
+        let limb = |n: &str| ["humerus", "scapula", "clavicula", "femur", "hip"].iter().any(|own| n.starts_with(own));
+        // All vertebrae are one class there.
+        let rest = renamed(|n| if limb(n) { Some(n.to_owned()) } else { spine(n).then(|| "vertebrae".to_owned()) });
+        files::labels(&here.join("total_mr.nii.gz"), &rest);
+        let scan = mr(&here, &small_phantom().planning);
+        let register = Register { out: here.join("day1"), ..Register::quick("unused").bones("auto") };
+        let register = register.planning(&scan).with("--planning-modality", "mr").flag("--estimate");
+        on_path(register.command(), Some(&here)).assert().success();
+        let all = runs(&here);
+        assert_eq!(all.len(), 2, "{all:?}");
+        assert!(
+            all[0].contains("--task total_mr --roi_subset humerus_left") && !all[0].contains("vertebrae"),
+            "{all:?}"
+        );
+        assert!(all[1].ends_with("--task vertebrae_mr"), "{all:?}");
+        let files = kept(&here);
+        let made = read_labels(here.join(&files[1]), None).unwrap().value;
+        let own = renamed(|n| (spine(n) || limb(n)).then(|| n.to_owned()));
+        assert_eq!(by_name(&made), by_name(&own), "one vertebra each, and no label for what no task finds");
+        let record: Value = serde_json::from_slice(&fs::read(here.join(&files[0])).unwrap()).unwrap();
+        assert!(record["is_mr"] == true && record["licence"].as_str().unwrap().contains("vertebrae_mr"), "{record}");
+        // Made once.
+        on_path(register.command(), None).assert().success();
+        // The same file as a CT has no labels yet: what was made of an MR is none.
+        let run = on_path(skeleton(&here, &scan), Some(&here)).assert().code(4);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(message.contains("[bones-auto-changed]") && message.contains("as of an MR"), "{message}");
+        // The fraction's labels by the fraction's modality.
+        let fraction = mr(&place("mr/fraction"), &small_phantom().fraction);
+        fs::write(here.join("fails_vertebrae_mr"), "").unwrap();
+        let run = Register { out: here.join("day2"), fraction, ..Register::quick("unused") };
+        let run = run.with("--modality", "mr").with("--fraction-bones", "auto").flag("--estimate").command();
+        let run = on_path(run, Some(&here)).assert().code(3);
+        let message = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(runs(&here)[2].contains("--task total_mr") && message.contains("another grid"), "{message}");
     }
 
     #[test]

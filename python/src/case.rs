@@ -2,7 +2,7 @@
 
 use crate::arrays::{self, Given};
 use aventail::chainmail::VolumeChange;
-use aventail::config::{ConfigFile, Preset};
+use aventail::config::{ConfigFile, Modality, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::Rigid;
@@ -64,11 +64,11 @@ type Marks = (Option<Given<Vec<Landmark>>>, Option<Given<Vec<BoneLandmark>>>);
 pub(crate) fn make_bones(
     side: &mut PlanningSources,
     needed: &[PathBuf],
-    beside: &Path,
+    (told, beside): (Modality, &Path),
     quiet: bool,
     runtime: &Runtime,
 ) -> Result<()> {
-    side.make_bones(needed, asks(beside, quiet), runtime)
+    side.make_bones(needed, told, asks(beside, quiet), runtime)
 }
 
 /// Who asks for bones that TotalSegmentator is to find.

@@ -319,8 +319,8 @@ pub(crate) fn pose(
     let mut request = PoseRequest { planning, motion, landmarks, margin_mm, recorded, config, command };
     let (runs, quiet, beside) = (Runs::new(work.threads()).raised(py)?, work.progress().is_none(), more.beside());
     let found = runs.run(py, work.progress(), move |runtime| {
-        let needed = request.needed();
-        case::make_bones(&mut request.planning, &needed, &beside, quiet, runtime)?;
+        let (needed, told) = (request.needed(), request.config.planning.modality);
+        case::make_bones(&mut request.planning, &needed, (told, &beside), quiet, runtime)?;
         session::pose(request, runtime)
     })?;
     Ok(Registration::new(runs, found))

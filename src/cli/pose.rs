@@ -109,7 +109,8 @@ pub fn run(args: &PoseArgs) -> Result<String> {
     let runtime = Runtime::new(args.run.work.threads, progress(args.run.shown.quiet))?;
     let by = BonesBy { beside: &args.out, command: &request.command, quiet: args.run.shown.quiet };
     let others = request.needed();
-    request.planning.make_bones(&others, by, &runtime)?;
+    let told = request.config.planning.modality;
+    request.planning.make_bones(&others, told, by, &runtime)?;
     let files = request.files();
     let files: Vec<&Path> = files.iter().map(PathBuf::as_path).chain(args.config.as_deref()).collect();
     let folder = run_folder(&args.out, &planned(&request.config), &files)?;

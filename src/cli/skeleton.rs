@@ -3,7 +3,7 @@
 use super::args::JsonArgs;
 use super::inputs::needed;
 use super::terminal::{command_line, progress};
-use crate::config::InputRole;
+use crate::config::{InputRole, Modality};
 use crate::error::{Error, Result};
 use crate::io::dicom::{Role, check_frames, is_dicom_path, is_segmentation, missing_images};
 use crate::io::skeleton::{load_override, write_skeleton};
@@ -72,7 +72,7 @@ pub(super) fn run(args: &SkeletonArgs) -> Result<String> {
         // Without a folder of results labels are kept beside the result, else here.
         let beside = args.out.as_deref().unwrap_or(Path::new("skeleton"));
         let by = BonesBy { beside, command: &command_line(), quiet: args.told.json };
-        side.make_bones(&[], by, &Runtime::new(0, progress(args.told.json))?)?;
+        side.make_bones(&[], Modality::Auto, by, &Runtime::new(0, progress(args.told.json))?)?;
     }
     let file = side.bones.path().map_or(args.bones.clone(), Path::to_owned);
     let file = &file;

@@ -39,7 +39,7 @@ findings! {
     );
     BONES_AUTO_PARTIAL = warned(
         "bones-auto-partial",
-        "TotalSegmentator failed on mandible or hyoid, which moves as tissue.",
+        "TotalSegmentator failed on a bone, which moves as tissue.",
         "Run that task by hand.",
     );
     BONES_BY_LABEL = doubted(

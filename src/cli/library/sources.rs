@@ -71,7 +71,7 @@ impl Sources {
         let mut side = planning_side(&side, &args.organs, &mut recorded)?;
         let needed: Vec<PathBuf> = [&args.plan, &args.structures, &args.dose].into_iter().flatten().cloned().collect();
         let by = BonesBy { beside: &args.out, command, quiet: args.run.shown.quiet };
-        side.make_bones(&needed, by, runtime)?;
+        side.make_bones(&needed, config.planning.modality, by, runtime)?;
         judge(&side, &[], &config)?;
         let planning_file = side.ct.path().map(Path::to_owned).unwrap_or_default();
         let degrade = match (&args.cbct, args.noise) {

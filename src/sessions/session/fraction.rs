@@ -1,9 +1,10 @@
 //! A fraction, from files or memory, and what is known of planning and this fraction.
 
+use super::modality::of_scan;
 use super::planning::{BonesBy, labelled, made_bones};
 use super::source::{Names, Source, image, landmarks};
 use super::start;
-use crate::config::{InputRole, RecordedInput};
+use crate::config::{InputRole, Modality, RecordedInput};
 use crate::error::{Error, Result};
 use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
@@ -95,13 +96,13 @@ impl FractionSources {
     ///
     /// # Errors
     /// As [`super::PlanningSources::make_bones`].
-    pub fn make_bones(&mut self, by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
+    pub fn make_bones(&mut self, told: Modality, by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
         if !self.wants_bones() {
             return Ok(());
         }
         let made = made_bones(
             "the fraction's bones",
-            self.ct.path(),
+            (self.ct.path(), of_scan(&self.ct, told, "--modality")?),
             self.bones.as_ref().is_some_and(|b| b.1.is_some()),
             &[],
             by,

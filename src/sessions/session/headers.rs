@@ -1,12 +1,13 @@
 //! What arguments, headers and labels tell is refused before anything longer begins.
 
 use super::fraction::FractionSources;
+use super::modality::of_scan;
 use super::planning::PlanningSources;
 use super::source::Source;
 use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use crate::io::dicom::{Scan, is_dicom_path, scan_of};
+use crate::io::dicom::is_dicom_path;
 use crate::io::{read_grid, read_label_map, read_scan};
 use crate::pipeline::{check_grids, check_size, memory_estimate};
 use crate::volume::Volume;
@@ -48,25 +49,6 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
 /// As [`modality`].
 pub(super) fn planning_modality(side: &PlanningSources, told: Modality) -> Result<Modality> {
     of_scan(&side.ct, told, "--planning-modality")
-}
-
-/// What made a scan: what a DICOM series says of itself, else what is `told` by an option, else a CT.
-fn of_scan(scan: &Source<Volume<f32>>, told: Modality, option: &str) -> Result<Modality> {
-    let own = match scan.path().map_or(Ok(None), scan_of)? {
-        Some(Scan::Ct) => Modality::Ct,
-        Some(Scan::Mr) => Modality::Mr,
-        None if told == Modality::Auto => Modality::Ct,
-        None => told,
-    };
-    if told != Modality::Auto && own != told {
-        let [is, said] = if own == Modality::Mr { ["an MR", "a CT"] } else { ["a CT", "an MR"] };
-        let name = scan.path().map_or_else(String::new, |p| p.display().to_string());
-        return Err(Error::usage(
-            format!("{name}: it is {is} series, and the settings say {said} ({option})"),
-            format!("leave {option} out: a DICOM series states its modality; choose one of several by FOLDER#NUMBER"),
-        ));
-    }
-    Ok(own)
 }
 
 /// What made the fractions, which are of one modality: what DICOM series say of themselves, else what is `told`, else a CT.

@@ -8,6 +8,7 @@ pub mod fields;
 mod fraction;
 pub mod frames;
 mod headers;
+mod modality;
 mod planning;
 mod posing;
 mod registered;

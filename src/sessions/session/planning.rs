@@ -1,8 +1,9 @@
 //! The planning side of a patient, from files or memory.
 
+use super::modality::of_scan;
 use super::source::{Names, Source, bones, image};
 use crate::chainmail::organ_label;
-use crate::config::{Config, InputRole, RecordedInput};
+use crate::config::{Config, InputRole, Modality, RecordedInput};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use crate::io;
@@ -79,17 +80,19 @@ impl PlanningSources {
     }
 
     /// Has labels made by TotalSegmentator where bones are asked for as `auto`, or finds those that were made before; `needed`:
-    /// other files that the run will read, known to be there before minutes are spent.
+    /// other files that the run will read, known to be there before minutes are spent; `told`: what the settings say made the scan.
     ///
     /// # Errors
-    /// [`Error::Usage`] when the labels have names beside their own, or the planning CT is no file; else as [`AutoBones::of`].
-    pub fn make_bones(&mut self, needed: &[PathBuf], by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
+    /// [`Error::Usage`] when the labels have names beside their own, the planning scan is no file, or it is of another modality than
+    /// is told; else as [`AutoBones::of`].
+    pub fn make_bones(&mut self, needed: &[PathBuf], told: Modality, by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
         if !self.wants_bones() {
             return Ok(());
         }
         let own = self.organs.iter().chain(&self.skeleton);
         let needed: Vec<&Path> = needed.iter().chain(own).map(PathBuf::as_path).collect();
-        let made = made_bones("bones", self.ct.path(), self.names.is_some(), &needed, by, runtime)?;
+        let scan = (self.ct.path(), of_scan(&self.ct, told, "--planning-modality")?);
+        let made = made_bones("bones", scan, self.names.is_some(), &needed, by, runtime)?;
         (self.bones, self.made) = (Source::File(made.file), made.warnings);
         Ok(())
     }
@@ -177,13 +180,13 @@ pub(super) fn labelled(
     Ok(provenance.take_scan(role, io::read_bones(&set, names, &grid)?))
 }
 
-/// Labels of a CT that TotalSegmentator makes now or has made of it before; `what` they are called in messages.
+/// Labels of a scan that TotalSegmentator makes now or has made of it before; `what` they are called in messages.
 ///
 /// # Errors
-/// [`Error::Usage`] when they have names beside their own, or the CT is no file; else as [`AutoBones::of`].
+/// [`Error::Usage`] when they have names beside their own, or the scan is no file; else as [`AutoBones::of`].
 pub(super) fn made_bones(
     what: &str,
-    ct: Option<&Path>,
+    (scan, modality): (Option<&Path>, Modality),
     named: bool,
     needed: &[&Path],
     by: BonesBy<'_>,
@@ -194,12 +197,12 @@ pub(super) fn made_bones(
             format!("{what} are \"auto\" and labels are given: the labels of TotalSegmentator bring their own names");
         return Err(Error::usage(problem, "leave labels out, or name a label map"));
     }
-    let Some(planning) = ct else {
-        let problem = format!("{what} are \"auto\" and their CT is in memory: TotalSegmentator reads a file");
-        return Err(Error::usage(problem, "give the path of the CT"));
+    let Some(planning) = scan else {
+        let problem = format!("{what} are \"auto\" and their scan is in memory: TotalSegmentator reads a file");
+        return Err(Error::usage(problem, "give the path of the scan"));
     };
     let BonesBy { beside, command, quiet } = by;
-    let ask = Ask { planning, needed, beside, command, quiet };
+    let ask = Ask { planning, is_mr: modality == Modality::Mr, needed, beside, command, quiet };
     runtime.stage("bones by TotalSegmentator", || AutoBones::of(ask, runtime.progress()))
 }
 

@@ -54,8 +54,9 @@ impl Request {
     /// As [`PlanningSources::make_bones`].
     pub fn make_bones(&mut self, by: BonesBy<'_>, runtime: &Runtime) -> Result<()> {
         let needed = self.needed();
-        self.planning.make_bones(&needed, by, runtime)?;
-        self.fractions.iter_mut().try_for_each(|one| one.make_bones(by, runtime))
+        let [planning, fraction] = [self.config.planning.modality, self.config.fraction.modality];
+        self.planning.make_bones(&needed, planning, by, runtime)?;
+        self.fractions.iter_mut().try_for_each(|one| one.make_bones(fraction, by, runtime))
     }
 
     /// Refuses faults that show in the request itself or in headers; returns the expected memory of the fraction that needs most,

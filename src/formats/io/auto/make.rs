@@ -24,6 +24,22 @@ const FURTHER: [(&str, &str, &[&str]); 2] = [
     ("craniofacial_structures", "mandible", &["skull"]),
     ("headneck_bones_vessels", "hyoid", &["skull", "vertebrae_C2", "vertebrae_C3", "vertebrae_C4", "vertebrae_C5"]),
 ];
+/// The tasks for MR: one has all vertebrae as one class, so that another tells their levels.
+const WHOLE_OF_MR: &str = "total_mr";
+const SPINE_OF_MR: &str = "vertebrae_mr";
+/// Classes of the first that are bones of the skeleton.
+const IN_TOTAL_MR: [&str; 10] = [
+    "humerus_left",
+    "humerus_right",
+    "scapula_left",
+    "scapula_right",
+    "clavicula_left",
+    "clavicula_right",
+    "femur_left",
+    "femur_right",
+    "hip_left",
+    "hip_right",
+];
 /// Bones of the skeleton that no open task finds with their side.
 const LICENSED: [&str; 4] = ["ulna_left", "ulna_right", "radius_left", "radius_right"];
 
@@ -71,14 +87,29 @@ pub(super) fn make(ask: Ask<'_>, place: &LabelsPlace, progress: &dyn Progress) -
     check_place(&place.labels)?;
     let name = place.labels.file_name().unwrap_or_default().to_string_lossy().replace(".nii.gz", "");
     let work = Work::open(folder.join(format!("{name}_work")), ask.command)?;
-    progress.note(&program.told());
+    progress.note(&program.told(ask.is_mr));
     let image = read_image(ask.planning)?;
-    let ct = ct_file(ask.planning, &image, &work.folder)?;
-    let mut tasks = Tasks { program: &program, ct: &ct, work: &work.folder, place, progress, commands: Vec::new() };
-    let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
-    let whole = tasks.run(WHOLE, &names, image.value.grid())?;
-    let mut whole = whole.ok_or_else(|| place.failed("it found no bone in the planning CT"))?;
+    let scan = scan_file(ask.planning, &image, &work.folder)?;
+    let mut tasks = Tasks { program: &program, scan: &scan, work: &work.folder, place, progress, commands: Vec::new() };
     let mut merging = Merging::new(true);
+    let labelled = if ask.is_mr { of_mr } else { of_ct };
+    let failed = labelled(&mut tasks, image.value.grid(), &mut merging)?;
+    let commands = tasks.commands;
+    let (map, merged) = merging.finish()?;
+    let description = "bones by TotalSegmentator".into();
+    write_labels(&place.labels, &map, &WriteOptions { description, ..WriteOptions::default() })?;
+    let bones = merged.structures.into_iter().map(|s| s.name).collect();
+    let record = LabelsRecord::new(place, ask.is_mr, &program, commands, bones, failed)?;
+    write_json(&place.record, &record)?;
+    progress.note(&format!("bones: {}", place.labels.display()));
+    Ok(record)
+}
+
+/// The bones of a CT, each to keep what others overlap that come later; returns further tasks that failed.
+fn of_ct(tasks: &mut Tasks<'_>, grid: &Grid, merging: &mut Merging) -> Result<Vec<Failed>> {
+    let place = tasks.place;
+    let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
+    let mut whole = tasks.run(WHOLE, &names, grid)?.ok_or_else(|| place.failed("it found no bone in the CT"))?;
     let (mut failed, mut found) = (Vec::new(), Vec::new());
     let labelled = whole.counts();
     let seen: Vec<String> = labelled.keys().filter_map(|l| whole.names.get(l).cloned()).collect();
@@ -86,7 +117,7 @@ pub(super) fn make(ask: Ask<'_>, place: &LabelsPlace, progress: &dyn Progress) -
         if !seen.iter().any(|b| near.contains(&b.as_str())) {
             continue;
         }
-        match tasks.run(task, &[], image.value.grid()) {
+        match tasks.run(task, &[], grid) {
             Ok(Some(mut map)) => {
                 map.names.retain(|_, n| n == bone);
                 let counts = map.counts();
@@ -95,22 +126,33 @@ pub(super) fn make(ask: Ask<'_>, place: &LabelsPlace, progress: &dyn Progress) -
             }
             Ok(None) => {}
             Err(error) => {
-                progress.note(&format!("task {task} failed; {bone} has no label"));
+                tasks.progress.note(&format!("task {task} failed; {bone} has no label"));
                 failed.push(Failed { task: task.into(), bone: bone.into(), problem: error.to_string() });
             }
         }
     }
-    let commands = tasks.commands;
     whole.names.retain(|_, n| !found.contains(&n.as_str()));
     merging.add(&place.labels, whole, true)?;
-    let (map, merged) = merging.finish()?;
-    let description = "bones by TotalSegmentator".into();
-    write_labels(&place.labels, &map, &WriteOptions { description, ..WriteOptions::default() })?;
-    let bones = merged.structures.into_iter().map(|s| s.name).collect();
-    let record = LabelsRecord::new(place, &program, commands, bones, failed)?;
-    write_json(&place.record, &record)?;
-    progress.note(&format!("bones: {}", place.labels.display()));
-    Ok(record)
+    Ok(failed)
+}
+
+/// The bones of an MR: sacrum and vertebrae by their levels, which keep what others overlap, and what else is found.
+fn of_mr(tasks: &mut Tasks<'_>, grid: &Grid, merging: &mut Merging) -> Result<Vec<Failed>> {
+    let place = tasks.place;
+    let rest = tasks.run(WHOLE_OF_MR, &IN_TOTAL_MR.map(str::to_owned), grid)?;
+    let mut failed = Vec::new();
+    let spine = tasks.run(SPINE_OF_MR, &[], grid).unwrap_or_else(|error| {
+        tasks.progress.note(&format!("task {SPINE_OF_MR} failed; the spine has no label"));
+        failed.push(Failed { task: SPINE_OF_MR.into(), bone: "spine".into(), problem: error.to_string() });
+        None
+    });
+    if spine.is_none() && rest.is_none() {
+        return Err(place.failed("it found no bone in the MR"));
+    }
+    for map in [spine, rest].into_iter().flatten() {
+        merging.add(&place.labels, map, true)?;
+    }
+    Ok(failed)
 }
 
 /// Whether the task `total` has a class of this name.
@@ -118,14 +160,14 @@ fn is_in_total(bone: &str) -> bool {
     !LICENSED.contains(&bone) && FURTHER.iter().all(|(_, own, _)| *own != bone)
 }
 
-/// The planning CT as TotalSegmentator reads it: NIfTI as it is, all else as NIfTI of what is read here.
-fn ct_file(planning: &Path, image: &Loaded<Volume<f32>>, work: &Path) -> Result<PathBuf> {
+/// The scan as TotalSegmentator reads it: NIfTI as it is, all else as NIfTI of what is read here.
+fn scan_file(planning: &Path, image: &Loaded<Volume<f32>>, work: &Path) -> Result<PathBuf> {
     let name = planning.file_name().unwrap_or_default().to_string_lossy();
     if planning.is_file() && (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
         return Ok(planning.to_owned());
     }
     let file = work.join("planning.nii.gz");
-    let description = "planning CT, HU".into();
+    let description = "planning, grey values".into();
     write_image(&file, &image.value, Stored::Int16, &WriteOptions { description, ..WriteOptions::default() })?;
     Ok(file)
 }
@@ -133,7 +175,7 @@ fn ct_file(planning: &Path, image: &Loaded<Volume<f32>>, work: &Path) -> Result<
 /// Tasks that are run one after the other.
 struct Tasks<'a> {
     program: &'a Segmentator,
-    ct: &'a Path,
+    scan: &'a Path,
     work: &'a Path,
     place: &'a LabelsPlace,
     progress: &'a dyn Progress,
@@ -144,7 +186,7 @@ impl Tasks<'_> {
     /// Runs a task, for these classes alone where some are named; `None` when it labels nothing.
     fn run(&mut self, task: &str, classes: &[String], grid: &Grid) -> Result<Option<LabelMap>> {
         let out = self.work.join(format!("{task}.nii.gz"));
-        let arguments = arguments(self.ct, &out, task, classes);
+        let arguments = arguments(self.scan, &out, task, classes);
         let command = self.program.command_line(&arguments);
         self.progress.note(&format!("runs {command}"));
         let failed = |problem: &str| self.place.failed(&format!("`{command}` {problem}"));
@@ -155,7 +197,7 @@ impl Tasks<'_> {
         let map = read_label_map(&out, None).map_err(|e| failed(&format!("wrote what cannot be used: {e}")))?.value;
         let tolerance = 0.1 * grid.spacing().into_iter().fold(f64::MAX, f64::min);
         if !grid.matches(map.volume.grid(), tolerance) {
-            return Err(failed("wrote labels on another grid than the planning CT's"));
+            return Err(failed("wrote labels on another grid than the scan's"));
         }
         let counts = map.counts();
         if let Some(nameless) = counts.keys().find(|l| !map.names.contains_key(l)) {
@@ -174,6 +216,8 @@ mod tests {
     fn total_is_asked_for_all_bones_that_it_knows() {
         let names: Vec<String> = Kind::names().into_iter().filter(|n| is_in_total(n)).collect();
         assert_eq!(names.len(), 62);
+        let of_mr = IN_TOTAL_MR.iter().filter(|n| Kind::of(n).is_none());
+        assert_eq!(of_mr.count(), 0);
         assert!(names.iter().any(|n| n == "vertebrae_S1") && names.iter().all(|n| n != "mandible" && n != "ulna_left"));
     }
 }

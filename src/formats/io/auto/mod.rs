@@ -1,4 +1,4 @@
-//! `auto`: labels that TotalSegmentator, installed by the user, makes of the planning CT, kept for the next run.
+//! `auto`: labels that TotalSegmentator, installed by the user, makes of a CT or an MR, kept for the next run.
 
 mod make;
 mod place;
@@ -19,8 +19,10 @@ pub const AUTO: &str = "auto";
 /// How a run asks for labels.
 #[derive(Debug, Clone, Copy)]
 pub struct Ask<'a> {
-    /// The planning CT, a file or the folder of a DICOM series.
+    /// The scan, a file or the folder of a DICOM series.
     pub planning: &'a Path,
+    /// Whether it is an MR, for which other tasks are run.
+    pub is_mr: bool,
     /// Other files that the run will read: known to be there before minutes are spent.
     pub needed: &'a [&'a Path],
     /// The result beside which the labels are kept, so that all fractions of a patient find them.
@@ -34,14 +36,14 @@ pub struct Ask<'a> {
 /// Labels that were made.
 #[derive(Debug, Clone)]
 pub struct AutoBones {
-    /// The label map, on the planning CT's grid, with names.
+    /// The label map, on the scan's grid, with names.
     pub file: PathBuf,
     /// What is to be known of it, now and whenever it is used.
     pub warnings: Vec<Warning>,
 }
 
 impl AutoBones {
-    /// The label map that TotalSegmentator makes now, or made of the same planning CT before.
+    /// The label map that TotalSegmentator makes now, or made of the same scan before.
     ///
     /// # Errors
     /// [`Error::Usage`](crate::error::Error::Usage) when TotalSegmentator is not on the path;
@@ -52,9 +54,9 @@ impl AutoBones {
         let files: Vec<&Path> = std::iter::once(ask.planning).chain(ask.needed.iter().copied()).collect();
         check_files(&files, &[])?;
         let place = LabelsPlace::of(ask.beside, ask.planning)?;
-        let record = match LabelsRecord::read(&place)? {
+        let record = match LabelsRecord::read(&place, ask.is_mr)? {
             Some(record) => {
-                progress.note(&format!("bones: {}, made of this planning CT before", place.labels.display()));
+                progress.note(&format!("bones: {}, made of this scan before", place.labels.display()));
                 record
             }
             None => make::make(ask, &place, progress)?,

@@ -5,9 +5,9 @@ use crate::error::{Error, Result};
 use crate::io::checksum::sha256_file;
 use std::path::{Path, PathBuf};
 
-/// Where the labels of a planning CT are kept.
+/// Where the labels of a scan are kept.
 pub(super) struct LabelsPlace {
-    /// SHA-256 of the planning CT.
+    /// SHA-256 of the scan.
     pub planning_sha256: String,
     /// The folder.
     pub folder: PathBuf,

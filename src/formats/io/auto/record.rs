@@ -1,18 +1,25 @@
-//! What lies beside labels that `auto` made: of which planning CT, by which commands.
+//! What lies beside labels that `auto` made: of which scan, by which commands.
 
 use super::place::LabelsPlace;
-use super::segmentator::{LICENCE, Segmentator};
+use super::segmentator::{Segmentator, licence};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::checksum::sha256_file;
 use crate::warning::Warning;
 use serde::{Deserialize, Serialize};
 
+/// What no task finds in an MR.
+const ABSENT_IN_MR: &str = "Its tasks for MR find no skull, mandible, hyoid, ribs or sternum: these move with the surrounding \
+    tissue. ";
+
 /// The record of labels.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct LabelsRecord {
-    /// SHA-256 of the planning CT that was labelled.
+    /// SHA-256 of the scan that was labelled.
     planning_sha256: String,
+    /// Whether it was labelled as an MR.
+    #[serde(default)]
+    is_mr: bool,
     /// SHA-256 of the label map as it was written.
     labels_sha256: String,
     /// TotalSegmentator's version, as it says.
@@ -44,6 +51,7 @@ impl LabelsRecord {
     /// Of labels that were just written.
     pub(super) fn new(
         place: &LabelsPlace,
+        is_mr: bool,
         program: &Segmentator,
         commands: Vec<String>,
         bones: Vec<String>,
@@ -53,7 +61,8 @@ impl LabelsRecord {
             planning_sha256: place.planning_sha256.clone(),
             labels_sha256: sha256_file(&place.labels)?,
             totalsegmentator: program.version.clone(),
-            licence: LICENCE.into(),
+            is_mr,
+            licence: licence(is_mr),
             aventail: env!("CARGO_PKG_VERSION").into(),
             commands,
             bones,
@@ -64,8 +73,8 @@ impl LabelsRecord {
     /// The record of labels that are there; `None` where there are none.
     ///
     /// # Errors
-    /// [`Error::Input`] when labels and record are not those of this planning CT, or not of each other.
-    pub(super) fn read(place: &LabelsPlace) -> Result<Option<Self>> {
+    /// [`Error::Input`] when labels and record are not those of this scan, of another modality, or not of each other.
+    pub(super) fn read(place: &LabelsPlace, is_mr: bool) -> Result<Option<Self>> {
         if !place.labels.exists() && !place.record.exists() {
             return Ok(None);
         }
@@ -89,7 +98,11 @@ impl LabelsRecord {
             Err(e) => return refuse(format!("its record {} cannot be used: {e}", place.record.display())),
         };
         if record.planning_sha256 != place.planning_sha256 {
-            return refuse("it was made of another planning CT, says its record".into());
+            return refuse("it was made of another scan, says its record".into());
+        }
+        if record.is_mr != is_mr {
+            let [own, said] = if record.is_mr { ["an MR", "a CT"] } else { ["a CT", "an MR"] };
+            return refuse(format!("it was made as of {own}, and this run says {said}"));
         }
         if record.labels_sha256 != sha256_file(&place.labels)? {
             return refuse("it is not what was written: its SHA-256 is not that of its record".into());
@@ -103,9 +116,10 @@ impl LabelsRecord {
         let made = Warning::new(
             findings::BONES_AUTO,
             format!(
-                "{file}: {} bones labelled by TotalSegmentator {}, which nobody has looked at: see them in a viewer. {}",
+                "{file}: {} bones labelled by TotalSegmentator {}, which nobody has looked at: see them in a viewer. {}{}",
                 self.bones.len(),
                 self.totalsegmentator,
+                if self.is_mr { ABSENT_IN_MR } else { "" },
                 self.licence
             ),
         );

@@ -11,15 +11,22 @@ use std::time::Duration;
 
 /// The program's name.
 const NAME: &str = "TotalSegmentator";
-/// Licences of the program and of the weights of all tasks that are run here, as its README says.
-pub(super) const LICENCE: &str = "TotalSegmentator and the weights of the tasks total, craniofacial_structures and \
-    headneck_bones_vessels: Apache-2.0; cite Wasserthal et al. 2023, doi 10.1148/ryai.230024.";
+/// Licences of the program and of the weights of all tasks that are run for a CT or an MR, as its README says.
+pub(super) fn licence(is_mr: bool) -> String {
+    let (tasks, paper) = if is_mr {
+        ("total_mr and vertebrae_mr", "Akinci D'Antonoli et al. 2025, doi 10.1148/radiol.241613")
+    } else {
+        ("total, craniofacial_structures and headneck_bones_vessels", "Wasserthal et al. 2023, doi 10.1148/ryai.230024")
+    };
+    format!("TotalSegmentator and the weights of the tasks {tasks}: Apache-2.0; cite {paper}.")
+}
 /// Ways to labels without it.
 pub(super) const BY_HAND: &str = "bones come in one of three ways: \
     (1) run TotalSegmentator by hand (`TotalSegmentator -i CT.nii.gz -o total.nii.gz --ml`; mandible and hyoid with \
-    `--task craniofacial_structures` and `--task headneck_bones_vessels`) and join its files with `aventail labels merge`; \
+    `--task craniofacial_structures` and `--task headneck_bones_vessels`; of an MR `--task total_mr` and `--task vertebrae_mr`) \
+    and join its files with `aventail labels merge`; \
     (2) give the DICOM structure set (RTSTRUCT) in which bones are drawn; \
-    (3) give any label map of this CT whose labels have names of bones";
+    (3) give any label map of this scan whose labels have names of bones";
 /// Bytes of the program's output that an error can tell of.
 const KEPT: usize = 4000;
 /// How often a run is asked whether it goes on while the program is silent.
@@ -53,12 +60,13 @@ impl Segmentator {
     }
 
     /// What is told before anything is run.
-    pub(super) fn told(&self) -> String {
+    pub(super) fn told(&self, is_mr: bool) -> String {
         format!(
-            "bones by {} (version {}). {LICENCE} When it is run for the first time TotalSegmentator itself fetches its weights; it may \
+            "bones by {} (version {}). {} When it is run for the first time TotalSegmentator itself fetches its weights; it may \
              send statistics of its use unless its own settings say no",
             self.path.display(),
-            self.version
+            self.version,
+            licence(is_mr)
         )
     }
 
