@@ -2,13 +2,13 @@
 
 use crate::arrays::{self, Given};
 use aventail::chainmail::VolumeChange;
-use aventail::config::{ConfigFile, Modality, Preset};
+use aventail::config::{ConfigFile, Preset};
 use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::Rigid;
 use aventail::report::ClinicFiles;
 use aventail::session::{BonesBy, FractionSources, PlanningSources, Request};
-use aventail::{Config, Error, Result, Runtime};
+use aventail::{Config, Error, Result};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -59,17 +59,6 @@ pub(crate) fn fraction(
 
 /// Landmarks of both kinds.
 type Marks = (Option<Given<Vec<Landmark>>>, Option<Given<Vec<BoneLandmark>>>);
-
-/// Has bones made where they are asked for as `auto`.
-pub(crate) fn make_bones(
-    side: &mut PlanningSources,
-    needed: &[PathBuf],
-    (told, beside): (Modality, &Path),
-    quiet: bool,
-    runtime: &Runtime,
-) -> Result<()> {
-    side.make_bones(needed, told, asks(beside, quiet), runtime)
-}
 
 /// Who asks for bones that TotalSegmentator is to find.
 pub(crate) fn asks(beside: &Path, quiet: bool) -> BonesBy<'_> {

@@ -320,7 +320,7 @@ pub(crate) fn pose(
     let (runs, quiet, beside) = (Runs::new(work.threads()).raised(py)?, work.progress().is_none(), more.beside());
     let found = runs.run(py, work.progress(), move |runtime| {
         let (needed, told) = (request.needed(), request.config.planning.modality);
-        case::make_bones(&mut request.planning, &needed, (told, &beside), quiet, runtime)?;
+        request.planning.make_bones(&needed, told, case::asks(&beside, quiet), runtime)?;
         session::pose(request, runtime)
     })?;
     Ok(Registration::new(runs, found))
