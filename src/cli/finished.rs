@@ -92,6 +92,8 @@ impl Finished {
         one.bone_landmarks = path(InputRole::BoneLandmarks).map(Source::File);
         let names = path(InputRole::FractionLabels).map(Source::File);
         one.bones = path(InputRole::FractionBones).map(|labels| (Source::File(labels), names));
+        let names = path(InputRole::GuideLabels).map(Source::File);
+        one.guides = path(InputRole::FractionGuide).map(|guides| (Source::File(guides), names));
         one.start = named(InputRole::Start).map(|i| Source::File(i.given()));
         one.settle(planning)?;
         let (scan, provenance) = runtime.stage("read the fraction", || one.read(&[]))?;

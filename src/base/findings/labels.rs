@@ -17,6 +17,31 @@ findings! {
         "A contour is drawn twice; one counts.",
         "Export the structure again.",
     );
+    GUIDE_CONTRADICTS = doubted(
+        "guide-contradicts",
+        "A guide's outlines and the images disagree.",
+        "Check outlines and names in both scans.",
+    );
+    GUIDE_CUT = warned(
+        "guide-cut",
+        "The edge of a scan cuts a guide.",
+        "Trust what both scans show.",
+    );
+    GUIDE_FOLDS = doubted(
+        "guide-folds",
+        "Tissue folds beside a guide.",
+        "View it; correct the outline.",
+    );
+    GUIDE_LEFT_OUT = refused_or_warned(
+        "guide-left-out",
+        "A structure cannot guide: a bone, or not in both scans.",
+        "Draw it in both, with one name.",
+    );
+    GUIDE_MISSED = doubted(
+        "guide-missed",
+        "The field misses a guide's other outline.",
+        "View bones and tissue beside it.",
+    );
     LABEL_DOUBTFUL = doubted(
         "label-doubtful",
         "A label contains air or resembles its surroundings.",

@@ -6,6 +6,7 @@ pub mod distance;
 pub mod interpolation;
 pub mod label;
 pub mod morphology;
+mod outline;
 pub mod ranges;
 pub mod region;
 mod smooth;
@@ -14,6 +15,7 @@ mod window;
 
 pub use interpolation::{Surrounding, axis_pairs, cubic, place, trilinear, trilinear_vector};
 pub use label::LabelMap;
+pub use outline::{AROUND_MM, Outline};
 pub use smooth::{Counted, gaussian, gaussian_ratio};
 pub use spans::Spans;
 pub use window::Window;

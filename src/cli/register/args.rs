@@ -76,6 +76,19 @@ pub struct RegisterArgs {
     /// What decides where the bones lie: the image, or the labels of --fraction-bones alone
     #[arg(long, value_enum, requires = "fraction_bones", conflicts_with = "bone_landmarks_use")]
     pub fit: Option<FitName>,
+    /// Structures outlined in planning that guide soft tissue to their outlines in --fraction-guide: a label map with names or a DICOM structure set.
+    /// Those that both have by name count; bones never do
+    #[arg(long, value_name = "FILE")]
+    pub guide: Option<PathBuf>,
+    /// The same structures outlined in the fraction; give one for each fraction
+    #[arg(long, value_name = "FILE")]
+    pub fraction_guide: Vec<PathBuf>,
+    /// Only these structures guide; one that is missing is refused
+    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
+    pub guide_names: Vec<String>,
+    /// Names of the labels of --guide and --fraction-guide (JSON), where a label map has none
+    #[arg(long, value_name = "FILE")]
+    pub guide_labels: Option<PathBuf>,
     /// Rigid registration from planning to fraction; the fit starts near it instead of searching: a DICOM Spatial Registration,
     /// ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
     #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]

@@ -77,10 +77,15 @@ fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
     let config = config_of(args, &file)?;
     // What is missing is told in the order of the help.
     needed(&args.side.planning, InputRole::Planning, &file.inputs)?;
-    let (fractions, names) = fractions(args, &file)?;
+    let (fractions, folders) = fractions(args, &file)?;
+    guides_of_both(args, &file, &fractions)?;
     let mut recorded = file.inputs.clone();
+    let mut planning = planning_side(&args.side, &args.organs.organs, &mut recorded)?;
+    let names = either(&args.guide_labels, InputRole::GuideLabels, &file.inputs).map(Source::File);
+    let guide = either(&args.guide, InputRole::Guide, &file.inputs);
+    planning.guides = guide.map(|guide| (Source::File(guide), names));
     let request = Request {
-        planning: planning_side(&args.side, &args.organs.organs, &mut recorded)?,
+        planning,
         fractions,
         clinic: args.clinic.dicom.then(|| args.clinic.files()),
         anonymous: args.clinic.anonymous,
@@ -89,7 +94,19 @@ fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
         config,
         command: command_line(),
     };
-    Ok((request, names))
+    Ok((request, folders))
+}
+
+/// Refuses structures that guide from one scan alone.
+fn guides_of_both(args: &RegisterArgs, file: &ConfigFile, fractions: &[FractionSources]) -> Result<()> {
+    let planning = either(&args.guide, InputRole::Guide, &file.inputs).is_some();
+    let odd = fractions.iter().any(|one| one.guides.is_some() != planning);
+    let alone = !planning && !(args.guide_names.is_empty() && args.guide_labels.is_none());
+    if !odd && !alone {
+        return Ok(());
+    }
+    let problem = "structures guide from planning to the fraction, and those of one scan are missing";
+    Err(Error::usage(problem, "give --guide and, for each --fraction, --fraction-guide"))
 }
 
 /// What the terminal is told of all fractions, whose index is written where there are several.
@@ -153,6 +170,9 @@ fn config_of(args: &RegisterArgs, file: &ConfigFile) -> Result<Config> {
     config.fraction.modality = args.modality.map_or(config.fraction.modality, modality);
     config.planning.modality = args.planning_modality.map_or(config.planning.modality, modality);
     args.organs.apply(&mut config)?;
+    if !args.guide_names.is_empty() {
+        config.refine.guide.names = args.guide_names.iter().map(|name| name.trim().to_owned()).collect();
+    }
     if let Some(text) = &args.roi {
         let corners = corners(text).map_err(|problem| {
             Error::usage(format!("--roi {text}: {problem}"), "give a label's name or x0,y0,z0,x1,y1,z1")
@@ -208,6 +228,8 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
     let each = |given: &[PathBuf], role, what| one_each(given, role, what, &file.inputs, files.len());
     let landmarks = each(&args.landmarks, InputRole::Landmarks, "files of landmarks")?;
     let labelled = each(&args.fraction_bones, InputRole::FractionBones, "label maps of fractions")?;
+    let guides = each(&args.fraction_guide, InputRole::FractionGuide, "files of guiding structures")?;
+    let guide_names = either(&args.guide_labels, InputRole::GuideLabels, &file.inputs);
     let several = files.len() > 1;
     if several && (args.bone_landmarks.is_some() || args.start.is_some()) {
         return Err(Error::usage(
@@ -233,6 +255,8 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
         one.landmarks = landmarks.map(Source::File);
         let names = |labels: &PathBuf| names_of(labels).map(Source::File);
         one.bones = labels.map(|labels| (Source::File(labels.clone()), names(&labels)));
+        let of_guides = || guide_names.clone().map(Source::File);
+        one.guides = guides[n].clone().map(|guides| (Source::File(guides), of_guides()));
         one.name = if several { name.clone() } else { String::new() };
         one
     };

@@ -35,6 +35,7 @@ mod names;
 mod nifti;
 mod nrrd;
 mod organs;
+mod outlines;
 pub mod points;
 pub mod pose;
 pub mod postures;
@@ -71,6 +72,7 @@ pub use labels::{
 };
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use organs::add_organs;
+pub use outlines::read_outlines;
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
 pub use sheet::{Sheet, plain_cell};
 pub use transform::read_bone_transforms;

@@ -10,7 +10,7 @@ use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy, Stop};
 use crate::geometry::{Grid, Rigid, about};
-use crate::pipeline::{Case, Outcome, VolumeReached};
+use crate::pipeline::{Case, GuideReached, Outcome, OutlineAgreement, VolumeReached};
 use crate::provenance::InputFile;
 use crate::runtime::StageTime;
 use crate::skeleton::{Bone, Joint, Skeleton};
@@ -154,6 +154,15 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         },
         skin_contact: None,
         volume_changes: vec![VolumeReached { organ: "parotid_left".into(), factor: 0.8, reached: Some(0.81) }],
+        guides: vec![GuideReached {
+            name: "bladder".into(),
+            planning_ml: 120.0,
+            fraction_ml: 180.0,
+            before: Some(OutlineAgreement { dice: 0.81, mean_mm: 3.2, p95_mm: 7.5 }),
+            after: Some(OutlineAgreement { dice: 0.97, mean_mm: 0.4, p95_mm: 1.1 }),
+            images: Some([0.7, 0.9]),
+            folded: 0,
+        }],
         uncertainty: None,
         pruning: Some(Pruning { waves: 3, of: 42, each_percent: 0.024, together_percent: 0.073, most_mm: 0.02 }),
         links: LinkReport {

@@ -15,7 +15,7 @@ use crate::evaluate::verdict::{Limits, Mark, Verdict, overall};
 use crate::field::{ConsistencyReport, InverseReport};
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::Grid;
-use crate::pipeline::{Case, FractionKind, Outcome, VolumeReached, judge, moves_most};
+use crate::pipeline::{Case, FractionKind, GuideReached, Outcome, VolumeReached, judge, moves_most};
 use crate::provenance::InputFile;
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
@@ -122,6 +122,9 @@ pub struct Report {
     /// Volumes that were asked to change.
     #[serde(default)]
     pub volume_changes: Vec<VolumeReached>,
+    /// Structures that guided.
+    #[serde(default)]
+    pub guides: Vec<GuideReached>,
     /// How far the result may be trusted, when it was asked for.
     pub uncertainty: Option<UncertaintyReport>,
     /// How far the images agree, where a fraction was registered.
@@ -193,6 +196,7 @@ impl Report {
             jacobian: outcome.jacobian_report.clone(),
             contact: outcome.contact.clone(),
             volume_changes: outcome.volume_changes.clone(),
+            guides: outcome.guides.clone(),
             uncertainty: outcome.uncertainty.as_ref().map(|u| u.1),
             agreement: outcome.agreement,
             pruning: outcome.pruning,

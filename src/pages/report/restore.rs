@@ -50,6 +50,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
         contact: report.contact.clone(),
         skin_contact: None,
         volume_changes: report.volume_changes.clone(),
+        guides: report.guides.clone(),
         kind: report.fraction_kind.clone(),
         uncertainty,
         posterior: posterior_of(folder, report)?,

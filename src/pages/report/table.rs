@@ -7,6 +7,7 @@ use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::verdict::{Verdict, against, overall};
 use crate::findings::{Finding, Told};
 use crate::fit::DeterminedBy;
+use crate::pipeline::{GuideReached, OutlineAgreement};
 use crate::warning::Warning;
 use std::fmt::Write;
 
@@ -15,6 +16,12 @@ pub fn terminal_table(report: &Report) -> String {
     let mut rows: Vec<(&str, String)> = vec![("verdict", verdict(&report.verdicts))];
     if let Some(found) = &report.landmarks {
         rows.push(("landmarks", landmarks(found)));
+    }
+    for (n, guide) in report.guides.iter().take(GUIDES).enumerate() {
+        rows.push((if n == 0 { "guides" } else { "" }, guided(guide)));
+    }
+    if report.guides.len() > GUIDES {
+        rows.push(("", format!("and {} more in the report", report.guides.len() - GUIDES)));
     }
     if let Some(images) = &report.agreement {
         rows.push(("images", agreement(images)));
@@ -95,6 +102,18 @@ fn landmarks(l: &LandmarkReport) -> String {
         l.after.max,
         l.after.n
     )
+}
+
+/// Guides that the terminal tells of.
+const GUIDES: usize = 5;
+
+/// How near the outlines of a structure come.
+fn guided(guide: &GuideReached) -> String {
+    let told = |a: &Option<OutlineAgreement>| {
+        a.map_or("not seen".to_owned(), |a| format!("Dice {:.2}, {:.1} mm ({:.1})", a.dice, a.mean_mm, a.p95_mm))
+    };
+    let name = first_words(&guide.name, 30).unwrap_or(&guide.name);
+    format!("{name}: {} -> {}, mean (95 %)", told(&guide.before), told(&guide.after))
 }
 
 /// Warnings that the terminal tells.

@@ -40,6 +40,7 @@ impl Config {
             within("refine.shading.least_hu", r.shading.least_hu, 0.0, 1e6),
             within("refine.shading.least_gain", r.shading.least_gain, 0.0, 10.0),
             within("refine.skin.weight", r.skin.weight, 0.0, 1e6),
+            within("refine.guide.weight", r.guide.weight, 0.0, 1e6),
             within(
                 "refine.window_hu, its lower end",
                 f64::from(r.window_hu[0]),

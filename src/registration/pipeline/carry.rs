@@ -2,41 +2,36 @@
 
 use super::contact;
 use super::couch::{Couch, common_shift};
-use super::elements::{alone_mm, bone_of_label, tissue};
+use super::elements::bone_of_label;
 use super::field_warnings::field_warnings;
 use super::fraction::Fraction;
+use super::guides::{self, Compared, GuideReached, GuidedField};
 use super::kind::MisledTissue;
 use super::matching::couch_match;
+use super::moved::{Moved, bones_alone, elements, soft_tissue};
 use super::outcome::CARRYING;
 use super::planning::Resting;
 use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::body::mr::DARKEST;
-use crate::chainmail::{
-    self, ChainMail, ChainmailOptions, ImagePull, Initiators, Lattice, LinkReport, Propagation, Tissue, Variant,
-    VolumeChange, check_links,
-};
-use crate::comparator::{nearest_bone, thin_plate};
-use crate::config::{Config, SoftTissue};
-use crate::error::{Error, Result};
+use crate::chainmail::{Propagation, VolumeChange};
+use crate::config::Config;
+use crate::error::Result;
 use crate::evaluate;
 use crate::evaluate::contact::ContactReport;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::{Landmark, LandmarkReport};
 use crate::evaluate::rigidity::BoneRigidity;
-use crate::field::{
-    self, Beside, ConsistencyOptions, ConsistencyReport, InverseReport, MovedBones, PullField, PushField, Resampling,
-};
+use crate::field::{self, PullField, PushField, Resampling};
 use crate::findings;
 use crate::fit::FitResult;
-use crate::geometry::{Grid, Rigid, rotation_matrices};
-use crate::progress::Silent;
-use crate::refine::{Images, Kind, Scan, Shading, translated};
+use crate::geometry::Grid;
+use crate::refine::{Guides, Images, Kind, Misled, Scan, Shading, translated};
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Mask, Spans, Volume, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Spans, Volume};
 use crate::warning::Warning;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 
 /// HU of what lies outside the planning scan when it is shown on the fraction grid.
 pub(super) const OUTSIDE_HU: f32 = -1000.0;
@@ -56,46 +51,10 @@ pub(super) struct Shown {
     pub(super) misled: Option<Mask>,
     /// Planning as the fraction's modality shows it, where that is another one.
     pub(super) translated: Option<Volume<f32>>,
-}
-
-/// A patient whose bones have moved, in the frame that the couch has brought along.
-pub(super) struct Moved<'a> {
-    scan: &'a PlanningScan,
-    skeleton: &'a Skeleton,
-    body: &'a Mask,
-    transforms: &'a [Rigid],
-    resting: &'a Resting,
-    config: &'a Config,
-}
-
-impl<'a> Moved<'a> {
-    fn tissue(&self, bone_of_label: &'a [Option<u16>], options: &ChainmailOptions) -> Tissue<'a> {
-        tissue(self.scan, self.body, self.resting.lung.as_ref(), self.resting.sliding.as_ref(), bone_of_label, options)
-    }
-
-    /// The links of the chain mail as the bones have left them.
-    fn links(&self, propagation: &Propagation) -> LinkReport {
-        check_links(&propagation.lattice, &propagation.displacement, &rotation_matrices(self.transforms))
-    }
-
-    /// The inverse of its field on a grid of the fraction.
-    fn inverted(&self, push: &PushField, there: &Grid) -> Result<(PullField, InverseReport)> {
-        let motions = self.skeleton.bones.iter().map(|b| b.label).zip(self.transforms.iter().copied());
-        let bones = MovedBones::new(&self.scan.bones, motions, there);
-        field::invert(push, there, Some(&bones), &self.config.invert)
-    }
-
-    /// Makes both directions of its field agree.
-    fn agree(&self, push: &mut PushField, pull: &mut PullField) -> ConsistencyReport {
-        let bone_of_label = bone_of_label(self.skeleton);
-        let bone = |v: usize| bone_of_label[usize::from(self.scan.bones.volume.data()[v])];
-        let beside = Beside { bone: &bone, spared: &self.resting.beside_contact };
-        field::agree(push, pull, &beside, &self.config.invert, &consistency_of(self.config))
-    }
-
-    fn centroids(&self) -> Vec<Point3<f64>> {
-        self.skeleton.bones.iter().map(|b| b.centroid).collect()
-    }
+    /// Displacements of elements by bones and images without guides, mm, where there are guides.
+    pub(super) first: Option<Volume<[f32; 3]>>,
+    /// Correlations beside each guide, without and with it.
+    pub(super) beside: Vec<Option<[f64; 2]>>,
 }
 
 /// A motion carried to the elements and every voxel.
@@ -127,33 +86,56 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
     let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() || translated.is_some() };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
-    let (mut propagation, mut regions) = soft_tissue(moved, Some(&images), runtime)?;
-    let misled = images.misled(&propagation.lattice, &propagation.displacement);
-    if let Some(misled) = &misled {
-        (propagation, regions) = soft_tissue(moved, Some(&images.without(&misled.at)), runtime)?;
-    }
+    let Drawn { propagation, regions, misled, first } = drawn(moved, images, &fraction, runtime)?;
+    let beside = match &first {
+        Some(first) => {
+            let guided = Volume::new(propagation.lattice.grid.clone(), propagation.displacement.clone())?;
+            let window = config.refine.window(resting.lung.is_some());
+            let compared = Compared { planning: planning.ct, body, fraction: there.ct, window, first, guided: &guided };
+            fraction.guides.iter().map(|(planning, _)| compared.correlations(planning)).collect()
+        }
+        None => Vec::new(),
+    };
     let (grey, corrected) = (shading.and_then(|s| s.grey), corrected.is_some());
     let told = misled.as_ref().map(|m| MisledTissue { percent: m.percent, centre_mm: m.centre.into() });
     let kind = FractionKind { view: fraction.view, grey, corrected, misled: told, mr: fraction.mr };
     let misled = misled.map(|m| m.at);
-    Ok(Propagated { propagation, regions, shown: Shown { alone, misled, translated }, kind: Some(kind) })
+    Ok(Propagated { propagation, regions, shown: Shown { alone, misled, translated, first, beside }, kind: Some(kind) })
 }
 
-/// What the bones alone would have made of soft tissue, coarsely.
-fn bones_alone(chain_mail: &ChainMail, moved: &Moved<'_>) -> Result<Volume<[f32; 3]>> {
-    let options = &moved.config.chainmail;
-    let spacing = alone_mm(options);
-    let coarse = ChainmailOptions {
-        spacing_mm: spacing,
-        relaxation: options.relaxation.iter().copied().filter(|r| r.spacing_mm >= spacing).collect(),
-        variant: Variant { waves_mm: options.spacing_of_waves(), ..options.variant.clone() },
-        ..options.clone()
+/// Tissue as images draw it, and structures that guide.
+struct Drawn {
+    propagation: Propagation,
+    regions: Option<LabelMap>,
+    misled: Option<Misled>,
+    /// Displacements of elements without guides, mm, where there are guides.
+    first: Option<Volume<[f32; 3]>>,
+}
+
+/// Has tissue drawn by images, where they do not mislead, and by structures that guide.
+fn drawn(moved: &Moved<'_>, images: Images<'_>, fraction: &Fraction<'_>, runtime: &Runtime) -> Result<Drawn> {
+    if fraction.guides.is_empty() {
+        let (mut propagation, mut regions) = soft_tissue(moved, Some(&images), runtime)?;
+        let misled = images.misled(&propagation.lattice, &propagation.displacement);
+        if let Some(misled) = &misled {
+            (propagation, regions) = soft_tissue(moved, Some(&images.without(&misled.at)), runtime)?;
+        }
+        return Ok(Drawn { propagation, regions, misled, first: None });
+    }
+    // What guides draw is no evidence for or against images.
+    let mut first = elements(moved, &images)?;
+    let misled = images.misled(&first.lattice, first.displacement.data());
+    let images = match &misled {
+        Some(misled) => {
+            let images = images.without(&misled.at);
+            first = elements(moved, &images)?;
+            images
+        }
+        None => images,
     };
-    let bone_of_label = bone_of_label(moved.skeleton);
-    let tissue = moved.tissue(&bone_of_label, options);
-    let centroids = moved.centroids();
-    let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
-    Ok(chain_mail.elements(&tissue, &bones, &coarse, None, &Silent)?.displacement)
+    let guides = Guides::new(&fraction.guides, &moved.config.refine.guide);
+    let (propagation, regions) = soft_tissue(moved, Some(&images.guided(guides.as_ref())), runtime)?;
+    Ok(Drawn { propagation, regions, misled, first: Some(first.displacement) })
 }
 
 /// A skeleton whose pose is known, in the patient that it belongs to.
@@ -213,6 +195,10 @@ pub(super) fn carry_out(
     inverse.multiple = judged.multiple.count();
     let mut shown = propagated.shown;
     shown.alone = shown.alone.map(|alone| couch.added(alone));
+    shown.first = shown.first.map(|first| couch.added(first));
+    let guided = GuidedField { first: shown.first.as_ref(), push: &push.displacement, jacobian: &judged.jacobian };
+    let outlined = fraction.map_or(&[][..], |f| &f.guides).iter().zip(&shown.beside);
+    let guides: Vec<GuideReached> = outlined.map(|(pair, images)| guided.reached(pair, *images)).collect();
     let common_shift = common_shift(fit, scan.ct.grid());
     let grids = [scan.ct.grid(), target];
     let matched = couch_match(&config.couch, skeleton, &scan.bones, fit, grids, &common_shift);
@@ -222,6 +208,7 @@ pub(super) fn carry_out(
         field_warnings(&push, &judged.jacobian_report, &inverse),
         contact::warnings(&judged.contact, coarsest(scan.ct.grid())),
         volume_changes.iter().filter_map(missed).collect(),
+        guides::warnings(&guides, coarsest(scan.ct.grid()).max(coarsest(target))),
         judged.of_landmarks(through.landmarks, &push, &matched.shift()),
     ];
     let outcome = Outcome {
@@ -241,6 +228,7 @@ pub(super) fn carry_out(
         contact: judged.contact,
         skin_contact: judged.skin_contact,
         volume_changes,
+        guides,
         kind: propagated.kind,
         uncertainty: None,
         posterior: None,
@@ -313,15 +301,6 @@ impl Judged {
     }
 }
 
-/// How well the fields have to agree: what the chain mail is compared with stays as it is.
-fn consistency_of(config: &Config) -> ConsistencyOptions {
-    let rounds = match config.soft_tissue {
-        SoftTissue::ChainMail => config.consistency.rounds,
-        SoftTissue::ThinPlateSplines | SoftTissue::NearestBone => 0,
-    };
-    ConsistencyOptions { rounds, ..config.consistency.clone() }
-}
-
 /// What came of the volumes that were asked to change.
 fn reached(labels: &LabelMap, jacobian: &Spans<f32>, config: &Config) -> Vec<VolumeReached> {
     let of = |c: &VolumeChange| {
@@ -345,56 +324,6 @@ fn missed(v: &VolumeReached) -> Option<Warning> {
         );
         Warning::new(findings::VOLUME_CHANGE, message)
     })
-}
-
-/// Carries the bones' motion to every voxel by the model that the settings name: the chain mail with the images that pull it,
-/// where that is the model. With it the regions of influence, if they are asked for and the model has any.
-fn soft_tissue(
-    moved: &Moved<'_>,
-    images: Option<&Images<'_>>,
-    runtime: &Runtime,
-) -> Result<(Propagation, Option<LabelMap>)> {
-    let Moved { skeleton, config, .. } = moved;
-    let bone_of_label = bone_of_label(skeleton);
-    let tissue = moved.tissue(&bone_of_label, &config.chainmail);
-    let centroids = moved.centroids();
-    let bones = Initiators { transforms: moved.transforms, centroids: &centroids };
-    let push = match config.soft_tissue {
-        SoftTissue::ChainMail => {
-            let chain_mail = moved.resting.chain_mail.as_ref();
-            let chain_mail = chain_mail.ok_or_else(|| Error::Internal("the chain mail was not made".into()))?;
-            let images = images.map(|i| i as &dyn ImagePull);
-            let propagation = chain_mail.propagate(&tissue, &bones, &config.chainmail, images, runtime.progress())?;
-            let regions = || regions_of(&tissue, &propagation, &bones, skeleton, config);
-            let regions = config.output.regions.then(regions).transpose()?;
-            return Ok((propagation, regions));
-        }
-        SoftTissue::ThinPlateSplines => thin_plate(&tissue, &bones)?,
-        SoftTissue::NearestBone => nearest_bone(&tissue, &bones)?,
-    };
-    // The chain mail that such a field would stretch, so that its links can be judged alike.
-    let organs = chainmail::organs(&tissue, &config.chainmail)?;
-    let lattice = Lattice::new(&tissue, &config.chainmail.material, &organs, config.chainmail.spacing_mm);
-    let at = |n: usize| {
-        let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&lattice.rest(n)));
-        u.map_or([0.0; 3], |u| [u.x as f32, u.y as f32, u.z as f32])
-    };
-    let displacement = (0..lattice.node.len()).map(at).collect();
-    Ok((Propagation { push, lattice: lattice.into(), displacement, pruning: None }, None))
-}
-
-/// The label of the bone that reaches each voxel first.
-fn regions_of(
-    tissue: &Tissue<'_>,
-    propagation: &Propagation,
-    bones: &Initiators<'_>,
-    skeleton: &Skeleton,
-    config: &Config,
-) -> Result<LabelMap> {
-    let owner = chainmail::regions(tissue, &propagation.lattice, bones, &config.chainmail.variant)?;
-    let label = |o: &u16| usize::from(*o).checked_sub(1).map_or(0, |b| skeleton.bones[b].label);
-    let names = skeleton.labels_and_names().into_iter().collect();
-    Ok(LabelMap { volume: owner.map(label), names })
 }
 
 #[cfg(test)]

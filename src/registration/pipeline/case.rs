@@ -4,7 +4,7 @@ use crate::evaluate::landmark::Landmark;
 use crate::fit::BoneLandmark;
 use crate::geometry::Rigid;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, Outline, Volume};
 use std::sync::Arc;
 
 /// The planning side of a patient, loaded and converted to LPS mm: all fractions share it, and postures are made from it alone.
@@ -16,12 +16,14 @@ pub struct PlanningScan {
     pub bones: LabelMap,
     /// Skeleton given by the user instead of the built one.
     pub skeleton: Option<Skeleton>,
+    /// Structures that guide soft tissue to those of the same names in the fraction.
+    pub guides: Vec<Outline>,
 }
 
 impl PlanningScan {
     /// Of a CT and its labels alone.
     pub fn new(ct: Volume<f32>, bones: LabelMap) -> Self {
-        Self { ct, bones, skeleton: None }
+        Self { ct, bones, skeleton: None, guides: Vec::new() }
     }
 }
 
@@ -38,12 +40,14 @@ pub struct FractionScan {
     pub bones: Option<LabelMap>,
     /// Motion of all bones together, planning to fraction, near which the fit begins; bone landmarks take precedence over it.
     pub start: Option<Rigid>,
+    /// Structures outlined in the fraction, for those of planning.
+    pub guides: Vec<Outline>,
 }
 
 impl FractionScan {
     /// Of a CT alone.
     pub fn new(ct: Volume<f32>) -> Self {
-        Self { ct, landmarks: Vec::new(), bone_landmarks: Vec::new(), bones: None, start: None }
+        Self { ct, landmarks: Vec::new(), bone_landmarks: Vec::new(), bones: None, start: None, guides: Vec::new() }
     }
 }
 

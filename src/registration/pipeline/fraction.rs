@@ -1,12 +1,13 @@
 //! The fraction as the images' pull sees it.
 
 use super::couch::Couch;
+use super::guides::GuidePair;
 use crate::body;
 use crate::config::Config;
 use crate::error::Result;
 use crate::geometry::Grid;
 use crate::view::ViewReport;
-use crate::volume::{Mask, Volume};
+use crate::volume::{Mask, Outline, Volume};
 use std::borrow::Cow;
 
 /// The values on a part of a volume's grid.
@@ -26,6 +27,8 @@ pub(super) struct Fraction<'a> {
     pub(super) view: ViewReport,
     /// Dark and bright grey values of the patient in an MR; `None` for a CT.
     pub(super) mr: Option<[f32; 2]>,
+    /// Structures that guide, planning's outline first.
+    pub(super) guides: Vec<GuidePair>,
 }
 
 impl<'a> Fraction<'a> {
@@ -40,19 +43,34 @@ impl<'a> Fraction<'a> {
         config: &Config,
     ) -> Result<Self> {
         let body = body::find(&ct, None, &config.body)?;
-        Ok(Self { ct, body, view, mr })
+        Ok(Self { ct, body, view, mr, guides: Vec::new() })
     }
 
     /// In the frame that the couch has brought along.
     pub(super) fn shifted(&self, couch: &Couch) -> Fraction<'static> {
         let ct = couch.volume(Volume::clone(&self.ct));
-        Fraction { ct: Cow::Owned(ct), body: couch.volume(self.body.clone()), view: self.view.clone(), mr: self.mr }
+        let pair = |(planning, fraction): &GuidePair| {
+            (planning.clone(), Outline { inside: couch.volume(fraction.inside.clone()), ..fraction.clone() })
+        };
+        Fraction {
+            ct: Cow::Owned(ct),
+            body: couch.volume(self.body.clone()),
+            view: self.view.clone(),
+            mr: self.mr,
+            guides: self.guides.iter().map(pair).collect(),
+        }
     }
 
     /// The part of it on a part of its grid.
     pub(super) fn part(&self, grid: &Grid) -> Fraction<'static> {
         let ct = part(&self.ct, grid, f32::NAN);
-        Fraction { ct: Cow::Owned(ct), body: part(&self.body, grid, false), view: self.view.clone(), mr: self.mr }
+        Fraction {
+            ct: Cow::Owned(ct),
+            body: part(&self.body, grid, false),
+            view: self.view.clone(),
+            mr: self.mr,
+            guides: self.guides.clone(),
+        }
     }
 }
 
@@ -66,7 +84,13 @@ mod tests {
     #[test]
     fn image_and_patient_go_with_the_couch() {
         let (ct, body, shift) = (small::ct(), small::body(), Rigid::translation(30.5, -4.25, 12.0));
-        let there = Fraction { ct: Cow::Borrowed(&ct), body: body.clone(), view: ViewReport::default(), mr: None };
+        let there = Fraction {
+            ct: Cow::Borrowed(&ct),
+            body: body.clone(),
+            view: ViewReport::default(),
+            mr: None,
+            guides: Vec::new(),
+        };
         let couch = Couch::of(&small::fit([shift; 2], shift), ct.grid(), Carry::Rigid);
         let shifted = there.shifted(&couch);
         let back = couch.grid(ct.grid());

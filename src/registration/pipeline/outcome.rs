@@ -1,6 +1,6 @@
 //! What a registration found.
 
-use super::FractionKind;
+use super::{FractionKind, GuideReached};
 use crate::chainmail::{LinkReport, Pruning};
 use crate::evaluate::agreement::Agreement;
 use crate::evaluate::contact::ContactReport;
@@ -92,6 +92,8 @@ pub struct Outcome {
     pub skin_contact: Option<Mask>,
     /// Volumes that were asked to change.
     pub volume_changes: Vec<VolumeReached>,
+    /// Structures that guided.
+    pub guides: Vec<GuideReached>,
     /// What kind of image the fraction is; `None` where images took no part in soft tissue.
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.

@@ -4,6 +4,7 @@ use super::PlanningScan;
 use super::checks::{check_image, check_labels};
 use super::contact;
 use super::elements::{alone_mm, bone_of_label, images_pull, tissue};
+use super::guides::may_guide;
 use super::matching;
 use super::outcome::LINKING;
 use super::uncertainty;
@@ -109,7 +110,8 @@ impl Resting {
             let sliding = options.slip.region(lung.as_ref(), &planning.bones);
             let bone_of_label = bone_of_label(skeleton);
             let chain_mail = || {
-                let alone = images_pull(config).then(|| alone_mm(options));
+                let pulled = images_pull(config) || may_guide(planning, config);
+                let alone = pulled.then(|| alone_mm(options));
                 ChainMail::new(
                     &tissue(planning, body, lung.as_ref(), sliding.as_ref(), &bone_of_label, options),
                     options,

@@ -56,8 +56,10 @@ pub(super) fn cut(
         volume: only(&case.planning.bones.volume, &kept, &around)?,
         names: case.planning.bones.names.clone(),
     };
-    let planning = PlanningScan::new(part(&case.planning.ct, &around)?, bones);
-    let fraction = FractionScan { landmarks, ..FractionScan::new(part(&case.fraction.ct, &there)?) };
+    let guides = case.planning.guides.clone();
+    let planning = PlanningScan { guides, ..PlanningScan::new(part(&case.planning.ct, &around)?, bones) };
+    let guides = case.fraction.guides.clone();
+    let fraction = FractionScan { landmarks, guides, ..FractionScan::new(part(&case.fraction.ct, &there)?) };
     Ok((Case { planning: planning.into(), fraction }, only(body, &kept, &around)?))
 }
 

@@ -4,6 +4,7 @@ use super::carry::{Carried, Fitted, Through, carry_out};
 use super::checks::{check_fraction, check_labels};
 use super::elements::images_pull;
 use super::fraction::Fraction;
+use super::guides;
 use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
 use super::{Case, FractionKind, Outcome, uncertainty};
@@ -44,6 +45,7 @@ pub fn register_fraction(
 ) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
     let Patient { skeleton, body, warnings } = &planning.patient;
+    let (guides, left_out) = guides::paired(case, skeleton, config)?;
     let (placed, unlike) = match &case.fraction.bones {
         None => placed(case, skeleton)?,
         Some(_) => runtime.stage("lay labels on each other", || placed(case, skeleton))?,
@@ -78,18 +80,20 @@ pub fn register_fraction(
     };
     // An MR is shown and told of as one whether it pulls or not.
     let seen = || {
-        (images_pull(config) || config.across())
+        (images_pull(config) || config.across() || !guides.is_empty())
             .then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), grey, config))
     };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
-    let ((fit, weighed), fraction) = (fit?, fraction.transpose()?);
+    let ((fit, weighed), mut fraction) = (fit?, fraction.transpose()?);
+    fraction.iter_mut().for_each(|fraction| fraction.guides.clone_from(&guides));
     let mislabelled = match (&placed, &case.fraction.bones) {
         (Some(placed), Some(_)) => contradictions(skeleton, placed, &fit.transforms),
         _ => Vec::new(),
     };
-    let warnings =
-        [warnings, &odd, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled].map(|w| w.as_slice()).concat();
+    let warnings = [warnings, &odd, &left_out, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled]
+        .map(|w| w.as_slice())
+        .concat();
     if config.region.is_some() {
         let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
@@ -137,7 +141,7 @@ fn carried(
     runtime: &Runtime,
 ) -> Result<Outcome> {
     let Ready { case, resting, fraction } = ready;
-    let through = Through::of(case, resting, fraction.filter(|_| images_pull(config)));
+    let through = Through::of(case, resting, fraction.filter(|f| images_pull(config) || !f.guides.is_empty()));
     let mut moved = moved;
     let open = moved.fit.open.take();
     let Carried { mut outcome, shown } = carry_out(through, moved, warnings, config, runtime)?;
@@ -186,6 +190,7 @@ pub fn check_inputs(case: &Case, config: &Config) -> Result<Vec<Warning>> {
     let (skeleton, found) = skeleton_of(&case.planning, config)?;
     warnings.extend(found);
     warnings.extend(check_planning(&case.planning, &skeleton, config)?);
+    warnings.extend(guides::paired(case, &skeleton, config)?.1);
     Ok(warnings)
 }
 

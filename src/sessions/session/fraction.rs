@@ -2,7 +2,7 @@
 
 use super::modality::of_scan;
 use super::planning::{BonesBy, labelled, made_bones};
-use super::source::{Names, Source, image, landmarks};
+use super::source::{LabelSources, OF_FRACTION, Source, image, landmarks, outlines};
 use super::start;
 use crate::config::{InputRole, Modality, RecordedInput};
 use crate::error::{Error, Result};
@@ -17,9 +17,6 @@ use crate::volume::Volume;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
 
-/// A label map, and the names of its labels where it has none.
-pub type LabelSources = (Source<Volume<u16>>, Option<Source<Names>>);
-
 /// What a fraction is read from.
 #[derive(Debug, Clone)]
 pub struct FractionSources {
@@ -31,6 +28,8 @@ pub struct FractionSources {
     pub landmarks: Option<Source<Vec<Landmark>>>,
     /// Labels of bones in the fraction, a structure set, or the path `auto`, with their names.
     pub bones: Option<LabelSources>,
+    /// Structures outlined in the fraction, for those of planning that guide.
+    pub guides: Option<LabelSources>,
     /// Landmarks on bones.
     pub bone_landmarks: Option<Source<Vec<BoneLandmark>>>,
     /// Motion of all bones together, near which the fit begins; of a file also `FILE#ENTRY`.
@@ -50,6 +49,7 @@ impl FractionSources {
             ct,
             landmarks,
             bones,
+            guides: None,
             bone_landmarks,
             start: None,
             start_file: None,
@@ -67,7 +67,8 @@ impl FractionSources {
             .as_ref()
             .filter(|_| !self.wants_bones())
             .map(|(bones, names)| [bones.path(), names.as_ref().and_then(Source::path)]);
-        let start = labels.into_iter().flatten().flatten().map(Path::to_owned).chain(start);
+        let guides = self.guides.as_ref().and_then(|(guides, _)| guides.path()).map(Path::to_owned);
+        let start = labels.into_iter().flatten().flatten().map(Path::to_owned).chain(guides).chain(start);
         files.map(Path::to_owned).chain(start)
     }
 
@@ -133,6 +134,8 @@ impl FractionSources {
         let names = self.bones.as_ref().and_then(|(_, names)| names.as_ref()?.path()).map(Path::to_owned);
         let bones = self.bones.map(labels).transpose()?;
         names.map_or(Ok(()), |names| provenance.note(of_fraction[1], &names))?;
+        let own = |given| outlines(OF_FRACTION, given, place.as_deref(), &mut provenance);
+        let guides = self.guides.map(own).transpose()?.unwrap_or_default();
         let points = self.landmarks.map(|marks| landmarks(marks, &mut provenance)).transpose()?;
         let on_bones = self.bone_landmarks.map(|marks| bone_landmarks(marks, &mut provenance)).transpose()?;
         provenance.inputs.extend(self.start_file);
@@ -143,6 +146,7 @@ impl FractionSources {
             bone_landmarks: on_bones.unwrap_or_default(),
             bones,
             start,
+            guides,
         };
         Ok((scan, provenance))
     }

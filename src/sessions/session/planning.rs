@@ -1,7 +1,7 @@
 //! The planning side of a patient, from files or memory.
 
 use super::modality::of_scan;
-use super::source::{Names, Source, bones, image};
+use super::source::{LabelSources, Names, OF_PLANNING, Source, bones, image, outlines};
 use crate::chainmail::organ_label;
 use crate::config::{Config, InputRole, Modality, RecordedInput};
 use crate::error::{Error, Result};
@@ -30,6 +30,8 @@ pub struct PlanningSources {
     pub organs: Option<PathBuf>,
     /// Changes to the skeleton that the labels give.
     pub skeleton: Option<PathBuf>,
+    /// Structures that guide, a label map or a structure set, with their names where it has none.
+    pub guides: Option<LabelSources>,
     /// What is to be known of labels that were made.
     made: Vec<Warning>,
 }
@@ -48,7 +50,7 @@ pub struct BonesBy<'a> {
 impl PlanningSources {
     /// Of a CT and its labels.
     pub fn new(ct: Source<Volume<f32>>, bones: Source<Volume<u16>>) -> Self {
-        Self { ct, bones, names: None, organs: None, skeleton: None, made: Vec::new() }
+        Self { ct, bones, names: None, organs: None, skeleton: None, guides: None, made: Vec::new() }
     }
 
     /// The files that a report has recorded, where it names both CT and labels.
@@ -58,6 +60,8 @@ impl PlanningSources {
             names: file(InputRole::Labels).map(Source::File),
             organs: file(InputRole::Organs),
             skeleton: file(InputRole::Skeleton),
+            guides: file(InputRole::Guide)
+                .map(|guide| (Source::File(guide), file(InputRole::GuideLabels).map(Source::File))),
             ..Self::new(Source::File(file(InputRole::Planning)?), Source::File(file(InputRole::Bones)?))
         })
     }
@@ -65,7 +69,9 @@ impl PlanningSources {
     /// All files, in the order in which they are asked for.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let names = self.names.as_ref().and_then(Source::path);
-        let more = [names, self.organs.as_deref(), self.skeleton.as_deref()];
+        let guides = self.guides.as_ref();
+        let guides = [guides.and_then(|g| g.0.path()), guides.and_then(|g| g.1.as_ref()?.path())];
+        let more = [names, self.organs.as_deref(), self.skeleton.as_deref(), guides[0], guides[1]];
         [self.ct.path(), self.bones.path()].into_iter().chain(more).flatten().map(Path::to_owned)
     }
 
@@ -143,9 +149,11 @@ impl PlanningSources {
             ] {
                 path.map_or(Ok(()), |path| provenance.note(role, path))?;
             }
+            let own = |given| outlines(OF_PLANNING, given, planning.as_deref(), &mut provenance);
+            let guides = self.guides.map(own).transpose()?.unwrap_or_default();
             provenance.compare(recorded);
             provenance.warnings.extend(self.made);
-            Ok((PlanningScan { ct, bones: labels, skeleton }.by_modality(config)?, provenance))
+            Ok((PlanningScan { ct, bones: labels, skeleton, guides }.by_modality(config)?, provenance))
         })
     }
 }

@@ -4,8 +4,9 @@ use crate::config::InputRole;
 use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::io;
+use crate::io::dicom::{Role, check_frames, is_dicom_path};
 use crate::provenance::Provenance;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, Outline, Volume};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -116,6 +117,47 @@ pub fn structures(
     map.one_number_a_name();
     io::check_labels(&what, &map)?;
     Ok(map)
+}
+
+/// A label map, and the names of its labels where it has none.
+pub type LabelSources = (Source<Volume<u16>>, Option<Source<Names>>);
+
+/// What structures that guide are to a run, and what they are called in messages when they are in memory.
+pub(super) type GuideRole = (InputRole, Option<InputRole>, &'static str);
+/// Those of planning, whose file of names is noted.
+pub(super) const OF_PLANNING: GuideRole = (InputRole::Guide, Some(InputRole::GuideLabels), "guide");
+/// Those of a fraction.
+pub(super) const OF_FRACTION: GuideRole = (InputRole::FractionGuide, None, "fraction_guide");
+
+/// Structures one by one, of a label map, a segmentation, or a structure set that belongs to the scan `on`.
+///
+/// # Errors
+/// As [`io::read_outlines`]; [`crate::error::Error::Input`] when a structure set lies in another frame of reference than its scan.
+pub(super) fn outlines(
+    (role, named, argument): GuideRole,
+    (labels, names): LabelSources,
+    on: Option<&Path>,
+    provenance: &mut Provenance,
+) -> Result<Vec<Outline>> {
+    let note = |provenance: &mut Provenance, names: &Option<Source<Names>>| match (named, names) {
+        (Some(named), Some(Source::File(names))) => provenance.note(named, names),
+        _ => Ok(()),
+    };
+    match (labels, names) {
+        (Source::File(path), names @ (None | Some(Source::File(_)))) => {
+            if let Some(on) = on.filter(|_| is_dicom_path(&path)) {
+                check_frames(Role::Structures.at(&path), Role::Image.at(on))?;
+            }
+            let file = names.as_ref().and_then(Source::path);
+            let found = provenance.take(role, io::read_outlines(&path, file, on)?);
+            note(provenance, &names)?;
+            Ok(found)
+        }
+        (labels, names) => {
+            note(provenance, &names)?;
+            Ok(Outline::all(&structures(role, argument, labels, names, provenance)?))
+        }
+    }
 }
 
 /// Labels with names, none left out and none twice.

@@ -33,6 +33,6 @@ pub use lattice::{
 pub use links::{LinkReport, check_links};
 pub use options::{ChainmailOptions, RelaxationLevel};
 pub use propagate::{Elements, Propagation, propagate, regions};
-pub use relaxation::{Comparison, ImagePull, Passes, Pull, Quadratic, VolumeChange};
+pub use relaxation::{Comparison, ImagePull, Passes, Pull, Quadratic, STILL_MOVING, VolumeChange};
 pub use variants::{Carry, Combination, Elasticity, Front, LinkTime, Order, Structures, Variant};
 pub use waves::{FirstWave, Initiators, Pruning, first_wave, spread};

@@ -3,21 +3,24 @@
 
 mod around;
 mod evidence;
+mod guide;
 mod level;
 mod local;
 mod options;
 mod planning;
 mod shading;
+mod signed;
 mod skin;
 mod translation;
 
 pub use evidence::Misled;
+pub use guide::{GuideOptions, Guides, depth_in};
 pub use options::{RefineOptions, ShadingOptions, SkinOptions};
 pub use planning::PlanningSamples;
 pub use shading::{GreyValues, Shading};
 pub use translation::translated;
 
-use crate::chainmail::{Comparison, ImagePull, Lattice, Passes};
+use crate::chainmail::{Comparison, ImagePull, Lattice, Passes, STILL_MOVING};
 use crate::volume::{Mask, Volume};
 use level::{Alone, Level};
 use planning::{Planning, Windowed};
@@ -39,6 +42,8 @@ pub struct Images<'a> {
     alone: Option<&'a Volume<[f32; 3]>>,
     /// Where grey values do not pull, since they mislead.
     misled: Option<&'a Mask>,
+    /// Structures that both scans outline.
+    guides: Option<&'a Guides>,
 }
 
 /// A CT (HU; no number where nothing was measured) with the patient in it.
@@ -85,6 +90,7 @@ impl<'a> Images<'a> {
             neighbourhood_mm,
             alone,
             misled: None,
+            guides: None,
         }
     }
 
@@ -92,6 +98,12 @@ impl<'a> Images<'a> {
     #[must_use]
     pub fn without(self, misled: &'a Mask) -> Self {
         Self { misled: Some(misled), ..self }
+    }
+
+    /// The same pull, beside that of structures that both scans outline.
+    #[must_use]
+    pub fn guided(self, guides: Option<&'a Guides>) -> Self {
+        Self { guides, ..self }
     }
 }
 
@@ -103,6 +115,7 @@ impl ImagePull for Images<'_> {
         };
         let level = self.fraction.as_ref().map(of);
         let outline = self.skin.as_ref().map(|skin| skin.at(lattice));
+        let guided = self.guides.map(|guides| guides.at(lattice));
         Box::new(move |u, which, pull| {
             match &level {
                 Some(level) => level.renew(u, which, pull),
@@ -110,6 +123,9 @@ impl ImagePull for Images<'_> {
             }
             if let Some(outline) = &outline {
                 outline.add(u, which, pull);
+            }
+            if let Some(guided) = &guided {
+                guided.renew(u, which, pull);
             }
         })
     }
@@ -121,6 +137,8 @@ impl ImagePull for Images<'_> {
             rounds: self.options.rounds,
             settled_mm,
             farthest: self.options.farthest(lattice),
+            // A structure is a small part of all elements: it must come to rest, too.
+            moving: if self.guides.is_some() { 0.0 } else { STILL_MOVING },
         }
     }
 }

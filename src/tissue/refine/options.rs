@@ -1,5 +1,6 @@
 //! Settings of the refinement by image.
 
+use super::guide::GuideOptions;
 use crate::chainmail::Lattice;
 use crate::volume::Window;
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,8 @@ pub struct RefineOptions {
     pub shading: ShadingOptions,
     /// The skin's own pull.
     pub skin: SkinOptions,
+    /// The pull of structures that both scans outline.
+    pub guide: GuideOptions,
 }
 
 /// When a fraction's grey values are corrected before images pull, and how they pull then.
@@ -109,6 +112,7 @@ impl Default for RefineOptions {
             departure: 0.04,
             shading: ShadingOptions::default(),
             skin: SkinOptions::default(),
+            guide: GuideOptions::default(),
         }
     }
 }

@@ -4,9 +4,10 @@
 //! is off by `r - n d` with `r = p - f` and `n` the gradient of the fraction's distance. Along the skin nothing pulls.
 
 use super::SkinOptions;
+use super::signed::{depth, slope, within_edges};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume, distance::squared_distance_within, gaussian, trilinear};
+use crate::volume::{Mask, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -34,7 +35,12 @@ impl Skin {
     pub(super) fn new(planning: &Mask, fraction: &Mask, options: &SkinOptions) -> Option<Self> {
         let weight = options.weight;
         let wanted = weight > 0.0;
-        wanted.then(|| Self { planning: depth(planning), fraction: depth(fraction), weight, edge_mm: EDGE_MM })
+        wanted.then(|| Self {
+            planning: depth(planning, KNOWN_MM),
+            fraction: depth(fraction, KNOWN_MM),
+            weight,
+            edge_mm: EDGE_MM,
+        })
     }
 
     /// Prepares for a lattice.
@@ -55,20 +61,8 @@ impl Skin {
     /// How far the skin is believed at a point of a scan: not at all at the edge of its field of view, where the patient is
     /// cut.
     fn confidence(&self, grid: &Grid, point: &Point3<f64>) -> f64 {
-        let (at, size, spacing) = (grid.index(point), grid.size(), grid.spacing());
-        let inside = (0..3).map(|a| at[a].min(size[a] as f64 - 1.0 - at[a]) * spacing[a]).fold(f64::MAX, f64::min);
-        (inside / self.edge_mm - 0.5).clamp(0.0, 1.0)
+        (within_edges(grid, point) / self.edge_mm - 0.5).clamp(0.0, 1.0)
     }
-}
-
-/// Distance of each voxel from the skin, mm: negative inside the patient.
-fn depth(body: &Mask) -> Volume<f32> {
-    let [outside, inside] = [true, false].map(|target| squared_distance_within(body, target, KNOWN_MM));
-    let known = |square: f32| f64::from(square).sqrt().min(KNOWN_MM) as f32;
-    let values = outside.data().iter().zip(inside.data()).map(|(&o, &i)| known(o) - known(i)).collect();
-    let signed = Volume::new(body.grid().clone(), values).expect("one value per voxel");
-    let edge = body.grid().spacing().into_iter().fold(f64::MAX, f64::min);
-    gaussian(&signed, edge)
 }
 
 /// The skin for one lattice.
@@ -113,12 +107,7 @@ impl Outline<'_> {
         if sure <= 0.0 || r.abs() > 0.5 * KNOWN_MM {
             return None;
         }
-        let slope = |a: usize| {
-            let mut step = Vector3::zeros();
-            step[a] = 0.5;
-            Some(trilinear(fraction, &(at + step))? - trilinear(fraction, &(at - step))?)
-        };
-        let normal = grid.inverse_step().transpose() * Vector3::new(slope(0)?, slope(1)?, slope(2)?);
+        let normal = slope(fraction, &at)?;
         Some((r, normal, sure * (ROBUST_MM / r.abs().max(ROBUST_MM))))
     }
 }

@@ -7,7 +7,7 @@ use crate::findings;
 use crate::geometry::Grid;
 use crate::skeleton::anatomy::Kind;
 use crate::volume::contour::{Contours, Structure};
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, Outline, Volume};
 use crate::warning::Warning;
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -253,6 +253,22 @@ pub fn organs_from_structures(set: &StructureSet, grid: &Grid, wanted: &[String]
         return Err(Error::input(set.path.display().to_string(), problem, remedy));
     }
     Ok(map)
+}
+
+/// Each structure of a set by itself on `grid`, LPS mm, under its own name; and the names of those without a voxel there.
+///
+/// # Errors
+/// [`Error::Internal`] when no volume can be made of the grid.
+pub fn outlines_from_structures(set: &StructureSet, grid: &Grid) -> Result<(Vec<Outline>, Vec<String>)> {
+    let (mut outlines, mut empty) = (Vec::new(), Vec::new());
+    for (roi, structure) in set.drawn() {
+        let one = drawn(&set.contours, [(roi.name.clone(), vec![structure])].into(), grid)?;
+        match Outline::of(&roi.name, &one.volume, |label| label == 1) {
+            Some(outline) => outlines.push(outline),
+            None => empty.push(roi.name.clone()),
+        }
+    }
+    Ok((outlines, empty))
 }
 
 /// Gives the voxels in a structure its label, where none lies deeper in another.

@@ -48,7 +48,7 @@ mod tests;
 pub use about::About;
 pub use beams::Dose;
 pub(super) use bones::plain;
-pub use bones::{BoneLabels, BoneNames, labels_from_structures, organs_from_structures};
+pub use bones::{BoneLabels, BoneNames, labels_from_structures, organs_from_structures, outlines_from_structures};
 pub use ct::read_series;
 pub use dose::{read_dose, read_doses};
 pub use find::{Catalogue, Group, Object, find};

@@ -96,6 +96,7 @@ pub fn page(report: &Report, pictures: &[Picture], view: Option<&View>, samples:
                 h2 { "Jacobian" }
                 (tables::jacobian(report))
                 (tables::volumes(report))
+                (tables::guides(report))
                 h2 { "Inverse and chain mail" }
                 (tables::inverse_and_links(report))
                 div.pair.screen { (picture("material.png")) }

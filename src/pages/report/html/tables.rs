@@ -7,6 +7,7 @@ use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::rotation_angle_deg;
+use crate::pipeline::OutlineAgreement;
 use maud::{Markup, html};
 
 /// Lines of each table that are printed.
@@ -212,6 +213,33 @@ pub(super) fn volumes(report: &Report) -> Markup {
                 }
             }
             (more(report.volume_changes.len(), ORGANS_ON_PAPER, "organs", "report.json"))
+        }
+    }
+}
+
+/// Structures that guided, and how near their outlines come.
+pub(super) fn guides(report: &Report) -> Markup {
+    let told = |a: &Option<OutlineAgreement>| {
+        a.map_or_else(|| "-".to_owned(), |a| format!("{:.3}, {:.2}, {:.2}", a.dice, a.mean_mm, a.p95_mm))
+    };
+    let images = |pair: Option<[f64; 2]>| pair.map_or_else(|| "-".to_owned(), |[a, b]| format!("{a:.2}, {b:.2}"));
+    html! {
+        @if !report.guides.is_empty() {
+            table {
+                thead { tr { th { "Guide (Dice; mean and 95 % distance, mm)" } th.n { "ml" } th.n { "without" } th.n { "with" } th.n { "images agree" } } }
+                tbody {
+                    @for (n, g) in report.guides.iter().enumerate() {
+                        tr.screen[n >= ORGANS_ON_PAPER] {
+                            td { span.short { (g.name) } }
+                            td.n { (format!("{:.1} → {:.1}", g.planning_ml, g.fraction_ml)) }
+                            td.n { (told(&g.before)) }
+                            td.n { (told(&g.after)) }
+                            td.n { (images(g.images)) }
+                        }
+                    }
+                }
+            }
+            (more(report.guides.len(), ORGANS_ON_PAPER, "guides", "report.json"))
         }
     }
 }

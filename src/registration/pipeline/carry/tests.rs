@@ -27,8 +27,13 @@ fn a_patient_moved_as_a_whole_is_found_where_he_lies() {
     let whole = Rigid::translation(shift.x, shift.y, shift.z);
     // The fraction is planning, elsewhere.
     let ct = scan.ct.clone().shifted(&shift);
-    let there =
-        Fraction { ct: Cow::Borrowed(&ct), body: small::body().shifted(&shift), view: ViewReport::default(), mr: None };
+    let there = Fraction {
+        ct: Cow::Borrowed(&ct),
+        body: small::body().shifted(&shift),
+        view: ViewReport::default(),
+        mr: None,
+        guides: Vec::new(),
+    };
     let through = Through { scan: &scan, resting: &resting, landmarks: &[], target: ct.grid(), fraction: Some(&there) };
     let fitted = Fitted { skeleton: small::skeleton(), body: small::body(), fit: small::fit([whole; 2], whole) };
     let Carried { outcome, shown } = carry_out(through, fitted, Vec::new(), &config, &runtime).unwrap();
@@ -83,7 +88,7 @@ fn the_patient_is_found_again_in_grey_values_that_were_corrected() {
         air => air,
     };
     let ct = Volume::from_fn(grid.clone(), shaded);
-    let there = Fraction { ct: Cow::Borrowed(&ct), body, view: ViewReport::default(), mr: None };
+    let there = Fraction { ct: Cow::Borrowed(&ct), body, view: ViewReport::default(), mr: None, guides: Vec::new() };
     let through = Through { scan: &scan, resting: &resting, landmarks: &[], target: &grid, fraction: Some(&there) };
     let still = Rigid::identity();
     let fitted = Fitted { skeleton: small::skeleton(), body: small::body(), fit: small::fit([still; 2], still) };

@@ -17,4 +17,4 @@ mod turn;
 pub(super) mod untangle;
 
 pub use growth::VolumeChange;
-pub use pull::{Comparison, ImagePull, Passes, Pull, Quadratic};
+pub use pull::{Comparison, ImagePull, Passes, Pull, Quadratic, STILL_MOVING};

@@ -18,8 +18,18 @@ pub struct Pull {
     pub stiffness: Vec<[f32; 6]>,
     /// `b`.
     pub towards: Vec<[f32; 3]>,
+    /// What outlines ask of each soft element, as its links do: nothing limits it. Empty where nothing is outlined.
+    pub firm: Vec<Quadratic>,
     /// The farthest that an element is drawn away from where its links alone would hold it, mm.
     pub farthest: f32,
+}
+
+impl Quadratic {
+    /// Whether it pulls at all.
+    fn pulls(&self) -> bool {
+        let [xx, _, _, yy, _, zz] = self.stiffness;
+        xx + yy + zz > 0.0
+    }
 }
 
 impl Pull {
@@ -28,7 +38,7 @@ impl Pull {
 
     /// No pull on any of `soft` elements.
     pub fn none(soft: usize, farthest: f32) -> Self {
-        Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], farthest }
+        Self { stiffness: vec![[0.0; 6]; soft], towards: vec![[0.0; 3]; soft], firm: Vec::new(), farthest }
     }
 
     /// Sets what pulls soft element `s`.
@@ -43,6 +53,9 @@ impl Pull {
             if nodes[n as usize] {
                 self.stiffness[s] = [0.0; 6];
                 self.towards[s] = [0.0; 3];
+                if let Some(firm) = self.firm.get_mut(s) {
+                    *firm = Quadratic::default();
+                }
             }
         }
     }
@@ -50,6 +63,10 @@ impl Pull {
     /// Where soft element `s` comes to rest whose links have the total stiffness `weights` and would hold it at
     /// `sum / weights`.
     pub fn settle(&self, s: usize, weights: f32, sum: [f32; 3]) -> [f32; 3] {
+        if let Some(firm) = self.firm.get(s).filter(|firm| firm.pulls()) {
+            let (sum, free) = firm.with(weights, &[0.0; 6], sum);
+            return self.drawn(s, weights, &firm.stiffness, sum, free);
+        }
         let [xx, _, _, yy, _, zz] = self.stiffness[s];
         if xx + yy + zz <= 0.0 {
             return sum.map(|s| s / weights);
@@ -69,6 +86,17 @@ impl Pull {
         sum: [f32; 3],
         free: [f32; 3],
     ) -> [f32; 3] {
+        if let Some(firm) = self.firm.get(s).filter(|firm| firm.pulls()) {
+            let (sum, free) = firm.with(weights, stiffness, sum);
+            let firm = std::array::from_fn(|e| firm.stiffness[e] + stiffness[e]);
+            return self.drawn(s, weights, &firm, sum, free);
+        }
+        self.drawn(s, weights, stiffness, sum, free)
+    }
+
+    /// Where images draw an element that would else rest at `free`.
+    #[inline(always)]
+    fn drawn(&self, s: usize, weights: f32, stiffness: &[f32; 6], sum: [f32; 3], free: [f32; 3]) -> [f32; 3] {
         let both = std::array::from_fn(|e| self.stiffness[s][e] + stiffness[e]);
         let t = self.towards[s];
         self.held(settle(weights, &both, std::array::from_fn(|a| sum[a] + t[a])), free)
@@ -81,6 +109,15 @@ impl Pull {
         let far = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
         let keep = if far > self.farthest { self.farthest / far } else { 1.0 };
         std::array::from_fn(|a| free[a] + keep * d[a])
+    }
+}
+
+impl Quadratic {
+    /// The pull of links of a stiffness together with this one, and where both would hold an element.
+    #[inline(always)]
+    fn with(&self, weights: f32, stiffness: &[f32; 6], sum: [f32; 3]) -> ([f32; 3], [f32; 3]) {
+        let sum = std::array::from_fn(|a| sum[a] + self.towards[a]);
+        (sum, settle(weights, &std::array::from_fn(|e| self.stiffness[e] + stiffness[e]), sum))
     }
 }
 
@@ -122,7 +159,13 @@ pub struct Passes {
     pub settled_mm: f64,
     /// As [`Pull::farthest`].
     pub farthest: f32,
+    /// Share of the soft elements that may still move after the last comparison.
+    pub moving: f64,
 }
+
+/// Share of the soft elements that may still move after the last comparison, where images alone draw them.
+/// Half or twice as much moves no mean error by 0.003 mm.
+pub const STILL_MOVING: f64 = 0.01;
 
 #[cfg(test)]
 mod tests {
@@ -139,5 +182,25 @@ mod tests {
         pull.farthest = 0.5;
         let held = pull.settle(0, 2.0, [2.0, 0.0, 0.0]);
         assert!(close(held, [1.0 + 0.5 / 5f32.sqrt(), 1.0 / 5f32.sqrt(), 0.0]), "{held:?}");
+    }
+
+    #[test]
+    fn nothing_limits_what_an_outline_asks_and_images_depart_from_there() {
+        // Links of stiffness 2 hold it at (1, 0, 0); its outline asks for y = 9 with stiffness 4, images for z = 3.
+        let mut pull = Pull::none(1, 0.5);
+        pull.firm = vec![Quadratic { stiffness: [0.0, 0.0, 0.0, 4.0, 0.0, 0.0], towards: [0.0, 36.0, 0.0] }];
+        let close = |at: [f32; 3], to: [f32; 3]| at.iter().zip(to).all(|(a, b)| (a - b).abs() < 1e-5);
+        assert!(close(pull.settle(0, 2.0, [2.0, 0.0, 0.0]), [1.0, 6.0, 0.0]));
+        (pull.stiffness[0], pull.towards[0]) = ([0.0, 0.0, 0.0, 0.0, 0.0, 2.0], [0.0, 0.0, 6.0]);
+        assert!(close(pull.settle(0, 2.0, [2.0, 0.0, 0.0]), [1.0, 6.0, 0.5]));
+        // Links that slide are softer along x, here by nothing.
+        assert!(close(pull.settle_from(0, 2.0, &[0.0; 6], [2.0, 0.0, 0.0], [1.0, 0.0, 0.0]), [1.0, 6.0, 0.5]));
+        let lattice = crate::chainmail::Lattice::from_nodes(
+            crate::geometry::Grid::axis_aligned([1; 3], [1.0; 3], [0.0; 3]).unwrap(),
+            vec![crate::chainmail::Node::Soft],
+            vec![crate::chainmail::Material::default().at(20.0)],
+        );
+        pull.release(&lattice, &[true]);
+        assert!(close(pull.settle(0, 2.0, [2.0, 0.0, 0.0]), [1.0, 0.0, 0.0]));
     }
 }

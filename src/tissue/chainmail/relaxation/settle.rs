@@ -56,7 +56,7 @@ fn compared(mut relaxation: Relaxation<'_>, lattice: &Lattice, loose: &Mask, ima
         relaxation.run(passes.rounds, &relaxation.among(&goes_on), Some(&pull));
         let before = std::mem::replace(&mut now, relaxation.displacements());
         let moving = moved(&soft, &before, &now, passes.settled_mm);
-        let last = pass == passes.most || moving.len() as f64 <= STILL_MOVING * soft.len() as f64;
+        let last = pass == passes.most || moving.len() as f64 <= passes.moving * soft.len() as f64;
         let mut next = beside(lattice, &moving);
         for _ in 0..if last { RELEASES } else { 1 } {
             let cells = tangled(lattice, &now, &cells_of(lattice, &goes_on), LEAST_VOLUME);
@@ -84,10 +84,6 @@ fn set(nodes: &mut [bool], more: &[bool]) {
     nodes.iter_mut().zip(more).for_each(|(n, more)| *n |= more);
 }
 
-/// Share of the soft elements that may still move after the last comparison.
-/// Half or twice as much moves no mean error by 0.003 mm.
-const STILL_MOVING: f64 = 0.01;
-
 /// Those of `nodes` that have moved by more than `least`, mm.
 fn moved(nodes: &[u32], before: &[[f32; 3]], after: &[[f32; 3]], least: f64) -> Vec<u32> {
     let far = |n: &u32| {
@@ -102,7 +98,7 @@ mod tests {
     use super::super::super::lattice::Node;
     use super::super::super::lattice::material::Constraint;
     use super::super::super::variants::Elasticity;
-    use super::super::pull::{Comparison, Passes, Quadratic};
+    use super::super::pull::{Comparison, Passes, Quadratic, STILL_MOVING};
     use super::super::rest::RestingLinks;
     use super::*;
     use crate::geometry::Grid;
@@ -148,7 +144,7 @@ mod tests {
 
         fn passes(&self, _: &Lattice) -> Passes {
             let settled_mm = if self.always { 0.0 } else { SETTLED_MM };
-            Passes { most: 40, rounds: 1, settled_mm, farthest: 10.0 }
+            Passes { most: 40, rounds: 1, settled_mm, farthest: 10.0, moving: STILL_MOVING }
         }
     }
 
