@@ -19,6 +19,7 @@ mod files;
 mod finished;
 mod fractions;
 mod guide;
+mod guides;
 mod images;
 mod invariance;
 mod labels;

@@ -35,7 +35,9 @@ Examples:
                                                               # writes week/monday, week/friday and week/index.html
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw
   aventail register --planning ct.nii.gz --bones auto --fraction day.nii.gz --fraction-bones auto --out day
-                                                              # labels of both scans place the bones first";
+                                                              # labels of both scans place the bones first
+  aventail register --planning ct --bones bones.nii.gz --fraction day --guide RS.dcm --fraction-guide RS_day.dcm --guide-names bladder,rectum --out day1
+                                                              # outlines of both scans guide soft tissue";
 
 /// Options of `register`.
 #[derive(Debug, Args)]

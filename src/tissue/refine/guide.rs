@@ -12,8 +12,13 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Stiffness of a surface against that of soft tissue's links.
+/// Stiffness of a surface, where soft tissue's links have 17 together along an axis.
+/// A ball of 11 ml that grows by half errs by 0.58 mm without, 0.29, 0.13 and 0.13 mm at 30, 100 and 300; tissue 10 to 40 mm away by
+/// 0.061, 0.060, 0.062 and 0.064.
 const STIFFNESS: f64 = 100.0;
+/// Points so near the surface pull, as a share of the elements' spacing, the nearest most.
+/// At 0.25, 1 and 2 that ball errs by 0.24, 0.12 and 0.24 mm, tissue within 10 mm of it by 0.16, 0.11 and 0.39 for 0.10.
+const BAND: f64 = 0.5;
 /// A surface is not believed within half of this distance from the edge of a scan, and fully from one and a half on, mm.
 const EDGE_MM: f64 = 6.0;
 
@@ -25,20 +30,18 @@ pub struct GuideOptions {
     pub weight: f64,
     /// The structures that guide; all that both scans outline where none is named.
     pub names: Vec<String>,
-    /// Band.
-    pub band: f64,
 }
 
 impl Default for GuideOptions {
     fn default() -> Self {
-        Self { weight: 1.0, names: Vec::new(), band: 0.5 }
+        Self { weight: 1.0, names: Vec::new() }
     }
 }
 
 /// Structures that both scans outline.
 pub struct Guides {
     surfaces: Vec<Guide>,
-    options: GuideOptions,
+    weight: f64,
 }
 
 /// Depths of one structure in both scans, mm.
@@ -60,13 +63,13 @@ impl Guides {
             planning: depth_in(planning),
             fraction: depth_in(fraction),
         };
-        wanted.then(|| Self { surfaces: pairs.iter().map(guide).collect(), options: options.clone() })
+        wanted.then(|| Self { surfaces: pairs.iter().map(guide).collect(), weight: options.weight })
     }
 
     /// Prepares for a lattice.
     pub(super) fn at(&self, lattice: &Lattice) -> GuidedLattice<'_> {
         let edge = lattice.grid.mean_edge();
-        let band = self.options.band * edge;
+        let band = BAND * edge;
         let offsets = lattice.grid.eighths();
         let soft: Vec<u32> = lattice.soft().collect();
         let of_element = |&n: &u32| {
@@ -84,7 +87,7 @@ impl Guides {
         };
         let points: Vec<Vec<GuidedPoint>> = soft.par_iter().map(of_element).collect();
         let rest = soft.iter().map(|&n| lattice.rest(n as usize)).collect();
-        let weight = STIFFNESS * self.options.weight / offsets.len() as f64;
+        let weight = STIFFNESS * self.weight / offsets.len() as f64;
         GuidedLattice { guides: self, soft, rest, offsets, points, weight, reach: edge }
     }
 }
