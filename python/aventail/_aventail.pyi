@@ -72,7 +72,7 @@ def write_dicom_contours(path: str, json: str, like: str, of: str | None) -> Non
 def write_dicom_field(path: str, raster: _Raster, start: str, end: str) -> None: ...
 def register(
     planning: tuple[_Source, _Source],
-    fractions: list[tuple[_Source, Any, Any]],
+    fractions: list[tuple[_Source, Any, Any, Any]],
     more: dict[str, Any],
     settings: dict[str, Any],
     work: _Work,

@@ -86,6 +86,7 @@ def more(
         "organs": None,
         "volume_change": [],
         "bones_folder": _given.path_or_none("bones_folder", bones_folder),
+        "guide": None,
         "dicom": False,
         "structures": None,
         "dose": None,
@@ -108,6 +109,26 @@ def fraction_bones(
     if len(given) != fractions:
         raise _errors.usage(f"{len(given)} label maps are given for {fractions} fractions", "give one for each, or None")
     return [None if own is None else label_source(own, names, "fraction_bones") for own in given]
+
+
+def guides(
+    guide: Any, fraction_guide: Any, names: Names | None, fractions: int, several: bool
+) -> tuple[tuple[Any, Any] | None, list[tuple[Any, Any] | None]]:
+    """Structures that guide: planning's, and those of each fraction in their order."""
+    if (guide is None) != (fraction_guide is None) or guide is None and names is not None:
+        raise _errors.usage(
+            "structures guide from planning to the fraction, and those of one scan are missing",
+            "give guide and fraction_guide",
+        )
+    if guide is None:
+        return None, [None] * fractions
+    if several and not isinstance(fraction_guide, (list, tuple)):
+        raise _given.wrong("fraction_guide", fraction_guide, "several fractions have a list of structures")
+    given = list(fraction_guide) if several else [fraction_guide]
+    if len(given) != fractions or any(own is None for own in given):
+        raise _errors.usage(f"{len(given)} fraction_guide are given for {fractions} fractions", "give one for each")
+    own = [label_source(each, names, "fraction_guide") for each in given]
+    return label_source(guide, names, "guide"), list(own)
 
 
 def give_back(

@@ -298,6 +298,9 @@ def register(
     bone_landmarks: BoneLandmarks | None = None,
     fraction_bones: ImageLike | None = None,
     fraction_labels: Names | None = None,
+    guide: ImageLike | None = None,
+    fraction_guide: ImageLike | None = None,
+    guide_labels: Names | None = None,
     skeleton: Path | None = None,
     start: ArrayLike | None = None,
     organs: Path | None = None,
@@ -322,6 +325,9 @@ def register(
     *,
     fraction_bones: Sequence[ImageLike | None] | None = None,
     fraction_labels: Names | None = None,
+    guide: ImageLike | None = None,
+    fraction_guide: Sequence[ImageLike] | None = None,
+    guide_labels: Names | None = None,
     skeleton: Path | None = None,
     organs: Path | None = None,
     volume_change: Mapping[str, float] | None = None,
@@ -347,6 +353,9 @@ def register(
     bone_landmarks: BoneLandmarks | None = None,
     fraction_bones: Any = None,
     fraction_labels: Names | None = None,
+    guide: ImageLike | None = None,
+    fraction_guide: Any = None,
+    guide_labels: Names | None = None,
     skeleton: Path | None = None,
     start: ArrayLike | None = None,
     organs: Path | None = None,
@@ -380,13 +389,17 @@ def register(
     an image, or ``"auto"``): where both scans have a bone's label, its surface places the bone before the image does. With the
     settings ``{"fit": {"bone_landmarks": "replace"}}`` the labels alone decide.
 
+    ``guide`` and ``fraction_guide`` are structures outlined in both scans (label maps named by ``guide_labels`` where they do not
+    name themselves, or structure sets): soft tissue is guided from one outline to the other of its name. The settings
+    ``{"refine": {"guide": {"names": ["bladder"]}}}`` choose some; ``report["guides"]`` says how near the outlines come.
+
     With ``dicom=True`` planning and fraction are DICOM folders, and :meth:`Registration.save` also writes what a planning
     system imports: the planning CT on the fraction, the registrations, and ``structures`` (RTSTRUCT of planning) and
     ``dose`` (RTDOSE of the plan) carried to the fraction. ``anonymous`` leaves the patient's identity out of the report
     and of DICOM. ``same_frame`` says that planning and fraction truly lie in the one frame of reference that both claim.
 
-    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks`` and
-    ``fraction_bones`` are then lists too.
+    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks``,
+    ``fraction_bones`` and ``fraction_guide`` are then lists too.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -419,9 +432,10 @@ def register(
             f"{len(points)} sets of landmarks are given for {len(fractions)} fractions", "give one for each, or None"
         )
     labelled = _case.fraction_bones(fraction_bones, fraction_labels, len(fractions), several)
+    more["guide"], guided = _case.guides(guide, fraction_guide, guide_labels, len(fractions), several)
     pairs = [
-        (source("fraction", image), landmark_source("landmarks", each), own)
-        for image, each, own in zip(fractions, points, labelled)
+        (source("fraction", image), landmark_source("landmarks", each), own, there)
+        for image, each, own, there in zip(fractions, points, labelled, guided)
     ]
     ct = source("planning", planning)
     with told(progress) as function:

@@ -322,6 +322,26 @@ class Agreement(TypedDict):
     soft_tissue: TissueAgreement | None
 
 
+class OutlineAgreement(TypedDict):
+    """How near two outlines of a structure come."""
+
+    dice: float
+    mean_mm: float
+    p95_mm: float
+
+
+class GuideReached(TypedDict):
+    """A structure that guided, without guides and with them."""
+
+    name: str
+    planning_ml: float
+    fraction_ml: float
+    before: OutlineAgreement | None
+    after: OutlineAgreement | None
+    images: list[float] | None
+    folded: int
+
+
 class _Report(TypedDict):
     version: str
     created: int
@@ -341,6 +361,7 @@ class _Report(TypedDict):
     jacobian: JacobianReport
     contact: Contact
     volume_changes: list[VolumeReached]
+    guides: list[GuideReached]
     uncertainty: Uncertainty | None
     pruning: Pruning | None
     links: Links

@@ -7,7 +7,7 @@ use aventail::evaluate::landmark::Landmark;
 use aventail::fit::BoneLandmark;
 use aventail::geometry::Rigid;
 use aventail::report::ClinicFiles;
-use aventail::session::{BonesBy, FractionSources, PlanningSources, Request};
+use aventail::session::{BonesBy, FractionSources, LabelSources, PlanningSources, Request};
 use aventail::{Config, Error, Result};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
@@ -42,18 +42,25 @@ fn on_bones(any: &Bound<'_, PyAny>) -> PyResult<Given<Vec<BoneLandmark>>> {
     arrays::given(any, |table| Ok(table.extract::<BonePoints>()?.into_iter().map(own).collect()))
 }
 
-/// A fraction with its landmarks.
+/// A label map and the names of its labels.
+pub(crate) type Labelled<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+
+/// A label map with its names.
+fn labelled((labels, names): &Labelled<'_>) -> PyResult<LabelSources> {
+    Ok((arrays::labels(labels)?, names.as_ref().map(arrays::names).transpose()?))
+}
+
+/// A fraction with its landmarks, the labels of its bones, and the structures that guide to it.
 pub(crate) fn fraction(
     image: &Bound<'_, PyAny>,
     marks: Option<&Bound<'_, PyAny>>,
-    bones: Option<&(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    bones: Option<&Labelled<'_>>,
+    guides: Option<&Labelled<'_>>,
 ) -> PyResult<FractionSources> {
     let mut one = FractionSources::new(arrays::image(image)?);
     one.landmarks = marks.map(landmarks).transpose()?;
-    let labelled = |(labels, names): &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)| {
-        Ok::<_, PyErr>((arrays::labels(labels)?, names.as_ref().map(arrays::names).transpose()?))
-    };
     one.bones = bones.map(labelled).transpose()?;
+    one.guides = guides.map(labelled).transpose()?;
     Ok(one)
 }
 
@@ -77,6 +84,7 @@ pub(crate) struct More<'py> {
     organs: Option<PathBuf>,
     volume_change: Vec<(String, f64)>,
     bones_folder: Option<PathBuf>,
+    guide: Option<Labelled<'py>>,
     dicom: bool,
     structures: Option<PathBuf>,
     dose: Option<PathBuf>,
@@ -89,6 +97,7 @@ impl More<'_> {
     pub(crate) fn planning(&self, ct: &Bound<'_, PyAny>, bones: &Bound<'_, PyAny>) -> PyResult<PlanningSources> {
         let mut side = PlanningSources::new(arrays::image(ct)?, arrays::labels(bones)?);
         side.names = self.labels.as_ref().map(arrays::names).transpose()?;
+        side.guides = self.guide.as_ref().map(labelled).transpose()?;
         (side.organs, side.skeleton) = (self.organs.clone(), self.skeleton.clone());
         Ok(side)
     }

@@ -246,9 +246,9 @@ impl Wanted {
 /// The planning image and the labels of its bones.
 type GivenPlanning<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
-/// A fraction, its landmarks, and the labels of its bones with their names.
+/// A fraction, its landmarks, the labels of its bones, and those of the structures that guide to it.
 type GivenFraction<'py> =
-    (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Option<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
+    (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Option<case::Labelled<'py>>, Option<case::Labelled<'py>>);
 
 /// Registers one or several fractions of a patient, in their order; what depends on planning alone is done once. Marks that belong
 /// to one fraction are refused for several before.
@@ -264,7 +264,10 @@ pub(crate) fn register(
 ) -> PyResult<Vec<Registration>> {
     let config = more.settled(&settings).raised(py)?;
     let side = more.planning(&planning.0, &planning.1)?;
-    let all = fractions.iter().map(|(image, marks, bones)| case::fraction(image, marks.as_ref(), bones.as_ref()));
+    let one = |(image, marks, bones, guides): &GivenFraction<'_>| {
+        case::fraction(image, marks.as_ref(), bones.as_ref(), guides.as_ref())
+    };
+    let all = fractions.iter().map(one);
     let mut all = all.collect::<PyResult<Vec<FractionSources>>>()?;
     if let [only] = all.as_mut_slice() {
         (only.bone_landmarks, only.start) = (more.marks()?.1, more.start().raised(py)?.map(Given::Memory));

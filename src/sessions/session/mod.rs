@@ -24,5 +24,5 @@ pub use posing::{MotionSource, PoseRequest, pose};
 pub use registered::{Beside, Registered};
 pub use registering::{Request, Session};
 pub use samples::{DrawnSamples, SAMPLES_FOLDER, Sampled, write_samples};
-pub use source::{Names, Source, bones, image, landmarks, structures};
+pub use source::{LabelSources, Names, Source, bones, image, landmarks, structures};
 pub use start::split;
