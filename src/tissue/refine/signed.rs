@@ -4,14 +4,15 @@ use crate::geometry::Grid;
 use crate::volume::{Mask, Volume, distance::squared_distance_within, gaussian, trilinear};
 use nalgebra::{Point3, Vector3};
 
-/// Distance of each voxel from the surface of a mask, mm: negative inside; no more than `known`.
-pub(super) fn depth(inside: &Mask, known: f64) -> Volume<f32> {
+/// Distance of each voxel from the surface of a mask, mm: negative inside; no more than `known`. Blurred by a share of the
+/// voxels' least edge, which draws the surface of a ball inwards by the blur's square over its radius.
+pub(super) fn depth(inside: &Mask, known: f64, blur: f64) -> Volume<f32> {
     let [outside, within] = [true, false].map(|target| squared_distance_within(inside, target, known));
     let known = |square: f32| f64::from(square).sqrt().min(known) as f32;
     let values = outside.data().iter().zip(within.data()).map(|(&o, &i)| known(o) - known(i)).collect();
     let signed = Volume::new(inside.grid().clone(), values).expect("one value per voxel");
     let edge = inside.grid().spacing().into_iter().fold(f64::MAX, f64::min);
-    gaussian(&signed, edge)
+    if blur > 0.0 { gaussian(&signed, blur * edge) } else { signed }
 }
 
 /// Gradient of such distances at a continuous index, per mm; `None` at the edge of the grid.

@@ -13,6 +13,8 @@ use rayon::prelude::*;
 
 /// Distances are known up to this one, mm; differences beyond half of it are couch, mask or clothes, and do not pull.
 const KNOWN_MM: f64 = 20.0;
+/// Blur of the distances, as a share of the voxels' least edge.
+const BLUR: f64 = 1.0;
 /// Differences beyond this count less (Huber), mm.
 const ROBUST_MM: f64 = 3.0;
 /// How well an outline tells where the skin is, one standard deviation, mm.
@@ -36,8 +38,8 @@ impl Skin {
         let weight = options.weight;
         let wanted = weight > 0.0;
         wanted.then(|| Self {
-            planning: depth(planning, KNOWN_MM),
-            fraction: depth(fraction, KNOWN_MM),
+            planning: depth(planning, KNOWN_MM, BLUR),
+            fraction: depth(fraction, KNOWN_MM, BLUR),
             weight,
             edge_mm: EDGE_MM,
         })
