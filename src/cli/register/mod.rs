@@ -101,7 +101,8 @@ fn asked(args: &RegisterArgs) -> Result<(Request, Vec<String>)> {
 fn guides_of_both(args: &RegisterArgs, file: &ConfigFile, fractions: &[FractionSources]) -> Result<()> {
     let planning = either(&args.guide, InputRole::Guide, &file.inputs).is_some();
     let odd = fractions.iter().any(|one| one.guides.is_some() != planning);
-    let alone = !planning && !(args.guide_names.is_empty() && args.guide_labels.is_none());
+    let named = !args.guide_names.is_empty() || args.guide_labels.is_some();
+    let alone = named && !planning;
     if !odd && !alone {
         return Ok(());
     }

@@ -95,11 +95,11 @@ impl<'a> TissueModel<'a> {
         };
         let found: Vec<Vector3<f64>> = (0..grid.len()).into_par_iter().map(displaced).collect();
         let beside = limits(&patient.bones.volume, &patient.posterior.labels(), &grid, &listed);
-        let node = |((at, follows), beside): ((&usize, [(u16, f32); FOLLOWED]), Option<(u16, f32)>)| {
-            let x = grid.centre(grid.voxel(*at));
-            Node { at: *at, moved: x + found[*at], follows, own_mm: 0.0, beside }
-        };
-        let mut nodes: Vec<Node> = listed.iter().zip(follows).zip(beside).map(node).collect();
+        let mut nodes: Vec<Node> = Vec::with_capacity(listed.len());
+        for ((at, follows), beside) in listed.into_iter().zip(follows).zip(beside) {
+            let moved = grid.centre(grid.voxel(at)) + found[at];
+            nodes.push(Node { at, moved, follows, own_mm: 0.0, beside });
+        }
         let by_bones = variance_by_bones(&patient, &nodes);
         for (node, bones) in nodes.iter_mut().zip(by_bones) {
             let all = (scale as f32 * map[node.at]).powi(2);

@@ -2,6 +2,8 @@
 
 use super::super::small;
 use super::*;
+use crate::config::SoftTissue;
+use crate::geometry::Rigid;
 use crate::view::ViewReport;
 use std::borrow::Cow;
 
