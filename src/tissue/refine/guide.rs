@@ -172,7 +172,8 @@ mod tests {
     use crate::geometry::Grid;
 
     fn ball(radius: f64, centre: [f64; 3]) -> Outline {
-        let grid = Grid::axis_aligned([81; 3], [1.0; 3], [-40.0; 3]).unwrap();
+        // Voxels much smaller than elements: of few points, steps of an outline would turn the normals.
+        let grid = Grid::axis_aligned([161; 3], [0.5; 3], [-40.0; 3]).unwrap();
         let inside = |n: usize| (grid.centre(grid.voxel(n)) - Point3::from(centre)).norm() < radius;
         Outline::of("gland", &Volume::from_fn(grid.clone(), inside), |v| v).unwrap()
     }
