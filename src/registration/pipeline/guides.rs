@@ -6,11 +6,11 @@ use crate::error::{Error, Result};
 use crate::evaluate::Surface;
 use crate::evaluate::contour::distances;
 use crate::findings;
-use crate::geometry::Grid;
 use crate::refine::depth_in;
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Outline, Spans, Volume, Window, trilinear, trilinear_vector};
 use crate::warning::Warning;
+use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -160,16 +160,35 @@ fn correlation(all: &[[f64; 3]], other: usize) -> Option<f64> {
 
 /// What is measured with: the field before, where it is known, and that of the result, both into the fraction; its folds.
 pub(super) struct GuidedField<'a> {
-    pub(super) first: Option<&'a Volume<[f32; 3]>>,
-    pub(super) push: &'a Volume<[f32; 3]>,
-    pub(super) jacobian: &'a Spans<f32>,
+    first: Option<&'a Volume<[f32; 3]>>,
+    push: &'a Volume<[f32; 3]>,
+    /// Where the first voxels of folded cells lie, LPS mm.
+    folded: Vec<Point3<f64>>,
 }
 
-impl GuidedField<'_> {
+impl<'a> GuidedField<'a> {
+    /// What came of structures, in their order, whose images correlate so beside them without and with guides.
+    pub(super) fn all(
+        first: Option<&'a Volume<[f32; 3]>>,
+        push: &'a Volume<[f32; 3]>,
+        jacobian: &Spans<f32>,
+        pairs: &[GuidePair],
+        images: &[Option<[f64; 2]>],
+    ) -> Vec<GuideReached> {
+        if pairs.is_empty() {
+            return Vec::new();
+        }
+        let (map, grid) = (jacobian.to_volume(), push.grid());
+        let folded = map.data().iter().enumerate().filter(|(_, j)| **j <= 0.0);
+        let field = Self { first, push, folded: folded.map(|(n, _)| grid.centre(grid.voxel(n))).collect() };
+        pairs.iter().zip(images).map(|(pair, images)| field.reached(pair, *images)).collect()
+    }
+
     /// What came of a structure.
-    pub(super) fn reached(&self, (planning, fraction): &GuidePair, images: Option<[f64; 2]>) -> GuideReached {
+    fn reached(&self, (planning, fraction): &GuidePair, images: Option<[f64; 2]>) -> GuideReached {
         let there = depth_in(fraction);
         let beside = depth_in(planning);
+        let near = |at: &Point3<f64>| trilinear(&beside, &beside.grid().index(at)).is_some_and(|d| d.abs() < BESIDE_MM);
         GuideReached {
             name: planning.name.clone(),
             planning_ml: planning.volume_ml(),
@@ -177,17 +196,9 @@ impl GuidedField<'_> {
             before: self.first.and_then(|field| agreement(planning, fraction, &there, field)),
             after: agreement(planning, fraction, &there, self.push),
             images,
-            folded: folded_beside(&beside, self.jacobian, self.push.grid()),
+            folded: self.folded.iter().filter(|at| near(at)).count(),
         }
     }
-}
-
-/// Folded cells whose first voxel lies beside a surface.
-fn folded_beside(depth: &Volume<f32>, jacobian: &Spans<f32>, grid: &Grid) -> usize {
-    let map = jacobian.to_volume();
-    let folded = map.data().iter().enumerate().filter(|(_, j)| **j <= 0.0);
-    let near = |at| trilinear(depth, &depth.grid().index(&at)).is_some_and(|d| d.abs() < BESIDE_MM);
-    folded.filter(|(n, _)| near(grid.centre(grid.voxel(*n)))).count()
 }
 
 /// How well planning's structure agrees with the fraction's that a field brings to planning.
