@@ -137,7 +137,7 @@ fn what_slicer_would_not_ask_is_refused() {
         let run = run.assert().code(2);
         String::from_utf8(run.get_output().stderr.clone()).unwrap()
     };
-    assert!(module(&[]).contains("no result is asked for"));
+    assert!(module(&[]).contains("no result is chosen"));
     assert!(module(&["--warped", "w.nrrd"]).contains(".nii.gz"));
     assert!(module(&["--transform", "t.nrrd", "--bones="]).contains("--bones"));
     assert!(!Path::new("t.nrrd").exists());

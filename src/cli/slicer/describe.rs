@@ -40,73 +40,92 @@ const fn output(name: &'static str, label: &'static str, description: &'static s
 pub(super) const PANELS: [(&str, &str, &[Parameter]); 3] = [
     (
         "Scans",
-        "Planning CT with its bones, and the CT of the day",
+        "The planning CT with its bone labels, and the fraction CT (CT of the day)",
         &[
             input("planning", "Planning CT", "Planning CT in HU", Tag::Image),
             input(
                 "bones",
                 "Bones of the planning CT",
-                "Bone labels on the planning grid, with names: a segmentation saved as .seg.nrrd, or TotalSegmentator's .nii.gz",
+                "File of bone labels with names on the planning grid: a segmentation saved as .seg.nrrd, or \
+                 TotalSegmentator's .nii.gz",
                 Tag::File,
             ),
-            input("fraction", "Fraction CT", "CT of the day in HU, on any grid", Tag::Image),
+            input("fraction", "Fraction CT", "Fraction CT (CT of the day) in HU, on any grid", Tag::Image),
             input(
                 "labels",
                 "Names of the labels",
-                "JSON with names of the labels, where the file of bones has none: {\"labels\": {\"1\": \"skull\"}}",
+                "Only if the bone file has no names: a JSON file with them, {\"labels\": {\"1\": \"skull\"}}",
                 Tag::File,
             ),
         ],
     ),
     (
         "Results",
-        "What is not chosen is not made",
+        "Choose at least one result; only the chosen ones are made",
         &[
             output(
                 "transform",
                 "Transform: planning to fraction",
-                "Grid transform that takes the planning CT, its segmentations, models and points to the fraction",
+                "Grid transform for the planning CT, its segmentations, models and points: moves them to the fraction",
                 Tag::Transform,
             ),
             output(
                 "inverse",
                 "Transform: fraction to planning",
-                "Grid transform that takes the fraction CT and what belongs to it to planning",
+                "Grid transform for the fraction CT, its segmentations, models and points: moves them to the planning CT",
                 Tag::Transform,
             ),
+            output("warped", "Planning CT on the fraction", "Deformed planning CT on the fraction's grid", Tag::Image),
             output(
-                "warped",
-                "Planning CT on the fraction",
-                "Planning CT, deformed, on the fraction's grid",
+                "warpedBones",
+                "Bones on the fraction",
+                "Deformed bone labels on the fraction's grid",
+                Tag::LabelMap,
+            ),
+            output(
+                "jacobian",
+                "Jacobian",
+                "Jacobian determinant (volume after / volume before) on the planning grid; -1 where the field folds",
                 Tag::Image,
             ),
-            output("warpedBones", "Bones on the fraction", "Bone labels on the fraction's grid", Tag::LabelMap),
-            output("jacobian", "Jacobian", "Volume after over before on the planning grid; -1 folded", Tag::Image),
             output(
                 "uncertainty",
                 "Uncertainty, mm",
-                "How far the result may be trusted, on the planning grid",
+                "Estimated error in mm on the planning grid: about two thirds of the errors are smaller; -1 where unknown",
                 Tag::Image,
             ),
             output(
                 "report",
                 "Folder of the report",
-                "Everything that aventail writes, with report.html; look at it before you use the transforms",
+                "Folder for all result files; open report.html in it before you use the transforms",
                 Tag::Directory,
             ),
         ],
     ),
     (
         "Settings",
-        "How it is done",
+        "Options of the registration",
         &[
             Parameter {
                 default: "balanced",
-                ..input("speed", "Speed", "Accuracy against run time", Tag::Choice(&["fast", "balanced"]))
+                ..input(
+                    "speed",
+                    "Speed",
+                    "balanced: recommended; fast: less accurate, and no uncertainty",
+                    Tag::Choice(&["fast", "balanced"]),
+                )
             },
-            input("landmarks", "Landmarks", "Points known in both scans (CSV); they only measure", Tag::File),
-            input("config", "Settings", "Settings file (TOML) of aventail", Tag::File),
-            Parameter { default: "0", ..input("threads", "Threads", "0 takes one per core", Tag::Integer) },
+            input(
+                "landmarks",
+                "Landmarks",
+                "Points known in both scans (CSV); they measure the error and do not change the result",
+                Tag::File,
+            ),
+            input("config", "Settings", "Settings file of aventail (TOML); it replaces Speed", Tag::File),
+            Parameter {
+                default: "0",
+                ..input("threads", "Threads", "Number of threads; 0: one per core", Tag::Integer)
+            },
         ],
     ),
 ];
@@ -118,8 +137,8 @@ pub(super) fn xml() -> String {
             category { "Registration" }
             title { "Articulated Registration (aventail)" }
             description {
-                "Deformable registration of a planning CT to a fraction CT for adaptive radiotherapy: bones move rigidly as a "
-                "skeleton with joints, soft tissue follows. Research software, not a medical device."
+                "Deformable registration of a planning CT to a fraction CT for adaptive radiotherapy. Bones move rigidly as a "
+                "skeleton with joints; soft tissue follows them. Research software, not a medical device."
             }
             version { (env!("CARGO_PKG_VERSION")) }
             documentation-url {}

@@ -9,8 +9,8 @@ const NAME: &str = "AventailRegister";
 
 /// Writes the file that Slicer runs; returns what to do next.
 pub(super) fn run(folder: &Path) -> Result<String> {
-    let program = std::env::current_exe()
-        .map_err(|e| Error::Internal(format!("where this program lies cannot be found out: {e}")))?;
+    let program =
+        std::env::current_exe().map_err(|e| Error::Internal(format!("cannot find the path of this program: {e}")))?;
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::write(folder, e.to_string(), "choose a folder that you may write to"))?;
     let (name, text) = script(&program)?;
@@ -18,8 +18,8 @@ pub(super) fn run(folder: &Path) -> Result<String> {
     write_file(&file, |out| out.write_all(text.as_bytes()))?;
     executable(&file)?;
     Ok(format!(
-        "{} is written. In Slicer: Edit, Application Settings, Modules, Additional module paths, add\n  {}\n\
-         and restart it. The module is under Registration: Articulated Registration (aventail).",
+        "Wrote {}.\nIn Slicer open Edit, Application Settings, Modules; add this folder to Additional module paths:\n  {}\n\
+         Restart Slicer. The module is in the category Registration: Articulated Registration (aventail).",
         file.display(),
         whole_path(folder).unwrap_or_else(|_| folder.to_owned()).display()
     ))
@@ -29,7 +29,7 @@ pub(super) fn run(folder: &Path) -> Result<String> {
 #[cfg(not(windows))]
 fn script(program: &Path) -> Result<(String, String)> {
     let path = program.to_str().filter(|p| !p.contains('\n')).ok_or_else(|| {
-        let problem = format!("{}: its path is no text that a script can hold", program.display());
+        let problem = format!("{}: a script cannot hold this path", program.display());
         Error::usage(problem, "move the program, then install again")
     })?;
     let quoted = format!("'{}'", path.replace('\'', r"'\''"));

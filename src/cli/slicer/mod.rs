@@ -11,17 +11,18 @@ use std::path::PathBuf;
 
 pub(super) const HELP: &str = "\
 Example:
-  aventail slicer install ~/aventail-slicer      # then in Slicer: Edit, Application Settings, Modules, add that folder, restart
+  aventail slicer install ~/aventail-slicer
 
-docs/slicer.md has every click.";
+Then in Slicer: Edit, Application Settings, Modules; add the folder to Additional module paths;
+restart. docs/slicer.md explains every step.";
 
 /// What `aventail slicer` can do.
 #[derive(Debug, Subcommand)]
 pub enum SlicerVerb {
-    /// Make a folder that Slicer loads as a module: it calls this program where it lies now
+    /// Write a folder that Slicer loads as a module; the module calls this program at its present path
     #[command(after_help = HELP)]
     Install(InstallArgs),
-    /// What Slicer calls: --xml describes the module, else it registers what Slicer has written for it
+    /// Called by Slicer: --xml describes the module; otherwise registers the files that Slicer wrote
     #[command(hide = true)]
     Register(Box<run::ModuleArgs>),
 }
@@ -29,7 +30,7 @@ pub enum SlicerVerb {
 /// Options of `slicer install`.
 #[derive(Debug, Args)]
 pub struct InstallArgs {
-    /// The folder; made if missing
+    /// Folder for the module; made if missing
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
 }

@@ -103,7 +103,10 @@ impl ModuleArgs {
             match Self::given(path) {
                 Some(path) => words.extend([flag.into(), path.as_os_str().to_owned()]),
                 None if needed => {
-                    return Err(Error::usage(format!("nothing is chosen for {flag}"), "choose it in the panel Scans"));
+                    return Err(Error::usage(
+                        format!("no input is chosen for {flag}"),
+                        "choose one in the panel Scans",
+                    ));
                 }
                 None => {}
             }
@@ -134,14 +137,14 @@ pub(super) fn run(args: &ModuleArgs) -> Result<String> {
     let wanted = args.wanted();
     if wanted.is_empty() && ModuleArgs::given(&args.report).is_none() {
         return Err(Error::usage(
-            "no result is asked for",
-            "choose a transform, a volume or a folder in the panel Results",
+            "no result is chosen",
+            "choose at least one transform, volume or folder in the panel Results",
         ));
     }
     for (path, name) in &wanted {
         let end = name.split_once('.').map_or("", |(_, end)| end);
         if !path.to_string_lossy().ends_with(&format!(".{end}")) {
-            let problem = format!("{}: this result is written as .{end}", path.display());
+            let problem = format!("{}: this result can only be written as .{end}", path.display());
             return Err(Error::usage(problem, format!("give a name that ends in .{end}")));
         }
         check_place(path)?;
@@ -165,7 +168,7 @@ pub(super) fn run(args: &ModuleArgs) -> Result<String> {
     for (path, name) in wanted {
         let from = out.join(name);
         let mut file = File::open(&from)
-            .map_err(|e| Error::read(&from, e.to_string(), "switch this output on in the settings"))?;
+            .map_err(|e| Error::read(&from, e.to_string(), "switch this output on in the settings file"))?;
         write_file(path, |to| std::io::copy(&mut file, to).map(drop))?;
     }
     Ok(format!(
