@@ -117,7 +117,7 @@ def guides(
     """Structures that guide: planning's, and those of each fraction in their order."""
     if (guide is None) != (fraction_guide is None) or guide is None and names is not None:
         raise _errors.usage(
-            "structures guide from planning to the fraction, and those of one scan are missing",
+            "guides are given for one scan only; they need the structures of both",
             "give guide and fraction_guide",
         )
     if guide is None:

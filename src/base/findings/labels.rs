@@ -19,28 +19,28 @@ findings! {
     );
     GUIDE_CONTRADICTS = doubted(
         "guide-contradicts",
-        "A guide's outlines and the images disagree.",
+        "The images match worse near a guide.",
         "Check outlines and names in both scans.",
     );
     GUIDE_CUT = warned(
         "guide-cut",
         "The edge of a scan cuts a guide.",
-        "Trust what both scans show.",
+        "Do not trust the result there.",
     );
     GUIDE_FOLDS = doubted(
         "guide-folds",
-        "Tissue folds beside a guide.",
-        "View it; correct the outline.",
+        "The field folds near a guide.",
+        "View the place; correct the outline.",
     );
     GUIDE_LEFT_OUT = refused_or_warned(
         "guide-left-out",
-        "A structure cannot guide: a bone, or not in both scans.",
-        "Draw it in both, with one name.",
+        "A structure cannot guide: it is a bone, or not in both scans.",
+        "Outline it in both, under one name.",
     );
     GUIDE_MISSED = doubted(
         "guide-missed",
-        "The field misses a guide's other outline.",
-        "View bones and tissue beside it.",
+        "A deformed guide misses the fraction's outline.",
+        "View bones and tissue near it.",
     );
     LABEL_DOUBTFUL = doubted(
         "label-doubtful",

@@ -78,17 +78,19 @@ pub struct RegisterArgs {
     /// What decides where the bones lie: the image, or the labels of --fraction-bones alone
     #[arg(long, value_enum, requires = "fraction_bones", conflicts_with = "bone_landmarks_use")]
     pub fit: Option<FitName>,
-    /// Structures outlined in planning that guide soft tissue to their outlines in --fraction-guide: a label map with names or a DICOM structure set.
-    /// Those that both have by name count; bones never do
+    /// Guides: structures outlined in planning, as a label map with names or a DICOM structure set.
+    /// Their surfaces are pulled to the outlines of the same names in --fraction-guide. Bones, and
+    /// structures of one scan alone, are not used
     #[arg(long, value_name = "FILE")]
     pub guide: Option<PathBuf>,
-    /// The same structures outlined in the fraction; give one for each fraction
+    /// The same structures outlined in the fraction; give one file for each fraction, in their
+    /// order
     #[arg(long, value_name = "FILE")]
     pub fraction_guide: Vec<PathBuf>,
-    /// Only these structures guide; one that is missing is refused
+    /// Use only these structures as guides; each must be outlined in both scans
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     pub guide_names: Vec<String>,
-    /// Names of the labels of --guide and --fraction-guide (JSON), where a label map has none
+    /// Names of the labels in --guide and --fraction-guide (JSON), if a label map has none
     #[arg(long, value_name = "FILE")]
     pub guide_labels: Option<PathBuf>,
     /// Rigid registration from planning to fraction; the fit starts near it instead of searching: a DICOM Spatial Registration,

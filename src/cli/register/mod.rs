@@ -106,7 +106,7 @@ fn guides_of_both(args: &RegisterArgs, file: &ConfigFile, fractions: &[FractionS
     if !odd && !alone {
         return Ok(());
     }
-    let problem = "structures guide from planning to the fraction, and those of one scan are missing";
+    let problem = "guides are given for one scan only; they need the structures of both";
     Err(Error::usage(problem, "give --guide and, for each --fraction, --fraction-guide"))
 }
 
@@ -229,7 +229,7 @@ fn fractions(args: &RegisterArgs, file: &ConfigFile) -> Result<(Vec<FractionSour
     let each = |given: &[PathBuf], role, what| one_each(given, role, what, &file.inputs, files.len());
     let landmarks = each(&args.landmarks, InputRole::Landmarks, "files of landmarks")?;
     let labelled = each(&args.fraction_bones, InputRole::FractionBones, "label maps of fractions")?;
-    let guides = each(&args.fraction_guide, InputRole::FractionGuide, "files of guiding structures")?;
+    let guides = each(&args.fraction_guide, InputRole::FractionGuide, "files of guides")?;
     let guide_names = either(&args.guide_labels, InputRole::GuideLabels, &file.inputs);
     let several = files.len() > 1;
     if several && (args.bone_landmarks.is_some() || args.start.is_some()) {

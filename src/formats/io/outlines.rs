@@ -33,7 +33,7 @@ pub fn read_outlines(path: &Path, names: Option<&Path>, on: Option<&Path>) -> Re
     let mut warnings = [std::mem::take(&mut set.warnings), tidied].concat();
     if !empty.is_empty() {
         let message = format!(
-            "{}: structures without a voxel in the image guide nothing: {}",
+            "{}: structures without a voxel in the image are not used as guides: {}",
             path.display(),
             some_names(&empty)
         );

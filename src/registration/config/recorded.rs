@@ -42,9 +42,9 @@ roles! {
     BoneLandmarks = "bone-landmarks", "Landmarks on bones.";
     FractionBones = "fraction-bones", "Bone labels in the fraction.";
     FractionLabels = "fraction-labels", "Names of the fraction's bone labels.";
-    Guide = "guide", "Structures that guide.";
-    FractionGuide = "fraction-guide", "Structures in the fraction, for those that guide.";
-    GuideLabels = "guide-labels", "Names of the labels that guide.";
+    Guide = "guide", "Guides: structures in planning.";
+    FractionGuide = "fraction-guide", "Guides: structures in the fraction.";
+    GuideLabels = "guide-labels", "Names of the guides' labels.";
     Start = "start", "Motion that the fit begins with.";
     Structures = "structures", "Structures.";
     Dose = "dose", "Dose.";

@@ -67,7 +67,7 @@ pub(super) fn paired(case: &Case, skeleton: &Skeleton, config: &Config) -> Resul
     }
     if config.soft_tissue != SoftTissue::ChainMail || config.chainmail.relaxation.is_empty() {
         return Err(Error::usage(
-            "structures guide the relaxation of soft tissue, and these settings have none",
+            "guides need the relaxation of soft tissue, and these settings have none",
             "leave --guide out, or use another preset",
         ));
     }
@@ -78,12 +78,12 @@ pub(super) fn paired(case: &Case, skeleton: &Skeleton, config: &Config) -> Resul
     let list = |names: &BTreeSet<String>| names.iter().cloned().collect::<Vec<_>>().join(", ");
     if let Some(name) = wanted.iter().find(|name| !usable(name)) {
         let problem = match (is_bone(name), planning.contains(name), fraction.contains(name)) {
-            (true, ..) => format!("{name} is a bone, which is rigid and placed by the image"),
+            (true, ..) => format!("{name} is a bone: bones are rigid and cannot guide"),
             (_, true, _) => format!("{name} is outlined in planning alone (fraction: {})", list(&fraction)),
             (_, _, true) => format!("{name} is outlined in the fraction alone (planning: {})", list(&planning)),
             _ => format!("{name} is outlined in neither scan ({})", list(&planning)),
         };
-        let remedy = "name structures that have voxels in both scans, or leave --guide-names out";
+        let remedy = "name structures outlined in both scans, or leave --guide-names out";
         return Err(Error::refused(findings::GUIDE_LEFT_OUT, "guides", problem, remedy));
     }
     let taken = |name: &&String| usable(name) && (wanted.is_empty() || wanted.contains(name));
@@ -91,21 +91,24 @@ pub(super) fn paired(case: &Case, skeleton: &Skeleton, config: &Config) -> Resul
     if chosen.is_empty() {
         let problem =
             format!("no structure is outlined in both scans ({}; fraction: {})", list(&planning), list(&fraction));
-        let remedy = "give both outlines the same name, of a structure that is no bone";
+        let remedy = "outline a structure that is not a bone in both scans, with the same name";
         return Err(Error::refused(findings::GUIDE_LEFT_OUT, "guides", problem, remedy));
     }
     let mut warnings = Vec::new();
     let left: Vec<String> = planning.union(&fraction).filter(|name| !usable(name)).cloned().collect();
     if wanted.is_empty() && !left.is_empty() {
         let message =
-            format!("structures that are bones, or outlined in one scan alone, guide nothing: {}", left.join(", "));
+            format!("not used as guides, because they are bones or outlined in one scan alone: {}", left.join(", "));
         warnings.push(Warning::new(findings::GUIDE_LEFT_OUT, message));
     }
     let of = |all: &[Outline], name: &String| all.iter().find(|o| o.name == *name).cloned();
     let pairs: Vec<GuidePair> = chosen.iter().filter_map(|name| Some((of(there, name)?, of(here, name)?))).collect();
     let cut: Vec<&str> = pairs.iter().filter(|(a, b)| a.is_cut() || b.is_cut()).map(|(a, _)| a.name.as_str()).collect();
     if !cut.is_empty() {
-        let message = format!("the edge of a scan cuts {}: what lies within 9 mm of it does not guide", cut.join(", "));
+        let message = format!(
+            "the edge of a scan cuts {}: outlines guide less within 9 mm of it, and not within 3 mm",
+            cut.join(", ")
+        );
         warnings.push(Warning::new(findings::GUIDE_CUT, message));
     }
     Ok((pairs, warnings))
@@ -237,28 +240,29 @@ pub(super) fn warnings(reached: &[GuideReached], voxel: f64) -> Vec<Warning> {
     for GuideReached { name, after, images, folded, .. } in reached {
         if let Some([before, after]) = images.filter(|[before, after]| before - after > LOST) {
             let message = format!(
-                "{name}: with its outlines the images agree less beside it (correlation {before:.2} before, {after:.2} after): \
-                 an outline may be of something else, or lie elsewhere"
+                "{name}: with guides the images match worse near its surface (correlation {before:.2} without, {after:.2} \
+                 with): an outline may be misplaced, or of another structure"
             );
             out.push(Warning::new(findings::GUIDE_CONTRADICTS, message));
         }
         match after {
             Some(left) if left.mean_mm > MISSED_MM.max(0.5 * voxel) => {
                 let message = format!(
-                    "{name}: the field misses its outline by {:.1} mm on the mean (95 % within {:.1} mm): bones hold it, or \
-                     tissue would fold",
+                    "{name}: the deformed outline misses that of the fraction by {:.1} mm on average (95 % within {:.1} mm): \
+                     bones hold it back, or tissue would fold",
                     left.mean_mm, left.p95_mm
                 );
                 out.push(Warning::new(findings::GUIDE_MISSED, message));
             }
             None => {
-                let message = format!("{name}: nothing of its outline in the fraction comes to lie in planning");
+                let message =
+                    format!("{name}: the field maps no part of its outline in the fraction near that in planning");
                 out.push(Warning::new(findings::GUIDE_MISSED, message));
             }
             Some(_) => {}
         }
         if *folded > 0 {
-            let message = format!("{name}: {folded} cells within {BESIDE_MM:.0} mm of its surface are folded");
+            let message = format!("{name}: the field folds in {folded} cells within {BESIDE_MM:.0} mm of its surface");
             out.push(Warning::new(findings::GUIDE_FOLDS, message));
         }
     }

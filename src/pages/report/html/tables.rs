@@ -226,7 +226,7 @@ pub(super) fn guides(report: &Report) -> Markup {
     html! {
         @if !report.guides.is_empty() {
             table {
-                thead { tr { th { "Guide (Dice; mean and 95 % distance, mm)" } th.n { "ml" } th.n { "without" } th.n { "with" } th.n { "images agree" } } }
+                thead { tr { th { "Guide (Dice; mean and 95 % distance, mm)" } th.n { "ml" } th.n { "without guides" } th.n { "with guides" } th.n { "image correlation" } } }
                 tbody {
                     @for (n, g) in report.guides.iter().enumerate() {
                         tr.screen[n >= ORGANS_ON_PAPER] {
