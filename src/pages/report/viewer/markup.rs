@@ -34,8 +34,8 @@ pub(in crate::report) fn section(view: &View) -> Markup {
     html! {
         style { (PreEscaped(STYLE)) }
         section.viewer #viewer hidden {
-            h2 { "Look through" }
-            p.failed.note hidden { "This browser cannot show the volumes; the pictures below need no script." }
+            h2 { "View the scans" }
+            p.failed.note hidden { "This browser cannot show the volumes; use the pictures below." }
             (tools(view.about["shifted"] == true))
             p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
             div.planes {
@@ -82,13 +82,13 @@ fn tools(shifted: bool) -> Markup {
         ("bone", "bone"),
         ("lung", "lung"),
         ("auto", "automatic"),
-        ("own", "own"),
+        ("own", "custom"),
     ];
     let maps =
         [("", "none"), ("displacement", "displacement"), ("jacobian", "Jacobian"), ("uncertainty", "uncertainty")];
     html! {
         div.tools {
-            span.joined role="group" aria-label="What is shown" {
+            span.joined role="group" aria-label="Display mode" {
                 @for (mode, name) in modes { button type="button" data-mode=(mode) { (name) } }
             }
             span.joined role="group" aria-label="Planning CT" {
@@ -126,8 +126,8 @@ fn panel(mr: bool) -> Markup {
         ("at", "Crosshair, LPS mm"),
         ("fraction", if mr { "Fraction, grey value" } else { "Fraction, HU" }),
         ("deformed", "Planning deformed, HU"),
-        ("planning", "Planning before, HU"),
-        ("from", "Comes from, LPS mm"),
+        ("planning", "Planning undeformed, HU"),
+        ("from", "Planning position, LPS mm"),
         ("displacement", "Displacement, mm"),
         ("jacobian", "Jacobian"),
         ("uncertainty", "Uncertainty, mm"),
@@ -152,16 +152,17 @@ fn notes(view: &View) -> Markup {
     let whole = view.about["hu"]["step"] == 1.0;
     html! {
         p.note {
-            "Click or drag moves the crosshair; the wheel, Page Up and Page Down turn the slices; arrow keys move it by a voxel. "
+            "Click or drag to move the crosshair; arrow keys move it by a voxel. The wheel, Page Up and Page Down scroll through the slices. "
             "Keys: 1 planning as scanned, 2 planning deformed, 3 fraction, 4 colour, 5 curtain, 6 checkerboard, 7 difference, B blink, "
-            "M as scanned, couch shift only or deformed, O bones, A arrows, + and \u{2212} zoom. Right button or Shift and drag: level and width."
+            "M switches the planning CT (as scanned, couch shift only, deformed), O outlines, A arrows, + and \u{2212} (or Ctrl and wheel) zoom. "
+            "Drag with the right button, or with Shift, to set window level and width."
         }
         p.note {
-            "Shown are voxels of the fraction, " (edges("grid")) " mm apart, by their values"
-            @if whole { ", every HU. " } @else { ": HU in steps of 4, all below \u{2212}900 alike. " }
-            "Planning before is read between its voxels. Displacement (planning to fraction), Jacobian and uncertainty are those of "
-            @if whole { "each voxel." }
-            @else { "the nearest of places " (edges("coarse")) " mm apart; aventail view shows them whole." }
+            "The planes show voxels of the fraction grid, " (edges("grid")) " mm apart, with "
+            @if whole { "every HU value. " } @else { "HU in steps of 4; all HU below \u{2212}900 look alike. " }
+            "The undeformed planning CT is interpolated. Displacement (planning to fraction), Jacobian and uncertainty are shown "
+            @if whole { "for each voxel." }
+            @else { "from the nearest point of a coarser grid, " (edges("coarse")) " mm apart; aventail view shows every voxel." }
         }
     }
 }

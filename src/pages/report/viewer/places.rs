@@ -35,7 +35,7 @@ pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
     let mut places = Vec::new();
     for o in outcome.contact.overlaps.iter().take(MOST) {
         let more = format!("{:.1} mm", o.depth_mm);
-        places.push(ViewerPlace { what: format!("{} in {}", o.bones[0], o.bones[1]), more, at: o.at });
+        places.push(ViewerPlace { what: format!("{} overlaps {}", o.bones[0], o.bones[1]), more, at: o.at });
     }
     places.extend(folds(case, outcome));
     if let Some(at) = outcome.skin_contact.as_ref().and_then(middle_voxel) {
@@ -46,7 +46,7 @@ pub(super) fn places(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
         });
     }
     if let Some((mm, at)) = least_certain(outcome) {
-        places.push(ViewerPlace { what: "least certain".into(), more: format!("{mm:.1} mm"), at });
+        places.push(ViewerPlace { what: "largest uncertainty".into(), more: format!("{mm:.1} mm"), at });
     }
     places
 }
@@ -80,7 +80,8 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
     let place = |(p, bones, cells): (Point3<f64>, BTreeSet<u16>, usize)| {
         let name = |label| case.planning.bones.names.get(label).map_or("?", String::as_str);
         let names: Vec<&str> = bones.iter().map(name).collect();
-        let what = if names.is_empty() { "folded".into() } else { format!("folded: {}", names.join(", ")) };
+        let what =
+            if names.is_empty() { "field folds".into() } else { format!("field folds between {}", names.join(", ")) };
         let more = if cells == 1 { "1 cell".into() } else { format!("{cells} cells") };
         Some(ViewerPlace { what, more, at: pushed(outcome, &p)? })
     };

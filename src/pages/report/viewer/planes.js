@@ -36,7 +36,7 @@ function window_() {
   toneB = tones(...about.scale);
 }
 
-// Window from the first to the 99th percentile of what is not air in the fraction.
+// Window from the 2nd to the 99th percentile of what is not air in the fraction.
 function automatic() {
   const counts = new Uint32Array(65536);
   let all = 0;

@@ -44,22 +44,22 @@ function tell() {
   const [was, is] = [bone('bones_before'), bone('bones_after')];
   set('bone', is || was ? `${is || 'none'}; before: ${was || 'none'}` : 'none');
   const plan = {
-    deformed: 'planning deformed', couch: 'planning, moved by the couch shift alone',
-    scanned: about.shifted ? 'planning, moved by the couch shift' : 'planning as scanned',
+    deformed: 'deformed planning', couch: 'planning moved by the couch shift alone',
+    scanned: about.shifted ? 'planning moved by the couch shift' : 'planning as scanned',
   }[s.moved];
   const seen = {
     colour: `${plan} blue, fraction orange, grey where both agree`, curtain: `${plan} on the left, fraction on the right`,
-    checker: `${plan} and fraction in turns, ${CHECK_MM} mm`, difference: `blue: ${plan} is brighter; orange: fraction is`,
-    blink: `${s.flip ? 'fraction' : plan}, in turns`, planning: plan, fraction: 'fraction',
+    checker: `${plan} and fraction in alternating squares of ${CHECK_MM} mm`, difference: `blue: ${plan} is brighter; orange: fraction is brighter`,
+    blink: `now: ${s.flip ? 'fraction' : plan} (planning and fraction alternate)`, planning: plan, fraction: 'fraction',
   };
   $('.seen').textContent = seen[s.mode];
 }
 
 // What the colours of the map mean, or those of the arrows.
 function scale() {
-  const length = [MAGNITUDE, 'moves 0', `${fixed(about.top, 0)} mm`];
+  const length = [MAGNITUDE, 'displacement 0', `${fixed(about.top, 0)} mm`];
   const known = {
-    displacement: length, jacobian: [GROWTH, 'volume 0.5', '2'], uncertainty: [HEAT, 'uncertainty 0', `${about.unsure[0]} mm; greatest ${fixed(about.unsure[1], 1)} mm`],
+    displacement: length, jacobian: [GROWTH, 'Jacobian 0.5', '2'], uncertainty: [HEAT, 'uncertainty 0', `${about.unsure[0]} mm; maximum ${fixed(about.unsure[1], 1)} mm`],
   }[s.map] || (s.arrows ? length : null);
   $('.scale').hidden = !known;
   if (!known) return;
@@ -248,7 +248,7 @@ async function start() {
   list('places', 'Places to look at', about.places.map(p => [p.what, p.more, p.at]));
   list('landmarks', 'Landmarks, worst first', worst.map(m => [`${m.n + 1} ${m.name}`, after(m), m.fraction]));
   structures();
-  list('bones', 'Bones, motion apart from the couch shift', about.bones.map(b => [b.name, `${b.mm.toFixed(1)} mm`, b.at]));
+  list('bones', 'Bones: motion without the couch shift', about.bones.map(b => [b.name, `${b.mm.toFixed(1)} mm`, b.at]));
   show();
   root.dataset.state = 'ready';
 }
