@@ -1,10 +1,11 @@
 """aventail registers a planning CT to a fraction CT for adaptive radiotherapy.
 
-Bones move rigidly as a jointed skeleton, a chain mail of soft tissue carries their motion to every voxel, and the report
-shows how far the result can be trusted. Research software, not a medical device.
+Bones move rigidly as a jointed skeleton, a chain-mail model of soft tissue carries their motion to
+every voxel, and the report estimates the error of the result. Research software, not a medical
+device.
 
-Arrays are ``[z, y, x]``, components last, as SimpleITK's ``GetArrayFromImage`` gives them; positions and vectors are
-x, y, z in LPS mm.
+Arrays are ``[z, y, x]``, components last, as SimpleITK's ``GetArrayFromImage`` gives them;
+positions and vectors are x, y, z in LPS mm.
 """
 
 from . import dose, reports

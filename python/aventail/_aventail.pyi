@@ -1,4 +1,4 @@
-"""The compiled module. What users call is in the package; this is what the package calls."""
+"""The compiled module. It is private: users call the package, and the package calls this."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias, final
@@ -50,7 +50,7 @@ _Names: TypeAlias = dict[int, str]
 _Rows: TypeAlias = list[list[float]]
 _Reporter: TypeAlias = Callable[[str, float | None], object] | None
 _Work: TypeAlias = tuple[int, _Reporter]
-"""Threads, and who is told of progress."""
+"""Number of threads, and the progress callback."""
 _Fields: TypeAlias = tuple[_Source | None, _Source | None]
 """Both directions of a field, planning to fraction first."""
 

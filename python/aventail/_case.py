@@ -13,13 +13,13 @@ from . import _errors, _given
 from ._image import Names, Path, label_source
 
 Preset: TypeAlias = Literal["default", "fast", "thesis"]
-"""Named settings; docs/settings.md says what each is."""
+"""Names of presets; docs/settings.md describes them."""
 Settings: TypeAlias = Union[Preset, Path, Mapping[str, Any], None]
 """A preset, a TOML file (or the report.json of a run), or a dict nested as the TOML is."""
 Landmarks: TypeAlias = Union[Path, Mapping[str, "tuple[Sequence[float], Sequence[float]]"]]
 """Points known in both images: a CSV file, or ``{name: (planning, fraction)}``, LPS mm."""
 BoneLandmarks: TypeAlias = Union[Path, Sequence["tuple[str, str, Sequence[float], Sequence[float]]"]]
-"""The same on bones: a CSV file with a column ``bone``, or ``(bone, name, planning, fraction)``."""
+"""Landmarks on bones: a CSV file with a column ``bone``, or ``(bone, name, planning, fraction)``."""
 
 _PRESETS = ("default", "fast", "thesis")
 _PAIRS = "give a CSV file, or {name: (planning, fraction)}, each x, y, z in LPS mm"

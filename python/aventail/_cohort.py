@@ -1,4 +1,4 @@
-"""Many runs side by side."""
+"""Summary of many runs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
 
 def summary(runs: Path | Sequence[Path], out: Path | None = None, *, anonymous: bool = False) -> CohortSummary:
-    """Gathers saved registrations: their figures, what stands apart from the others, and medians.
+    """Summarises saved registrations: their numbers (``figures``), medians and outliers (``stand_apart``).
 
-    ``runs`` are folders of saved registrations, or folders that hold them, ``PATIENT/FRACTION``, six levels deep. A run's
-    patient is the one that its DICOM names, else, and with ``anonymous``, the folder around it. With ``out`` the files of
-    ``aventail summary`` are written there: ``summary.html``, ``summary.csv`` and ``summary.json``. A figure stands apart
-    where it is worse than the median by more than 3.5 modified z-scores and by an amount that matters; five runs are needed.
+    ``runs`` are folders of saved registrations, or folders that contain them
+    (``PATIENT/FRACTION``), at most six levels deep. The patient of a run is the one named in its
+    DICOM; without DICOM, or with ``anonymous``, it is the name of the folder around the run. With
+    ``out`` the files of ``aventail summary`` are written there: ``summary.html``, ``summary.csv``
+    and ``summary.json``. A number is an outlier if it is worse than the median by more than 3.5
+    modified z-scores and by an amount that matters; five runs are needed.
 
     >>> import tempfile, aventail
     >>> phantom = aventail.phantom(spacing=(9, 9, 9))

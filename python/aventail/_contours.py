@@ -20,7 +20,7 @@ _REMEDY = 'give polygons by name, {"ctv": [polygon, ...]}, each an array of shap
 
 @dataclass(frozen=True, eq=False)
 class Contours:
-    """Polygons by the name of their structure, on parallel planes.
+    """Polygons on parallel planes, by the name of their structure.
 
     >>> import aventail
     >>> square = [[0, 0, 9], [8, 0, 9], [8, 8, 9], [0, 8, 9]]
@@ -32,7 +32,7 @@ class Contours:
     structures: Mapping[str, Sequence[NDArray[np.float64]]]
     """Polygons of each structure, arrays of shape (n, 3), LPS mm; inner polygons are holes."""
     orientation: tuple[float, float, float, float, float, float] = _AXIAL
-    """The two in-plane axes."""
+    """Unit vectors of the two in-plane axes, six numbers."""
     colours: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
     """Colour of a structure, red, green, blue."""
 
@@ -53,7 +53,7 @@ class Contours:
 
     @classmethod
     def of(cls, thing: Contours | Path | Mapping[str, Any]) -> Contours:
-        """Contours of a contour JSON, a DICOM structure set, or polygons by name."""
+        """Makes contours from a contour JSON, a DICOM structure set, or polygons by name."""
         if isinstance(thing, Contours):
             return thing
         if _given.is_path(thing):
@@ -61,14 +61,14 @@ class Contours:
         return cls(_given.table("contours", thing, f"give a file of them, aventail.Contours, or {_REMEDY[5:]}"))
 
     def save(self, path: Path, frame: str = "planning") -> None:
-        """Writes a contour JSON (docs/formats.md) of contours that lie in ``frame``."""
+        """Writes a contour JSON (docs/formats.md); ``frame`` is the frame in which the contours lie."""
         _aventail.write_contours(_given.path("path", path), self._json(), _given.word("frame", frame))
 
     def save_dicom(self, path: Path, like: Path, *, of: Path | None = None) -> None:
-        """Writes a structure set, ``*.dcm``, on the slices of ``like``, the folder of a DICOM series in whose frame they lie.
+        """Writes a structure set, ``*.dcm``, on the slices of ``like``: the folder of the DICOM series in whose frame they lie.
 
-        ``of`` is the structure set that they come from: structures keep its numbers and types, and it must be of the
-        patient of ``like``. What ``aventail warp --dicom-like`` writes.
+        ``of`` is the structure set that they come from: structures keep its numbers and types. It
+        must belong to the patient of ``like``. ``aventail warp --dicom-like`` writes the same.
         """
         out, scan, source = _given.path("path", path), _given.path("like", like), _given.path_or_none("of", of)
         with _errors.naming(out="path"):

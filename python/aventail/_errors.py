@@ -1,4 +1,7 @@
-"""What can go wrong, by cause. Every message names the file or thing, the value found, and what to do about it."""
+"""Exceptions by cause.
+
+Every message names the file or object, the value found, and what to do about it.
+"""
 
 from __future__ import annotations
 
@@ -9,36 +12,36 @@ from contextvars import ContextVar
 
 
 class Error(Exception):
-    """An error of aventail; its subclasses are its causes.
+    """Base class of aventail's errors; there is a subclass for each cause.
 
-    ``str(error)`` is what the program prints.
+    ``str(error)`` is the message that the command line prints.
     """
 
     exit_code: int = 1
-    """Exit code of the program for this cause."""
+    """Exit code of the command line for this cause."""
 
     def __init__(self, message: str, what: str | None, cause: str, remedy: str, code: str = "") -> None:
         super().__init__(message, what, cause, remedy, code)
         self.message = message
         self.what = what
-        """The file or thing at fault, where one is."""
+        """The file or object at fault; ``None`` if there is none."""
         self.cause = cause
         """What is wrong, with the value found."""
         self.remedy = remedy
         """What to do about it."""
         self.code = code
-        """Stable name of the finding, as in docs/refusals.md; empty where it has none."""
+        """Stable code of the error, as in docs/refusals.md; empty if it has none."""
 
     def __str__(self) -> str:
         return self.message
 
 
 class InternalError(Error):
-    """A defect of aventail."""
+    """An internal error: a bug in aventail."""
 
 
 class UsageError(Error):
-    """An argument or a setting asks for something that does not exist or cannot be."""
+    """An argument or a setting is wrong."""
 
     exit_code = 2
 
@@ -50,7 +53,7 @@ class ReadError(Error):
 
 
 class InputError(Error):
-    """Inputs do not fit the task or each other."""
+    """The inputs do not fit the task or each other."""
 
     exit_code = 4
 
@@ -62,7 +65,7 @@ class WriteError(Error):
 
 
 class RegistrationError(Error):
-    """The registration has no trustworthy answer."""
+    """The registration failed: it has no reliable result."""
 
     exit_code = 6
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FieldFormat: TypeAlias = Literal[
     "nifti", "metaimage", "nrrd", "dispvect", "niftyreg-displacement", "niftyreg-deformation"
 ]
-"""Layouts of field files; docs/formats.md says which tool reads which."""
+"""Formats of field files; docs/formats.md lists the tools that read each."""
 FieldLike: TypeAlias = Any
 """A :class:`Field`, a path, a SimpleITK vector image or DisplacementFieldTransform, or an :class:`Image` of vectors."""
 
@@ -37,9 +37,9 @@ class Field:
     def __init__(self, image: Image | Callable[[], Image], start: str, end: str) -> None:
         self._source: Callable[[], Image] | None = None
         self.start = _given.word("start", start)
-        """Frame on whose grid it lies."""
+        """Frame on whose grid the field lies."""
         self.end = _given.word("end", end)
-        """Frame where its points arrive."""
+        """Frame to which it takes points."""
         if isinstance(image, Image):
             # A cached property lies here once it is known.
             self.__dict__["image"] = _of_vectors(image)
@@ -50,7 +50,7 @@ class Field:
 
     @cached_property
     def image(self) -> Image:
-        """Vectors and grid; float32, made at the first look, with one copy."""
+        """Vectors (float32) with their grid; copied once, at the first use."""
         made = None if self._source is None else self._source()
         if not isinstance(made, Image):
             raise _given.wrong("what makes the field's image", made, "return an aventail.Image of vectors")
@@ -63,7 +63,7 @@ class Field:
 
     @property
     def spacing(self) -> tuple[float, float, float]:
-        """Distance of voxels along x, y, z, mm."""
+        """Voxel spacing along x, y, z, mm."""
         return self.image.spacing
 
     @property
@@ -78,7 +78,7 @@ class Field:
 
     @property
     def size(self) -> tuple[int, int, int]:
-        """Voxels along x, y, z."""
+        """Number of voxels along x, y, z."""
         return self.image.size
 
     def __repr__(self) -> str:
@@ -86,7 +86,7 @@ class Field:
         return f"<aventail.Field {self.start} to {self.end}, {x} x {y} x {z} voxels>"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """``numpy.asarray(field)`` is :attr:`array`, ``[z, y, x, component]``."""
+        """``numpy.asarray(field)`` gives :attr:`array`, ``[z, y, x, component]``."""
         return to_numpy(self.array, dtype, copy)
 
     @property
@@ -99,25 +99,29 @@ class Field:
     def to_sitk(self) -> Any:
         """The field as a SimpleITK DisplacementFieldTransform, which takes points of ``start`` to ``end``.
 
-        ITK resamples with the transform from the fixed to the moving image: to bring planning onto the fraction take
-        that of ``fraction_to_planning``::
+        ITK resamples with the transform from the fixed to the moving image. To resample the
+        planning CT on the fraction grid, use ``fraction_to_planning``::
 
-            sitk.Resample(planning, fraction, registration.fraction_to_planning.to_sitk(), sitk.sitkLinear, -1000.0)
+            sitk.Resample(planning, fraction, registration.fraction_to_planning.to_sitk(),
+            sitk.sitkLinear, -1000.0)
         """
         sitk = imported("SimpleITK")
         vectors = sitk.Cast(self.image.to_sitk(), sitk.sitkVectorFloat64)
         return sitk.DisplacementFieldTransform(vectors)
 
     def save(self, path: Path, format: FieldFormat | None = None) -> None:
-        """Writes it with its direction in the header; the extension chooses the layout where ``format`` does not."""
+        """Writes the field, with its frames in the header.
+
+        Without ``format`` the extension chooses the format.
+        """
         layout = None if format is None else _given.choice("format", format, get_args(FieldFormat))
         raster = _raster(self.image, np.float32)
         _aventail.write_field(_given.path("path", path), raster, (self.start, self.end), layout)
 
     def save_dicom(self, path: Path, start: Path, end: Path) -> None:
-        """Writes a Deformable Spatial Registration, ``*.dcm``, that lies in the DICOM series ``start`` and leads to ``end``.
+        """Writes a Deformable Spatial Registration, ``*.dcm``, from the DICOM series ``start`` to the series ``end``.
 
-        Both are folders of the scans whose frames the field joins.
+        ``start`` and ``end`` are the folders of the two scans whose frames the field connects.
         """
         out, scans = _given.path("path", path), (_given.path("start", start), _given.path("end", end))
         with _errors.naming(out="path", dicom_like="start"):
@@ -125,9 +129,10 @@ class Field:
 
     @classmethod
     def of(cls, thing: FieldLike, start: str, end: str) -> Field:
-        """A field of a file, a SimpleITK image or transform, or an :class:`Image`; the frames are for you to say.
+        """Makes a field from a file, a SimpleITK image or transform, or an :class:`Image`.
 
-        Of a file whose header tells them they are the header's.
+        Name the frames with ``start`` and ``end``; if a file's header names them, those of the
+        header are used.
         """
         if isinstance(thing, Field):
             return thing

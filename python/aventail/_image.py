@@ -1,9 +1,9 @@
 """Images with their geometry, from files, SimpleITK, nibabel and numpy.
 
-Order and frame, told once. Arrays are indexed ``[z, y, x]``, components last, as
-``SimpleITK.GetArrayFromImage`` gives them. Everything that is a position, a spacing or a vector is in the
-order x, y, z, in mm, in LPS: x to the patient's left, y to the back, z up, as in DICOM and ITK. ``direction``
-has one column per axis of the image, x first.
+Axis order and frame: arrays are indexed ``[z, y, x]``, components last, as
+``SimpleITK.GetArrayFromImage`` gives them. Everything that is a position, a spacing or a vector is
+in the order x, y, z, in mm, in LPS: x to the patient's left, y to the back, z up, as in DICOM and
+ITK. ``direction`` has one column per axis of the image, x first.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Path: TypeAlias = Union[str, "os.PathLike[str]"]
 """A file, or the folder of a DICOM series."""
 Kind: TypeAlias = Literal["image", "labels", "dose"]
-"""What the voxels of an image are."""
+"""Type of an image's voxels."""
 ImageLike: TypeAlias = Any
 """An :class:`Image`, a path, a SimpleITK image or a nibabel image."""
 Names: TypeAlias = Union[Path, Mapping[int, str], Mapping[str, int]]
@@ -46,7 +46,7 @@ def _identity() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """An array with its place in the patient.
+    """An array with its geometry (spacing, origin, direction).
 
     >>> import numpy as np, aventail
     >>> ct = aventail.Image(np.zeros((4, 5, 6), np.float32), spacing=(1, 1, 3), origin=(-10, 0, 0))
@@ -59,15 +59,15 @@ class Image:
     array: NDArray[Any]
     """Values ``[z, y, x]``, or ``[z, y, x, component]``."""
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Distance of voxels along x, y, z, mm."""
+    """Voxel spacing along x, y, z, mm."""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of voxel ``[0, 0, 0]``, LPS mm."""
     direction: NDArray[np.float64] = field(default_factory=_identity)
     """3x3, one column per axis, x first; LPS."""
     names: Mapping[int, str] | None = None
-    """Names of labels, where the image is a label map with names."""
+    """Names of the labels, if the image is a label map with names."""
     kind: Kind | None = None
-    """What the voxels are, where that is known."""
+    """Type of the voxels (image, labels or dose), if known."""
 
     def __post_init__(self) -> None:
         spacing = _given.three("spacing", self.spacing, "give three numbers above 0: x, y, z, mm")
@@ -83,7 +83,7 @@ class Image:
         object.__setattr__(self, "names", names)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """``numpy.asarray(image)`` is :attr:`array`, indexed ``[z, y, x]``; where it lies is lost."""
+        """``numpy.asarray(image)`` gives :attr:`array`, indexed ``[z, y, x]``, without its geometry."""
         return to_numpy(self.array, dtype, copy)
 
     def __repr__(self) -> str:
@@ -92,20 +92,20 @@ class Image:
 
     @property
     def size(self) -> tuple[int, int, int]:
-        """Voxels along x, y, z."""
+        """Number of voxels along x, y, z."""
         z, y, x = self.array.shape[:3]
         return x, y, z
 
     @property
     def affine(self) -> NDArray[np.float64]:
-        """4x4 from the index (x, y, z) to LPS mm."""
+        """4x4 matrix from voxel index (x, y, z) to position, LPS mm."""
         out = np.eye(4)
         out[:3, :3] = self.direction * np.asarray(self.spacing)
         out[:3, 3] = self.origin
         return out
 
     def point(self, index: Sequence[float]) -> NDArray[np.float64]:
-        """Position of an index (x, y, z), LPS mm."""
+        """Position of a voxel index (x, y, z), LPS mm."""
         affine = self.affine
         place = np.asarray(_given.three("index", index), np.float64)
         out: NDArray[np.float64] = affine[:3, :3] @ place + affine[:3, 3]
@@ -113,9 +113,9 @@ class Image:
 
     @classmethod
     def of(cls, thing: ImageLike, kind: Kind = "image") -> Image:
-        """An image of a path, a SimpleITK image or a nibabel image; an :class:`Image` as it is.
+        """Makes an image from a path, a SimpleITK image or a nibabel image; returns an :class:`Image` unchanged.
 
-        ``kind`` says what a file holds.
+        ``kind`` is the type of the voxels: ``"image"``, ``"labels"`` or ``"dose"``.
         """
         _given.choice("kind", kind, _KINDS)
         if isinstance(thing, Image):
@@ -136,7 +136,7 @@ class Image:
         )
 
     def to_sitk(self) -> Any:
-        """The same as a SimpleITK image."""
+        """Converts it to a SimpleITK image."""
         sitk = imported("SimpleITK")
         array = _common(self.array)
         image = sitk.GetImageFromArray(array, isVector=self.array.ndim == 4)
@@ -146,7 +146,7 @@ class Image:
         return image
 
     def to_nibabel(self) -> Any:
-        """The same as a nibabel NIfTI image: array ``[x, y, z]``, affine in RAS."""
+        """Converts it to a nibabel NIfTI image: array ``[x, y, z]``, affine in RAS."""
         nibabel = imported("nibabel")
         array = _common(self.array)
         # It asks for the type of whole numbers of 64 bits by name.
@@ -169,10 +169,11 @@ class Image:
     ) -> None:
         """Writes it as DICOM in the frame of the scan ``like``, the folder of a DICOM series, as ``--dicom-like`` does.
 
-        An image in HU becomes a series in a new folder, a dose (``kind="dose"``) an RT Dose, ``*.dcm``. ``of`` is what it
-        was made of: where that is DICOM the object refers to it, and it must be of the same patient; of a sum of doses,
-        all of them. ``registrations`` are DICOM registrations that carried a dose, to be referred to as well. Labels are not
-        written as DICOM: write contours.
+        An image in HU becomes a series in a new folder, a dose (``kind="dose"``) an RT Dose,
+        ``*.dcm``. ``of`` is the source that it was made from (for a sum of doses, all of them): if
+        it is DICOM, the new object refers to it, and both must be of the same patient.
+        ``registrations`` are the DICOM registrations that mapped a dose; the new object refers to
+        them too. Labels cannot be written as DICOM: write contours.
         """
         sources = [] if of is None else _given.paths("of", of)
         fields = _given.paths("registrations", registrations)

@@ -39,15 +39,17 @@ def library(
     threads: int = 0,
     progress: Progress = None,
 ) -> Library:
-    """Makes artificial CTs in sampled postures, with all that is true about them, as ``aventail library`` does.
+    """Makes artificial CTs in randomly drawn postures, with their true fields and labels, as ``aventail library`` does.
 
-    ``sample`` postures are drawn, of those that are usual between fractions or of a ``plan`` (TOML, docs/library.md), after
-    those that the plan lists. Everything is a file and is written to the folder ``out``: for each posture its CT, labels,
-    pose, both fields (unless ``fields`` is false), and the ``structures`` and ``dose`` that are carried along;
-    ``library.json``, which is MONAI's datalist and what comes back here; a page. ``reject`` draws again where a posture is
-    implausible. ``volume_change`` draws volumes of organs, ``{"parotid_left": (0.7, 1.0)}``. ``cbct``, or white noise of
-    ``noise_hu``, makes images as a machine would show them too. A library that was stopped goes on when it is asked for
-    again with the same settings; Ctrl-C waits for the posture at hand.
+    First come the postures listed in ``plan`` (TOML, docs/library.md), then ``sample`` random ones:
+    those usual between fractions, or those of the plan. All results are files in the folder
+    ``out``. Each posture has its CT, labels, pose, both fields (unless ``fields`` is false), and
+    the ``structures`` and ``dose`` mapped to it. There are also a page and ``library.json``, a
+    MONAI datalist, which this function returns. ``reject=True`` replaces implausible postures by
+    new draws. ``volume_change`` draws organ volumes, ``{"parotid_left": (0.7, 1.0)}``. ``cbct``
+    also writes simulated cone-beam CTs; ``noise_hu`` instead adds white noise of this standard
+    deviation, HU. A library that was stopped continues when it is called again with the same
+    settings. After Ctrl-C the current posture is finished first.
 
     >>> import pathlib, tempfile, aventail
     >>> phantom = aventail.phantom(spacing=(9, 9, 9))
@@ -90,9 +92,10 @@ def library(
 
 
 def library_modes(runs: Sequence[Path], out: Path) -> PostureModes:
-    """Finds the principal modes of a patient's own fractions, and writes them into ``out`` as a plan, ``postures.toml``.
+    """Finds the principal modes of motion in a patient's own fractions; writes them to ``out`` as a plan, ``postures.toml``.
 
-    ``runs`` are folders of two or more saved registrations of one planning CT; what ``aventail library --fit`` does.
+    ``runs`` are folders of two or more saved registrations of one planning CT.
+    ``aventail library --fit`` does the same.
     """
     with _errors.naming(out="out"):
         text = _aventail.fit_postures(_given.paths("runs", runs), _given.path("out", out))

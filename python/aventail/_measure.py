@@ -52,11 +52,13 @@ def evaluate(
     threads: int = 0,
     progress: Progress = None,
 ) -> Assessment:
-    """Measures a field, of any tool, with everything that is given (docs/metrics.md has the formulas).
+    """Measures a displacement field of any tool with all inputs that you give (docs/metrics.md has the formulas).
 
-    ``fields`` is a registration or one field; else name the direction. A direction that is missing is made by inversion.
-    ``mask`` says where to measure; without it the patient in the planning CT. Structures of one name in planning and
-    fraction are compared. Of ``settings`` only the limits count (``{"verdict": {"dice": [0.9, 0.8]}}``), which judge the field.
+    ``fields`` is a registration or one field; otherwise give ``planning_to_fraction``,
+    ``fraction_to_planning`` or both. A missing direction is computed by inversion. ``mask`` is the
+    region to measure in; the default is the patient in the planning CT. Structures of the same name
+    in planning and fraction are compared. Of ``settings`` only the limits of the verdict are used,
+    ``{"verdict": {"dice": [0.9, 0.8]}}``.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -96,7 +98,7 @@ def evaluate(
 
 
 def skeleton(bones: ImageLike, labels: Names | None = None) -> Skeleton:
-    """The joint tree of bone labels, checked; ``["text"]`` is it as the program prints it.
+    """Builds and checks the joint tree of bone labels; ``["text"]`` is the tree as the command line prints it.
 
     >>> import aventail
     >>> tree = aventail.skeleton(aventail.phantom(spacing=(6, 6, 6)).bones)

@@ -1,4 +1,4 @@
-"""The built-in phantom: head, neck and shoulders of which everything is known."""
+"""The built-in phantom: head, neck and shoulders, with the true motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _VOXEL_MM = (0.2, 20.0)
 
 
 class Phantom:
-    """A planning CT and a fraction CT of the same anatomy, with everything that is true about them."""
+    """A planning CT and a fraction CT of the same anatomy, with labels, dose and the true motion."""
 
     def __init__(self, native: _aventail.Phantom, options: tuple[Any, ...]) -> None:
         if not isinstance(native, _compiled.Phantom):
@@ -59,7 +59,7 @@ class Phantom:
 
     @cached_property
     def body(self) -> Image:
-        """The patient on the planning grid, cavities filled."""
+        """Mask of the patient on the planning grid, with cavities filled."""
         return _of_raster(self._native.body(), "labels")
 
     @cached_property
@@ -69,12 +69,12 @@ class Phantom:
 
     @cached_property
     def transforms(self) -> dict[str, NDArray[np.float64]]:
-        """True 4x4 of each bone, planning to fraction, LPS mm."""
+        """True rigid 4x4 matrix of each bone, planning to fraction, LPS mm."""
         return {name: np.asarray(rows) for name, rows in self._native.transforms()}
 
     @cached_property
     def truth(self) -> Field:
-        """The true field, planning to fraction."""
+        """The true displacement field, planning to fraction."""
         return Field(lambda: _of_raster(self._native.truth()), "planning", "fraction")
 
     @cached_property
@@ -89,7 +89,7 @@ class Phantom:
 
     @property
     def contours(self) -> Contours:
-        """``body``, ``ctv``, ``ptv``, ``spinal_cord``, ``brainstem``, ``parotid_left``, ``parotid_right``."""
+        """Contours of ``body``, ``ctv``, ``ptv``, ``spinal_cord``, ``brainstem``, ``parotid_left``, ``parotid_right``."""
         return self._plan[1]
 
 
@@ -98,9 +98,10 @@ def phantom(
 ) -> Phantom:
     """Makes the phantom.
 
-    ``spacing`` in mm along x, y, z keeps the field of view; 2 x 2 x 3 without it. ``second`` takes the posture of the second
-    fraction; ``cbct`` shows the fraction as a cone-beam machine does. Further options are those of docs/python.md, such as
-    ``seed`` and ``soft_tissue_mm``.
+    ``spacing`` is the voxel spacing along x, y, z, mm (default: 2 x 2 x 3); the field of view stays
+    the same. ``second=True`` takes the posture of the second fraction. ``cbct=True`` makes the
+    fraction a simulated cone-beam CT. docs/python.md lists further options, such as ``seed`` and
+    ``soft_tissue_mm``.
 
     >>> import aventail
     >>> aventail.phantom(spacing=(6, 6, 6))

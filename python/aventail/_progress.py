@@ -11,9 +11,10 @@ from typing import Any, TypeAlias, Union
 from . import _given
 
 Progress: TypeAlias = Union[bool, Callable[[str, "float | None"], object], None]
-"""``True`` for bars (tqdm where it is installed, else lines), or a function of the stage and the share of it that is done.
+"""``True`` shows progress bars (of tqdm, if installed; otherwise lines). A function is called as ``function(stage, share)``.
 
-The function is called in the thread that asked for the work; what it raises ends the run.
+``share`` is ``None`` when the stage begins, then the part of it that is done. The function is
+called in the thread that started the run; an exception that it raises ends the run.
 """
 
 

@@ -1,4 +1,4 @@
-"""Registering, posing, and what comes of it."""
+"""Registration, artificial postures, and their results."""
 
 from __future__ import annotations
 
@@ -25,25 +25,26 @@ if TYPE_CHECKING:
     from .reports import Report
 
 Frame: TypeAlias = Literal["planning", "fraction"]
-"""One of the two scans' worlds."""
+"""The coordinate frame of one of the two scans."""
 
 _FRAMES = ("planning", "fraction")
 _KINDS = ("image", "labels", "dose", "points", "contours")
 
 
 class RunWarning(NamedTuple):
-    """Something legal but unusual that a run found."""
+    """A warning of a run: something unusual that did not stop it."""
 
     code: str
-    """Stable name of its kind."""
+    """Stable code of the warning (docs/refusals.md)."""
     message: str
     """What was found, with values, and what to do about it."""
 
 
 class Registration:
-    """What a registration (or a pose) found, in memory. Arrays are made at the first look, with one copy.
+    """The result of a registration (or a pose), in memory. Each array is copied once, at its first use.
 
-    It can be pickled, with all its arrays. What comes of the pickle has every result, but neither carries nor saves.
+    It can be pickled, with all its arrays. The unpickled object has every result, but cannot warp,
+    draw samples or save.
     """
 
     def __init__(self, found: Results) -> None:
@@ -78,85 +79,90 @@ class Registration:
 
     @cached_property
     def fraction_to_planning(self) -> Field:
-        """Pull field on the fraction grid: fraction point y shows planning y + v(y). It resamples images."""
+        """Pull field on the fraction grid: fraction point y shows planning y + v(y).
+
+        Use it to resample images.
+        """
         return Field(lambda: _of_raster(self._native.field(False)), "fraction", "planning")
 
     @cached_property
     def planning_on_fraction(self) -> Image:
-        """The planning CT on the fraction grid, HU; -1000 where nothing maps."""
+        """The deformed planning CT on the fraction grid, HU; -1000 where the planning CT does not reach."""
         return self._image("planning_on_fraction")
 
     @cached_property
     def bones_on_fraction(self) -> Image:
-        """The bone labels on the fraction grid, with names."""
+        """The deformed bone labels on the fraction grid, with names."""
         return self._labels("bones_on_fraction")
 
     @cached_property
     def jacobian(self) -> Image:
-        """Volume after over before on the planning grid; -1 where the field folds, 1 outside tissue."""
+        """Jacobian determinant (volume after / before) on the planning grid; -1 where the field folds, 1 outside tissue."""
         return self._image("jacobian")
 
     @cached_property
     def uncertainty(self) -> Image | None:
-        """How far the result may be trusted on the planning grid, mm, one standard deviation; -1 where nothing is known.
+        """Estimated error on the planning grid, mm; -1 where it is unknown.
 
-        ``None`` where the settings ask for no map.
+        About two thirds of the errors, as lengths, are smaller. ``None`` if the settings ask for no
+        map.
         """
         raster = self._native.image("uncertainty")
         return None if raster is None else _of_raster(raster, "image")
 
     @cached_property
     def regions(self) -> Image | None:
-        """The bone that each planning voxel follows, where the settings ask for it (``output.regions``)."""
+        """Label of the bone that each planning voxel follows; ``None`` without the setting ``output.regions``."""
         labels = self._native.labels("regions")
         return None if labels is None else _of_raster(labels[0], "labels", labels[1])
 
     @cached_property
     def body(self) -> Image:
-        """The patient in the planning CT, cavities filled."""
+        """Mask of the patient in the planning CT, with cavities filled."""
         return self._mask("body")
 
     @cached_property
     def computed(self) -> Image:
-        """Planning voxels whose motion was computed; elsewhere the field is a smooth extension."""
+        """Mask of the planning voxels whose motion was computed; elsewhere the field is a smooth continuation."""
         return self._mask("computed")
 
     @cached_property
     def inside_planning(self) -> Image:
-        """Fraction voxels whose pre-image lies inside the planning scan."""
+        """Mask of the fraction voxels that map into the planning scan."""
         return self._mask("inside_planning")
 
     @cached_property
     def bones(self) -> dict[str, NDArray[np.float64]]:
-        """4x4 of each bone by name, planning to fraction, LPS mm."""
+        """Rigid 4x4 matrix of each bone by name, planning to fraction, LPS mm."""
         return {name: np.asarray(rows) for name, rows in self._native.bones()}
 
     @property
     def warnings(self) -> list[RunWarning]:
-        """What you should know."""
+        """Warnings of the run."""
         return [RunWarning(code, _errors.in_python(message)) for code, message in self._native.warnings()]
 
     @property
     def report(self) -> Report:
-        """Every number of the run, as ``report.json`` has them (docs/formats.md)."""
+        """All numbers of the run, as in ``report.json`` (docs/formats.md)."""
         report: Report = json.loads(self._native.report())
         return report
 
     def save(self, folder: Path, *, view: bool = True, progress: Progress = None) -> None:
-        """Writes what ``aventail register --out`` writes: fields, images, masks, ``report.html``, ``report.json``.
+        """Writes the files of ``aventail register --out``: fields, images, masks, ``report.html``, ``report.json``.
 
-        Of a registration with ``dicom=True`` also what ``--dicom`` writes, into ``dicom`` in the folder. ``view=False``
-        leaves the volumes out of the page.
+        A registration with ``dicom=True`` also writes DICOM, into the subfolder ``dicom``.
+        ``view=False`` leaves the image volumes out of ``report.html``.
         """
         with told(progress) as function:
             self._native.save(_given.path("folder", folder), _given.flag("view", view), function)
 
     def samples(self, number: int = 50, *, seed: int = 0, scale: float | None = None) -> Iterator[Field]:
-        """Fields that may be as right as ``planning_to_fraction``: what an error of the registration may look like.
+        """Draws random fields that fit about as well as ``planning_to_fraction``: samples of the error.
 
-        They differ as far as ``uncertainty`` says: bones are drawn from what the fit leaves open, neighbours together, and
-        soft tissue varies by itself, alike over some millimetres. The same seed gives the same fields; ``scale`` is the
-        deviation of each component of soft tissue over ``uncertainty``. Each field is made when it is reached.
+        Bones vary within the uncertainty of the fit, together with their neighbours. Soft tissue
+        varies by ``uncertainty``, correlated over some millimetres. The same seed gives the same
+        fields. ``scale`` is the standard deviation of soft tissue along each axis, as a multiple of
+        ``uncertainty`` (``None``: 0.6). The iterator computes each field when it is asked for it.
         """
         count = _given.whole("number", number, 2, 1000)
         factor = None if scale is None else _given.within("scale", scale, 1e-6, 100.0)
@@ -191,13 +197,14 @@ class Registration:
         outside: float = -1000.0,
         grid: ImageLike | None = None,
     ) -> Any:
-        """Carries an image, labels, a dose, points or contours into the frame ``to``.
+        """Warps an image, labels, a dose, points or contours into the frame ``to``.
 
-        ``kind`` says what a volume is, where it does not itself (those of a :class:`Phantom` do): ``"image"``,
-        ``"labels"`` or ``"dose"``. Points are an array of shape (n, 3), LPS mm; contours are :class:`Contours`, or a
-        file of them with ``kind="contours"``. A volume comes back as an :class:`Image` on the grid of the scan that it
-        is carried to, or of ``grid``; ``outside`` is an image's value where nothing maps, and ``interpolation`` is an
-        image's. Points outside the field stay where they are, with a warning.
+        ``kind`` is ``"image"``, ``"labels"`` or ``"dose"``; leave it out for an :class:`Image` that
+        has a ``kind``, such as those of a :class:`Phantom`. Points are an array of shape (n, 3),
+        LPS mm. Contours are :class:`Contours`, or a file with ``kind="contours"``. A volume is
+        returned as an :class:`Image` on the grid of the target scan, or of ``grid``.
+        ``interpolation`` and ``outside`` (the value where the input does not reach) are for images
+        only. Points outside the field stay where they are, with a warning.
         """
         forward = _given.choice("to", to, _FRAMES) == "fraction"
         if kind is None:
@@ -371,35 +378,45 @@ def register(
 ) -> Any:
     """Registers a planning CT to a fraction CT; both in HU.
 
-    ``planning``, ``bones`` (labels on the planning grid) and ``fraction`` are paths (NIfTI, MetaImage, NRRD, DICOM
-    folders; a structure set or ``"auto"`` for the bones), SimpleITK images, nibabel images, or an :class:`Image`. ``labels`` names the
-    bones where the labels do not, by TotalSegmentator's names. ``landmarks`` evaluate and never enter the fit;
-    ``bone_landmarks`` place the skeleton; ``start`` is a 4x4 near which the fit begins, planning to fraction, LPS mm.
-    ``organs`` is a file of their labels on the planning grid, or a structure set; ``volume_change`` says of an organ its
-    volume in the fraction over that in planning, ``{"parotid_left": 0.8}``. Results do not depend on ``threads`` (0: one
-    per core). The interpreter's lock is free meanwhile, and Ctrl-C raises KeyboardInterrupt.
+    ``planning``, ``bones`` (labels on the planning grid) and ``fraction`` are paths, SimpleITK
+    images, nibabel images, or an :class:`Image`. A path is a NIfTI, MetaImage or NRRD file or a
+    DICOM folder; for the bones also a structure set, or ``"auto"``. ``labels`` gives the bones'
+    names (those of TotalSegmentator) if the label map has none. ``settings`` is a preset, a file or
+    a dict (docs/settings.md). ``landmarks`` only measure the error; ``bone_landmarks`` place the
+    skeleton before it is fitted to the image. ``skeleton`` is a TOML file of changes to the
+    skeleton. ``start`` is a 4x4 matrix, planning to fraction, LPS mm, near which the fit begins.
+    ``organs`` is a file of organ labels on the planning grid, or a structure set. ``volume_change``
+    gives organs' volumes in the fraction divided by those in planning, ``{"parotid_left": 0.8}``.
+    ``threads=0`` takes one thread per core; results do not depend on it. Other Python threads run
+    meanwhile, and Ctrl-C raises KeyboardInterrupt.
 
-    ``bones="auto"`` has TotalSegmentator, where it is installed, label the file ``planning``; the labels are kept in
-    ``bones_folder`` (without it the current folder) and found there by the next run. Nobody has looked at them: look.
+    ``bones="auto"`` labels the file ``planning`` with TotalSegmentator, which must be installed.
+    The labels are kept in ``bones_folder`` (default: the current folder), and the next run finds
+    them there. Check them before you trust the result.
 
-    Planning or fraction may be an MR. A DICOM series says that it is one; of other images say it with the settings
-    ``{"planning": {"modality": "mr"}}`` and ``{"fraction": {"modality": "mr"}}``.
+    Planning or fraction may be an MR. DICOM series state their modality; for other images use the
+    settings ``{"planning": {"modality": "mr"}}`` and ``{"fraction": {"modality": "mr"}}``.
 
-    ``fraction_bones`` are labels of bones in the fraction (named by ``fraction_labels`` where they do not name themselves; a path,
-    an image, or ``"auto"``): where both scans have a bone's label, its surface places the bone before the image does. With the
-    settings ``{"fit": {"bone_landmarks": "replace"}}`` the labels alone decide.
+    ``fraction_bones`` are bone labels of the fraction (a path, an image, or ``"auto"``);
+    ``fraction_labels`` gives their names if the label map has none. A bone labelled in both scans
+    is first placed by its surface, then fitted to the image. With the settings
+    ``{"fit": {"bone_landmarks": "replace"}}`` the labels alone place the bones.
 
-    ``guide`` and ``fraction_guide`` are structures outlined in both scans (label maps named by ``guide_labels`` where they do not
-    name themselves, or structure sets): soft tissue is guided from one outline to the other of its name. The settings
-    ``{"refine": {"guide": {"names": ["bladder"]}}}`` choose some; ``report["guides"]`` says how near the outlines come.
+    ``guide`` and ``fraction_guide`` are structures outlined in both scans (label maps or structure
+    sets); ``guide_labels`` gives their names if a label map has none. Soft tissue is pulled from
+    the outline in planning to the outline of the same name in the fraction. The settings
+    ``{"refine": {"guide": {"names": ["bladder"]}}}`` choose some of them. ``report["guides"]``
+    shows how well the outlines agree.
 
-    With ``dicom=True`` planning and fraction are DICOM folders, and :meth:`Registration.save` also writes what a planning
-    system imports: the planning CT on the fraction, the registrations, and ``structures`` (RTSTRUCT of planning) and
-    ``dose`` (RTDOSE of the plan) carried to the fraction. ``anonymous`` leaves the patient's identity out of the report
-    and of DICOM. ``same_frame`` says that planning and fraction truly lie in the one frame of reference that both claim.
+    With ``dicom=True`` planning and fraction must be DICOM folders, and :meth:`Registration.save`
+    also writes DICOM for a planning system: the planning CT on the fraction, the registrations, and
+    ``structures`` (RTSTRUCT of planning) and ``dose`` (RTDOSE of the plan) mapped to the fraction.
+    ``anonymous`` leaves the patient's identity out of the report and the DICOM files.
+    ``same_frame=True`` states that planning and fraction truly share the frame of reference that
+    both name.
 
-    A list of fractions shares what depends on planning alone, and a list of registrations comes back; ``landmarks``,
-    ``fraction_bones`` and ``fraction_guide`` are then lists too.
+    For a list of fractions the work on the planning scan is done once, and a list of registrations
+    is returned; ``landmarks``, ``fraction_bones`` and ``fraction_guide`` are then lists too.
 
     >>> import aventail
     >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -461,12 +478,15 @@ def pose(
     threads: int = 0,
     progress: Progress = None,
 ) -> Registration:
-    """Puts the patient into another posture: an artificial CT, as ``planning_on_fraction``, with its exact field.
+    """Puts the patient into another posture: an artificial CT (``planning_on_fraction``) with its exact field.
 
-    ``pose`` is a pose file or a dict by bone, ``{"skull": {"axial_deg": 10.0}}`` with ``flexion_deg``, ``lateral_deg``,
-    ``axial_deg`` and ``shift_mm``; ``transforms`` are 4x4 by bone, planning to fraction; other bones follow their joints.
-    The artificial CT lies on the planning grid, grown by ``margin_mm`` on all sides. ``bones="auto"`` and
-    ``bones_folder`` are those of :func:`register`.
+    Give the motion in one of three ways. ``pose`` is a pose file, or a dict by bone,
+    ``{"skull": {"axial_deg": 10.0}}``, with ``flexion_deg``, ``lateral_deg``, ``axial_deg`` and
+    ``shift_mm``; ``couch``, a dict of ``rotation_deg`` and ``shift_mm``, moves the whole patient.
+    ``transforms`` are 4x4 matrices by bone, planning to fraction, LPS mm. ``bone_landmarks`` are
+    points on bones in both postures. Other bones follow their joints. The artificial CT lies on the
+    planning grid, grown by ``margin_mm`` on all sides. ``bones="auto"`` and ``bones_folder`` are
+    those of :func:`register`.
     """
     motion: dict[str, Any] = {"text": None, "file": None, "transforms": None}
     ways = {"pose": pose, "couch": couch, "transforms": transforms, "bone_landmarks": bone_landmarks}

@@ -1,4 +1,4 @@
-"""Dose on a deforming patient: carry it, add it up, compare it, read histograms. Gy.
+"""Dose on a deforming patient: map, accumulate and compare doses, compute histograms. Doses in Gy.
 
 >>> import aventail
 >>> phantom = aventail.phantom(spacing=(6, 6, 6))
@@ -34,23 +34,26 @@ class Mapped(NamedTuple):
     """A dose in its new frame."""
 
     dose: Image
-    """Gy."""
+    """The mapped dose, Gy."""
     report: DoseReport
-    """Balance, inversion, and where the result deserves doubt."""
+    """Energy balance, inversion residual, and where the result is doubtful."""
 
     def __repr__(self) -> str:
         return f"<aventail.dose.Mapped {self.report['direction']}: {self.dose!r}>"
 
 
 class Compared(NamedTuple):
-    """How two doses differ."""
+    """Comparison of two doses."""
 
     difference: Image
     """Dose minus reference, Gy, on the reference's grid."""
     distance: Image
-    """Distance to dose difference, mm: how exactly a field must be known so that no dose changes by the tolerance."""
+    """Distance to dose difference, mm: from each voxel to the nearest one whose dose differs by the tolerance.
+
+    A registration error below it changes no voxel's dose by the tolerance.
+    """
     figures: DoseDifference
-    """Where both are known and either is above 10 % of the maximum, Gy."""
+    """Statistics, Gy, over voxels that both doses cover and where either exceeds 10 % of the reference's maximum."""
 
     def __repr__(self) -> str:
         return f"<aventail.dose.Compared: {self.difference!r}>"
@@ -70,10 +73,11 @@ def map(
     threads: int = 0,
     progress: Progress = None,
 ) -> Mapped:
-    """Carries a dose through a field: the planned dose ``to="fraction"``, or that of the day back ``to="planning"``.
+    """Maps a dose through a field: the planned dose ``to="fraction"``, or the dose of the day ``to="planning"``.
 
-    ``energy-mass`` carries energy and mass together and conserves energy; it needs ``ct``, the CT in the frame that the
-    dose comes from. The result lies on ``grid``, or on that of the field in its frame.
+    ``interpolate`` takes the dose at the mapped point. ``energy-mass`` maps energy and mass
+    together and conserves energy; it needs ``ct``, the CT in the frame that the dose comes from.
+    The result lies on ``grid``; without it, on the grid of the field in the same frame.
     """
     forward = _given.choice("to", to, ("planning", "fraction")) == "fraction"
     by_mass = _given.choice("method", method, ("interpolate", "energy-mass")) == "energy-mass"
@@ -94,10 +98,11 @@ def map(
 def accumulate(
     doses: Sequence[ImageLike], weights: Sequence[float] | None = None, *, fractions: Sequence[float] | None = None
 ) -> Image:
-    """The sum of doses on one grid, as :func:`map` makes them; each counts once by default.
+    """Adds doses that lie on one grid, as :func:`map` returns them. By default each counts once.
 
-    ``weights``: of doses of the whole plan, the share of it that each stands for, from 0 to 1. ``fractions``: of doses of one
-    fraction, how many fractions were given so.
+    If each dose is that of the whole plan, give ``weights``: the share of the plan delivered with
+    it, from 0 to 1. If each dose is that of one fraction, give ``fractions``: the number of
+    fractions delivered with it.
     """
     each = "give one number of 0 or more for each dose"
     shares = [] if weights is None else _given.numbers_of("weights", weights, each)
@@ -148,7 +153,11 @@ def _of_contours(path: str) -> bool:
 def compare(
     dose: ImageLike, reference: ImageLike, *, tolerance: float | None = None, limit: float = 20.0
 ) -> Compared:
-    """Difference of two doses of one frame; ``tolerance`` in Gy is 3 % of the reference's maximum without it."""
+    """Compares two doses in one frame: their difference, and the distance to dose difference.
+
+    ``tolerance`` is the dose difference that matters, Gy (default: 3 % of the reference's maximum).
+    ``limit`` is the largest distance that is searched, mm.
+    """
     least = None if tolerance is None else _given.number("tolerance", tolerance, "give a dose above 0 Gy")
     most = _given.number("limit", limit, "give a distance above 0 and up to 100 mm")
     given, other = source("dose", dose, "dose"), source("reference", reference, "dose")

@@ -1,4 +1,7 @@
-"""What the dicts of numbers hold. Lengths in mm, doses in Gy, positions LPS mm; docs/metrics.md has the formulas."""
+"""Types of the dicts that reports and measures return.
+
+Lengths are in mm, doses in Gy, positions in LPS mm; docs/metrics.md has the formulas.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from typing import Any, Literal, TypedDict
 
 
 class Summary(TypedDict):
-    """A sample's figures; ``std`` is that of n - 1."""
+    """Statistics of ``n`` values; ``std`` is the sample standard deviation (n - 1)."""
 
     n: int
     mean: float
@@ -18,7 +21,7 @@ class Summary(TypedDict):
 
 
 class Warned(TypedDict):
-    """A warning."""
+    """A warning: its code (docs/refusals.md) and its text."""
 
     code: str
     message: str
@@ -31,7 +34,7 @@ class _InputFile(TypedDict):
 
 
 class InputFile(_InputFile, total=False):
-    """An input that came from a file; ``about`` of a clinic's series only."""
+    """An input file; ``about`` is present for DICOM series only."""
 
     about: dict[str, Any]
 
@@ -45,7 +48,7 @@ class OutputFile(TypedDict):
 
 
 class Grid(TypedDict):
-    """A grid: voxels and spacing along x, y, z; the direction as rows."""
+    """A grid: number of voxels and spacing along x, y, z; the direction matrix row by row."""
 
     size: list[int]
     spacing: list[float]
@@ -54,14 +57,14 @@ class Grid(TypedDict):
 
 
 class Transform(TypedDict):
-    """A rigid transform: quaternion (x, y, z, w) and translation."""
+    """A rigid transform: quaternion (x, y, z, w) and translation (mm)."""
 
     rotation: list[float]
     translation: list[float]
 
 
 class JointMotion(TypedDict):
-    """A joint's rotation vector (radians) and shift, in its axes."""
+    """A joint's rotation vector (radians) and shift (mm), along the joint's axes."""
 
     rotation: list[float]
     translation: list[float]
@@ -74,14 +77,21 @@ class Pose(TypedDict):
 
 
 class BeyondRange(TypedDict):
-    """How far a joint is beyond its soft range."""
+    """How far a joint moved beyond its soft range."""
 
     rotation_deg: float
     shift_mm: float
 
 
 class BoneFit(TypedDict):
-    """How a bone was fitted."""
+    """How a bone was fitted.
+
+    ``visible`` is the share of its sample points inside the fraction image. ``similarity_before``
+    is the similarity after the couch shift alone; both similarities have 1 as the best value.
+    ``unsettled_mm`` is how far the next step would have moved the bone. ``position_sd_mm`` and
+    ``rotation_sd_deg`` are standard deviations along the worst axis. ``motion_mm`` is the mean
+    displacement of its points.
+    """
 
     name: str
     transform: Transform
@@ -98,7 +108,7 @@ class BoneFit(TypedDict):
 
 
 class BoneRigidity(TypedDict):
-    """How rigidly the field moves a bone."""
+    """How rigidly the field moves a bone: distances from the closest rigid transform, ``best``."""
 
     name: str
     voxels: int
@@ -108,7 +118,7 @@ class BoneRigidity(TypedDict):
 
 
 class JacobianStats(TypedDict):
-    """Volume after over before, of some of the cells."""
+    """Statistics of the Jacobian determinant (volume after / before) over some of the cells."""
 
     cells: int
     folded: int
@@ -144,7 +154,7 @@ class JacobianReport(_JacobianReport, total=False):
 
 
 class BoneOverlap(TypedDict):
-    """Two bones that lie in each other."""
+    """Two bones that overlap."""
 
     bones: list[str]
     depth_mm: float
@@ -178,7 +188,12 @@ class VolumeReached(TypedDict):
 
 
 class Uncertainty(TypedDict):
-    """How far the result may be trusted."""
+    """Summary of the uncertainty map.
+
+    ``without_images_percent`` is the share of soft tissue where the images show nothing,
+    ``unknown_percent`` the share where the error is unknown. ``above_2mm_ml`` is the volume with
+    more than 2 mm or unknown.
+    """
 
     soft_tissue_mm: Summary
     without_images_percent: float
@@ -187,7 +202,7 @@ class Uncertainty(TypedDict):
 
 
 class Pruning(TypedDict):
-    """Waves that were pruned, and the most that this can change."""
+    """Waves of the chain mail that were pruned (``waves`` of ``of``), and the largest effect that this can have."""
 
     waves: int
     of: int
@@ -197,7 +212,7 @@ class Pruning(TypedDict):
 
 
 class Links(TypedDict):
-    """Chain-mail links of the result."""
+    """Chain-mail links of the result; ``violated`` ones lie outside their valid range, by the excess."""
 
     links: int
     violated: int
@@ -208,7 +223,12 @@ class Links(TypedDict):
 
 
 class Inverse(TypedDict):
-    """Quality of the inverse."""
+    """How well the pull field inverts the push field.
+
+    ``unconverged`` counts voxels that missed the tolerance, ``unconverged_tissue`` those of them in
+    the patient. ``multiple`` voxels have several pre-images; ``outside`` voxels have theirs outside
+    the planning scan.
+    """
 
     residual_mm: Summary
     unconverged: int
@@ -221,7 +241,7 @@ class Inverse(TypedDict):
 
 
 class Consistency(TypedDict):
-    """Planning to fraction and back through both fields."""
+    """Inverse consistency: planning to fraction and back through both stored fields."""
 
     there_and_back_mm: Summary
     beyond: int
@@ -238,7 +258,7 @@ class Landmark(TypedDict):
 
 
 class Residual(TypedDict):
-    """A landmark's distance before and after; ``None`` outside the planning grid."""
+    """Error of a landmark before and after, mm; ``mapped`` and ``after`` are ``None`` outside the planning grid."""
 
     landmark: Landmark
     mapped: list[float] | None
@@ -256,13 +276,13 @@ class _LandmarkReport(TypedDict):
 
 
 class LandmarkReport(_LandmarkReport, total=False):
-    """Residuals of landmarks; ``shifted`` under the couch shift alone."""
+    """Landmark errors; ``shifted`` is the error after the couch shift alone."""
 
     shifted: Summary
 
 
 class Verdict(TypedDict):
-    """A figure beside its limits, with what it means."""
+    """A judged value: its limits, the verdict, the reason, and what to do about it."""
 
     name: str
     value: float
@@ -275,7 +295,7 @@ class Verdict(TypedDict):
 
 
 class Stage(TypedDict, total=False):
-    """Time of a stage; ``processor_seconds`` where the system tells."""
+    """Run time of a stage; ``processor_seconds`` is present if the system reports it."""
 
     stage: str
     seconds: float
@@ -283,7 +303,7 @@ class Stage(TypedDict, total=False):
 
 
 class CouchResidual(TypedDict):
-    """What the couch shift leaves of a bone, root mean square over its points, mm."""
+    """Residual of a bone after the couch shift: root mean square over its points, mm."""
 
     bone: str
     matched: bool
@@ -292,9 +312,10 @@ class CouchResidual(TypedDict):
 
 
 class CouchMatch(TypedDict):
-    """Where the patient lies, planning to fraction, matched on bones: the couch corrects it the other way.
+    """Setup error of the patient, planning to fraction, matched on bones. The couch correction is the opposite.
 
-    Translation LPS mm; rotation vector in degrees about ``centre``.
+    ``shift_mm`` is the translation alone, LPS mm. ``rotation_deg`` is a rotation vector about
+    ``centre``, degrees.
     """
 
     on: list[str]
@@ -306,7 +327,7 @@ class CouchMatch(TypedDict):
 
 
 class TissueAgreement(TypedDict):
-    """Mean local correlation of the images in one kind of tissue, as scanned, with the couch shift and after."""
+    """Mean local correlation of the images in one kind of tissue: as scanned, after the couch shift, after registration."""
 
     compared_ml: float
     before: float | None
@@ -316,14 +337,14 @@ class TissueAgreement(TypedDict):
 
 
 class Agreement(TypedDict):
-    """How far the images agree, at bones and in soft tissue."""
+    """How well the images agree, at bones and in soft tissue."""
 
     bones: TissueAgreement | None
     soft_tissue: TissueAgreement | None
 
 
 class OutlineAgreement(TypedDict):
-    """How near two outlines of a structure come."""
+    """Agreement of two outlines of a structure: Dice, mean and 95th percentile of the distance."""
 
     dice: float
     mean_mm: float
@@ -331,7 +352,11 @@ class OutlineAgreement(TypedDict):
 
 
 class GuideReached(TypedDict):
-    """A structure that guided, without guides and with them."""
+    """A guide: agreement of its outlines without guides (``before``) and with them (``after``).
+
+    ``images`` is the correlation of the images near its surface, without and with guides.
+    ``folded`` counts folded cells near its surface.
+    """
 
     name: str
     planning_ml: float
@@ -376,7 +401,7 @@ class _Report(TypedDict):
 
 
 class SearchedPlace(TypedDict):
-    """A place of all bones that the search of an unclear start has proposed."""
+    """A position of all bones that the search proposed; it runs if the start is unclear."""
 
     proposed_by: list[str]
     evidence_percent: float
@@ -385,10 +410,10 @@ class SearchedPlace(TypedDict):
 
 
 class Report(_Report, total=False):
-    """The numbers of a run; ``fraction_kind`` where images took part in soft tissue.
+    """The numbers of a run.
 
-    ``verdict`` is the worst of ``verdicts``; ``own_motion_mm`` is the
-    motion of each bone's centroid apart from the couch shift.
+    ``verdict`` is the worst of ``verdicts``. ``own_motion_mm`` is the motion of each bone's
+    centroid without the couch shift. ``fraction_kind`` is present if images moved soft tissue.
     """
 
     agreement: Agreement
@@ -398,7 +423,7 @@ class Report(_Report, total=False):
 
 
 class Distances(TypedDict):
-    """Distances of two surfaces."""
+    """Distances between two surfaces."""
 
     centre_of_mass_mm: float
     mean_mm: float
@@ -407,7 +432,7 @@ class Distances(TypedDict):
 
 
 class ContourMetrics(TypedDict):
-    """A mapped structure against that of the fraction."""
+    """A mapped structure compared with that of the fraction."""
 
     name: str
     mapped_ml: float
@@ -417,14 +442,14 @@ class ContourMetrics(TypedDict):
 
 
 class ThereAndBack(TypedDict):
-    """There and back, where both fields are known."""
+    """Distance after mapping there and back; ``outside`` counts voxels that leave the fields' grids."""
 
     distance_mm: Summary
     outside: int
 
 
 class SimilarityFigures(TypedDict):
-    """How alike two CTs are."""
+    """Similarity measures of two CTs."""
 
     voxels: int
     ncc: float
@@ -435,23 +460,24 @@ class SimilarityFigures(TypedDict):
 
 
 class Similarity(TypedDict):
-    """Similarity of the CTs."""
+    """Similarity of the CTs before and after registration."""
 
     before: SimilarityFigures
     after: SimilarityFigures
 
 
 class MeanShift(TypedDict):
-    """The one shift that is nearest to a field, LPS mm, and what it is the mean of."""
+    """The mean displacement of a field, LPS mm; ``of`` says over what."""
 
     mm: list[float]
     of: str
 
 
 class Assessment(TypedDict):
-    """What was measured of a field; parts that need inputs that were not given are ``None`` or empty.
+    """The measures of a field; those whose inputs were not given are ``None`` or empty.
 
-    ``regularity`` are pairs of a direction and its figures; ``inverse_consistency`` begins in planning, then in the fraction.
+    ``regularity`` has pairs of a direction and its measures. ``inverse_consistency`` has two
+    entries: starting in planning, and starting in the fraction.
     """
 
     regularity: list[list[Any]]
@@ -469,7 +495,7 @@ class Assessment(TypedDict):
 
 
 class Outside(TypedDict):
-    """What lies outside a field."""
+    """The part that lies outside a grid; ``amount_percent`` is its share of the sum (of a dose: of the integral dose)."""
 
     volume_ml: float
     volume_percent: float
@@ -477,7 +503,7 @@ class Outside(TypedDict):
 
 
 class Balance(TypedDict):
-    """Energy and mass before and after."""
+    """Energy (J) and mass (g) before and after mapping."""
 
     source_j: float
     mapped_j: float
@@ -488,7 +514,13 @@ class Balance(TypedDict):
 
 
 class Caution(TypedDict):
-    """Where a mapped dose deserves doubt."""
+    """Where a mapped dose is doubtful.
+
+    ``folded_or_outside`` counts voxels with a steep dose where the field folds or leaves the image.
+    ``uncertain`` counts those where the field's residual times the dose gradient exceeds 1 % of the
+    maximum dose. ``ml`` is the volume of both; ``greatest_gy`` is the largest residual times
+    gradient.
+    """
 
     folded_or_outside: int
     uncertain: int
@@ -497,7 +529,7 @@ class Caution(TypedDict):
 
 
 class DoseReport(TypedDict):
-    """What is to be said about a mapped dose."""
+    """Checks of a mapped dose."""
 
     direction: str
     method: Any
@@ -509,14 +541,19 @@ class DoseReport(TypedDict):
 
 
 class Share(TypedDict):
-    """Volume with at least a dose."""
+    """Percentage of the volume that receives at least ``gy``."""
 
     gy: float
     percent: float
 
 
 class Dvh(TypedDict):
-    """A structure's dose-volume histogram: the share ``cumulative[n]`` of it, 0 to 1, has at least ``n * bin`` Gy."""
+    """A structure's dose-volume histogram.
+
+    The share ``cumulative[n]`` of the volume, 0 to 1, receives at least ``n * bin`` Gy.
+    ``volume_ml`` is the sampled volume, ``own_ml`` the structure's own. ``outside_ml`` lies outside
+    the dose grid and counts with 0 Gy, unless all of the structure does.
+    """
 
     name: str
     volume_ml: float
@@ -536,7 +573,7 @@ class Dvh(TypedDict):
 
 
 class DoseDifference(TypedDict):
-    """Figures of a difference of doses."""
+    """Statistics of a dose difference, Gy: with sign, and as magnitude."""
 
     signed: Summary
     magnitude: Summary
@@ -556,7 +593,7 @@ class Joint(TypedDict):
 
 
 class Bone(TypedDict):
-    """A bone of the skeleton; ``parent`` is its place in the list."""
+    """A bone of the skeleton; ``parent`` is the index of its parent bone in the list."""
 
     name: str
     label: int
@@ -567,7 +604,10 @@ class Bone(TypedDict):
 
 
 class Skeleton(TypedDict):
-    """The joint tree of bone labels, bones after their parents, and the tree as text."""
+    """The joint tree of bone labels; each bone comes after its parent.
+
+    ``text`` is the tree as printed.
+    """
 
     bones: list[Bone]
     voxels: list[int]
@@ -577,7 +617,10 @@ class Skeleton(TypedDict):
 
 
 class CohortRun(TypedDict):
-    """One run of a cohort; ``figures`` have the unit in their name and are ``None`` where the run has none."""
+    """One run of a cohort. ``figures`` are numbers with the unit in their names, ``None`` if the run has no such number.
+
+    ``stand_apart`` names the figures that are outliers.
+    """
 
     patient: str
     fraction: str
@@ -593,14 +636,14 @@ class CohortRun(TypedDict):
 
 
 class WrittenFile(TypedDict):
-    """A file beside a record."""
+    """A written file and its checksum."""
 
     name: str
     sha256: str
 
 
 class CohortSummary(TypedDict):
-    """Runs side by side, by patient and date; ``medians`` of each figure over the runs that have it."""
+    """Runs, sorted by patient and date; ``medians`` has the median of each figure over the runs that have it."""
 
     version: str
     created: int
@@ -614,16 +657,17 @@ class CohortSummary(TypedDict):
 
 
 class RejectedDraw(TypedDict):
-    """A posture that was drawn and not kept."""
+    """A posture that was drawn and rejected."""
 
     draw: int
     why: list[str]
 
 
 class Library(TypedDict):
-    """A library of postures, as ``library.json`` has it: MONAI's datalist, with what it was made from.
+    """A library of postures, as in ``library.json``: a MONAI datalist, with the inputs and settings that made it.
 
-    Entries of ``training`` and ``implausible`` name the files of a posture, seen from the library's folder, and its joints.
+    Entries of ``training`` and ``implausible`` name the files of a posture, relative to the
+    library's folder, and its joints.
     """
 
     name: str
@@ -655,7 +699,10 @@ class PostureMode(TypedDict):
 
 
 class PostureModes(TypedDict):
-    """Modes of a patient's fractions; ``weights`` are standard deviations of each mode, a list for each fraction."""
+    """Modes of a patient's fractions.
+
+    ``weights`` has a list for each fraction: the weight of each mode, in standard deviations.
+    """
 
     version: str
     command: str
