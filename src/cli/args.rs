@@ -10,19 +10,20 @@ use std::path::PathBuf;
 /// Options of every run.
 #[derive(Debug, Args, Clone, Default)]
 pub struct RunArgs {
-    /// Settings to start from
+    /// Preset: the settings to start from
     #[arg(long, value_enum)]
     pub preset: Option<PresetName>,
-    /// Accuracy against run time; see `aventail curve`
+    /// Trade accuracy for run time; see `aventail curve`
     #[arg(long, value_enum, conflicts_with = "preset")]
     pub speed: Option<SpeedName>,
-    /// Layout of the displacement fields
+    /// File format of the displacement fields
     #[arg(long = "dvf-format", alias = "field-format", value_enum, value_name = "FORMAT")]
     pub field_format: Option<FormatName>,
     /// Threads.
     #[command(flatten)]
     pub work: ThreadArgs,
-    /// Leave the volumes out of report.html: a smaller file with pictures but no planes to scroll through
+    /// Leave the image volumes out of report.html: the file is smaller and keeps the pictures, but
+    /// has no planes to scroll through
     #[arg(long)]
     pub no_view: bool,
     /// How the result is told.
@@ -36,7 +37,7 @@ pub struct RunArgs {
 /// How many threads work.
 #[derive(Debug, Args, Clone, Copy, Default)]
 pub struct ThreadArgs {
-    /// Threads; 0 takes one per core. Results do not depend on it
+    /// Number of threads; 0 takes one per core. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
 }
@@ -74,18 +75,21 @@ pub struct CommonArgs {
 /// Planning CT, its bones and their names.
 #[derive(Debug, Args, Clone)]
 pub struct PlanningArgs {
-    /// Planning CT in HU (NIfTI, MetaImage or NRRD; the folder of a DICOM series, FOLDER#NUMBER of several)
+    /// Planning CT in HU: a NIfTI, MetaImage or NRRD file, or the folder of a DICOM series;
+    /// FOLDER#NUMBER chooses one of several series
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
-    /// Bone labels on the planning grid, for example TotalSegmentator's multi-label file; or a DICOM structure set; or `auto`:
-    /// runs TotalSegmentator, where it is installed, and keeps its labels beside OUT for the next fraction
+    /// Bone labels: a label map on the planning grid (for example TotalSegmentator's multi-label
+    /// file), or a DICOM structure set. `auto` runs TotalSegmentator, which must be installed, and
+    /// keeps its labels beside OUT for the next fraction
     #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
     pub bones: Option<PathBuf>,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them. For a structure
-    /// set: a TOML file for names that are not recognised, a table `bones` with lines such as "Unterkiefer" = "mandible"
+    /// Names of the labels (JSON), {"labels": {"1": "skull", ...}}; not needed if the label file
+    /// has them. For a structure set: a TOML file that translates names that are not recognised, in
+    /// a table `bones` with lines such as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    /// Changes to the skeleton that is built from the labels (TOML; see `aventail skeleton --out`)
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
 }
@@ -93,7 +97,7 @@ pub struct PlanningArgs {
 /// Names of the presets.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum PresetName {
-    /// What measures best
+    /// Recommended settings
     Default,
     /// The final model of Bartelheimer's thesis
     Thesis,
@@ -102,9 +106,9 @@ pub enum PresetName {
 /// Points on the curve of error against run time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SpeedName {
-    /// Coarser elements, no map of uncertainty (preset fast)
+    /// Coarser elements, no uncertainty map (preset fast)
     Fast,
-    /// What measures best for its time (preset default)
+    /// Recommended settings (preset default)
     Balanced,
 }
 
@@ -129,13 +133,14 @@ impl From<SpaceName> for Space {
 /// Names of the field formats.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum FormatName {
-    /// NIfTI, intent 1007, LPS: ITK, ANTs, greedy, plastimatch, transformix, old and new
+    /// NIfTI, intent 1007, LPS: read by ITK, ANTs, greedy, plastimatch and transformix, old and new
+    /// versions
     Nifti,
-    /// MetaImage (.mha), LPS, not compressed: the same tools
+    /// MetaImage (.mha), LPS, uncompressed: read by the same tools
     Mha,
-    /// NRRD, LPS: the same tools and Slicer
+    /// NRRD, LPS: read by the same tools and Slicer
     Nrrd,
-    /// NIfTI, intent 1006, RAS: ITK 5.4, ANTs and greedy only; older ITK misreads it
+    /// NIfTI, intent 1006, RAS: read by ITK 5.4, ANTs and greedy only; older ITK misreads it
     Dispvect,
     /// NiftyReg's displacement field, RAS
     NiftyregDisplacement,
@@ -167,9 +172,9 @@ fn threads(text: &str) -> Result<usize, String> {
 /// Names of directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DirectionName {
-    /// On the planning grid, as fixed = planning
+    /// Field on the planning grid (fixed image = planning)
     PlanningToFraction,
-    /// On the fraction grid, as fixed = fraction
+    /// Field on the fraction grid (fixed image = fraction)
     FractionToPlanning,
 }
 

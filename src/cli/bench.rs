@@ -30,7 +30,7 @@ pub struct BenchArgs {
     /// Size of the scene
     #[arg(long, value_enum, default_value = "full")]
     pub size: SizeName,
-    /// Times that each task runs
+    /// Number of runs of each task
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub repeat: u16,
     /// Only these tasks, separated by commas
@@ -46,11 +46,11 @@ pub struct BenchArgs {
 pub enum SizeName {
     /// 512 x 512 x 126 voxels
     Full,
-    /// 256 x 256 x 126 voxels of twice the size
+    /// 256 x 256 x 126 voxels, twice as wide in x and y
     Half,
-    /// 128 x 128 x 126 voxels of four times the size
+    /// 128 x 128 x 126 voxels, four times as wide in x and y
     Quarter,
-    /// 103 x 72 x 70 voxels of 5 x 5 x 6 mm: proves that everything runs
+    /// 103 x 72 x 70 voxels of 5 x 5 x 6 mm: a quick check that everything runs
     Tiny,
 }
 

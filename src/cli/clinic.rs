@@ -7,20 +7,23 @@ use std::path::PathBuf;
 /// Options for planning systems.
 #[derive(Debug, Args)]
 pub struct ClinicArgs {
-    /// Write OUT/dicom for the planning system: the planning CT on the fraction, the registrations, and what --structures
-    /// and --dose name, carried to the fraction. Planning and fraction must be DICOM
+    /// Write DICOM for the planning system to OUT/dicom: the planning CT on the fraction, the
+    /// registrations, and --structures and --dose mapped to the fraction. Planning and fraction
+    /// must be DICOM
     #[arg(long, conflicts_with = "roi")]
     pub dicom: bool,
-    /// Structure set of the planning CT
+    /// Structure set of the planning CT, to be mapped to the fraction
     #[arg(long, value_name = "RTSTRUCT", requires = "dicom")]
     pub structures: Option<PathBuf>,
-    /// Dose of the plan
+    /// Dose of the plan, to be mapped to the fraction
     #[arg(long, value_name = "RTDOSE", requires = "dicom")]
     pub dose: Option<PathBuf>,
-    /// Leave the patient's identity out of the report and of DICOM (UIDs of study and series stay, and names of files)
+    /// Leave the patient's identity out of the report and the DICOM files (study and series UIDs
+    /// and file names stay)
     #[arg(long)]
     pub anonymous: bool,
-    /// Planning and fraction really share one frame of reference: keep it in what is written
+    /// Planning and fraction truly share one frame of reference: use it for the DICOM files,
+    /// instead of a new one
     #[arg(long)]
     pub same_frame: bool,
 }

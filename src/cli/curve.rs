@@ -18,13 +18,13 @@ use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
 Registers the case with each setting of the plan in turn, and with the default on fewer threads;
-the time is that of the registration in memory. The error is the mean distance of the
-landmarks from where they should be. Without a case of your own it is measured on the phantom, at
-20 000 points of soft tissue whose motion is known. Writes curve.png, curve.csv and curve.md;
+the time is that of the registration, without reading and writing files. The error is the mean
+landmark error. Without a case of your own it is measured on the phantom, at 20 000 points of soft
+tissue whose motion is known. Writes curve.png, curve.csv and curve.md;
 curve.json has their checksums for `aventail inspect`.
 
 --peers takes a table with the columns name, seconds, error_mm: other tools' results on the same
-case, drawn beside.
+case, which are drawn in the same plot.
 
 Examples:
   aventail curve --out curve
@@ -37,19 +37,20 @@ pub struct CurveArgs {
     /// Planning CT; without it the phantom is registered
     #[arg(long, value_name = "FILE", requires_all = ["bones", "fraction", "landmarks"])]
     pub planning: Option<PathBuf>,
-    /// Bone labels on its grid
+    /// Bone labels on the planning grid
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub bones: Option<PathBuf>,
-    /// Names of the labels
+    /// Names of the labels (JSON)
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub labels: Option<PathBuf>,
     /// Fraction CT
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub fraction: Option<PathBuf>,
-    /// Points known in both scans, which tell the error
+    /// Points known in both scans (CSV), on which the error is measured
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub landmarks: Option<PathBuf>,
-    /// Settings to run (TOML; data/curve.toml of the sources is the one that is built in)
+    /// Plan (TOML) of the settings to run; default: data/curve.toml of the sources, which is built
+    /// in
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
     /// Other tools' results on the same case (CSV: name, seconds, error_mm)

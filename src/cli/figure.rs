@@ -12,8 +12,8 @@ use std::path::PathBuf;
 
 /// What `aventail figure --help` adds.
 pub(super) const AFTER: &str = "\
-Drawn as in the report, from the run's own files and inputs, which must be unchanged. An .svg
-holds the scans as pixels, and lines, arrows and text as vectors; a .png holds only pixels.
+The plane is drawn as in the report, from the run's files and inputs, which must be unchanged. An
+.svg holds the scans as pixels, and lines, arrows and text as vectors; a .png holds only pixels.
 
 Examples:
   aventail figure out --kind fusion --plane sagittal --at 3.5 --out fusion.svg
@@ -25,16 +25,17 @@ pub struct FigureArgs {
     /// The --out folder of a finished run of `aventail register`, `pose` or `demo`
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
-    /// What is drawn: fusion in the fraction's frame, the others in planning's
+    /// What to draw: fusion lies in the fraction's frame, the others in that of planning
     #[arg(long, value_enum)]
     pub kind: FigureKindName,
     /// The plane
     #[arg(long, value_enum)]
     pub plane: PlaneName,
-    /// Where it lies: x of a sagittal, y of a coronal, z of an axial plane, LPS mm (default: the middle of the scan)
+    /// Position of the plane: x of a sagittal, y of a coronal, z of an axial plane, LPS mm
+    /// (default: the middle of the scan)
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     pub at: Option<f64>,
-    /// The file: .svg or .png
+    /// File to write: .svg or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Whether progress is shown.
@@ -49,9 +50,9 @@ pub enum FigureKindName {
     Fusion,
     /// Displacement as arrows over the planning CT
     Displacement,
-    /// Volume after over before
+    /// Jacobian determinant: volume after / volume before
     Jacobian,
-    /// Estimated error, mm: about two thirds of the errors lie below it
+    /// Estimated error, mm: about two thirds of the errors are smaller
     Uncertainty,
 }
 

@@ -14,8 +14,9 @@ use std::path::{Path, PathBuf};
 /// Options of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Images, label maps or displacement fields; DICOM folders or files, to list what they hold; folders of runs (or the JSON
-    /// beside a single result), to check their files against the report
+    /// Images, label maps or displacement fields; DICOM folders or files, to list their contents;
+    /// folders of runs (or the JSON beside a single result), to check their files against the
+    /// recorded checksums
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// How the result is told.

@@ -9,11 +9,13 @@ use std::path::PathBuf;
 /// Options on organs.
 #[derive(Debug, Args, Clone, Default)]
 pub struct OrganArgs {
-    /// Labels of organs on the planning grid, beside those of the bones: a map with names, a mask named by its file, or a DICOM
-    /// structure set (only organs named in the settings are used)
+    /// Organ labels on the planning grid: a label map with names, a mask whose file name is the
+    /// organ's name, or a DICOM structure set (of which only organs named in the settings or in
+    /// --volume-change are used)
     #[arg(long, value_name = "FILE")]
     pub organs: Option<PathBuf>,
-    /// Volume of an organ in the fraction over that in planning, for example parotid_left=0.8; repeat it for several
+    /// Volume of an organ in the fraction divided by that in planning, for example
+    /// parotid_left=0.8; repeat the option for several organs
     #[arg(long, value_name = "ORGAN=FACTOR", value_parser = parse_change)]
     pub volume_change: Vec<VolumeChange>,
 }

@@ -49,7 +49,7 @@ pub struct PoseArgs {
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
-    /// Landmarks known in both postures (CSV), to evaluate the result
+    /// Landmarks known in both postures (CSV), to measure the error
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
     /// Settings (TOML), or the report.json of an earlier run to repeat it
@@ -64,13 +64,13 @@ pub struct PoseArgs {
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 pub struct MotionArgs {
-    /// Motion of each joint, by bone name (TOML)
+    /// Pose file (TOML): motion of joints, by bone name
     #[arg(long, value_name = "FILE")]
     pub pose: Option<PathBuf>,
-    /// Transform of some or all bones: the bone_transforms.json of a run
+    /// Transforms of some or all bones, such as the bone_transforms.json of a run
     #[arg(long, value_name = "FILE")]
     pub transforms: Option<PathBuf>,
-    /// Landmarks on bones in both postures, three or more each (CSV with a column `bone`)
+    /// Landmarks on bones in both postures, at least three per bone (CSV with a column `bone`)
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
 }

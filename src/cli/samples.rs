@@ -12,13 +12,13 @@ use clap::Args;
 use std::path::PathBuf;
 
 pub(super) const AFTER: &str = "\
-Each sample is another registration that fits about as well: bones vary within the uncertainty of
-the fit, neighbours together; soft tissue varies by the map of uncertainty, correlated over some
-millimetres. `aventail dose map|accumulate --samples` uses them to show how far a dose may be off.
+Each sample is another registration that fits about as well. Bones vary within the uncertainty of
+the fit, together with their neighbours. Soft tissue varies by the uncertainty map, correlated over
+some millimetres. `aventail dose map|accumulate --samples` uses them to estimate the dose error.
 
-Writes to the folder `samples` of the run (or --out): samples.json, bones.nii.gz and
-sample_001.nii.gz onwards; each is added to planning_to_fraction (docs/formats.md). samples.html
-shows in turn what the first three add.
+Writes to the folder `samples` of the run (or --out): samples.json, bones.nii.gz, and the samples
+sample_001.nii.gz onwards, which are added to planning_to_fraction (docs/formats.md). samples.html
+shows the first three.
 
 Example:
   aventail samples out --number 50";
@@ -49,10 +49,10 @@ pub struct DrawnArgs {
     /// Number of samples; 50 are enough for a 90 % interval
     #[arg(long, value_name = "N", default_value_t = SamplingOptions::default().number)]
     pub number: usize,
-    /// Seed: the same samples for the same run and seed
+    /// Random seed: the same run and seed give the same samples
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Soft tissue's standard deviation per component, as a multiple of the map of uncertainty
+    /// Standard deviation of soft tissue along each axis, as a multiple of the uncertainty map
     #[arg(long, value_name = "FACTOR", default_value_t = SamplingOptions::default().scale)]
     pub scale: f64,
 }

@@ -27,16 +27,16 @@ pub struct SkeletonArgs {
     /// in `register`
     #[arg(long, value_name = "FILE|auto")]
     pub bones: PathBuf,
-    /// Planning CT: a structure set is drawn on its grid, and `auto` labels it
+    /// Planning CT: gives the grid for a structure set; `auto` labels its bones
     #[arg(long, value_name = "FILE")]
     pub planning: Option<PathBuf>,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}
+    /// Names of the labels (JSON), {"labels": {"1": "skull", ...}}
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Changes to check against the built skeleton
+    /// Changes to the skeleton (TOML), to be applied and checked
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
-    /// Write the skeleton as TOML, to be edited and given to `register --skeleton`
+    /// Write the skeleton as TOML, to edit and give to `register --skeleton`
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// How the result is told.

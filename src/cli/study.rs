@@ -22,11 +22,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const HELP: &str = "\
-A case is the folder of a finished `register` or `pose`: every stage carries the bone motion found
-there. Each stage's result is kept, so that a study that was stopped goes on where it was.
+A case is the folder of a finished `register` or `pose`. Each stage (a variant of the soft-tissue
+model) starts from the bone motion found there. The result of each stage is kept: a study that was
+stopped continues where it was.
 
---concepts runs the chain mail on 2-D scenes, one element thick, and draws what the thesis's
-chapter 5 shows: transfer functions (Fig. 13), processing order (14, 15), rotation (17, 18),
+--concepts runs the chain mail on 2-D scenes, one element thick, and draws the figures of the
+thesis's chapter 5: transfer functions (Fig. 13), processing order (14, 15), rotation (17, 18),
 several initiators (19, 20), structures (23 to 25).
 
 Example:
@@ -37,16 +38,17 @@ Example:
 /// Options of `study`.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
-    /// Folder of a finished run
+    /// Folder of a finished `register` or `pose` run
     #[arg(long, value_name = "DIR", required_unless_present = "concepts", conflicts_with = "concepts")]
     pub case: Option<PathBuf>,
-    /// Make the concept figures instead
+    /// Draw the concept figures of the thesis instead
     #[arg(long)]
     pub concepts: bool,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Stages to run, instead of the thesis's (TOML; data/study.toml of the sources is an example)
+    /// Plan (TOML) of the stages to run, instead of the thesis's; data/study.toml of the sources is
+    /// an example
     #[arg(long, value_name = "FILE", requires = "case")]
     pub plan: Option<PathBuf>,
     /// Threads.

@@ -10,11 +10,11 @@ use std::path::PathBuf;
 
 pub(super) const HELP: &str = "\
 A folder with a report.json is a run; other folders are searched for runs, six levels deep. The
-patient is the one that the run's DICOM names, otherwise the folder around the run; the fraction
-is the run's own folder: results/PATIENT/FRACTION.
+patient is the one named in the run's DICOM, otherwise the folder around the run. The fraction is
+the run's own folder: results/PATIENT/FRACTION.
 
-A figure stands apart where it is worse than the median of all runs by more than 3.5 modified
-z-scores (median absolute deviations) and by an amount that matters. Five runs are needed.
+A value stands apart (is an outlier) if it is worse than the median of all runs by more than 3.5
+modified z-scores, 0.6745 (x - median) / MAD, and by an amount that matters. Five runs are needed.
 
 Writes summary.html (what stands apart, every run, each patient's course over the fractions),
 summary.csv and summary.json to OUT. Links in the page lead to the runs' own reports.
@@ -27,16 +27,17 @@ Examples:
 /// Options of `summary`.
 #[derive(Debug, Args)]
 pub struct SummaryArgs {
-    /// Folders of runs (the OUT of `register`), or folders that hold them
+    /// Folders of runs (the OUT of `register`), or folders that contain them
     #[arg(required = true, value_name = "RUNS")]
     pub runs: Vec<PathBuf>,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// JSON files that `dose accumulate --samples` wrote beside its doses: adds their figures with intervals, and limits
+    /// JSON files that `dose accumulate --samples` wrote beside its doses: adds their dose values
+    /// with intervals, and limits
     #[arg(long, value_name = "JSON", num_args = 1..)]
     pub dose: Vec<PathBuf>,
-    /// Name patients by folders, not by what DICOM says
+    /// Name patients by their folders, not by the names in DICOM
     #[arg(long)]
     pub anonymous: bool,
     /// How the result is told.

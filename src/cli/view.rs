@@ -19,8 +19,8 @@ use tiny_http::{Header, Method, Request, Response, Server};
 pub(super) const AFTER: &str = "\
 The page is served on the loopback address of this machine, under an address with a random token,
 until Ctrl-C. Nothing but the page is served, and other machines cannot reach it. The run's files
-and inputs must be unchanged. A run with --dicom --structures is shown with those structures. Of
-several fractions one is shown: give its folder; OUT/index.html leads to the reports of all.
+and inputs must be unchanged. A run with --dicom --structures is shown with those structures. Of a
+run of several fractions give the folder of one; OUT/index.html links to the reports of all.
 
 Examples:
   aventail view out
@@ -30,14 +30,15 @@ Examples:
 /// Options of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; of several fractions the folder of one
+    /// The --out folder of a finished run of `aventail register`, `pose` or `demo`; for several
+    /// fractions the folder of one
     #[arg(value_name = "OUT")]
     pub run: PathBuf,
-    /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set). Default: those that
-    /// the run carried
+    /// Structures of the planning CT, shown before and after: contours (JSON, DICOM structure set).
+    /// Default: the --structures of the run
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,
-    /// Only print the address
+    /// Print the address without opening a browser
     #[arg(long)]
     pub no_browser: bool,
     /// Whether progress is shown.

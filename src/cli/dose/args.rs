@@ -8,10 +8,11 @@ use std::path::PathBuf;
 /// What `aventail dose` can do.
 #[derive(Debug, Subcommand)]
 pub enum DoseVerb {
-    /// Carry a dose through a field: the planned dose onto the fraction, or the dose of the day back onto planning
+    /// Map a dose through a field: the planned dose to the fraction, or the dose of the day back to
+    /// planning
     #[command(after_help = MAP)]
     Map(MapArgs),
-    /// Carry the doses of several fractions back onto planning and add them up with weights
+    /// Map the doses of several fractions back to planning and add them with weights
     #[command(after_help = ACCUMULATE)]
     Accumulate(AccumulateArgs),
     /// Dose-volume histograms of structures, with D95, Dmean, Dmax, D0.03cc and V_x
@@ -23,11 +24,11 @@ pub enum DoseVerb {
 }
 
 const MAP: &str = "\
-interpolate takes the dose at the mapped point. energy-mass carries energy and mass together,
-conserves energy, and prints the balance; it needs --ct. OUT's .json holds balance, inversion
-residual, warnings and checksums; `aventail inspect` verifies them. The page beside OUT (.html)
-draws isodoses before and after, and marks where the dose is steep; --page-ct and --structures add
-to it.
+interpolate takes the dose at the mapped point. energy-mass maps energy and mass together, conserves
+energy and prints the balance; it needs --ct. The .json beside OUT holds balance, inversion
+residual, warnings and checksums; `aventail inspect` verifies them. The .html page beside OUT draws
+isodoses before and after and marks steep dose gradients; --page-ct adds a CT, --structures adds
+histograms.
 
 Examples:
   aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
@@ -35,16 +36,16 @@ Examples:
 
 const ACCUMULATE: &str = "\
 Writes beside OUT a .json file, as `dose map` does, and a page (.html): isodoses of the sum and of
-each fraction's share, where the dose is steep, and with --structures dose-volume histograms.
+each fraction's share, steep dose gradients, and with --structures dose-volume histograms.
 
 Example:
   aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 0.571 0.429 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
 
 const DVH: &str = "\
 Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and
-dvh_run.json with inputs and checksums. With a field the structures are planning's: the dose of
-the fraction is carried back to them. With --samples the page shows bands, and dvh_intervals.csv
-holds the 90 % intervals.
+dvh_run.json with inputs and checksums. If a field is given, the structures are those of planning,
+and the dose of the fraction is mapped back to them. With --samples the page shows bands, and
+dvh_intervals.csv holds the 90 % intervals.
 
 Examples:
   aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh
@@ -52,8 +53,8 @@ Examples:
 
 const COMPARE: &str = "\
 Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm:
-how exactly the field must be known so that no voxel's dose changes by the tolerance),
-compare.html (isodoses and differences as pictures) and compare.json to OUT.
+from each voxel to the nearest one whose dose differs by the tolerance; a smaller registration error
+changes no voxel's dose by that much), compare.html (pictures) and compare.json to OUT.
 
 Example:
   aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --ct planning_ct.nii.gz --tolerance 2 --out compare";
@@ -61,7 +62,7 @@ Example:
 /// How dose is carried.
 #[derive(Debug, Args)]
 pub struct MethodArgs {
-    /// How dose is carried
+    /// Method of mapping the dose
     #[arg(long, value_enum, default_value = "interpolate")]
     pub method: MethodName,
     /// Mass density by CT number: CSV with HU and g/cm^3, instead of Schneider 2000
@@ -85,17 +86,19 @@ impl MethodArgs {
 /// What the page of a carried dose shows beside it.
 #[derive(Debug, Args)]
 pub struct PageArgs {
-    /// CT in HU in the frame that the dose goes to: the page draws isodoses on it (default: --grid, if that is a CT)
+    /// CT in HU in the frame that the dose is mapped to: the page draws isodoses on it (default:
+    /// --grid, if that is a CT)
     #[arg(long, value_name = "FILE")]
     pub page_ct: Option<PathBuf>,
-    /// Structures in the frame that the dose goes to, for dose-volume histograms in the page: a label map, or contours (JSON,
-    /// DICOM structure set)
+    /// Structures in the frame that the dose is mapped to, for dose-volume histograms in the page:
+    /// a label map, or contours (JSON, DICOM structure set)
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,
-    /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header of --structures has none
+    /// Names of the labels (JSON), {"labels": {"1": "cord", ...}}, if the header of --structures
+    /// has none
     #[arg(long, value_name = "FILE", requires = "structures")]
     pub labels: Option<PathBuf>,
-    /// Write no page
+    /// Write no HTML page
     #[arg(long, conflicts_with_all = ["page_ct", "structures"])]
     pub no_page: bool,
 }
@@ -110,14 +113,16 @@ impl PageArgs {
 /// How far a carried dose may be off.
 #[derive(Debug, Args)]
 pub struct SampledArgs {
-    /// Folder of samples of the registration (`aventail samples`; one for each dose, in their order): shows how far the dose may
-    /// be off. Writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and bands and 90 % intervals into the page
+    /// Folder of samples of the registration (`aventail samples`; one for each dose, in their
+    /// order), to estimate the dose error: writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and adds
+    /// bands and 90 % intervals to the page
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub samples: Vec<PathBuf>,
-    /// Doses of V_x in the table of intervals, Gy
+    /// Doses x, Gy, whose V_x the table of intervals lists
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each is kept, not kept
+    /// or undecided
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -134,9 +139,9 @@ pub enum MethodName {
 /// Images that a dose can be carried to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Frame {
-    /// The planned dose goes onto the fraction
+    /// Map the planned dose to the fraction
     Fraction,
-    /// The dose of the day goes back onto planning
+    /// Map the dose of the day back to planning
     Planning,
 }
 
@@ -146,7 +151,7 @@ pub struct MapArgs {
     /// Dose in Gy: .nii.gz, .mha, .nrrd, or a DICOM RT Dose
     #[arg(long, value_name = "FILE")]
     pub dose: PathBuf,
-    /// Where the dose goes
+    /// Frame to which the dose is mapped
     #[arg(long, value_enum)]
     pub to: Frame,
     /// Field on the planning grid: planning x goes to x + u(x)
@@ -155,17 +160,19 @@ pub struct MapArgs {
     /// Field on the fraction grid: fraction y shows planning y + v(y)
     #[arg(long, value_name = "FILE")]
     pub fraction_to_planning: Option<PathBuf>,
-    /// Image whose grid the result gets, in the frame that the dose goes to; the folder of a DICOM series too
+    /// Image, or folder of a DICOM series, that gives the result its grid, in the frame that the
+    /// dose is mapped to
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
-    /// CT in HU in the frame that the dose comes from: energy-mass needs it, the page draws isodoses on it
+    /// CT in HU in the frame that the dose comes from: required for energy-mass; the page draws
+    /// isodoses on it
     #[arg(long, value_name = "FILE")]
     pub ct: Option<PathBuf>,
-    /// DICOM series of the scan that the result lies in: the result is an RT Dose of its patient, study and frame of reference;
-    /// needed where --out ends in .dcm
+    /// DICOM series of the scan in which the result lies: writes an RT Dose with its patient, study
+    /// and frame of reference. Required if --out ends in .dcm
     #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
-    /// Result, Gy
+    /// File of the result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// How far it may be off.
@@ -182,7 +189,7 @@ pub struct MapArgs {
 /// Options of `dose accumulate`.
 #[derive(Debug, Args)]
 pub struct AccumulateArgs {
-    /// Dose of each fraction in Gy, in its own frame; DICOM RT Doses too
+    /// Dose of each fraction in Gy, in its own frame (also DICOM RT Dose)
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
     /// Field of each fraction, in the order of the doses
@@ -191,23 +198,24 @@ pub struct AccumulateArgs {
     /// Direction of the fields
     #[arg(long, value_enum, default_value = "planning-to-fraction")]
     pub direction: DirectionName,
-    /// For doses of one fraction each: number of fractions that each dose stands for
+    /// If each dose is that of one fraction: number of fractions delivered with it
     #[arg(long, value_name = "N", num_args = 1.., conflicts_with = "weights")]
     pub fractions: Vec<f64>,
-    /// For doses of the whole plan each: share of the plan that each dose stands for, from 0 to 1 (default: 1 each)
+    /// If each dose is that of the whole plan: share of the plan delivered with it, from 0 to 1
+    /// (default: 1 each)
     #[arg(long, value_name = "SHARE", num_args = 1..)]
     pub weights: Vec<f64>,
-    /// Image whose grid the result gets, in the planning frame; the folder of a DICOM series too
+    /// Image, or folder of a DICOM series, that gives the result its grid, in the planning frame
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
     /// CT of each fraction in HU, for energy-mass
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub ct: Vec<PathBuf>,
-    /// DICOM series of the scan that the result lies in: the result is an RT Dose of its patient, study and frame of reference;
-    /// needed where --out ends in .dcm
+    /// DICOM series of the scan in which the result lies: writes an RT Dose with its patient, study
+    /// and frame of reference. Required if --out ends in .dcm
     #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
-    /// Result, Gy
+    /// File of the result, Gy
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// How far it may be off.
@@ -227,26 +235,29 @@ pub struct DvhArgs {
     /// Doses in Gy
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub dose: Vec<PathBuf>,
-    /// Structures in the doses' frame, or in planning with a field: a label map, or contours (JSON, DICOM structure set), which
-    /// may overlap
+    /// Structures in the frame of the doses (if a field is given: in planning): a label map, or
+    /// contours (JSON, DICOM structure set), which may overlap
     #[arg(long, value_name = "FILE")]
     pub structures: PathBuf,
-    /// Names of the labels, {"labels": {"1": "cord", ...}}, when the header has none
+    /// Names of the labels (JSON), {"labels": {"1": "cord", ...}}, if the header of --structures
+    /// has none
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// For structures in planning and doses in the fraction, field on the planning grid: planning x goes to x + u(x)
+    /// If structures are in planning and doses in the fraction: field on the planning grid,
+    /// planning x goes to x + u(x)
     #[arg(long, value_name = "FILE")]
     pub planning_to_fraction: Option<PathBuf>,
-    /// Likewise, field on the fraction grid: fraction y shows planning y + v(y)
+    /// The same, with a field on the fraction grid: fraction y shows planning y + v(y)
     #[arg(long, value_name = "FILE")]
     pub fraction_to_planning: Option<PathBuf>,
-    /// Folder of samples of that registration (`aventail samples`): bands, and figures with 90 % intervals
+    /// Folder of samples of that registration (`aventail samples`): adds bands and 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Limits to judge (kept, not kept or undecided), in quotes: "cord:D0.03cc<=45" "target:D95>=57"
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each is kept, not kept
+    /// or undecided
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
-    /// Doses of V_x, Gy
+    /// Doses x, Gy, for which V_x is computed
     #[arg(long, value_name = "GY", num_args = 1..)]
     pub at: Vec<f64>,
     /// Width of a bin of the curves, Gy
@@ -266,19 +277,20 @@ pub struct CompareArgs {
     /// Dose in Gy
     #[arg(long, value_name = "FILE")]
     pub dose: PathBuf,
-    /// Dose that it is compared with, same frame
+    /// Reference dose in the same frame, Gy
     #[arg(long, value_name = "FILE")]
     pub reference: PathBuf,
-    /// CT of the reference, in HU and its frame: the page draws isodoses on it
+    /// CT in HU in the frame of the reference: the page draws isodoses on it
     #[arg(long, value_name = "FILE")]
     pub ct: Option<PathBuf>,
-    /// CT to draw the dose on instead of --ct, same frame: for example the fraction CT mapped to planning
+    /// CT in the same frame to draw the dose on instead of --ct, for example the fraction CT mapped
+    /// to planning
     #[arg(long, value_name = "FILE", requires = "ct")]
     pub dose_ct: Option<PathBuf>,
     /// Dose difference that matters, Gy (default: 3 % of the reference's maximum)
     #[arg(long, value_name = "GY")]
     pub tolerance: Option<f64>,
-    /// Greatest distance that is searched, mm
+    /// Largest distance that is searched, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0)]
     pub limit: f64,
     /// Folder for the results; made if missing

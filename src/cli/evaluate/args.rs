@@ -9,20 +9,20 @@ pub(in crate::cli) const AFTER: &str = "\
 What is measured depends on what is given:
   always                    Jacobian characteristics and volumes, digital folds, Jacobian jumps,
                             curl, inverse consistency
-  --planning                measured in the patient instead of the whole grid; Jacobian picture
-  --compare A B             also where each field differs from the first, and landmarks against
-                            landmarks
+  --planning                measures in the patient instead of the whole grid; Jacobian picture
+  --compare A B             also the difference of each field from the first, and landmark errors
+                            against each other
   --planning --fraction     similarity of the CTs before and after; fusion picture
   --bones                   departure from rigid motion per bone; bone contact and sliding
-                            interfaces counted apart
+                            interfaces counted separately
   --labels-planning --labels-fraction
                             Dice, mean distance to agreement, Hausdorff and its 95th percentile,
                             centre of mass
-  --landmarks               residuals before and after, per landmark
+  --landmarks               errors before and after, per landmark
   --then --direct           transitivity over three images
-Every figure with a limit (AAPM TG-132 where it has one; docs/metrics.md) passes, needs review or
-fails, by the rules of `register`; --config sets the limits ([verdict]). A verdict does not
-replace a person's decision.
+Every value with a limit (that of AAPM TG-132 if there is one; docs/metrics.md) passes, needs review
+or fails, by the same rules as in `register`; --config sets the limits (table `verdict`). A verdict
+does not replace a person's decision.
 
 Writes to OUT: evaluation.html, evaluation.json, evaluation.csv, evaluation.md, landmarks.csv,
 pictures/*.png
@@ -34,13 +34,15 @@ Examples:
 /// Options of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Field on the planning grid: planning x goes to x + u(x); what a tool writes for fixed = planning
+    /// Field on the planning grid: planning x goes to x + u(x); other tools write it for fixed =
+    /// planning
     #[arg(long, value_name = "FILE", conflicts_with = "compare")]
     pub planning_to_fraction: Option<PathBuf>,
-    /// Field on the fraction grid: fraction y shows planning y + v(y); what a tool writes for fixed = fraction
+    /// Field on the fraction grid: fraction y shows planning y + v(y); other tools write it for
+    /// fixed = fraction
     #[arg(long, value_name = "FILE", conflicts_with = "compare")]
     pub fraction_to_planning: Option<PathBuf>,
-    /// Several fields of one case, side by side; all in the direction of --direction
+    /// Several fields of one case to compare, all in the direction of --direction
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub compare: Vec<PathBuf>,
     /// Direction of the fields of --compare
@@ -58,16 +60,16 @@ pub struct EvaluateArgs {
     /// Structures in the planning frame
     #[arg(long, value_name = "FILE")]
     pub labels_planning: Option<PathBuf>,
-    /// The same structures drawn on the fraction, equal names
+    /// The same structures in the fraction frame, with the same names
     #[arg(long, value_name = "FILE", requires = "labels_planning")]
     pub labels_fraction: Option<PathBuf>,
-    /// Names of labels, {"labels": {"1": "skull", ...}}, for label files whose header has none
+    /// Names of the labels (JSON), {"labels": {"1": "skull", ...}}, for label files without names
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// Points known in both images (CSV)
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
-    /// Mask in the planning frame (inside: not zero) to measure in, instead of the patient
+    /// Mask in the planning frame (nonzero inside): measure there instead of in the patient
     #[arg(long, value_name = "FILE")]
     pub mask: Option<PathBuf>,
     /// Field from the fraction to a third image, for transitivity
@@ -79,7 +81,8 @@ pub struct EvaluateArgs {
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Settings (TOML), or the report.json of a run: its limits (table verdict) judge the field
+    /// Settings (TOML), or the report.json of a run: the field is judged by its limits (table
+    /// `verdict`)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Threads, progress, and how the result is told.

@@ -14,14 +14,14 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
-Each mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map
-gives all of its named structures. A folder gives all its images, in order of name. NAME=FILE names
-a mask, or takes the structure NAME alone out of a label map. A DICOM structure set gives its bones,
-drawn on --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) become the skeleton's
-names, unless NAME= says the name.
+A mask is one structure, named by its file: vertebrae_C1.nii.gz is vertebrae_C1. A label map gives
+all its named structures. A folder gives all its images, in alphabetical order. NAME=FILE names a
+mask, or takes only the structure NAME from a label map. A DICOM structure set gives its bones, on
+the grid of --grid. Common spellings of bones (Unterkiefer, VB_C1, Femur_L) are translated to the
+skeleton's names, unless NAME= gives the name.
 
-Where structures overlap the one named first keeps the voxels. Bones are numbered 1 to 68 by the
-skeleton's anatomy, the same in every map; all others follow from 101 on, by the alphabet.
+Where structures overlap, the one listed first keeps the voxels. Bones have fixed numbers from 1 to
+68, the same in every map; other structures are numbered from 101 in alphabetical order.
 
 Examples:
   # TotalSegmentator's folder of masks
@@ -35,7 +35,7 @@ Examples:
 /// What `labels` can do.
 #[derive(Debug, Subcommand)]
 pub enum LabelsVerb {
-    /// Make one named label map of masks, label maps and structure sets on one grid
+    /// Merge masks, label maps and structure sets into one label map with names, on one grid
     #[command(after_help = HELP)]
     Merge(MergeArgs),
 }
@@ -46,16 +46,17 @@ pub struct MergeArgs {
     /// Masks, label maps with names, folders of them, DICOM structure sets
     #[arg(required = true, value_name = "[NAME=]FILE")]
     pub files: Vec<PathBuf>,
-    /// The label map (.nii, .nii.gz: the only format that carries the names)
+    /// The label map to write (.nii or .nii.gz: the only format that holds the names)
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Leave out labels that are not bones of the skeleton
     #[arg(long)]
     pub only_bones: bool,
-    /// Planning CT: structure sets are drawn on its grid, and all other files must have it
+    /// Planning CT: gives the grid for structure sets; all other files must have the same grid
     #[arg(long, value_name = "IMAGE")]
     pub grid: Option<PathBuf>,
-    /// Names in a structure set that are not recognised (TOML): a table `bones` with lines as "Unterkiefer" = "mandible"
+    /// TOML file that translates names of a structure set that are not recognised, in a table
+    /// `bones` with lines such as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
     /// How the result is told.

@@ -14,19 +14,19 @@ pub(super) const PAGE: &str = "library.html";
 pub(super) const PLAN: &str = "postures.toml";
 
 pub(in crate::cli) const HELP: &str = "\
-Without --plan postures vary as they usually do between fractions: the couch by 1.9 mm and 0.75
-degrees, the neck by a few degrees shared by its levels, jaw, hyoid and shoulders besides
+Without --plan, postures vary as usual between fractions: the couch by 1.9 mm and 0.75 degrees,
+the neck by a few degrees shared by its levels, and also jaw, hyoid and shoulders
 (docs/library.md has the numbers and their sources). A plan changes that:
 
   scale = 1.5                        # all standard deviations times 1.5
   [couch]
   shift_sd_mm = [2.0, 2.0, 3.0]      # left, back, up; also rotation_sd_deg
   [neck]
-  flexion_sd_deg = 4.0               # of the whole neck; also lateral, axial; rest_sd_deg of each
-                                     # level beside its share
+  flexion_sd_deg = 4.0               # of the whole neck; also lateral, axial; rest_sd_deg: of each
+                                     # level, in addition to its share
   [bones.mandible]
   flexion_sd_deg = 3.0               # also lateral, axial; shift_sd_mm
-  flexion_deg = [0.0, 15.0]          # its whole range; within that of `aventail skeleton`
+  flexion_deg = [0.0, 15.0]          # allowed range, within that of `aventail skeleton`
   [volumes]
   parotid_left = [0.7, 1.0]          # as --volume-change
   [[postures]]                       # made before any is drawn; as a pose file, with a name
@@ -40,10 +40,10 @@ Writes to OUT:
   posture_001/    ct.nii.gz, labels.nii.gz, pose.toml, bone_transforms.json, posture.json;
                   planning_to_fraction.* and fraction_to_planning.* (the exact motion of this CT);
                   with --structures contours.json, with --dose dose.nii.gz, with --cbct or --noise
-                  image.nii.gz, as the machine would show ct.nii.gz
+                  image.nii.gz: ct.nii.gz with the artefacts or the noise
 
-A run that was stopped goes on when it is started again with the same settings. --fit finds the
-principal modes of a patient's own fractions and writes them as a plan.
+A run that was stopped continues when it is started again with the same settings. --fit finds the
+principal modes of motion in a patient's own fractions and writes them as a plan.
 
 Examples:
   aventail library --planning planning_ct.nii.gz --bones bones.nii.gz --sample 20 --out library
@@ -61,22 +61,24 @@ pub struct LibraryArgs {
     /// Bone labels on the planning grid; a DICOM structure set; or `auto`, as in `register`
     #[arg(long, value_name = "FILE|auto", required_unless_present_any = ["config", "fit"])]
     pub bones: Option<PathBuf>,
-    /// What varies and by how much, and chosen postures (TOML)
+    /// Plan (TOML): what varies and by how much, and postures to include
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
-    /// Number of postures to draw
+    /// Number of postures to draw at random
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MOST_SAMPLES))]
     pub sample: Option<u32>,
-    /// Seed of the draws: the same seed gives the same postures, however many are drawn
+    /// Random seed: the same seed gives the same postures, however many are drawn
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u32,
-    /// Draw again where a posture is implausible: bones that lie in each other or come apart, folds, skin in skin
+    /// Replace implausible postures by new draws: bones that overlap or come apart, folds, skin
+    /// that passes through skin
     #[arg(long, requires = "sample")]
     pub reject: bool,
     /// Folder for the results; made if missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Find the principal modes of these finished `register` runs of one planning CT and write them as a plan
+    /// Find the principal modes of motion in these finished `register` runs of one planning CT and
+    /// write them as a plan
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["planning", "bones", "plan", "sample", "config"])]
     pub fit: Vec<PathBuf>,
     /// Grow the artificial CTs beyond the planning grid by this much on all sides, mm
@@ -85,29 +87,31 @@ pub struct LibraryArgs {
     /// Names of the labels, {"labels": {"1": "skull", ...}}
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Labels of organs on the planning grid, beside those of the bones: a map with names, or a mask named by its file
+    /// Organ labels on the planning grid: a label map with names, or a mask whose file name is the
+    /// organ's name
     #[arg(long, value_name = "FILE")]
     pub organs: Option<PathBuf>,
-    /// Volume of an organ over that in planning, drawn evenly between two factors, for example parotid_left=0.7..1.0; repeat
-    /// it for several
+    /// Volume of an organ divided by that in planning, drawn uniformly between two factors, for
+    /// example parotid_left=0.7..1.0; repeat the option for several organs
     #[arg(long, value_name = "ORGAN=LOW..HIGH", value_parser = parse_range)]
     pub volume_change: Vec<VolumeRange>,
-    /// Changes to the skeleton that the labels give (see `aventail skeleton --out`)
+    /// Changes to the skeleton that is built from the labels (TOML; see `aventail skeleton --out`)
     #[arg(long, value_name = "FILE")]
     pub skeleton: Option<PathBuf>,
-    /// Contours of planning to be carried along (.json, DICOM structure set)
+    /// Planning contours to map to each posture (.json, DICOM structure set)
     #[arg(long, value_name = "FILE")]
     pub structures: Option<PathBuf>,
-    /// Dose of planning to be carried along, Gy
+    /// Planned dose to map to each posture, Gy
     #[arg(long, value_name = "FILE")]
     pub dose: Option<PathBuf>,
-    /// Leave the displacement fields out: they are most of a library's size
+    /// Write no displacement fields: they are most of a library's size
     #[arg(long)]
     pub no_fields: bool,
-    /// Also write each CT as a cone-beam machine would show it; FILE (TOML, as `aventail phantom --cbct` writes it) sets how
+    /// Also write a simulated cone-beam CT of each posture; FILE (TOML, as `aventail phantom
+    /// --cbct` writes it) changes its settings
     #[arg(long, value_name = "FILE", num_args = 0..=1, conflicts_with = "noise")]
     pub cbct: Option<Option<PathBuf>>,
-    /// Add white noise of this standard deviation to the images, HU
+    /// Also write each CT with white noise of this standard deviation, HU
     #[arg(long, value_name = "HU", allow_negative_numbers = true, value_parser = parse_noise)]
     pub noise: Option<f64>,
     /// Settings (TOML), or the library.json of an earlier run to take its settings and inputs

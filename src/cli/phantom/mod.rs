@@ -32,14 +32,14 @@ true_planning_to_fraction, true_bone_transforms.json.
 With --breathing it holds a chest: planning_ct, bones, organs (lungs, liver, stomach), body and
 one fraction, in which the lungs and what lies below them have slid along the chest wall; points
 of landmarks.csv face each other across the pleura.
-With --cbct fraction images are those of a cone-beam machine: less contrast, cupping, shading,
+With --cbct fraction images look like cone-beam CTs: less contrast, cupping, shading,
 noise, streaks, a round and short field of view with a bright rim where the patient is cut, blank
-end slices. The truth is the same as without --cbct. Beside the image lie measured.nii.gz (1 where
-the machine saw anything) and cbct.toml with the settings; FILE may change any of them.
-With --dicom the folder dicom holds it as planning systems export it: planning (CT slices, and for
-the head RS.dcm and RD.dcm), fraction, and in registration the true motion as Deformable Spatial
-Registration, and that of one bone as Spatial Registration.
-With --field it holds a textured body with balls and a single-voxel label: planning_image,
+end slices. The true motion is the same as without --cbct. Beside the image lie measured.nii.gz
+(1 where something was measured) and cbct.toml with the settings; FILE may change any of them.
+With --dicom the folder dicom holds the same as planning systems export it: planning (CT slices,
+and for the head RS.dcm and RD.dcm), fraction, and in registration the true motion as Deformable
+Spatial Registration, and that of one bone as Spatial Registration.
+With --field OUT holds a textured body with balls and a single-voxel label: planning_image,
 planning_labels, landmarks.csv and the exact planning_to_fraction; except for the fold also
 fraction_image, fraction_labels and the exact fraction_to_planning.
 
@@ -63,17 +63,18 @@ pub struct PhantomArgs {
     /// Posture of the fraction as a pose file, instead of the two built-in ones
     #[arg(long, value_name = "FILE")]
     pub pose: Option<PathBuf>,
-    /// A breathing chest instead of head and neck; its diaphragm goes down by MM [default: 20], or
-    /// up if below 0
+    /// A breathing chest instead of head and neck; its diaphragm moves down by MM [default: 20], or
+    /// up if MM is negative
     #[arg(long, value_name = "MM", num_args = 0..=1, allow_negative_numbers = true, conflicts_with = "pose")]
     pub breathing: Option<Option<f64>>,
-    /// Make cone-beam CTs of the fractions; FILE (TOML, as the written cbct.toml) changes how
+    /// Make the fractions simulated cone-beam CTs; FILE (TOML, like the cbct.toml that is written)
+    /// changes the settings
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     pub cbct: Option<Option<PathBuf>>,
     /// A test object with an exact answer instead of the anatomy
     #[arg(long, value_enum, conflicts_with_all = ["pose", "breathing", "cbct"])]
     pub field: Option<FormulaName>,
-    /// Write the folder `dicom` too: CT series, structure set, dose and the true registrations
+    /// Also write the folder `dicom`: CT series, structure set, dose and the true registrations
     #[arg(long, conflicts_with = "field")]
     pub dicom: bool,
     /// Threads.
@@ -95,7 +96,7 @@ pub enum FormulaName {
     Scaling,
     /// A turn that fades with the distance from an axis; keeps volume
     Swirl,
-    /// Space turned inside out; no inverse exists
+    /// A field that folds; it has no inverse
     Fold,
 }
 

@@ -15,12 +15,12 @@ Writes to OUT:
   bones_on_fraction.nii.gz    bone labels on the fraction grid, names in the header
   bone_transforms.json        4x4 per bone, planning to fraction, LPS mm
   bone_posterior.json         remaining uncertainty of the bones' poses, for `aventail samples`
-  jacobian.nii.gz             V_deformed / V_initial, planning grid; -1 folded, 1 outside tissue
+  jacobian.nii.gz             volume after / before, planning grid; -1 folded, 1 outside tissue
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
-                              masks: patient; tissue whose motion was computed; fraction voxels
+                              masks: the patient; tissue whose motion was computed; fraction voxels
                               that the planning scan covers
-  uncertainty.nii.gz          estimated error, mm, planning grid: about two thirds of the errors lie
-                              below it; -1 not known
+  uncertainty.nii.gz          estimated error, mm, planning grid: about two thirds of the errors are
+                              smaller; -1 unknown
   skin_contact.nii.gz         fraction voxels where skin passes through skin, if there are any
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
@@ -35,9 +35,9 @@ Examples:
                                                               # writes week/monday, week/friday and week/index.html
   aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw
   aventail register --planning ct.nii.gz --bones auto --fraction day.nii.gz --fraction-bones auto --out day
-                                                              # labels of both scans place the bones first
+                                                              # labels of both scans first place the bones
   aventail register --planning ct --bones bones.nii.gz --fraction day --guide RS.dcm --fraction-guide RS_day.dcm --guide-names bladder,rectum --out day1
-                                                              # outlines of both scans guide soft tissue";
+                                                              # soft tissue is pulled to the outlines of the day";
 
 /// Options of `register`.
 #[derive(Debug, Args)]
@@ -45,14 +45,16 @@ pub struct RegisterArgs {
     /// Planning CT, its bones and their names.
     #[command(flatten)]
     pub side: PlanningArgs,
-    /// Fraction, a CT in HU or an MR, a file or the folder of a DICOM series; any grid, origin and field of view. Repeat it for several fractions of one patient: what depends
-    /// on planning alone is done once, and each fraction has a folder in OUT
+    /// Fraction image: a CT in HU or an MR, as a file or the folder of a DICOM series; grid, origin
+    /// and field of view may differ from planning. Repeat the option for several fractions of one
+    /// patient: work on the planning scan is done once, and each fraction gets a folder in OUT
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub fraction: Vec<PathBuf>,
-    /// Kind of the fraction: a CT (also a cone-beam CT) in HU, or an MR. A DICOM series states its own; other files count as CT
+    /// Modality of the fraction: CT (also cone-beam CT) in HU, or MR. DICOM series state theirs;
+    /// other files are taken as CT
     #[arg(long, value_enum)]
     pub modality: Option<ModalityName>,
-    /// Kind of the planning scan: a CT in HU, or an MR, whose bones must be labelled
+    /// Modality of the planning scan: CT in HU, or MR
     #[arg(long, value_enum)]
     pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing
@@ -61,21 +63,23 @@ pub struct RegisterArgs {
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
-    /// Landmarks known in both images (CSV); they only evaluate and never enter the fit. Give one file for each fraction, in
-    /// their order
+    /// Landmarks known in both images (CSV): they measure the error and are never used for the
+    /// registration. Give one file for each fraction, in their order
     #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
-    /// Landmarks on bones, three or more each (CSV with a column `bone`): they place the skeleton before the image does
+    /// Landmarks on bones, at least three per bone (CSV with a column `bone`): they place the
+    /// skeleton before it is fitted to the image
     #[arg(long, value_name = "FILE")]
     pub bone_landmarks: Option<PathBuf>,
-    /// Bone labels of the fraction, with the same names as in planning (label map, structure set, or auto for TotalSegmentator):
-    /// where both scans label a bone, its surface places it before the image does. Give one for each fraction
+    /// Bone labels of the fraction, with the same names as in planning (label map, structure set,
+    /// or `auto` for TotalSegmentator). A bone labelled in both scans is first placed by its
+    /// surface, then fitted to the image. Give one file for each fraction, in their order
     #[arg(long, value_name = "FILE|auto", conflicts_with = "bone_landmarks")]
     pub fraction_bones: Vec<PathBuf>,
-    /// Names of the fraction's labels (JSON), where its label map has none
+    /// Names of the labels in --fraction-bones (JSON), if a label map has none
     #[arg(long, value_name = "FILE", requires = "fraction_bones")]
     pub fraction_labels: Option<PathBuf>,
-    /// What decides where the bones lie: the image, or the labels of --fraction-bones alone
+    /// What decides the position of the bones: the image, or the labels of --fraction-bones alone
     #[arg(long, value_enum, requires = "fraction_bones", conflicts_with = "bone_landmarks_use")]
     pub fit: Option<FitName>,
     /// Guides: structures outlined in planning, as a label map with names or a DICOM structure set.
@@ -93,32 +97,35 @@ pub struct RegisterArgs {
     /// Names of the labels in --guide and --fraction-guide (JSON), if a label map has none
     #[arg(long, value_name = "FILE")]
     pub guide_labels: Option<PathBuf>,
-    /// Rigid registration from planning to fraction; the fit starts near it instead of searching: a DICOM Spatial Registration,
-    /// ITK .tfm, 4x4 .txt#lps or .txt#ras, .json#NAME
+    /// Rigid registration from planning to fraction, near which the fit starts instead of
+    /// searching: a DICOM Spatial Registration, an ITK .tfm, a 4x4 matrix (.txt#lps or .txt#ras),
+    /// or .json#NAME
     #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
     pub start: Option<PathBuf>,
-    /// Whether bone landmarks start the fit to the image or replace it
+    /// Whether --bone-landmarks only start the fit to the image, or replace it
     #[arg(long, value_enum)]
     pub bone_landmarks_use: Option<LandmarkUseName>,
-    /// Only this part of the planning scan, with 50 mm around it: the name of a label, or a box in LPS mm. The results are
-    /// cut to it (see `region` in docs/settings.md)
+    /// Register only this part of the planning scan and 50 mm around it: the name of a label, or a
+    /// box in LPS mm. The results are cropped to it (see `region` in docs/settings.md)
     #[arg(long, value_name = "NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub roi: Option<String>,
-    /// Bones that the couch shift for setup is matched on: spine (the vertebrae nearest the middle of what both scans show), names
-    /// of bones, or the bones in a box (LPS mm, planning scan). The fields do not depend on it
+    /// Bones on which the couch shift (setup correction) is matched: spine (the vertebrae nearest
+    /// the middle of what both scans show), names of bones, or the bones in a box (LPS mm, planning
+    /// scan). The displacement fields do not depend on it
     #[arg(long = "match", value_name = "spine|NAME,NAME|X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub couch_match: Option<String>,
-    /// Also draw this many samples of the registration's error, for `dose map|accumulate --samples`: the folder `samples` of the
-    /// results (see `aventail samples`); the report shows what the first three add
+    /// Also write this many random samples of the registration's error to OUT/samples, for `dose
+    /// map|accumulate --samples` (see `aventail samples`); the report shows the first three
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
-    /// Seed of the samples
+    /// Random seed of the samples
     #[arg(long, value_name = "N", requires = "samples", default_value_t = 0)]
     pub seed: u64,
-    /// Refuse to begin when the run is expected to need more memory than this
+    /// Do not start if the run is expected to need more memory than this
     #[arg(long, value_name = "GB")]
     pub max_memory: Option<f64>,
-    /// Estimate what the run will need, from headers and labels, and write nothing (--json: for schedulers)
+    /// Estimate the memory that the run will need, from headers and labels, and write nothing (with
+    /// --json for schedulers)
     #[arg(long)]
     pub estimate: bool,
     /// Settings (TOML), or the report.json of an earlier run to repeat it
@@ -135,7 +142,7 @@ pub struct RegisterArgs {
 /// What places bones that have labels in both scans.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum FitName {
-    /// The image; the labels give its start
+    /// The image; the labels give the starting position
     Image,
     /// The labels alone; bones without labels follow their joints
     Labels,
@@ -146,7 +153,7 @@ pub enum FitName {
 pub enum ModalityName {
     /// CT or cone-beam CT, HU
     Ct,
-    /// Magnetic resonance: magnitudes of any scale and sequence
+    /// Magnetic resonance: magnitude images of any sequence and intensity scale
     Mr,
 }
 

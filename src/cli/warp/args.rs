@@ -7,13 +7,13 @@ use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 
 pub(in super::super) const HELP: &str = "\
-Frames are the worlds of scans: planning, fraction, or any names you choose. A field FROM:TO lies
-on the grid of FROM and takes its points x to x + u(x) in TO. aventail's fields name both in their
-header; name them for all others:
+A frame is the coordinate system of a scan: planning, fraction, or any name that you choose. A field
+FROM:TO lies on the grid of FROM and takes its points x to x + u(x) in TO. The header of aventail's
+fields names both; name them yourself for all other fields:
   ITK, ANTs, greedy, plastimatch, elastix, NiftyReg: fixed image A, moving image B  ->  A:B=FILE
-Points and contours go forward; images, labels and dose are pulled back. Where the field points
-the other way it is inverted numerically and the residual printed. Several --field are a chain, in
-order. Outside a field points stay where they are.
+Points and contours are pushed forward; images, labels and dose are resampled (pulled back). A field
+of the other direction is inverted numerically, and the residual is printed. Several --field are
+applied as a chain, in their order. Points outside a field stay where they are.
 
 Examples:
   aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json
@@ -32,8 +32,8 @@ pub(super) struct Files<'a> {
 /// Options of `warp`.
 #[derive(Debug, Args)]
 pub struct WarpArgs {
-    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME, DICOM registrations); repeat it for a
-    /// chain
+    /// Displacement field or rigid transform (ITK .tfm, 4x4 .txt with --space, .json#NAME, DICOM
+    /// registrations); repeat the option for a chain
     #[arg(long, value_name = "[FROM:TO=]FILE", required = true, value_parser = OsStringValueParser::new().try_map(LinkArg::of))]
     pub field: Vec<LinkArg>,
     /// Frame that the input lies in
@@ -42,52 +42,58 @@ pub struct WarpArgs {
     /// Frame that the result lies in
     #[arg(long, value_name = "FRAME", value_parser = frame)]
     pub to: String,
-    /// What to carry: image, label map or dose (.nii.gz, .mha, .nrrd, DICOM); points (.csv, .mrk.json, .fcsv, .txt); contours
-    /// (.json, DICOM structure set); mesh (.obj, .stl)
+    /// What to warp: image, label map or dose (.nii.gz, .mha, .nrrd, DICOM); points (.csv,
+    /// .mrk.json, .fcsv, .txt); contours (.json, DICOM structure set); mesh (.obj, .stl)
     #[arg(long, value_name = "FILE", requires = "out", conflicts_with = "out_field")]
     pub input: Option<PathBuf>,
-    /// The result
+    /// File of the result
     #[arg(long, value_name = "FILE", requires = "input")]
     pub out: Option<PathBuf>,
-    /// What the voxels of the input are; needed for volumes
+    /// Type of the input's voxels; required for volumes
     #[arg(long, value_enum)]
     pub kind: Option<VolumeKind>,
-    /// Any image on the grid of the result, or the folder of a DICOM series; default: the grid of a field that lies there
+    /// Image, or folder of a DICOM series, that gives the result its grid; default: the grid of a
+    /// field in the same frame
     #[arg(long, value_name = "FILE")]
     pub grid: Option<PathBuf>,
-    /// Write DICOM in the frame of this series (the scan that the result lies in), with its patient and study. Structures, labels
-    /// (as a segmentation) and dose need --out *.dcm, an image a folder. A field (--out-field *.dcm) lies in the scan of --from
+    /// Write DICOM in the frame of this series, with its patient and study: the scan in which the
+    /// result lies, for a field (--out-field *.dcm) the scan of --from. For structures, labels
+    /// (written as a segmentation) and dose --out is *.dcm, for an image a folder
     #[arg(long, value_name = "SERIES")]
     pub dicom_like: Option<PathBuf>,
-    /// For a field as DICOM: the series of the scan of --to, which a Deformable Spatial Registration names too
+    /// For a field as DICOM: the series of the scan of --to, to which the Deformable Spatial
+    /// Registration also refers
     #[arg(long, value_name = "SERIES", requires = "out_field", requires = "dicom_like")]
     pub dicom_to: Option<PathBuf>,
-    /// Between voxels of an image or dose
+    /// Interpolation of an image or dose
     #[arg(long, value_enum)]
     pub interpolation: Option<InterpolationName>,
-    /// Value of an image where nothing maps [default: -1000, air]
+    /// Value of image voxels that the input does not reach [default: -1000, air]
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     pub outside: Option<f32>,
-    /// Scale HU + 1000 of a CT by volume before / volume after, to conserve mass: compressed tissue gets denser. Without it a CT
-    /// keeps its HU
+    /// Scale HU + 1000 of a CT by volume before / volume after, to conserve mass: compressed tissue
+    /// becomes denser. Without this option a CT keeps its HU
     #[arg(long)]
     pub scale_by_jacobian: bool,
-    /// Names of the labels, {"labels": {"1": "skull", ...}}; not needed when the label file carries them
+    /// Names of the labels (JSON), {"labels": {"1": "skull", ...}}; not needed if the label file
+    /// has them
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Folder of samples of the registration (`aventail samples`): for labels also writes OUT_share_NAME, the share of samples
-    /// with the label at each voxel; for contours also the contours that 5, 50 and 95 % of the samples reach. Only from planning to
-    /// fraction
+    /// Folder of samples of the registration (`aventail samples`), from planning to fraction only.
+    /// For labels it also writes OUT_share_NAME, the share of samples with the label at each voxel;
+    /// for contours also the contours that 5, 50 and 95 % of the samples reach
     #[arg(long, value_name = "DIR", requires = "input")]
     pub samples: Option<PathBuf>,
-    /// Coordinates of a 4x4 matrix, mesh or .fcsv that does not say it: ras for greedy, c3d, ITK-SNAP; lps for ITK, aventail.
-    /// One matrix of several can say it as FILE#ras or FILE#lps
+    /// Coordinate system of a 4x4 matrix, mesh or .fcsv that does not state it: ras for greedy,
+    /// c3d, ITK-SNAP; lps for ITK, aventail. If several matrices differ, write it behind the file:
+    /// FILE#ras or FILE#lps
     #[arg(long, value_enum)]
     pub space: Option<SpaceName>,
-    /// Write the chain as one field that takes points of --from to --to, instead of carrying an input
+    /// Instead of warping an input, write the chain as one field that takes points of --from to
+    /// --to
     #[arg(long, value_name = "FILE", required_unless_present = "input")]
     pub out_field: Option<PathBuf>,
-    /// Layout of --out-field [default: by its extension]
+    /// File format of --out-field [default: by its extension]
     #[arg(long, value_enum, requires = "out_field", conflicts_with = "dicom_like", value_name = "FORMAT")]
     pub dvf_format: Option<FormatName>,
     /// Threads, progress, and how the result is told.
@@ -100,9 +106,9 @@ pub struct WarpArgs {
 pub enum VolumeKind {
     /// CT or any scalar image
     Image,
-    /// Label map: each label has one vote, names are kept
+    /// Label map: each voxel gets the label with the largest interpolated share; names are kept
     Labels,
-    /// Dose: nowhere negative, 0 outside
+    /// Dose: never negative, 0 outside
     Dose,
 }
 
