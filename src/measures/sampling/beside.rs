@@ -49,6 +49,11 @@ pub(super) fn held(beside: Option<(u16, f32)>, moved: &Point3<f64>, bones: &[Rig
     if mm <= limit { added } else { (bone + apart * (limit / mm)).into() }
 }
 
+/// Whether the bone's own motion is what counts at such a node.
+pub(super) fn touches(beside: Option<(u16, f32)>) -> bool {
+    beside.is_some_and(|(_, mm)| mm <= APART * LEAST_MM)
+}
+
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "what is not held stays as it is")]
 mod tests {

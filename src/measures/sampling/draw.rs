@@ -1,6 +1,6 @@
 //! Drawing samples: bones from what the fit leaves open, tissue behind them and by itself.
 
-use super::beside::held;
+use super::beside::{held, touches};
 use super::model::{TissueModel, brought};
 use super::noise::Noise;
 use super::options::{Correlation, SamplingOptions};
@@ -46,6 +46,8 @@ impl TissueModel<'_> {
         let (own, common) = (self.own_key(), self.common_key());
         let numbers = |key: u64, sample| [own, common].map(|k| numbers(options.seed, k.wrapping_add(key), sample));
         let shares = [(1.0 - common_tissue).sqrt() as f32, common_tissue.sqrt() as f32];
+        let mut between = vec![false; self.grid.len()];
+        self.nodes.iter().for_each(|node| between[node.at] = !touches(node.beside));
         let one = |sample: usize| {
             let bones = draws.draw(&mut numbers(1, sample), common_bones);
             let mut rngs = numbers(0, sample);
@@ -73,7 +75,7 @@ impl TissueModel<'_> {
                 }
             };
             hold(&mut tissue);
-            let mut tissue = unfold(&self.grid, &self.found, tissue, hold);
+            let mut tissue = unfold(&self.grid, &self.found, &between, tissue, hold);
             tissue.iter_mut().for_each(|v| *v = v.map(|mm| (mm * STEPS).round() / STEPS));
             Ok(Drawn { bones, tissue: Volume::new(self.grid.clone(), tissue)? })
         };

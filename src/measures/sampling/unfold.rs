@@ -22,15 +22,17 @@ const ROUNDS: usize = 8;
 const HELD: usize = 3;
 
 /// Smooths what a sample adds at the nodes of a grid wherever it would fold tissue, which the registration displaces by `found`
-/// there; LPS mm. `hold` holds what is smoothed to the bones beside it.
+/// there; LPS mm. `between` are nodes that touch no bone; `hold` holds what is smoothed to the bones beside it.
 pub(super) fn unfold(
     grid: &Grid,
     found: &[Vector3<f64>],
+    between: &[bool],
     mut added: Vec<[f32; 3]>,
     hold: impl Fn(&mut [[f32; 3]]),
 ) -> Vec<[f32; 3]> {
+    let mut changed = vec![true; grid.len()];
     for round in 0..ROUNDS {
-        let folds = folding(grid, found, &added);
+        let folds = folding(grid, found, between, &added, &changed);
         if !folds.contains(&true) {
             break;
         }
@@ -44,6 +46,7 @@ pub(super) fn unfold(
         if round < HELD {
             hold(&mut added);
         }
+        changed = widened(grid, &share.iter().map(|share| *share > 0.0).collect::<Vec<_>>());
     }
     added
 }
@@ -54,7 +57,8 @@ fn blurred(grid: &Grid, values: Vec<f32>, sigma: f64) -> Vec<f32> {
 }
 
 /// Nodes at which tissue is pressed too far, of those that the sample moves: about them, or in a cell that begins there.
-fn folding(grid: &Grid, found: &[Vector3<f64>], added: &[[f32; 3]]) -> Vec<bool> {
+/// Looks only where something has `changed`.
+fn folding(grid: &Grid, found: &[Vector3<f64>], between: &[bool], added: &[[f32; 3]], changed: &[bool]) -> Vec<bool> {
     let (size, spacing, strides) = (grid.size(), grid.spacing(), grid.strides());
     let (direction, sign) = (grid.direction(), grid.direction().determinant());
     let both = |node: usize| found[node] + Vector3::from(added[node].map(f64::from));
@@ -72,7 +76,7 @@ fn folding(grid: &Grid, found: &[Vector3<f64>], added: &[[f32; 3]]) -> Vec<bool>
         along.determinant() * sign
     };
     let folds = |node: usize| {
-        if added[node].iter().all(|c| c.abs() <= 0.0) {
+        if !changed[node] || added[node].iter().all(|c| c.abs() <= 0.0) {
             return false;
         }
         let voxel = grid.voxel(node);
@@ -86,7 +90,7 @@ fn folding(grid: &Grid, found: &[Vector3<f64>], added: &[[f32; 3]]) -> Vec<bool>
             let pressed = volume(&both, node, sides);
             pressed < LEAST_CORNER && pressed < volume(&|n| found[n], node, sides)
         };
-        volume(&both, node, [sides(0), sides(1), sides(2)]) < LEAST_VOLUME || (0..8).any(corner)
+        volume(&both, node, [sides(0), sides(1), sides(2)]) < LEAST_VOLUME || between[node] && (0..8).any(corner)
     };
     (0..grid.len()).map(folds).collect()
 }
@@ -123,10 +127,11 @@ mod tests {
             })
             .collect();
         let found = vec![Vector3::new(1.0, 2.0, 3.0); grid.len()];
-        let before = folding(&grid, &found, &added);
+        let all = vec![true; grid.len()];
+        let before = folding(&grid, &found, &all, &added, &all);
         assert!(before.contains(&true));
-        let after = unfold(&grid, &found, added.clone(), |_| ());
-        assert!(!folding(&grid, &found, &after).contains(&true));
+        let after = unfold(&grid, &found, &all, added.clone(), |_| ());
+        assert!(!folding(&grid, &found, &all, &after, &all).contains(&true));
         for l in 0..grid.len() {
             let [i, ..] = grid.voxel(l);
             let moved = (0..3).map(|a| f64::from(after[l][a] - added[l][a]).powi(2)).sum::<f64>().sqrt();
@@ -134,7 +139,7 @@ mod tests {
         }
         // What does not fold stays as it is to the bit.
         let gentle: Vec<[f32; 3]> = added.iter().map(|v| v.map(|c| 0.2 * c)).collect();
-        let same = unfold(&grid, &found, gentle.clone(), |_| ());
+        let same = unfold(&grid, &found, &all, gentle.clone(), |_| ());
         assert!(same.iter().flatten().zip(gentle.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 }
