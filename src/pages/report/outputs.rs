@@ -80,7 +80,12 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
     if let Some((map, _)) = &outcome.uncertainty {
         let what = "estimated error on the planning grid, mm: about two thirds of the errors lie below it; -1 outside the patient";
         files.add("uncertainty.nii.gz", what, move |path| {
-            io::write_image(path, map, Stored::Float32, &options("uncertainty, mm, one standard deviation"))
+            io::write_image(
+                path,
+                map,
+                Stored::Float32,
+                &options("estimated error, mm: about two thirds of the errors lie below"),
+            )
         });
     }
     if let Some(posterior) = &outcome.posterior {

@@ -1,4 +1,4 @@
-//! How far the result may be trusted, in mm, at every place: one standard deviation, so that about two thirds of the errors are
+//! How far the result may be trusted, in mm, at every place: a length such that about two thirds of the errors are
 //! smaller.
 //!
 //! Where both images show a place, two things tell an error (docs/decisions/uncertainty.md has what was compared):
