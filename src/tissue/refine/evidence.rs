@@ -38,10 +38,11 @@ const FARTHEST_MM: f32 = 2.0;
 /// Tissue is taken to be drawn by at least this on the mean, mm: where images agree with the bones alone nothing is to be doubted.
 const LEAST_MEAN_MM: f64 = 0.1;
 /// The balance of gains and losses (1: all gain, -1: all lose) below which tissue counts as drawn without gain, and the share of
-/// all that tissue is drawn, percent, that must be so before images are doubted at all: at most 0.9 on all ordinary pairs that were
-/// measured, 17 and more where images misled.
+/// all that tissue is drawn, percent, that must be so before images are doubted at all: at most 0.9 on ordinary pairs that were
+/// measured, 5.6 and 9.4 in a breathing phantom (with and without labels of organs), whose soft tissue errs by 1.81 and 2.04 mm
+/// (doubted: 1.92 and 2.35), 17 and more where images misled.
 const WITHOUT_GAIN: f32 = 0.2;
-const DOUBTED_PERCENT: f64 = 4.0;
+const DOUBTED_PERCENT: f64 = 12.0;
 /// Once they are doubted they must do better than this: ordinary pairs have 0.8 to 1 nearly everywhere.
 /// At 0.2 and 0.8: 0.428 and 0.270 for 0.350 mm under streaks, 0.416 and 0.474 for 0.426 under noise.
 const CLEAR: f32 = 0.4;
