@@ -102,8 +102,8 @@ class Field:
         ITK resamples with the transform from the fixed to the moving image. To resample the
         planning CT on the fraction grid, use ``fraction_to_planning``::
 
-            sitk.Resample(planning, fraction, registration.fraction_to_planning.to_sitk(),
-            sitk.sitkLinear, -1000.0)
+            transform = registration.fraction_to_planning.to_sitk()
+            sitk.Resample(planning, fraction, transform, sitk.sitkLinear, -1000.0)
         """
         sitk = imported("SimpleITK")
         vectors = sitk.Cast(self.image.to_sitk(), sitk.sitkVectorFloat64)

@@ -5,9 +5,11 @@ use crate::volume::{Volume, gaussian};
 use nalgebra::{Matrix3, Vector3};
 
 /// Tissue about a node that registration and sample together press to less than this share of its volume is smoothed: between
-/// nodes it may fold. On random necks a sample then folds 0.012 % of the patient at most, not smoothed 0.06 %.
+/// nodes it may fold. By this alone a sample folds 0.012 % of the patient at most on random necks (not smoothed: 0.06 %), 0.028 %
+/// on short cone-beam CTs.
 const LEAST_VOLUME: f64 = 0.25;
-/// The same at the corner of a cell between nodes, where the sample presses it further than the registration alone.
+/// The same at the corner of a cell between nodes, where the sample presses it further than the registration alone: on short
+/// cone-beam CTs a sample then folds 0.024 % of the patient at most, and 0.0073 % where the last rounds do not hold.
 const LEAST_CORNER: f64 = 0.1;
 /// What is smoothed fades over this, mm (sigma) ...
 const FADE_MM: f64 = 5.0;
@@ -56,8 +58,8 @@ fn blurred(grid: &Grid, values: Vec<f32>, sigma: f64) -> Vec<f32> {
     gaussian(&values, sigma).data().to_vec()
 }
 
-/// Nodes at which tissue is pressed too far, of those that the sample moves: about them, or in a cell that begins there.
-/// Looks only where something has `changed`.
+/// Nodes at which tissue is pressed too far, of those that the sample moves and that have `changed`: about them, or, of those
+/// `between` bones, at the corner of one of their eight cells.
 fn folding(grid: &Grid, found: &[Vector3<f64>], between: &[bool], added: &[[f32; 3]], changed: &[bool]) -> Vec<bool> {
     let (size, spacing, strides) = (grid.size(), grid.spacing(), grid.strides());
     let (direction, sign) = (grid.direction(), grid.direction().determinant());
@@ -141,5 +143,25 @@ mod tests {
         let gentle: Vec<[f32; 3]> = added.iter().map(|v| v.map(|c| 0.2 * c)).collect();
         let same = unfold(&grid, &found, &all, gentle.clone(), |_| ());
         assert!(same.iter().flatten().zip(gentle.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
+    /// Two bones press tissue together, and what is smoothed is held to within 1 mm of their motions: midway it folds anew, in one
+    /// row of cells, which differences over two cells do not see.
+    #[test]
+    fn tissue_that_two_bones_would_fold_between_them_is_let_go() {
+        let grid = Grid::axis_aligned([16, 10, 10], [5.0; 3], [0.0; 3]).unwrap();
+        let own = |node: usize| if grid.voxel(node)[0] < 8 { 3.5f32 } else { -3.5 };
+        let hold = |added: &mut [[f32; 3]]| {
+            added.iter_mut().enumerate().for_each(|(n, v)| v[0] = v[0].clamp(own(n) - 1.0, own(n) + 1.0));
+        };
+        let pressed = |added: &[[f32; 3]], between: bool| {
+            let all = vec![true; grid.len()];
+            folding(&grid, &vec![Vector3::zeros(); grid.len()], &vec![between; grid.len()], added, &all)
+        };
+        let mut held: Vec<[f32; 3]> = (0..grid.len()).map(|n| [own(n) - own(n).signum(), 0.0, 0.0]).collect();
+        hold(&mut held);
+        assert!(pressed(&held, true).contains(&true) && !pressed(&held, false).contains(&true));
+        let after = unfold(&grid, &vec![Vector3::zeros(); grid.len()], &vec![true; grid.len()], held, hold);
+        assert!(!pressed(&after, true).contains(&true));
     }
 }
