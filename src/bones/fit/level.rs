@@ -8,6 +8,7 @@ use super::{FitOptions, Resolution};
 use crate::error::{Error, Result};
 use crate::geometry::Rigid;
 use crate::volume::Volume;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// An optimisation of the last pass stops when no parameter moves by this much, mm: 0.02 gives the same in the same time.
 const TOLERANCE_MM: f64 = 1e-3;
@@ -17,26 +18,55 @@ const PASSING: f64 = 0.01;
 /// Both images at one resolution, with each bone's samples.
 pub(super) struct Level<'a> {
     pub(super) drawn: &'a Drawn,
-    pub(super) fraction: Tissue,
+    pub(super) fraction: Arc<Tissue>,
     /// An optimisation stops when no parameter moves by this much, mm.
     pub(super) tolerance_mm: f64,
     /// Bones whose image takes no part: they follow their joints.
     pub(super) dropped: Vec<bool>,
 }
 
-impl<'a> Level<'a> {
-    pub(super) fn new(
-        samples: &'a BoneSamples,
-        fraction: &Volume<f32>,
-        resolution: Resolution,
-        options: &FitOptions,
-    ) -> Result<Self> {
-        let drawn = samples.at(resolution).ok_or_else(|| Error::Internal(format!("no samples at {resolution:?}")))?;
+type Kept = (Resolution, Arc<Tissue>);
+
+/// Both images at every resolution, made when it is asked for.
+pub(super) struct Levels<'a> {
+    samples: &'a BoneSamples,
+    fraction: &'a Volume<f32>,
+    options: &'a FitOptions,
+    /// Blurs of the fraction that are kept, where several fits need them.
+    kept: OnceLock<Mutex<Vec<Kept>>>,
+}
+
+impl<'a> Levels<'a> {
+    pub(super) fn new(samples: &'a BoneSamples, fraction: &'a Volume<f32>, options: &'a FitOptions) -> Self {
+        Self { samples, fraction, options, kept: OnceLock::new() }
+    }
+
+    /// From now on each blur is made once: further fits follow. One fit alone needs one blur at a time.
+    pub(super) fn keep(&self) {
+        self.kept.get_or_init(Mutex::default);
+    }
+
+    pub(super) fn at(&self, resolution: Resolution) -> Result<Level<'a>> {
+        let drawn =
+            self.samples.at(resolution).ok_or_else(|| Error::Internal(format!("no samples at {resolution:?}")))?;
         let dropped = vec![false; drawn.bones.len()];
-        let last = options.levels.last() == Some(&resolution);
+        let last = self.options.levels.last() == Some(&resolution);
         let passing = if last { 0.0 } else { PASSING * resolution.blur_mm };
         let tolerance_mm = TOLERANCE_MM.max(passing);
-        Ok(Self { drawn, fraction: Tissue::blurred(fraction, resolution.blur_mm), tolerance_mm, dropped })
+        Ok(Level { drawn, fraction: self.blurred(resolution), tolerance_mm, dropped })
+    }
+
+    fn blurred(&self, resolution: Resolution) -> Arc<Tissue> {
+        let make = || Arc::new(Tissue::blurred(self.fraction, resolution.blur_mm));
+        let Some(kept) = self.kept.get() else { return make() };
+        // The lock is not held while a blur is made, which may run other fits' work on this thread.
+        let lock = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, found)) = lock().iter().find(|(of, _)| *of == resolution) {
+            return found.clone();
+        }
+        let made = make();
+        lock().push((resolution, made.clone()));
+        made
     }
 }
 

@@ -106,6 +106,7 @@ mod stop;
 #[cfg(test)]
 mod tests;
 mod tissue;
+mod tried;
 mod weighed;
 
 /// How finely a pass of the fit looks; in settings a pair.

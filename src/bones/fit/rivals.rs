@@ -2,13 +2,13 @@
 //! level off explains much of them.
 
 use super::DeterminedBy;
-use super::accept::LEAST_FOUND;
-use super::schedule::{Fitter, Guess, Tried, weak_start};
+use super::schedule::Fitter;
+use super::tried::{Guess, Tried, weak_start};
 use crate::error::Result;
 use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::warning::Warning;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// A scan that shows the bones over more than this tells their levels by itself, mm.
 pub(super) const SHORT_MM: f64 = 130.0;
@@ -26,8 +26,8 @@ const ALIKE: f64 = 0.8;
 /// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse; then the
 /// others.
 ///
-/// `others` are fits from other starts; `again` fits from another place, as far from a fit as the motion says; `explained` tells
-/// the share of the bones' contrast that one explains.
+/// `others` are fits from other starts; `again` fits from other places, as far from a fit as the motions say, and gives those that
+/// found the bones elsewhere than fits that are known; `explained` tells the share of the bones' contrast that one explains.
 ///
 /// # Errors
 /// As a fit.
@@ -36,7 +36,7 @@ pub(super) fn best_level(
     first: Tried,
     mut others: Vec<Tried>,
     fraction: &Grid,
-    again: impl Fn(&Tried, Rigid) -> Result<Tried>,
+    again: impl Fn(&Tried, &[Rigid], &[&Tried]) -> Result<Vec<Tried>>,
     explained: impl Fn(&Rigid) -> f64,
 ) -> Result<(Tried, Vec<Tried>)> {
     let mut best = first;
@@ -44,13 +44,11 @@ pub(super) fn best_level(
     for _ in 0..ROUNDS {
         let Some(step) = fitter.level_step(&best).filter(|_| height < SHORT_MM) else { break };
         let common = fitter.best_shown(&best);
-        for by in LEVELS {
-            let shift = common.rotation * step * by;
-            let tried = again(&best, Rigid::translation(shift.x, shift.y, shift.z))?;
-            if tried.found >= LEAST_FOUND {
-                others.push(tried);
-            }
-        }
+        let shifts =
+            LEVELS.map(|by| Rigid::from_parts((common.rotation * step * by).into(), UnitQuaternion::identity()));
+        let known: Vec<&Tried> = std::iter::once(&best).chain(&others).collect();
+        let found = again(&best, &shifts, &known)?;
+        others.extend(found);
         others.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         if others.first().is_none_or(|other| other.cost > BETTER * best.cost) {
             break;
@@ -74,10 +72,7 @@ impl Fitter<'_> {
     /// A word about a fit at another level that is hardly worse.
     fn doubt(&self, best: &Tried, others: &[Tried], height: f64) -> Option<Warning> {
         let step = self.level_step(best)?.norm();
-        let apart = |t: &Tried| {
-            let pairs = best.fit.transforms.iter().zip(&t.fit.transforms).zip(&self.centres);
-            pairs.map(|((a, b), c)| (a * c - b * c).norm()).sum::<f64>() / self.centres.len().max(1) as f64
-        };
+        let apart = |t: &Tried| self.apart(&best.fit.transforms, &t.fit.transforms);
         let far = others.iter().filter(|t| apart(t) > SAME * step && t.cost < ALIKE * best.cost);
         let rival = far.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         let message = format!(

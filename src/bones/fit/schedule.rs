@@ -2,26 +2,21 @@
 
 use super::accept::found_share;
 use super::evaluation::Normal;
-use super::level::Level;
-use super::planning::BoneSamples;
+use super::level::{Level, Levels};
 use super::prior::{BeyondRange, relative};
 use super::problem::{Body, End, Link, PoseProblem};
 use super::samples::Samples;
-use super::scale::{Scale, distances, joined, scale};
+use super::scale::{distances, joined, scale};
 use super::search::MOST_MM3;
 use super::shape::{Shape, Shapes};
 use super::similarity::{Evaluation, Held, Measure};
 use super::solver::{Solution, solve};
-use super::start::WEAK_START;
-use super::stop::Stop;
+use super::tried::{Begun, Guess, Passed, Start, Tried, weak_start};
 use super::{BoneFit, DeterminedBy, FitCurvature, FitOptions, FitResult};
 use crate::error::{Error, Result};
-use crate::findings;
 use crate::geometry::{Rigid, about};
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
-use crate::volume::Volume;
-use crate::warning::Warning;
 use nalgebra::{DMatrix, Matrix3, Point3};
 
 /// A bone with less than this share of its samples in view follows its joints until all bones are fitted together.
@@ -49,6 +44,9 @@ const AROUND_DEG: f64 = 12.0;
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
 
+/// Fits whose bones are nearer to each other than this before the last pass are one, mm on the mean.
+const SAME_MM: f64 = 0.5;
+
 /// What stays the same over all levels.
 pub(super) struct Fitter<'a> {
     pub(super) skeleton: &'a Skeleton,
@@ -62,49 +60,8 @@ pub(super) struct Fitter<'a> {
     pub(super) shapes: Option<Shapes<'a>>,
 }
 
-/// What came of a start.
-pub(super) struct Tried {
-    pub(super) fit: FitResult,
-    /// Share of the bone volume in view that the image determines.
-    pub(super) found: f64,
-    /// Scale of the fraction.
-    pub(super) scale: Scale,
-    /// Cost in the end; the less, the more evidence.
-    pub(super) cost: f64,
-    /// What its start knew of the bones.
-    pub(super) guess: Guess,
-}
-
-/// A word about a common motion that explains little of the bones' contrast.
-pub(super) fn weak_start(share: f64) -> Option<Warning> {
-    let problem = || {
-        format!(
-            "one motion of all bones explains only {:.0} % of their contrast; look at the fusion images",
-            100.0 * share
-        )
-    };
-    (share < WEAK_START).then(|| Warning::new(findings::WEAK_START, problem()))
-}
-
-/// Where a fit begins.
-pub(super) struct Start {
-    /// Motion of all bones together, and the share of the bones' contrast that it explains.
-    pub(super) common: Rigid,
-    pub(super) share: f64,
-    pub(super) transforms: Vec<Rigid>,
-    /// What is known of each bone.
-    pub(super) guess: Guess,
-}
-
-/// What a start knows of the bones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Guess {
-    /// The common motion alone: bones take over their neighbour's.
-    Common,
-    /// Each has a guess of its own.
-    Each,
-    /// Each has one, of those in view. The rim of a large bone that is not in view must not lead.
-    Searched,
+fn no_levels() -> Error {
+    Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair")
 }
 
 impl<'a> Fitter<'a> {
@@ -128,46 +85,61 @@ impl<'a> Fitter<'a> {
     }
 
     /// The fit from a start.
-    pub(super) fn from(
-        &self,
-        Start { common, share, mut transforms, guess }: Start,
-        samples: &'a BoneSamples,
-        fraction: &Volume<f32>,
-        progress: &dyn Progress,
-    ) -> Result<Tried> {
-        let (skeleton, options) = (self.skeleton, self.options);
+    pub(super) fn from(&self, start: Start, levels: &Levels<'a>, progress: &dyn Progress) -> Result<Tried> {
+        self.finish(self.begin(start, levels, progress)?, levels, progress)
+    }
+
+    /// All passes but the last.
+    pub(super) fn begin(&self, start: Start, levels: &Levels<'a>, progress: &dyn Progress) -> Result<Begun<'a>> {
+        let options = self.options;
         let steps = 1 + options.outward.len() + options.levels.len();
-        let mut stops = vec![Stop::FollowsJoint; skeleton.bones.len()];
-        let mut level: Option<Level<'_>> = None;
+        let Start { guess, .. } = start;
+        let mut begun = Begun { start, level: None, passed: None };
         for (n, &resolution) in options.outward.iter().enumerate() {
             progress.step(1 + n, steps, "bone by bone");
-            let now = level.insert(Level::new(samples, fraction, resolution, options)?);
+            let now = begun.level.insert(levels.at(resolution)?);
             let now_known = if n == 0 || guess == Guess::Searched { guess } else { Guess::Each };
-            self.outwards(now, &mut transforms, &mut stops, now_known)?;
+            self.outwards(now, &mut begun.start.transforms, now_known)?;
         }
-        let mut last = None;
-        for (n, &resolution) in options.levels.iter().enumerate() {
-            progress.step(1 + options.outward.len() + n, steps, "all bones");
-            let mut now = match level.take().filter(|l| l.drawn.resolution == resolution) {
-                Some(level) => level,
-                None => Level::new(samples, fraction, resolution, options)?,
-            };
-            // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
-            let hold = n > 0 || options.measure == Measure::CorrelationRatio;
-            let mut solution = self.together(&now, &mut transforms, hold)?;
-            if self.drop_unexplained(&mut now, &mut transforms, &solution.curvature) {
-                solution = self.together(&now, &mut transforms, hold)?;
-            }
-            level = Some(now);
-            last = Some(solution);
+        for n in 0..options.levels.len().saturating_sub(1) {
+            let cost = self.pass(&mut begun, n, levels, progress)?.cost;
+            begun.passed = Some(Passed { cost, transforms: begun.start.transforms.clone() });
         }
-        let (Some(solution), Some(level)) = (last, level) else {
-            return Err(Error::usage("fit.levels is empty", "give at least one (blur mm, samples) pair"));
+        Ok(begun)
+    }
+
+    /// The n-th pass of all bones together.
+    fn pass(&self, begun: &mut Begun<'a>, n: usize, levels: &Levels<'a>, progress: &dyn Progress) -> Result<Solution> {
+        let options = self.options;
+        let resolution = *options.levels.get(n).ok_or_else(no_levels)?;
+        let steps = 1 + options.outward.len() + options.levels.len();
+        progress.step(1 + options.outward.len() + n, steps, "all bones");
+        let mut now = match begun.level.take().filter(|l| l.drawn.resolution == resolution) {
+            Some(level) => level,
+            None => levels.at(resolution)?,
         };
-        stops.iter_mut().for_each(|s| s.clone_from(&solution.stop));
+        let transforms = &mut begun.start.transforms;
+        // By then every bone is where it belongs but for a voxel: what comes into view no longer draws it.
+        let hold = n > 0 || options.measure == Measure::CorrelationRatio;
+        let mut solution = self.together(&now, transforms, hold)?;
+        if self.drop_unexplained(&mut now, transforms, &solution.curvature) {
+            solution = self.together(&now, transforms, hold)?;
+        }
+        begun.level = Some(now);
+        Ok(solution)
+    }
+
+    /// The last pass, and what is known of each bone then.
+    pub(super) fn finish(&self, mut begun: Begun<'a>, levels: &Levels<'a>, progress: &dyn Progress) -> Result<Tried> {
+        let (skeleton, options) = (self.skeleton, self.options);
+        let last = options.levels.len().checked_sub(1).ok_or_else(no_levels)?;
+        let solution = self.pass(&mut begun, last, levels, progress)?;
+        let Begun { start: Start { common, share, transforms, guess }, level: Some(level), passed } = begun else {
+            return Err(Error::Internal("a pass without its images".into()));
+        };
         let before = self.evaluate(&level, &vec![common; transforms.len()]);
         let after = self.evaluate(&level, &transforms);
-        let bones = self.describe(&transforms, &stops, &before, &after, &level.dropped, &solution);
+        let bones = self.describe(&transforms, &before, &after, &level.dropped, &solution);
         let found = found_share(skeleton, &bones);
         let determined: Vec<bool> = bones.iter().map(|b| b.determined_by == DeterminedBy::Image).collect();
         let apart = distances(&joined(skeleton, &self.centres, &transforms, &determined));
@@ -179,7 +151,19 @@ impl<'a> Fitter<'a> {
             FitCurvature { matrix: solution.curvature, centres: self.centres.clone(), radii: self.radii.clone() };
         let open = Some(open);
         let fit = FitResult { pose, transforms, bones, common, common_share: share, open, warnings };
-        Ok(Tried { fit, found, scale, cost: solution.cost, guess })
+        Ok(Tried { fit, passed, found, scale, cost: solution.cost, guess })
+    }
+
+    /// Whether a fit has the bones where this one had them before its last pass: it would end there too.
+    pub(super) fn same(&self, begun: &Begun<'_>, tried: &Tried) -> bool {
+        let (Some(here), Some(there)) = (&begun.passed, &tried.passed) else { return false };
+        self.apart(&here.transforms, &there.transforms) < SAME_MM
+    }
+
+    /// How far two sets of motions take the bones apart, on the mean, mm.
+    pub(super) fn apart(&self, here: &[Rigid], there: &[Rigid]) -> f64 {
+        let pairs = here.iter().zip(there).zip(&self.centres);
+        pairs.map(|((a, b), c)| (a * c - b * c).norm()).sum::<f64>() / self.centres.len().max(1) as f64
     }
 
     pub(super) fn body<'b>(&'b self, level: &'b Level<'_>, bone: usize, base: Rigid) -> Body<'b> {
@@ -202,7 +186,7 @@ impl<'a> Fitter<'a> {
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
     ///
     /// With a common guess bones take over their neighbour's motion; else each starts where it is.
-    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], stops: &mut [Stop], guess: Guess) -> Result<()> {
+    fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], guess: Guess) -> Result<()> {
         let fresh = guess == Guess::Common;
         let n = transforms.len();
         let now = self.evaluate(level, transforms);
@@ -221,9 +205,8 @@ impl<'a> Fitter<'a> {
                 transforms[bone] = transforms[from];
             }
             let links = || neighbours(bone).filter(|&o| placed[o]).map(|o| self.link(bone, o, transforms[o])).collect();
-            if let Some((found, stop)) = self.place(level, bone, transforms[bone], links, fresh)? {
+            if let Some(found) = self.place(level, bone, transforms[bone], links, fresh)? {
                 transforms[bone] = found;
-                stops[bone] = stop;
             }
             placed[bone] = true;
             // Next: the unplaced neighbour of a placed bone that the image shows best, seen from that neighbour's motion.
@@ -273,7 +256,7 @@ impl<'a> Fitter<'a> {
         start: Rigid,
         links: impl Fn() -> Vec<Link<'b>>,
         search: bool,
-    ) -> Result<Option<(Rigid, Stop)>> {
+    ) -> Result<Option<Rigid>> {
         let problem = |base, held| PoseProblem {
             bodies: vec![Body { held, shape: self.shape(level, bone, &base), ..self.body(level, bone, base) }],
             links: links(),
@@ -291,11 +274,7 @@ impl<'a> Fitter<'a> {
         let held = hold.then_some(Held { view: now.visible, gain: 0.0, grey: None });
         let fit = |base| {
             let solution = solve(problem(base, held), level.tolerance_mm, self.options.max_iterations)?;
-            Ok::<_, Error>((
-                solution.cost,
-                self.body(level, bone, base).transform(solution.x.as_slice()),
-                solution.stop,
-            ))
+            Ok::<_, Error>((solution.cost, self.body(level, bone, base).transform(solution.x.as_slice())))
         };
         let mut best = fit(start)?;
         if search && doubtful(&problem(best.1, None).similarities(&[best.1], false)[0]) {
@@ -315,7 +294,7 @@ impl<'a> Fitter<'a> {
                 }
             }
         }
-        Ok(Some((best.1, best.2)))
+        Ok(Some(best.1))
     }
 
     /// The joint between a moving bone (body 0) and a held neighbour.
@@ -362,7 +341,6 @@ impl<'a> Fitter<'a> {
     fn describe(
         &self,
         transforms: &[Rigid],
-        stops: &[Stop],
         before: &[Evaluation],
         after: &[Evaluation],
         dropped: &[bool],
@@ -386,7 +364,7 @@ impl<'a> Fitter<'a> {
                     visible,
                     similarity_before: (before[b].visible > 0.0).then(|| before[b].explained.max(0.0)),
                     similarity_after: seen.then(|| after[b].explained.max(0.0)),
-                    stop: stops[b].clone(),
+                    stop: solution.stop.clone(),
                     unsettled_mm: next(b).into_iter().fold(0.0, f64::max),
                     position_sd_mm: sd(6 * b + 3),
                     rotation_sd_deg: (sd(6 * b) / self.radii[b]).to_degrees(),

@@ -1,7 +1,7 @@
 //! What the fit has weighed: where it has fitted the bones, and what the search proposed. The best is not always far ahead.
 
-use super::schedule::Tried;
 use super::search::Hypothesis;
+use super::tried::Tried;
 use crate::geometry::Rigid;
 use crate::skeleton::{Skeleton, anatomy::Kind};
 

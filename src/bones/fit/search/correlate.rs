@@ -256,7 +256,7 @@ pub struct Sums([Vec<f32>; 6]);
 
 impl Row for Sums {
     const STRIDE: usize = 1;
-    const TURNS: Option<usize> = None;
+    const TURNS: Option<usize> = Some(5);
 
     fn new(width: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; width]))

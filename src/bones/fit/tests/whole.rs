@@ -1,11 +1,15 @@
 //! The whole fit on a neck of five blocks with a texture of their own, whose motions are known.
 
+use crate::fit::level::Levels;
+use crate::fit::schedule::Fitter;
+use crate::fit::tried::{Guess, Start};
 use crate::fit::{BoneSamples, DeterminedBy, FitOptions, FitResult, FitStart, GivenMotion, Measure, fit_pose};
 use crate::geometry::{Grid, Rigid, about};
 use crate::progress::Silent;
 use crate::skeleton::{Skeleton, build};
 use crate::volume::{LabelMap, Volume};
 use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
 
 const NECK: [&str; 5] = ["vertebrae_C7", "vertebrae_C6", "vertebrae_C5", "vertebrae_C4", "vertebrae_C3"];
 
@@ -246,4 +250,35 @@ fn a_fraction_with_left_and_right_exchanged_is_refused() {
     let wrong = Volume::new(mirrored.unwrap(), right.data().to_vec()).unwrap();
     let refused = scene.fit(&wrong, FitStart::Search).unwrap_err();
     assert_eq!(refused.code(), "fraction-mirrored", "{refused}");
+}
+
+#[test]
+fn a_fit_that_comes_to_a_known_place_is_told_before_its_last_pass() {
+    let scene = Scene::new();
+    let truth = motions(couch(), bend());
+    let image = fraction(&truth, whole(), None);
+    let options = FitOptions::default();
+    let levels = Levels::new(&scene.samples, &image, &options);
+    let level = levels.at(BoneSamples::START).unwrap();
+    assert!(!Arc::ptr_eq(&level.fraction, &levels.at(BoneSamples::START).unwrap().fraction));
+    levels.keep();
+    let [one, two] = [0; 2].map(|_| levels.at(BoneSamples::START).unwrap().fraction);
+    assert!(Arc::ptr_eq(&one, &two) && one.value.data() == level.fraction.value.data());
+    let fitter = Fitter::new(&scene.skeleton, &options, &level, None);
+    let of = |name: &str| truth[NECK.iter().position(|n| *n == name).unwrap()];
+    let begin = |moved: Rigid| {
+        let transforms = scene.skeleton.bones.iter().map(|b| moved * of(&b.name)).collect();
+        fitter.begin(Start { common: moved, share: 1.0, transforms, guess: Guess::Each }, &levels, &Silent).unwrap()
+    };
+    let known = fitter.finish(begin(Rigid::identity()), &levels, &Silent).unwrap();
+    assert!(known.found > 0.95, "{}", known.found);
+    let beside = begin(Rigid::translation(2.0, -1.5, 1.0));
+    assert!(fitter.same(&beside, &known));
+    let ended = fitter.finish(beside, &levels, &Silent).unwrap();
+    assert!(fitter.apart(&ended.fit.transforms, &known.fit.transforms) < 0.02);
+    // One level up the blocks have another texture.
+    let other = begin(Rigid::translation(0.0, 0.0, LEVEL));
+    assert!(!fitter.same(&other, &known));
+    let [there, here] = [other.cost(), known.passed.as_ref().map(|p| p.cost)].map(Option::unwrap);
+    assert!(there > 0.5 * here && here < 0.0, "{there} {here}");
 }
