@@ -10,6 +10,7 @@ use aventail::phantom::Phantom;
 use aventail::pipeline::{Case, Outcome, check_inputs, register};
 use aventail::runtime::Runtime;
 use aventail::volume::distance::squared_distance;
+use aventail::volume::region::part;
 use aventail::volume::{Mask, Outline, Volume, cubic};
 use nalgebra::{Point3, Vector3};
 use std::sync::OnceLock;
@@ -221,6 +222,62 @@ fn outlines_of_another_place_are_named() {
     // Firm tissue keeps it from being reached, where the images would tell that it is wrong.
     let named = codes(&outcome).iter().any(|code| ["guide-contradicts", "guide-missed"].contains(code));
     assert!(named, "{:?} {:?}", codes(&outcome), outcome.guides);
+}
+
+#[test]
+fn outlines_that_are_exchanged_are_named_and_fold_nothing() {
+    let (scene, plain, _) = grown();
+    let mut exchanged = scene.case.clone();
+    // Two halves of the ball, each under the name of the other in the fraction.
+    let halves = |of: &Outline, middle: f64, names: [&str; 2]| {
+        let grid = of.inside.grid();
+        let half = |name: &str, left: bool| {
+            let side = |n: usize| of.inside.data()[n] && (grid.centre(grid.voxel(n)).x < middle) == left;
+            Outline::of(name, &Volume::from_fn(grid.clone(), side), |v| v).expect("half a ball has voxels")
+        };
+        vec![half(names[0], true), half(names[1], false)]
+    };
+    let middle = |of: &Outline| {
+        let grid = of.inside.grid();
+        let own = (0..grid.len()).filter(|&n| of.inside.data()[n]).map(|n| grid.centre(grid.voxel(n)).x);
+        own.sum::<f64>() / of.inside.count() as f64
+    };
+    let (there, here) = (&scene.case.planning.guides[0], &scene.case.fraction.guides[0]);
+    exchanged.planning_mut().guides = halves(there, middle(there), ["left", "right"]);
+    exchanged.fraction.guides = halves(here, middle(here), ["right", "left"]);
+    let outcome = run(&exchanged, &config(), 0);
+    println!("{:?} {:?}", codes(&outcome), outcome.guides);
+    for name in ["left", "right"] {
+        let named = |w: &&aventail::warning::Warning| w.code.starts_with("guide-") && w.message.contains(name);
+        assert!(outcome.warnings.iter().any(|w| named(&w)), "{name}: {:?}", codes(&outcome));
+    }
+    assert_eq!(outcome.jacobian_report.body.folded, plain.jacobian_report.body.folded);
+}
+
+#[test]
+fn a_guide_that_the_scans_edge_cuts_is_named_and_its_cut_surface_draws_nothing() {
+    let (scene, ..) = grown();
+    let here = scene.case.fraction.ct.grid().clone();
+    let [ni, nj, nk] = here.size();
+    let low = here.index(&scene.swelling.centre).z.round() as usize;
+    let cut = |volume: &Volume<f32>| part(volume, &[0..ni, 0..nj, low..nk]).expect("slices of the scan");
+    let mut case = scene.case.clone();
+    case.fraction.ct = cut(&case.fraction.ct);
+    let grid = case.fraction.ct.grid().clone();
+    let inside = |n: usize| (scene.swelling.pull(&grid.centre(grid.voxel(n))) - scene.swelling.centre).norm() < RADIUS;
+    let upper: Mask = Volume::from_fn(grid.clone(), inside);
+    case.fraction.guides = vec![Outline::of("gland", &upper, |v| v).expect("half a ball has voxels")];
+    let mut alone = case.clone();
+    alone.fraction.guides.clear();
+    alone.planning_mut().guides.clear();
+    let (plain, guided) = (run(&alone, &config(), 0), run(&case, &config(), 0));
+    let [before, after] = [&plain, &guided].map(|outcome| scene.errors(&outcome.push));
+    println!("error {before:.3?} -> {after:.3?} mm; {:?}", guided.guides);
+    let word = guided.warnings.iter().find(|w| w.code == "guide-cut").expect("it is named");
+    assert!(word.message.contains("gland"), "{}", word.message);
+    assert!(after[0] < before[0] && after[1] <= 1.02 * before[1], "{before:?} {after:?}");
+    let (_, _, whole) = grown();
+    assert!(!codes(whole).contains(&"guide-cut"));
 }
 
 #[test]

@@ -64,6 +64,9 @@ fn what_breathes_slides_along_the_wall() {
     println!("lung and organs {inside:.2?} mm, held {before:.2?}; wall {beside:.2?}, held {was:.2?}");
     assert!(inside[0] < 0.85 * before[0] && inside[1] < before[1], "{inside:?} {before:?}");
     assert!(beside[0] <= 1.02 * was[0], "{beside:?} {was:?}");
+    // Images are right about it, and are not doubted.
+    let misled = |o: &Outcome| o.kind.as_ref().and_then(|k| k.misled);
+    assert!(slides.kind.is_some() && misled(&slides).is_none(), "{:?}", misled(&slides));
     // The layer that slips is counted apart, and does not fold.
     let [layer, before] = [&slides, &held].map(|o| &o.jacobian_report.interface);
     assert!(layer.cells > 1000 && before.cells < layer.cells / 5, "{layer:?} {before:?}");

@@ -90,4 +90,12 @@ fn a_run_tells_what_it_will_need_and_writes_nothing() {
     let bytes = told["memory_bytes"].as_f64().unwrap();
     assert!((5e7..2e9).contains(&bytes), "{bytes}");
     assert!(!register.out.exists());
+    // What the run would refuse before it begins, this refuses too.
+    let marks = at("cut_landmarks.csv");
+    fs::write(&marks, "name,planning_x,planning_y\nnose,1,2\n").unwrap();
+    for option in ["--landmarks", "--bone-landmarks", "--start"] {
+        let run = Register::quick("estimated").flag("--estimate").with(option, &marks).command().assert().failure();
+        let told = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(told.contains("cut_landmarks.csv"), "{option}: {told}");
+    }
 }

@@ -45,6 +45,7 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let beside = BonesBy { beside: &args.out, command: &command, quiet: args.run.shown.quiet };
     request.make_bones(beside, &runtime)?;
     if args.estimate {
+        request.settle()?;
         let memory_bytes = request.expected_memory()?;
         return Estimate { memory_bytes, threads: runtime.threads() }.told(args.run.told.json);
     }

@@ -273,3 +273,35 @@ pub(super) fn warnings(reached: &[GuideReached], voxel: f64) -> Vec<Warning> {
 pub(super) fn may_guide(planning: &PlanningScan, config: &Config) -> bool {
     !planning.guides.is_empty() && config.soft_tissue == SoftTissue::ChainMail
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Grid;
+
+    #[test]
+    fn cells_that_fold_beside_a_guide_are_counted_and_named() {
+        let grid = Grid::axis_aligned([40, 30, 20], [2.0, 2.0, 3.0], [0.0; 3]).unwrap();
+        let ball = |n: usize| (grid.centre(grid.voxel(n)) - Point3::new(24.0, 30.0, 30.0)).norm() < 12.0;
+        let outline = Outline::of("gland", &Volume::from_fn(grid.clone(), ball), |v| v).unwrap();
+        let push = Volume::filled(grid.clone(), [0f32; 3]);
+        let mut jacobian = Volume::filled(grid.clone(), 1f32);
+        let told = |jacobian: &Volume<f32>| {
+            let pairs = [(outline.clone(), outline.clone())];
+            let found = GuidedField::all(None, &push, &Spans::of_volume(jacobian), &pairs, &[None]);
+            (
+                found[0].folded,
+                warnings(&found, 3.0).iter().any(|w| w.code == "guide-folds" && w.message.contains("gland")),
+            )
+        };
+        // In the middle, 12 mm deep, and 30 mm away.
+        for voxel in [[12, 15, 10], [33, 15, 10]] {
+            jacobian.data_mut()[grid.linear(voxel)] = -0.1;
+            assert_eq!(told(&jacobian), (0, false), "{voxel:?}");
+        }
+        // On its surface, and 6 mm outside.
+        jacobian.data_mut()[grid.linear([18, 15, 10])] = -0.1;
+        jacobian.data_mut()[grid.linear([21, 15, 10])] = 0.0;
+        assert_eq!(told(&jacobian), (2, true));
+    }
+}

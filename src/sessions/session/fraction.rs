@@ -80,6 +80,9 @@ impl FractionSources {
         if let Some(path) = self.landmarks.as_ref().and_then(Source::path) {
             io::read_landmarks(path)?;
         }
+        if let Some(path) = self.bone_landmarks.as_ref().and_then(Source::path) {
+            io::read_bone_landmarks(path)?;
+        }
         let Some(path) = self.start.as_ref().and_then(Source::path).map(Path::to_owned) else { return Ok(()) };
         self.start = Some(Source::Memory(start::read(&path, planning, self.ct.path())?));
         let (file, entry) = start::split(&path);

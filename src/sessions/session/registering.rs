@@ -59,6 +59,15 @@ impl Request {
         self.fractions.iter_mut().try_for_each(|one| one.make_bones(fraction, by, runtime))
     }
 
+    /// Reads what is small of each fraction, so that a fault in it is told before anything long begins.
+    ///
+    /// # Errors
+    /// As [`FractionSources::settle`].
+    pub fn settle(&mut self) -> Result<()> {
+        let planning = self.planning.ct.path().map(Path::to_owned);
+        self.fractions.iter_mut().try_for_each(|one| one.settle(planning.as_deref()))
+    }
+
     /// Refuses faults that show in the request itself or in headers; returns the expected memory of the fraction that needs most,
     /// bytes.
     ///
@@ -127,8 +136,7 @@ impl Session {
     /// When a file cannot be read or used; what is asked for as DICOM must be there as DICOM; [`Error::Usage`] when a fraction is
     /// of another modality than the settings say.
     pub fn open(mut request: Request, runtime: &Runtime) -> Result<Self> {
-        let planning_file = request.planning.ct.path().map(Path::to_owned);
-        request.fractions.iter_mut().try_for_each(|one| one.settle(planning_file.as_deref()))?;
+        request.settle()?;
         let planning = headers::planning_modality(&request.planning, request.config.planning.modality)?;
         request.config.planning.modality = planning;
         request.config.fraction.modality = headers::modality(&request.fractions, request.config.fraction.modality)?;
