@@ -100,8 +100,13 @@ def phantom(
 
     ``spacing`` is the voxel spacing along x, y, z, mm (default: 2 x 2 x 3); the field of view stays
     the same. ``second=True`` takes the posture of the second fraction. ``cbct=True`` makes the
-    fraction a simulated cone-beam CT. docs/python.md lists further options, such as ``seed`` and
-    ``soft_tissue_mm``.
+    fraction a simulated cone-beam CT.
+
+    Further options, by name: ``size``, ``top_mm``, ``edge_mm``, ``fat_mm``, ``planning_noise_hu``,
+    ``fraction_noise_hu``, ``fraction_gain``, ``fraction_offset_hu``, ``fraction_spacing_mm``,
+    ``fraction_grid_shift``, ``fraction_cut_top_mm``, ``fraction_cut_bottom_mm``,
+    ``scanner_shift_mm``, ``couch_shift_mm``, ``posture`` (by bone, ``rotation_deg`` and
+    ``shift_mm``), ``soft_tissue_mm``, ``seed``.
 
     >>> import aventail
     >>> aventail.phantom(spacing=(6, 6, 6))
@@ -111,7 +116,7 @@ def phantom(
     voxel = None if spacing is None else _given.three("spacing", spacing, remedy)
     if voxel is not None and not all(_VOXEL_MM[0] <= mm <= _VOXEL_MM[1] for mm in voxel):
         raise _errors.usage(f"spacing is {voxel}", remedy)
-    text = _given.json_text("options", options, "docs/python.md names them")
+    text = _given.json_text("options", options, "help(aventail.phantom) names them")
     return _phantom(text, voxel, _given.flag("second", second), _given.flag("cbct", cbct))
 
 

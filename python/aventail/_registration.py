@@ -384,9 +384,10 @@ def register(
     names (those of TotalSegmentator) if the label map has none. ``settings`` is a preset, a file or
     a dict (docs/settings.md). ``landmarks`` only measure the error; ``bone_landmarks`` place the
     skeleton before it is fitted to the image. ``skeleton`` is a TOML file of changes to the
-    skeleton. ``start`` is a 4x4 matrix, planning to fraction, LPS mm, near which the fit begins.
-    ``organs`` is a file of organ labels on the planning grid, or a structure set. ``volume_change``
-    gives organs' volumes in the fraction divided by those in planning, ``{"parotid_left": 0.8}``.
+    skeleton. ``start`` is a 4x4 matrix, planning to fraction, LPS mm, near which the fit begins;
+    where it explains little of the bones, all shifts are searched. ``organs`` is a file of organ
+    labels on the planning grid, or a structure set. ``volume_change`` gives organs' volumes in the
+    fraction divided by those in planning, ``{"parotid_left": 0.8}``.
     ``threads=0`` takes one thread per core; results do not depend on it. Other Python threads run
     meanwhile, and Ctrl-C raises KeyboardInterrupt.
 

@@ -19,7 +19,7 @@ type Points = Vec<(String, [f64; 3], [f64; 3])>;
 /// The options of a JSON text, with the spacing of a grid over the same field of view.
 fn options(json: &str, spacing: Option<[f64; 3]>, second: bool) -> Result<PhantomOptions> {
     let refuse = |e: serde_json::Error| {
-        Error::usage(format!("the options of the phantom are not legal: {e}"), "docs/python.md names them")
+        Error::usage(format!("the options of the phantom are not legal: {e}"), "help(aventail.phantom) names them")
     };
     let mut options: PhantomOptions = serde_json::from_str(json).map_err(refuse)?;
     if second {

@@ -75,12 +75,12 @@ pub struct CommonArgs {
 /// Planning CT, its bones and their names.
 #[derive(Debug, Args, Clone)]
 pub struct PlanningArgs {
-    /// Planning CT in HU: a NIfTI, MetaImage or NRRD file, or the folder of a DICOM series;
-    /// FOLDER#NUMBER chooses one of several series
+    /// Planning CT in HU (`register`: or MR): a NIfTI, MetaImage or NRRD file, or the folder of a
+    /// DICOM series; FOLDER#NUMBER chooses one of several series
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub planning: Option<PathBuf>,
-    /// Bone labels: a label map on the planning grid (for example TotalSegmentator's multi-label
-    /// file), or a DICOM structure set. `auto` runs TotalSegmentator, which must be installed, and
+    /// Bone labels: a label map on the planning grid (TotalSegmentator's multi-label file), DICOM
+    /// structure set or segmentation. `auto` runs TotalSegmentator, which must be installed, and
     /// keeps its labels beside OUT for the next fraction
     #[arg(long, value_name = "FILE|auto", required_unless_present = "config")]
     pub bones: Option<PathBuf>,

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args, Clone, Default)]
 pub struct OrganArgs {
     /// Organ labels on the planning grid: a label map with names, a mask whose file name is the
-    /// organ's name, or a DICOM structure set (of which only organs named in the settings or in
-    /// --volume-change are used)
+    /// organ's name, or a DICOM structure set (only organs named in settings or --volume-change
+    /// count)
     #[arg(long, value_name = "FILE")]
     pub organs: Option<PathBuf>,
     /// Volume of an organ in the fraction divided by that in planning, for example

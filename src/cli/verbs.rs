@@ -18,9 +18,9 @@ pub struct Cli {
 const AFTER: &str = "\
 Start with `aventail demo`: it makes a phantom, registers it and writes the full report.
 
-Exit codes: 0 done; 1 internal error; 2 wrong command line or settings; 3 a file cannot be read;
-4 the inputs do not fit the task or each other; 5 a result cannot be written;
-6 the registration failed.
+Exit codes: 0 done, whatever the verdict (`fail` too); 1 internal error; 2 wrong command line or
+settings; 3 a file cannot be read; 4 the inputs do not fit the task or each other; 5 a result cannot
+be written; 6 the registration failed.
 
 Research software, not a medical device.";
 
@@ -86,7 +86,7 @@ pub enum Verb {
     /// Install aventail as a module of 3D Slicer
     #[command(subcommand, after_help = super::slicer::HELP)]
     Slicer(super::slicer::SlicerVerb),
-    /// Write the help of every verb as manual pages
+    /// Write the help of every command as manual pages
     Man(super::man::ManArgs),
     /// Print a completion script for your shell
     Completions {

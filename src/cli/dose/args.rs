@@ -24,6 +24,9 @@ pub enum DoseVerb {
 }
 
 const MAP: &str = "\
+One of --planning-to-fraction and --fraction-to-planning is required; either serves for both
+directions.
+
 interpolate takes the dose at the mapped point. energy-mass maps energy and mass together, conserves
 energy and prints the balance; it needs --ct. The .json beside OUT holds balance, inversion
 residual, warnings and checksums; `aventail inspect` verifies them. The .html page beside OUT draws
@@ -31,15 +34,21 @@ isodoses before and after and marks steep dose gradients; --page-ct adds a CT, -
 histograms.
 
 Examples:
-  aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
-  aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz --out dose_on_planning.nii.gz";
+  aventail dose map --dose plan_dose.nii.gz --to fraction --planning-to-fraction dvf.nii.gz \\
+                    --grid fraction_ct.nii.gz --out dose_on_fraction.nii.gz
+  aventail dose map --dose day_dose.nii.gz --to planning --planning-to-fraction dvf.nii.gz \\
+                    --grid plan_dose.nii.gz --method energy-mass --ct fraction_ct.nii.gz \\
+                    --out dose_on_planning.nii.gz";
 
 const ACCUMULATE: &str = "\
 Writes beside OUT a .json file, as `dose map` does, and a page (.html): isodoses of the sum and of
 each fraction's share, steep dose gradients, and with --structures dose-volume histograms.
 
 Example:
-  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz --weights 0.571 0.429 --grid plan_dose.nii.gz --page-ct planning_ct.nii.gz --structures contours.json --out sum.nii.gz";
+  aventail dose accumulate --dose day1.nii.gz day2.nii.gz --fields dvf1.nii.gz dvf2.nii.gz \\
+                           --weights 0.571 0.429 --grid plan_dose.nii.gz \\
+                           --page-ct planning_ct.nii.gz --structures contours.json \\
+                           --out sum.nii.gz";
 
 const DVH: &str = "\
 Writes dvh.html (the page), dvh.csv (curves), dvh_figures.csv, dvh.json and dvh.png to OUT, and
@@ -48,8 +57,11 @@ and the dose of the fraction is mapped back to them. With --samples the page sho
 dvh_intervals.csv holds the 90 % intervals.
 
 Examples:
-  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json --at 20 50 --out dvh
-  aventail dose dvh --dose day_dose.nii.gz --structures planning.json --planning-to-fraction out/planning_to_fraction.nii.gz --samples out/samples --limit \"cord:D0.03cc<=45\" --out dvh";
+  aventail dose dvh --dose planned.nii.gz accumulated.nii.gz --structures contours.json \\
+                    --at 20 50 --out dvh
+  aventail dose dvh --dose day_dose.nii.gz --structures planning.json \\
+                    --planning-to-fraction out/planning_to_fraction.nii.gz \\
+                    --samples out/samples --limit \"cord:D0.03cc<=45\" --out dvh";
 
 const COMPARE: &str = "\
 Writes dose_difference.nii.gz (dose minus reference, Gy), distance_to_dose_difference.nii.gz (mm:
@@ -57,7 +69,8 @@ from each voxel to the nearest one whose dose differs by the tolerance; a smalle
 changes no voxel's dose by that much), compare.html (pictures) and compare.json to OUT.
 
 Example:
-  aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz --ct planning_ct.nii.gz --tolerance 2 --out compare";
+  aventail dose compare --dose accumulated.nii.gz --reference planned.nii.gz \\
+                        --ct planning_ct.nii.gz --tolerance 2 --out compare";
 
 /// How dose is carried.
 #[derive(Debug, Args)]
@@ -113,16 +126,15 @@ impl PageArgs {
 /// How far a carried dose may be off.
 #[derive(Debug, Args)]
 pub struct SampledArgs {
-    /// Folder of samples of the registration (`aventail samples`; one for each dose, in their
-    /// order), to estimate the dose error: writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and adds
-    /// bands and 90 % intervals to the page
+    /// Folder of samples (`aventail samples`), for each dose one, to estimate the dose error:
+    /// writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and adds bands and 90 % intervals to the page
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub samples: Vec<PathBuf>,
     /// Doses x, Gy, whose V_x the table of intervals lists
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each is kept, not kept
-    /// or undecided
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each: kept, not kept,
+    /// or undecided (the 90 % interval holds the limit)
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -154,7 +166,7 @@ pub struct MapArgs {
     /// Frame to which the dose is mapped
     #[arg(long, value_enum)]
     pub to: Frame,
-    /// Field on the planning grid: planning x goes to x + u(x)
+    /// Field on the planning grid: planning x goes to x + u(x). This or the other is required
     #[arg(long, value_name = "FILE", required_unless_present = "fraction_to_planning")]
     pub planning_to_fraction: Option<PathBuf>,
     /// Field on the fraction grid: fraction y shows planning y + v(y)
@@ -201,8 +213,8 @@ pub struct AccumulateArgs {
     /// If each dose is that of one fraction: number of fractions delivered with it
     #[arg(long, value_name = "N", num_args = 1.., conflicts_with = "weights")]
     pub fractions: Vec<f64>,
-    /// If each dose is that of the whole plan: share of the plan delivered with it, from 0 to 1
-    /// (default: 1 each)
+    /// If each dose is that of the whole plan: its share, 0 to 1 (of a finished plan together 1).
+    /// Without --weights and --fractions doses are just added
     #[arg(long, value_name = "SHARE", num_args = 1..)]
     pub weights: Vec<f64>,
     /// Image, or folder of a DICOM series, that gives the result its grid, in the planning frame
@@ -253,8 +265,8 @@ pub struct DvhArgs {
     /// Folder of samples of that registration (`aventail samples`): adds bands and 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each is kept, not kept
-    /// or undecided
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each: kept, not kept,
+    /// or undecided (the 90 % interval holds the limit)
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
     /// Doses x, Gy, for which V_x is computed

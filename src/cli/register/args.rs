@@ -7,6 +7,8 @@ use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
 pub(in super::super) const HELP: &str = "\
+Needs --planning, --bones and --fraction, unless --config names the report of an earlier run.
+
 Writes to OUT:
   planning_to_fraction.*      push field on the planning grid: planning point x goes to x + u(x)
   fraction_to_planning.*      pull field on the fraction grid: fraction voxel y shows planning at
@@ -19,25 +21,36 @@ Writes to OUT:
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: the patient; tissue whose motion was computed; fraction voxels
                               that the planning scan covers
-  uncertainty.nii.gz          estimated error, mm, planning grid: about two thirds of the errors are
-                              smaller; -1 unknown
+  uncertainty.nii.gz          error, mm, planning grid: two thirds of errors are smaller;
+                              -1 outside the patient or unknown
   skin_contact.nii.gz         fraction voxels where skin passes through skin, if there are any
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows
   report.html, report.json, report/*.png, landmarks.csv, settings.toml
 
 Examples:
-  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --fraction fraction_ct.nii.gz --out out
-  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --fraction fraction_ct.nii.gz --out out
-  aventail register --planning planning_ct.nii.gz --bones auto --fraction fraction_ct.nii.gz --out patient/monday
-                                                              # labels by TotalSegmentator, kept in patient
-  aventail register --config out/report.json --out again      # the same run once more
-  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction monday.nii.gz --fraction friday.nii.gz --out week
-                                                              # writes week/monday, week/friday and week/index.html
-  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz --roi mandible --out jaw
-  aventail register --planning ct.nii.gz --bones auto --fraction day.nii.gz --fraction-bones auto --out day
-                                                              # labels of both scans first place the bones
-  aventail register --planning ct --bones bones.nii.gz --fraction day --guide RS.dcm --fraction-guide RS_day.dcm --guide-names bladder,rectum --out day1
-                                                              # soft tissue is pulled to the outlines of the day";
+  aventail register --planning planning_ct.nii.gz --bones bones.nii.gz \\
+                    --fraction fraction_ct.nii.gz --out out
+  # the same run once more
+  aventail register --config out/report.json --out again
+  # labels by TotalSegmentator, kept in patient
+  aventail register --planning planning_ct.nii.gz --bones auto \\
+                    --fraction fraction_ct.nii.gz --out patient/monday
+  # writes week/monday, week/friday and week/index.html
+  aventail register --planning ct.nii.gz --bones bones.nii.gz \\
+                    --fraction monday.nii.gz --fraction friday.nii.gz --out week
+  # a gland that has shrunk
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz \\
+                    --organs parotid_left.nii.gz --volume-change parotid_left=0.8 --out out
+  # the jaw and 50 mm around it
+  aventail register --planning ct.nii.gz --bones bones.nii.gz --fraction day.nii.gz \\
+                    --roi mandible --out jaw
+  # labels of both scans first place the bones
+  aventail register --planning ct.nii.gz --bones auto \\
+                    --fraction day.nii.gz --fraction-bones auto --out day
+  # soft tissue is pulled to the outlines of the day
+  aventail register --planning ct --bones bones.nii.gz --fraction day \\
+                    --guide RS.dcm --fraction-guide RS_day.dcm --guide-names bladder,rectum \\
+                    --out day1";
 
 /// Options of `register`.
 #[derive(Debug, Args)]
@@ -97,9 +110,9 @@ pub struct RegisterArgs {
     /// Names of the labels in --guide and --fraction-guide (JSON), if a label map has none
     #[arg(long, value_name = "FILE")]
     pub guide_labels: Option<PathBuf>,
-    /// Rigid registration from planning to fraction, near which the fit starts instead of
-    /// searching: a DICOM Spatial Registration, an ITK .tfm, a 4x4 matrix (.txt#lps or .txt#ras),
-    /// or .json#NAME
+    /// Rigid registration, planning to fraction, near which the fit starts; where it explains
+    /// little of the bones, all shifts are searched. A DICOM Spatial Registration, an ITK .tfm, a
+    /// 4x4 matrix (.txt#lps or .txt#ras), or .json#NAME
     #[arg(long, value_name = "FILE", conflicts_with = "bone_landmarks")]
     pub start: Option<PathBuf>,
     /// Whether --bone-landmarks only start the fit to the image, or replace it

@@ -16,11 +16,16 @@ of the other direction is inverted numerically, and the residual is printed. Sev
 applied as a chain, in their order. Points outside a field stay where they are.
 
 Examples:
-  aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction --input tumour.mrk.json --out moved.mrk.json
-  aventail warp --field out/fraction_to_planning.nii.gz --from planning --to fraction --kind dose --input dose.nii.gz --out dose_day.nii.gz
-  aventail warp --field planning:fraction=elastix.mha --from planning --to fraction --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz --out organs_day.nii.gz
-  aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz --from couch --to fraction \\
-                --grid couch_ct.nii.gz --out-field all.mha        # one field for the whole chain";
+  aventail warp --field out/planning_to_fraction.nii.gz --from planning --to fraction \\
+                --input tumour.mrk.json --out moved.mrk.json
+  aventail warp --field out/fraction_to_planning.nii.gz --from planning --to fraction \\
+                --kind dose --input dose.nii.gz --out dose_day.nii.gz
+  aventail warp --field planning:fraction=elastix.mha --from planning --to fraction \\
+                --kind labels --input organs.nii.gz --grid fraction_ct.nii.gz \\
+                --out organs_day.nii.gz
+  # one field for the whole chain
+  aventail warp --field couch:planning=rigid.tfm --field out/planning_to_fraction.nii.gz \\
+                --from couch --to fraction --grid couch_ct.nii.gz --out-field all.mha";
 
 /// The file that is carried, and the one that is written.
 #[derive(Clone, Copy)]
