@@ -258,15 +258,15 @@ fn outlines_that_are_exchanged_are_named_and_fold_nothing() {
 fn a_guide_that_the_scans_edge_cuts_is_named_and_its_cut_surface_draws_nothing() {
     let (scene, ..) = grown();
     let here = scene.case.fraction.ct.grid().clone();
-    let [ni, nj, nk] = here.size();
-    let low = here.index(&scene.swelling.centre).z.round() as usize;
-    let cut = |volume: &Volume<f32>| part(volume, &[0..ni, 0..nj, low..nk]).expect("slices of the scan");
+    let [ni, nj, _] = here.size();
+    let high = here.index(&scene.swelling.centre).z.round() as usize;
+    let cut = |volume: &Volume<f32>| part(volume, &[0..ni, 0..nj, 0..high]).expect("slices of the scan");
     let mut case = scene.case.clone();
     case.fraction.ct = cut(&case.fraction.ct);
     let grid = case.fraction.ct.grid().clone();
     let inside = |n: usize| (scene.swelling.pull(&grid.centre(grid.voxel(n))) - scene.swelling.centre).norm() < RADIUS;
-    let upper: Mask = Volume::from_fn(grid.clone(), inside);
-    case.fraction.guides = vec![Outline::of("gland", &upper, |v| v).expect("half a ball has voxels")];
+    let lower: Mask = Volume::from_fn(grid.clone(), inside);
+    case.fraction.guides = vec![Outline::of("gland", &lower, |v| v).expect("half a ball has voxels")];
     let mut alone = case.clone();
     alone.fraction.guides.clear();
     alone.planning_mut().guides.clear();

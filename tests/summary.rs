@@ -91,7 +91,7 @@ fn a_run_tells_what_it_will_need_and_writes_nothing() {
     assert!((5e7..2e9).contains(&bytes), "{bytes}");
     assert!(!register.out.exists());
     // What the run would refuse before it begins, this refuses too.
-    let marks = at("cut_landmarks.csv");
+    let marks = register.out.with_file_name("cut_landmarks.csv");
     fs::write(&marks, "name,planning_x,planning_y\nnose,1,2\n").unwrap();
     for option in ["--landmarks", "--bone-landmarks", "--start"] {
         let run = Register::quick("estimated").flag("--estimate").with(option, &marks).command().assert().failure();
