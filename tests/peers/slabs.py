@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 from fields import Image
-from posed import spread
+from posed import both, spread
 from scipy import ndimage
 from side_by_side import errors, true_points
 from tools import Job, aventail
@@ -81,14 +81,13 @@ def score(case, out, slab):
     inside = view.at(truth[:, :3] + truth[:, 3:6], order=0, outside=0.0) > 0.5
     bones = [(error[label == b].mean(), inside[label == b].mean() > 0.5) for b in np.unique(label[label > 0])]
     parts = [[e for e, here in bones if here == where] for where in (True, False)]
-    told = [f"{np.mean(p):.2f} / {max(p):.2f} ({len(p)})" if p else "" for p in parts]
     u = Image(f"{out}/uncertainty.nii.gz").at(truth[:, :3], order=0, outside=-1.0)
     beyond = []
     for place in (inside, ~inside):
         known = place & (u >= 0)
         beyond += [f"{100 * (error[known] > 3 * u[known] + 0.5).mean():.2f}" if known.any() else "-"]
     soft = [spread(error[(label == 0) & place]) for place in (inside, ~inside)]
-    return [*told, *soft, ", ".join(beyond)], parts[0]
+    return [*map(both, parts), *soft, ", ".join(beyond)], parts[0]
 
 
 def refusal(error):
