@@ -16,9 +16,9 @@ CASES       folder with planning_ct.nii.gz, bones.nii.gz, bones.json and a folde
 --affine    the other tools begin with an affine step
 
 Errors are at the true points, mm: the mean of each bone that the image shows (mean, worst and number: of all, and of those with
-200 points), of those that follow their joints; soft tissue (95th, 99.5th percentile). Folds are cells away from contact of bones. Of the map of
-uncertainty u: Spearman's correlation with the error of soft tissue, errors below u, 2u and 3u in %, and how many of those above
-1 mm its highest tenth holds. The table goes to the terminal, row by row.
+200 points), of those that follow their joints; soft tissue (95th, 99.5th percentile). Folds are cells away from contact of
+bones. Of the map of uncertainty u: Spearman's correlation with the error of soft tissue, errors below u, 2u and 3u in %, and
+how many of those above 1 mm its highest tenth holds. The table goes to the terminal, row by row.
 """
 import argparse
 import json
