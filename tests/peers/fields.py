@@ -39,6 +39,13 @@ class Image:
         return np.stack(parts, -1)
 
 
+def write_like(image, values, file):
+    """Writes an array (index order x, y, z) on the grid of an image of SimpleITK."""
+    found = sitk.GetImageFromArray(values.transpose(2, 1, 0))
+    found.CopyInformation(image)
+    sitk.WriteImage(found, file)
+
+
 class Field(Image):
     """A displacement field: its grid's points x go to x + u(x)."""
 
@@ -57,8 +64,8 @@ def patient(hu):
     return np.stack([ndimage.binary_fill_holes(body[:, :, k]) for k in range(body.shape[2])], -1)
 
 
-def read_landmarks(file):
-    """Points of both scans in a CSV as `aventail register --landmarks` takes it: two arrays of n x 3."""
+def read_landmarks(file, without=()):
+    """Points of both scans in a CSV as `aventail register --landmarks` takes it, some left out by name: two arrays of n x 3."""
     with open(file, encoding="utf-8") as text:
-        rows = list(csv.DictReader(text))
+        rows = [row for row in csv.DictReader(text) if row.get("name") not in without]
     return [np.array([[float(r[f"{side}_{a}"]) for a in "xyz"] for r in rows]) for side in ("planning", "fraction")]

@@ -90,11 +90,16 @@ def summary(values):
     return {"n": int(values.size), "mean": float(values.mean()), "p95": float(np.percentile(values, 95)), "max": float(values.max())}
 
 
-def shape_change(points, moved):
-    """How far from any rigid motion some points have moved, rms."""
+def departure(points, moved):
+    """How far each of some points has moved from the rigid motion that fits them best."""
     a, b = points - points.mean(0), moved - moved.mean(0)
     turn, _ = Rotation.align_vectors(b, a)
-    return float(np.sqrt(((turn.apply(a) - b) ** 2).sum(1).mean()))
+    return np.linalg.norm(turn.apply(a) - b, axis=1)
+
+
+def shape_change(points, moved):
+    """How far from any rigid motion some points have moved, rms."""
+    return float(np.sqrt((departure(points, moved) ** 2).mean()))
 
 
 def local_correlation(a, b, inside, spacing, least, cube=20.0, every=4.0, smooth=1.5):
@@ -115,23 +120,25 @@ def local_correlation(a, b, inside, spacing, least, cube=20.0, every=4.0, smooth
 
 
 def came_and_went(planning, warped, patient, seen, spacing):
-    """Volumes, ml, of tissue where planning has air and the other way, at least three voxels thick: inside and at the skin."""
+    """Voxels of tissue where planning has air and the other way, at least three voxels thick: inside and at the skin."""
     near = ndimage.distance_transform_edt(~patient, spacing) < 20
     deep = ndimage.distance_transform_edt(patient, spacing) > 5
-    ml = np.prod(spacing) / 1000
     came = ndimage.binary_opening((planning < AIR) & (warped > TISSUE) & near & seen)
     went = ndimage.binary_opening((planning > TISSUE) & (warped < AIR) & near & seen)
-    return {f"{name}_{where}_ml": float((change & place).sum() * ml)
+    return {f"{name}_{where}": change & place
             for name, change in (("came", came), ("went", went)) for where, place in (("inside", deep), ("skin", ~deep))}  # fmt: skip
 
 
 def folds(image, moved, patient, bones):
-    """Cells of a grid (eight voxel centres) in the patient of which any corner turns over; apart from those between two bones."""
+    """Cells of a grid (eight voxel centres) in the patient of which any corner turns over, apart from those between two bones.
+
+    And the 1st percentile of the others' volumes (the mean over their corners) by what they were.
+    """
     p = moved.astype(np.float32)
     cell = lambda v, how: how.reduce([v[i : v.shape[0] - 1 + i, j : v.shape[1] - 1 + j, k : v.shape[2] - 1 + k]
                                       for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
     edge = [np.diff(p, axis=a) for a in range(3)]
-    worst = None
+    worst, total = None, 0.0
     cut = lambda v, i, a: v[(slice(None),) * a + (slice(i, v.shape[a] - 1 + i),)]
     for i in (0, 1):
         for j in (0, 1):
@@ -143,12 +150,19 @@ def folds(image, moved, patient, bones):
                     + x[..., 2] * (y[..., 0] * z[..., 1] - y[..., 1] * z[..., 0])
                 ) / np.linalg.det(image.step)
                 worst = volume if worst is None else np.minimum(worst, volume)
+                total = total + volume / 8
     inside = cell(patient, np.logical_and)
     most = cell(bones, np.maximum)
     least = cell(np.where(bones == 0, most.max() + 1, bones), np.minimum)
     contact = (most > 0) & (least < most)
     folded = inside & (worst <= 0)
-    return {"cells": int(inside.sum()), "folded": int((folded & ~contact).sum()), "folded_between_bones": int((folded & contact).sum())}
+    return {"cells": int(inside.sum()), "folded": int((folded & ~contact).sum()), "folded_between_bones": int((folded & contact).sum()),
+            "volume_1st_percentile": float(np.percentile(total[inside & ~contact], 1))}  # fmt: skip
+
+
+def without_air(hu, patient):
+    """The patient without air and what it encloses within three voxels, as the vessels of a lung."""
+    return patient & ~ndimage.binary_closing(patient & (hu < AIR), iterations=3)
 
 
 def target_errors(field, planning, fraction, snap=None):

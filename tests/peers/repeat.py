@@ -11,6 +11,12 @@ DIR          ct_1.nii.gz, ct_2.nii.gz, ... (any number), bones_1.nii.gz (labels 
 --out        folder of runs and results (default: repeat); runs that are finished there are kept
 --tools      default: aventail,plastimatch,elastix,greedy (tools.py has their settings); what is not installed is named
 --affine     the other tools begin with an affine step (a chest that breathes), not a rigid one
+--no-air     the masks of the other tools are the patient without air (a lung)
+--config     settings of aventail (TOML)
+--leave-out  names of landmarks, with commas: errors also without them
+--cut        names of bones, with commas: writes OUT/bones_cut.nii.gz, the labels without the voxels of these bones where greedy's
+             field from the first scan to the second departs from the bone's rigid part by more than 1 mm. Give it as --bones
+Other settings (--affine, --no-air, --config, --bones) need another OUT.
 
 The first scan is registered to every other; of three or more every other also to every third, with the first's bones carried
 by aventail's own field. The patient is what aventail finds in each scan. Measured in the first scan, lengths in mm:
@@ -22,7 +28,10 @@ by aventail's own field. The patient is what aventail finds in each scan. Measur
   agreement  local correlation of soft tissue in cubes of 20 mm, where the first scan varies by 15 HU
   came, went tissue (above -200 HU) where the first scan has air (below -500 HU) after registration, and the other way, ml;
              inside the patient (airway, mouth) and within 5 mm of the skin
-  folded     cells of the grid in the patient that turn over, between two bones and elsewhere
+  folded     cells of the grid in the patient that turn over, between two bones and elsewhere; volume: the 1st percentile of the
+             others' volumes by what they were
+  jaw        mean distance of the skin in front of the mandible, positive: mapped outside of the other scan's
+  u          aventail's uncertainty, mean, of soft tissue and of tissue (went, inside) where the other scan has air
   way around 1 to i to j against 1 to j, for every i and j: bones, and soft tissue above -500 HU
   within     share of soft tissue whose miss around is within 1, 2, 3 times aventail's uncertainty (three runs in quadrature)
 Time is processor time, with the files. The tables go to the terminal and to OUT/repeat.md, all figures to OUT/repeat.json.
@@ -36,13 +45,17 @@ import re
 
 import measures
 import numpy as np
-from fields import Field, Image, read_landmarks
+import SimpleITK as sitk
+from fields import Field, Image, read_landmarks, write_like
 from runs import Runs
 from scipy import ndimage, stats
 from tools import installed
 
 POINTS = 400_000
 ARRIVED = "couch shift"
+JAW = "mandible"
+# Departure from a bone's rigid motion beyond which a voxel is taken from its label, mm.
+DEPARTS = 1.0
 
 
 class Shift:
@@ -75,6 +88,19 @@ class Planning:
         self.points, self.point_labels = self.image.world(index), self.labels[tuple(index.T)]
         self.everywhere = self.image.world(np.indices(self.image.size).reshape(3, -1).T)
 
+    def bone(self, label):
+        """Voxel centres of a bone."""
+        return self.image.world(np.argwhere(self.labels == label))
+
+    def before_jaw(self, points):
+        """Which points lie in front of the mandible, within its width and height."""
+        jaw = [self.bone(label) for label, name in self.names.items() if name == JAW]
+        if not jaw:
+            return np.zeros(len(points), bool)
+        low, high = jaw[0].min(0), jaw[0].max(0)
+        beside = np.all((points >= low) & (points <= high), axis=1, where=[True, False, True])
+        return beside & (points[:, 1] < low[1])
+
 
 class Scan:
     """Another scan: its surfaces to measure distances to."""
@@ -96,12 +122,12 @@ def turned(field, points, normals):
     return there / np.maximum(np.linalg.norm(there, axis=1), 1e-6)[:, None]
 
 
-def one_way(planning, scan, field, landmarks=None):
-    """All measures of one registration."""
+def one_way(planning, scan, field, landmarks=None, uncertainty=None):
+    """All measures of one registration; landmarks by the name of their set."""
     found = {"bones": {}}
     for label, name in planning.names.items():
         points, normals = planning.surfaces[name]
-        voxels = planning.image.world(np.argwhere(planning.labels == label)[:20000])
+        voxels = planning.bone(label)[:20000]
         moved = field.map(points)
         seen = scan.inside(moved)
         if seen.sum() < 100:
@@ -118,16 +144,36 @@ def one_way(planning, scan, field, landmarks=None):
     seen = scan.inside(moved, 5.0)
     offset = scan.skin.offset(moved[seen], turned(field, points[seen], normals[seen]))
     found["skin"] = {**measures.summary(np.abs(offset)), "signed_mean": float(offset.mean())}
+    jaw = offset[planning.before_jaw(points[seen])]
+    if jaw.size:
+        found["skin"]["before_jaw_signed_mean"] = float(jaw.mean())
     everywhere = field.map(planning.everywhere)
     shape, spacing, hu = planning.image.size, planning.image.spacing, planning.image.values
     seen = scan.inside(everywhere, 0.0).reshape(shape)
     warped = scan.image.at(everywhere).reshape(shape)
     found["agreement"], found["agreement_ml"] = measures.local_correlation(hu, warped, planning.soft & seen, spacing, 15.0)
-    found.update(measures.came_and_went(hu, warped, planning.patient, seen, spacing))
+    changes = measures.came_and_went(hu, warped, planning.patient, seen, spacing)
+    found.update({f"{name}_ml": float(change.sum() * np.prod(spacing) / 1000) for name, change in changes.items()})
+    if uncertainty is not None:
+        u = uncertainty.values
+        mean_of = lambda places: float(u[places & (u >= 0)].mean()) if (places & (u >= 0)).any() else None
+        found["uncertainty"] = {"soft": mean_of(planning.soft), "went_inside": mean_of(changes["went_inside"])}
     found.update(measures.folds(planning.image, everywhere.reshape(*shape, 3), planning.patient, planning.labels))
-    if landmarks is not None:
-        found["landmarks"] = measures.summary(measures.target_errors(field, *landmarks))
+    for name, points in (landmarks or {}).items():
+        found[name] = measures.summary(measures.target_errors(field, *points))
     return found
+
+
+def cut(planning, bones, field, image, file):
+    """Writes the labels without the voxels of some bones that a field moves otherwise than the bone as a whole."""
+    labels = planning.labels.copy()
+    for label, name in planning.names.items():
+        if name in bones:
+            voxels = planning.bone(label)
+            parts = measures.departure(voxels, field.map(voxels)) > DEPARTS
+            labels[tuple(np.argwhere(planning.labels == label)[parts].T)] = 0
+            print(f"{name}: {parts.sum()} of {len(parts)} voxels cut")
+    write_like(image, labels.astype(np.uint8), file)
 
 
 def floor(scan):
@@ -191,23 +237,22 @@ def tables(result):
     """Markdown."""
     surface, of = (lambda b: b["surface"].get("mean")), (lambda key: lambda b: b.get(key))
     lines = [f"Scan 2 against itself, half a voxel away, bone surfaces: {result['floor']['mean']:.2f} mm mean, {result['floor']['p95']:.2f} (95th)."]
+    lines += [f"{name}, before: {e['mean']:.2f} mean, {e['max']:.1f} greatest." for name, e in result["before"].items()]
     lines += [f"Left out: {tool} ({why})." for tool, why in result["left_out"].items()]
-    with_landmarks = any("landmarks" in r for r in result["runs"])
+    sets = [name for name in ("landmarks", "others") if any(name in r for r in result["runs"])]
     lines += ["", "| run | tool | bone surfaces: mean, worst | left: mean, worst | bent: worst | skin: mean, 95th, signed | agreement | "
-              "came / went inside, ml | at the skin, ml | folded, between bones | processor s |" + (" landmarks: mean, max |" if with_landmarks else "")]  # fmt: skip
-    lines += ["|---" * (11 + with_landmarks) + "|"]
+              "came / went inside, ml | at the skin, ml | folded, between bones, volume | processor s |" + "".join(f" {name}: mean, max |" for name in sets)]  # fmt: skip
+    lines += ["|---" * (11 + len(sets)) + "|"]
     for r in result["runs"]:
         if "failed" in r:
-            lines += [f"| {r['run']} | {r['tool']} | {r['failed'].strip().splitlines()[-1]} |" + " |" * (8 + with_landmarks)]
+            lines += [f"| {r['run']} | {r['tool']} | {r['failed'].strip().splitlines()[-1]} |" + " |" * (8 + len(sets))]
             continue
         b, s = r["bones"], r["skin"]
         row = (f"| {r['run']} | {r['tool']} | {mean(b, surface):.2f}, {worst(b, surface)} | {mean(b, of('left')):.2f}, {worst(b, of('left'))} | "
                f"{worst(b, of('bent'))} | {s['mean']:.2f}, {s['p95']:.2f}, {s['signed_mean']:+.2f} | {r['agreement']:.3f} | "
                f"{r['came_inside_ml']:.2f} / {r['went_inside_ml']:.2f} | {r['came_skin_ml']:.2f} / {r['went_skin_ml']:.2f} | "
-               f"{r['folded']}, {r['folded_between_bones']} | {r.get('processor_s', '')} |")  # fmt: skip
-        if with_landmarks:
-            row += f" {r['landmarks']['mean']:.2f}, {r['landmarks']['max']:.1f} |"
-        lines += [row]
+               f"{r['folded']}, {r['folded_between_bones']}, {r['volume_1st_percentile']:.2f} | {r.get('processor_s', '')} |")  # fmt: skip
+        lines += [row + "".join(f" {r[name]['mean']:.2f}, {r[name]['max']:.1f} |" if name in r else " |" for name in sets)]
     if result["around"]:
         lines += ["", "| way around | tool | bones: mean, worst mean | soft tissue: mean, 95th | worst |", "|---" * 5 + "|"]
         for r in result["around"]:
@@ -229,6 +274,13 @@ def tables(result):
     for name in result["bones"]:
         cell = lambda b: f"{b['surface']['mean']:.2f} / {b['left']:.2f}" if "left" in b else "-"
         lines += [f"| {name} | " + " | ".join(cell(r["bones"][name]) for r in measured) + " |"]
+    lines += [""]
+    for r in measured:
+        jaw, u = r["skin"].get("before_jaw_signed_mean"), r.get("uncertainty", {})
+        parts = [f"jaw {jaw:+.2f}"] if jaw is not None else []
+        parts += [f"u {u['soft']:.2f}"] if u else []
+        parts += [f"{u['went_inside']:.2f} (went, inside)"] if u.get("went_inside") else []
+        lines += [f"- {r['run']}, {r['tool']}: {', '.join(parts)}"] if parts else []
     warned = [(r["run"], w) for r in measured for w in r.get("warnings", [])]
     if warned:
         lines += ["", "aventail warns:", ""] + [f"- {run}: {w['code']}: {w['message']}" for run, w in warned]
@@ -247,6 +299,10 @@ def main():
     parser.add_argument("--tools", default="aventail,plastimatch,elastix,greedy")
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--affine", action="store_true")
+    parser.add_argument("--no-air", action="store_true")
+    parser.add_argument("--config")
+    parser.add_argument("--leave-out", default="")
+    parser.add_argument("--cut", default="")
     given = parser.parse_args()
     if given.folder:
         number = lambda file: int(re.search(r"ct_(\d+)\.nii\.gz$", file).group(1))
@@ -256,8 +312,11 @@ def main():
         parser.error("give DIR, or --scan twice, --bones and --labels")
     os.makedirs(given.out, exist_ok=True)
     scans = {str(n + 1): file for n, file in enumerate(given.scan)}
-    runs = Runs(given.aventail, scans, given.bones, given.labels, given.out, given.threads, given.affine)
-    landmarks = read_landmarks(given.landmarks) if given.landmarks else None
+    more = ["--config", given.config] if given.config else []
+    runs = Runs(given.aventail, scans, given.bones, given.labels, given.out, given.threads, given.affine, more, not given.no_air)
+    landmarks = {"landmarks": read_landmarks(given.landmarks)} if given.landmarks else {}
+    if given.leave_out:
+        landmarks["others"] = read_landmarks(given.landmarks, given.leave_out.split(","))
     tools = given.tools.split(",")
     left_out = {tool: "not installed" for tool in tools if not installed(tool)}
     tools = sorted((tool for tool in tools if tool not in left_out), key=lambda tool: tool != "aventail")
@@ -270,6 +329,7 @@ def main():
     others = {name: Scan(file, runs.mask(name)) for name, file in scans.items() if name != "1"}
     result = {"scans": given.scan, "bones": list(planning.names.values()), "left_out": left_out,
               "floor": floor(others["2"]), "runs": [], "around": []}  # fmt: skip
+    result["before"] = {name: measures.summary(measures.target_errors(Shift(np.zeros(3)), *points)) for name, points in landmarks.items()}
     for other in others:
         for tool in tools:
             done = runs.run(tool, "1", other)
@@ -281,7 +341,11 @@ def main():
                     before = one_way(planning, others[other], Shift(told["couch"]["shift_mm"]), known)
                     result["runs"].append({"run": row["run"], "tool": ARRIVED, **before})
                     row["warnings"] = [{k: w[k] for k in ("code", "message")} for w in told["warnings"]]
-                row |= one_way(planning, others[other], Field(f"{given.out}/{done['field']}"), known)
+                field = Field(f"{given.out}/{done['field']}")
+                u = Image(f"{runs.folder(tool, '1', other)}/uncertainty.nii.gz") if tool == "aventail" else None
+                row |= one_way(planning, others[other], field, known, u)
+                if tool == "greedy" and other == "2" and given.cut:
+                    cut(planning, given.cut.split(","), field, sitk.ReadImage(given.bones), f"{given.out}/bones_cut.nii.gz")
             result["runs"].append(row)
             print(f"1 to {other}, {tool}: measured", flush=True)
     for (i, j), tool in itertools.product(ways, tools):

@@ -3,8 +3,9 @@ import json
 import os
 import resource
 
+import measures
 import SimpleITK as sitk
-from fields import Image, patient
+from fields import Image, patient, write_like
 from tools import TOOLS, Job
 
 # The tools that need bone labels; the second scan's are the first's, carried by the tool's own field.
@@ -17,10 +18,13 @@ def processor_seconds():
 
 
 class Runs:
-    def __init__(self, program, scans, bones, names, out, threads=0, affine=False, more=()):
-        """Scans by their names, the first the one that the bones are of; more: options of aventail alone."""
+    def __init__(self, program, scans, bones, names, out, threads=0, affine=False, more=(), air=True):
+        """Scans by their names, the first the one that the bones are of; more: options of aventail alone.
+
+        air: whether the masks of the other tools hold the air in the patient.
+        """
         self.program, self.scans, self.bones, self.names, self.out = program, scans, bones, names, out
-        self.threads, self.affine, self.more = threads, affine, list(more)
+        self.threads, self.affine, self.more, self.air = threads, affine, list(more), air
         self.first = next(iter(scans))
 
     def folder(self, tool, a, b):
@@ -35,9 +39,16 @@ class Runs:
         file = f"{self.out}/patient_{scan}.nii.gz"
         if not os.path.exists(file):
             image = sitk.ReadImage(self.scans[scan])
-            found = sitk.GetImageFromArray(patient(Image(image).values).astype("uint8").transpose(2, 1, 0))
-            found.CopyInformation(image)
-            sitk.WriteImage(found, file)
+            write_like(image, patient(Image(image).values).astype("uint8"), file)
+        return file
+
+    def tissue(self, scan):
+        """File of the patient without air."""
+        file = f"{self.out}/tissue_{scan}.nii.gz"
+        if not os.path.exists(file):
+            image = sitk.ReadImage(self.scans[scan])
+            inside = measures.without_air(Image(image).values, Image(self.mask(scan)).values > 0)
+            write_like(image, inside.astype("uint8"), file)
         return file
 
     def run(self, tool, a, b):
@@ -56,7 +67,7 @@ class Runs:
                     job.bones, job.names = f"{self.folder(tool, self.first, a)}/bones_on_fraction.nii.gz", None
                 field = TOOLS[tool](job, self.more)
             else:
-                job.mask = self.mask(a)
+                job.mask = self.mask(a) if self.air else self.tissue(a)
                 field = TOOLS[tool](job)
             done = {"field": os.path.relpath(field, self.out), "processor_s": round(processor_seconds() - before, 1)}
         except RuntimeError as error:
