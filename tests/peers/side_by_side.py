@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """aventail beside image-driven tools on one case, in one run: time and error of each.
 
-usage: side_by_side.py AVENTAIL [CASES] [--case NAME] [--out DIR] [--tools TOOL,TOOL]
+usage: side_by_side.py AVENTAIL [CASES] [--case NAME] [--mr FILE] [--out DIR] [--tools TOOL,TOOL]
 
 TOOL is aventail, fast, plastimatch, elastix, greedy, or one that is told of the planning bones, as structures guide
 image-driven registration in clinics: plastimatch-bones (the bones, 3 mm around them included, are registered before
-the rest) and elastix-bones (its rigidity penalty on them). The first five by default.
+the rest) and elastix-bones (its rigidity penalty on them); or deeds. The first five by default.
 
 AVENTAIL  the aventail program
 CASES     folder with planning_ct.nii.gz, bones.nii.gz, bones.json, NAME/fraction_ct.nii.gz and NAME/truth_points.csv.gz
           (x, y, z of planning in LPS mm, the true displacement, 0 or the bone's label); default: AVENTAIL_CASES
+--mr      an MR with the case's truth, registered in place of the fraction CT; greedy then compares by NMI
 
 Planning is fixed, the fraction moving, so that each field takes planning points to the fraction. Every tool gets the patient's
 mask in planning, that aventail finds, and all threads; its settings are those that a careful user would take, the same for all
@@ -25,7 +26,7 @@ import time
 
 import numpy as np
 from fields import Field
-from tools import TOOLS, WITH_BONES, Job, aventail, installed
+from tools import MORE, TOOLS, WITH_BONES, Job, aventail, installed
 
 
 def true_points(case):
@@ -45,6 +46,7 @@ def main():
     parser.add_argument("aventail")
     parser.add_argument("cases", nargs="?", default=os.environ.get("AVENTAIL_CASES"))
     parser.add_argument("--case", default="moderate")
+    parser.add_argument("--mr")
     parser.add_argument("--out")
     parser.add_argument("--tools", default=",".join(TOOLS))
     given = parser.parse_args()
@@ -53,7 +55,8 @@ def main():
     folder = given.out or tempfile.mkdtemp(prefix="side-by-side-")
     case = f"{given.cases}/{given.case}"
     planning, bones, names = (f"{given.cases}/{n}" for n in ("planning_ct.nii.gz", "bones.nii.gz", "bones.json"))
-    job = Job(given.aventail, planning, f"{case}/fraction_ct.nii.gz", bones, names, out=f"{folder}/mask")
+    fraction = given.mr or f"{case}/fraction_ct.nii.gz"
+    job = Job(given.aventail, planning, fraction, bones, names, out=f"{folder}/mask", is_mr=bool(given.mr))
     truth = true_points(case)
     bone = truth[:, 6]
     os.makedirs(job.out, exist_ok=True)
@@ -69,7 +72,7 @@ def main():
         job.out = f"{folder}/{tool}"
         os.makedirs(job.out, exist_ok=True)
         start = time.monotonic()
-        field = {**TOOLS, **WITH_BONES}[tool](job)
+        field = {**TOOLS, **WITH_BONES, **MORE}[tool](job)
         seconds = time.monotonic() - start
         error = errors(field, truth)
         soft = error[bone == 0]

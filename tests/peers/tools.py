@@ -98,6 +98,8 @@ class Job:
     threads: int = 0
     # Whether the first step of the others may scale and shear too, and begins at the images' centres.
     affine: bool = False
+    # Whether the fraction is an MR.
+    is_mr: bool = False
 
 
 def run(command, threads=0):
@@ -108,7 +110,7 @@ def run(command, threads=0):
 
 
 def aventail(job, more=()):
-    names = ["--labels", job.names] if job.names else []
+    names = (["--labels", job.names] if job.names else []) + (["--modality", "mr"] if job.is_mr else [])
     run(
         [job.aventail, "register", "-q", "--planning", job.fixed, "--bones", job.bones, *names]
         + ["--fraction", job.moving, "--out", job.out, "--threads", str(job.threads), *more]
@@ -192,9 +194,10 @@ def itk_elastix(fixed, moving, mask, out, threads):
 def greedy(job):
     images = f"-i {job.fixed} {job.moving} -gm {job.mask}" + (f" -threads {job.threads}" if job.threads else "")
     first = "-dof 12 -m NCC 2x2x2" if job.affine else "-dof 6 -m NMI"
+    metric = "NMI" if job.is_mr else "NCC 2x2x2"
     for command in (
         f"-d 3 -a {first} {images} -ia-image-centers -n 100x50x0 -o {job.out}/rigid.mat",
-        f"-d 3 {images} -m NCC 2x2x2 -it {job.out}/rigid.mat -n 100x100x50 -s 2vox 0.5vox -o {job.out}/warp.nii.gz",
+        f"-d 3 {images} -m {metric} -it {job.out}/rigid.mat -n 100x100x50 -s 2vox 0.5vox -o {job.out}/warp.nii.gz",
         f"-d 3 -rf {job.fixed} -r {job.out}/warp.nii.gz {job.out}/rigid.mat -rc {job.out}/field.nii.gz",
     ):
         # In a process of its own, because the library writes to the terminal.
@@ -202,7 +205,48 @@ def greedy(job):
     return f"{job.out}/field.nii.gz"
 
 
+def deeds(job, width_mm=2.0):
+    """linearBCV, then deedsBCV, which know no millimetres: both images on one grid of cubes. Images of the moving coordinates, carried
+    as the moving image is, are the field."""
+    fixed = sitk.ReadImage(job.fixed, sitk.sitkFloat32)
+    size = [int(n * s / width_mm) for n, s in zip(fixed.GetSize(), fixed.GetSpacing())]
+    grid = sitk.Image(size, sitk.sitkFloat32)
+    grid.SetSpacing([width_mm] * 3)
+    grid.SetOrigin(fixed.GetOrigin())
+    grid.SetDirection(fixed.GetDirection())
+    places = sitk.PhysicalPointSource(sitk.sitkVectorFloat32, size, grid.GetOrigin(), grid.GetSpacing(), grid.GetDirection())
+
+    def written(name, image):
+        # Its readers take the voxels as they lie.
+        image = sitk.Image(image)
+        image.SetOrigin([0.0] * 3)
+        image.SetDirection([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+        sitk.WriteImage(image, f"{job.out}/{name}.nii.gz")
+        return f"{job.out}/{name}.nii.gz"
+
+    for name, file in (("fixed", job.fixed), ("moving", job.moving)):
+        image = sitk.ReadImage(file, sitk.sitkFloat32)
+        outside = float(sitk.GetArrayViewFromImage(image).min())
+        written(name, sitk.Resample(image, grid, sitk.Transform(), sitk.sitkLinear, outside))
+    pair = ["-F", f"{job.out}/fixed.nii.gz", "-M", f"{job.out}/moving.nii.gz"]
+    run(["linearBCV", *pair, "-R", "1", "-O", f"{job.out}/rigid"], job.threads)
+    found = ["-O", f"{job.out}/nonlinear", "-A", f"{job.out}/rigid_matrix.txt"]
+    run(["deedsBCV", *pair, *found], job.threads)
+    carried = []
+    for axis in range(3):
+        moving = written(f"place{axis}", sitk.VectorIndexSelectionCast(places, axis))
+        out = f"{job.out}/carried{axis}.nii.gz"
+        run(["applyBCVfloat", "-M", moving, *found, "-D", out], job.threads)
+        carried.append(sitk.GetImageFromArray(sitk.GetArrayFromImage(sitk.ReadImage(out, sitk.sitkFloat32))))
+    field = sitk.Compose(carried)
+    field.CopyInformation(places)
+    sitk.WriteImage(field - places, f"{job.out}/field.nii.gz")
+    return f"{job.out}/field.nii.gz"
+
+
 TOOLS = {"aventail": aventail, "fast": fast, "plastimatch": plastimatch, "elastix": elastix, "greedy": greedy}
+# By descriptors of the surroundings; built from the sources of mattiaspaul/deedsBCV.
+MORE = {"deeds": deeds}
 WITH_BONES = {"plastimatch-bones": plastimatch_bones, "elastix-bones": elastix_bones}
 
 
@@ -212,7 +256,7 @@ def python_runs(code):
 
 def installed(tool):
     program = tool.removesuffix("-bones")
-    if program in ("aventail", "fast") or shutil.which(program):
+    if program in ("aventail", "fast") or shutil.which("deedsBCV" if program == "deeds" else program):
         return True
     packages = {"greedy": "import picsl_greedy", "elastix": "import itk; itk.ParameterObject"}
     return program in packages and python_runs(packages[program])
