@@ -147,9 +147,10 @@ impl Twins {
         if 1.0 - mirrored < sure * (1.0 - own) {
             return Err(Error::failed(
                 findings::FRACTION_MIRRORED,
-                format!("the fraction CT shows the mirror image of the planning CT: {both}"),
-                "one of the two headers has left and right exchanged: write the file anew from its DICOM series, or correct \
-                 the sign of its x axis, after a look at the heart, the liver or a marked side",
+                format!("the fraction CT looks like the mirror image of the planning CT: {both}"),
+                "look at the heart, the liver or a marked side in both scans: where one is mirrored, write the file anew from \
+                 its DICOM series or correct the sign of its x axis; where neither is, the bones were found at a wrong place: \
+                 give --start or --bone-landmarks",
             ));
         }
         Ok((mirrored >= own).then(|| {
