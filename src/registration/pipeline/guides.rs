@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::Surface;
 use crate::evaluate::contour::distances;
 use crate::findings;
-use crate::refine::depth_in;
+use crate::refine::{DOUBTED_MM, UNBELIEVED_MM, depth_in};
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Outline, Spans, Volume, Window, trilinear, trilinear_vector};
 use crate::warning::Warning;
@@ -106,7 +106,7 @@ pub(super) fn paired(case: &Case, skeleton: &Skeleton, config: &Config) -> Resul
     let cut: Vec<&str> = pairs.iter().filter(|(a, b)| a.is_cut() || b.is_cut()).map(|(a, _)| a.name.as_str()).collect();
     if !cut.is_empty() {
         let message = format!(
-            "the edge of a scan cuts {}: outlines guide less within 9 mm of it, and not within 3 mm",
+            "the edge of a scan cuts {}: outlines guide less within {DOUBTED_MM} mm of it, and not within {UNBELIEVED_MM} mm",
             cut.join(", ")
         );
         warnings.push(Warning::new(findings::GUIDE_CUT, message));

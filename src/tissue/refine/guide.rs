@@ -21,8 +21,10 @@ const STIFFNESS: f64 = 100.0;
 const BAND: f64 = 0.5;
 /// Blur of the depths, as a share of the voxels' least edge: thin structures of coarse voxels vanish in more.
 const BLUR: f64 = 0.5;
-/// A surface is not believed within half of this distance from the edge of a scan, and fully from one and a half on, mm.
-const EDGE_MM: f64 = 6.0;
+/// So near to the edge of a scan a surface is not believed, mm.
+pub const UNBELIEVED_MM: f64 = 3.0;
+/// So near to the edge of a scan it is not believed fully, mm.
+pub const DOUBTED_MM: f64 = 9.0;
 
 /// How outlines of both scans pull.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -96,7 +98,7 @@ impl Guides {
 
 /// How far a surface is believed at a point of its scan: not at all at the edge, where the structure is cut.
 fn believed(surface: &Volume<f32>, at: &Point3<f64>) -> f64 {
-    (within_edges(surface.grid(), at) / EDGE_MM - 0.5).clamp(0.0, 1.0)
+    ((within_edges(surface.grid(), at) - UNBELIEVED_MM) / (DOUBTED_MM - UNBELIEVED_MM)).clamp(0.0, 1.0)
 }
 
 /// A point of an element beside a surface.

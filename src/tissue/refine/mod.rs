@@ -14,7 +14,7 @@ mod skin;
 mod translation;
 
 pub use evidence::Misled;
-pub use guide::{GuideOptions, Guides, depth_in};
+pub use guide::{DOUBTED_MM, GuideOptions, Guides, UNBELIEVED_MM, depth_in};
 pub use options::{RefineOptions, ShadingOptions, SkinOptions};
 pub use planning::PlanningSamples;
 pub use shading::{GreyValues, Shading};
