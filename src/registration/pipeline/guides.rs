@@ -299,9 +299,9 @@ mod tests {
             jacobian.data_mut()[grid.linear(voxel)] = -0.1;
             assert_eq!(told(&jacobian), (0, false), "{voxel:?}");
         }
-        // On its surface, and 6 mm outside.
+        // On its surface, and 4 mm outside.
         jacobian.data_mut()[grid.linear([18, 15, 10])] = -0.1;
-        jacobian.data_mut()[grid.linear([21, 15, 10])] = 0.0;
+        jacobian.data_mut()[grid.linear([20, 15, 10])] = 0.0;
         assert_eq!(told(&jacobian), (2, true));
     }
 }
