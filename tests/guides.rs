@@ -103,13 +103,6 @@ impl Scene {
         Self { case, swelling }
     }
 
-    fn unguided(&self) -> Case {
-        let mut case = self.case.clone();
-        case.fraction.guides.clear();
-        case.planning_mut().guides.clear();
-        case
-    }
-
     /// Mean error of tissue in the ball and 8 mm around it, and from 10 to 40 mm away, mm.
     fn errors(&self, push: &PushField) -> [f64; 2] {
         let phantom = fine();
@@ -137,6 +130,14 @@ impl Scene {
     }
 }
 
+/// A case without its guides.
+fn unguided(case: &Case) -> Case {
+    let mut case = case.clone();
+    case.fraction.guides.clear();
+    case.planning_mut().guides.clear();
+    case
+}
+
 fn run(case: &Case, config: &Config, threads: usize) -> Outcome {
     let runtime = Runtime::new(threads, Box::new(aventail::progress::Silent)).expect("threads can be had");
     register(case, config, &runtime).expect("the scans show one patient")
@@ -157,7 +158,7 @@ fn grown() -> &'static (Scene, Outcome, Outcome) {
     static ONE: OnceLock<(Scene, Outcome, Outcome)> = OnceLock::new();
     ONE.get_or_init(|| {
         let scene = Scene::new(1.6);
-        let plain = run(&scene.unguided(), &config(), 0);
+        let plain = run(&unguided(&scene.case), &config(), 0);
         let guided = run(&scene.case, &config(), 0);
         (scene, plain, guided)
     })
@@ -192,7 +193,7 @@ fn a_ball_that_grows_is_followed_and_bones_keep_their_bits() {
 #[test]
 fn a_ball_that_shrinks_is_followed() {
     let scene = Scene::new(0.5);
-    let (plain, guided) = (run(&scene.unguided(), &config(), 0), run(&scene.case, &config(), 0));
+    let (plain, guided) = (run(&unguided(&scene.case), &config(), 0), run(&scene.case, &config(), 0));
     halves_the_error(&scene, &plain, &guided);
 }
 
@@ -267,10 +268,7 @@ fn a_guide_that_the_scans_edge_cuts_is_named_and_its_cut_surface_draws_nothing()
     let inside = |n: usize| (scene.swelling.pull(&grid.centre(grid.voxel(n))) - scene.swelling.centre).norm() < RADIUS;
     let lower: Mask = Volume::from_fn(grid.clone(), inside);
     case.fraction.guides = vec![Outline::of("gland", &lower, |v| v).expect("half a ball has voxels")];
-    let mut alone = case.clone();
-    alone.fraction.guides.clear();
-    alone.planning_mut().guides.clear();
-    let (plain, guided) = (run(&alone, &config(), 0), run(&case, &config(), 0));
+    let (plain, guided) = (run(&unguided(&case), &config(), 0), run(&case, &config(), 0));
     let [before, after] = [&plain, &guided].map(|outcome| scene.errors(&outcome.push));
     println!("error {before:.3?} -> {after:.3?} mm; {:?}", guided.guides);
     let word = guided.warnings.iter().find(|w| w.code == "guide-cut").expect("it is named");

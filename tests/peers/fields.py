@@ -39,11 +39,16 @@ class Image:
         return np.stack(parts, -1)
 
 
-def write_like(image, values, file):
-    """Writes an array (index order x, y, z) on the grid of an image of SimpleITK."""
+def like(image, values):
+    """An array (index order x, y, z) as an image on the grid of another, both of SimpleITK."""
     found = sitk.GetImageFromArray(values.transpose(2, 1, 0))
     found.CopyInformation(image)
-    sitk.WriteImage(found, file)
+    return found
+
+
+def write_like(image, values, file):
+    """Writes it."""
+    sitk.WriteImage(like(image, values), file)
 
 
 class Field(Image):

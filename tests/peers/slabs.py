@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
-from fields import Image
+from fields import Image, like
 from posed import both, spread
 from scipy import ndimage
 from side_by_side import errors, true_points
@@ -50,9 +50,7 @@ def cut(image, low, high, circle=None):
         x, y = np.indices(seen.shape)
         far = np.hypot((x - x[seen].mean()) * found.spacing[0], (y - y[seen].mean()) * found.spacing[1]) > circle / 2
         found.values[far] = UNSEEN
-        narrow = sitk.GetImageFromArray(found.values.transpose(2, 1, 0))
-        narrow.CopyInformation(image)
-        image = narrow
+        image = like(image, found.values)
     return image
 
 

@@ -211,12 +211,12 @@ impl Attempts<'_> {
         let mut tried: Vec<Tried> = Vec::new();
         let mut again = false;
         for rival in begun {
-            let all = || known.iter().copied().chain(&tried);
-            if all().any(|other| self.fitter.same(&rival, other)) {
-                again |= known.iter().any(|other| self.fitter.same(&rival, other));
+            let is_known = known.iter().any(|other| self.fitter.same(&rival, other));
+            again |= is_known;
+            if is_known || tried.iter().any(|other| self.fitter.same(&rival, other)) {
                 continue;
             }
-            let found = all().filter(|other| other.found >= least);
+            let found = known.iter().copied().chain(&tried).filter(|other| other.found >= least);
             let best = found.filter_map(|other| other.passed.as_ref()).map(|p| p.cost).fold(0.0, f64::min);
             if rival.cost().is_some_and(|cost| cost > FAR_LESS * best) {
                 continue;
