@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Short and narrow views of cone-beam CTs, posed with known truth: are the bones found, and what is refused?
 
-usage: slabs.py AVENTAIL CASES CONE_BEAMS [--case NAME,NAME] [--slab LOW-HIGH,...] [--random N] [--seed N] [--limit MM] [--threads N]
+usage: slabs.py AVENTAIL CASES CONE_BEAMS [--case NAME,NAME] [--slab LOW-HIGH,...] [--circle MM,...] [--random N] [--seed N] [--limit MM] [--threads N]
 
 AVENTAIL    the aventail program
 CASES       folder as for posed.py
 CONE_BEAMS  folder with the cone-beam CT of each case, NAME.nii.gz; without it CASES/NAME/cbct.nii.gz is taken
 --slab      shares of the scan's height (default: 0-0.5,0.25-0.75,0.5-1,0.15-0.5,0.4-0.75)
+--circle    diameters about the middle of the view beyond which nothing is measured, each slab with each; 0: none (default)
 --random    instead: this many slabs of 36 to 90 mm, each in a circle of 100 to 250 mm about the middle of the view, the cases in
             turn; --seed draws others
 --limit     mean error, mm, beyond which a bone that is more than half in view is wrong (default 3)
@@ -125,6 +126,7 @@ def main():
     parser.add_argument("cone_beams")
     parser.add_argument("--case", default="small,moderate,change,spline")
     parser.add_argument("--slab", default="0-0.5,0.25-0.75,0.5-1,0.15-0.5,0.4-0.75")
+    parser.add_argument("--circle", default="0")
     parser.add_argument("--random", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit", type=float, default=3.0)
@@ -137,7 +139,9 @@ def main():
     if given.random:
         slabs = list(drawn(given.random, given.seed, {n: i.GetSize()[2] * i.GetSpacing()[2] for n, i in images.items()}))
     else:
-        slabs = [(name, *map(float, slab.split("-")), None) for name in images for slab in given.slab.split(",")]
+        circles = [float(c) or None for c in given.circle.split(",")]
+        shares = [tuple(map(float, slab.split("-"))) for slab in given.slab.split(",")]
+        slabs = [(name, *share, circle) for name in images for share in shares for circle in circles]
     print("| " + " | ".join(COLUMNS) + " |\n" + "|---" * len(COLUMNS) + "|", flush=True)
     worst, refused, blind = [], 0, 0
     for name, low, high, circle in slabs:

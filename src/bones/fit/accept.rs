@@ -42,12 +42,12 @@ const LEAST_MM3: f64 = 3000.0;
 const SURE_PLACED: f64 = 0.75;
 
 /// What short views tell of the place of the bones.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Placed {
     /// Share of the contrast in view that is explained; a large bone counts as one of [`MOST_MM3`].
     explained: f64,
     /// Large bones that the image has placed.
-    bones: usize,
+    bones: Vec<String>,
     /// Whether there are no more than one.
     alone: bool,
 }
@@ -64,27 +64,50 @@ impl Placed {
         let placed = |f: &BoneFit| f.determined_by == DeterminedBy::Image && f.visible >= SHOWN;
         Self {
             explained: if sum > 0.0 { explained / sum } else { 0.0 },
-            bones: large().filter(|(_, f)| placed(f)).count(),
+            bones: large().filter(|(_, f)| placed(f)).map(|(b, _)| b.name.clone()).collect(),
             alone: large().count() <= 1,
         }
     }
 
+    /// Whether the image places a single large bone, or none, of several.
+    fn one(&self) -> bool {
+        self.bones.len() <= 1 && !self.alone
+    }
+
     /// A word about a place that is not sure.
-    pub(super) fn doubt(self) -> Option<Warning> {
-        let message = if self.bones <= 1 && !self.alone {
+    ///
+    /// # Errors
+    /// [`Error::Registration`] where a single bone of several was found, and explains little: a piece of the skull
+    /// taken for a clavicle explained 0.60, and of 200 random views with two bones none is refused so.
+    pub(super) fn judge(&self) -> Result<Option<Warning>> {
+        let one = self.one();
+        let weak = self.explained < SURE_PLACED;
+        let percent = 100.0 * self.explained;
+        if one && weak {
+            let bone = self.bones.first().map_or("no bone", String::as_str);
+            return Err(Error::failed(
+                findings::BONES_NOT_FOUND,
+                format!(
+                    "this short view shows too little bone: of the large ones the image places {bone} alone, and explains \
+                     {percent:.0} % of the bone contrast in view; at wrong places it was up to 70 %"
+                ),
+                "give a fraction CT that shows two bones or more; or place the bones with a rigid motion (--start) or landmarks on \
+                 bones (--bone-landmarks)",
+            ));
+        }
+        let message = if one {
             "no two large bones are found in this short view, and one alone fits many places: check its level in the fusion \
              images, or place a bone with --bone-landmarks"
                 .to_string()
-        } else if self.explained < SURE_PLACED {
+        } else if weak {
             format!(
-                "where they were found in this short view, the bones explain only {:.0} % of the bone contrast; at wrong places \
-                 it was up to 70 %: check the level, left and right in the fusion images",
-                100.0 * self.explained
+                "where they were found in this short view, the bones explain only {percent:.0} % of the bone contrast; at \
+                 wrong places it was up to 70 %: check the level, left and right in the fusion images"
             )
         } else {
-            return None;
+            return Ok(None);
         };
-        Some(Warning::new(findings::WEAK_START, message))
+        Ok(Some(Warning::new(findings::WEAK_START, message)))
     }
 }
 
@@ -98,7 +121,7 @@ impl Placed {
 pub(super) fn accept(
     fit: &mut FitResult,
     scale: &Scale,
-    found: f64,
+    skeleton: &Skeleton,
     seen: Seen<'_>,
     posed: &Samples,
     measure: Measure,
@@ -108,8 +131,10 @@ pub(super) fn accept(
         Some(finer) => posed_twins(finer.fraction, finer.samples, measure)?,
         None => twins(seen, posed, &fit.common, measure)?,
     };
-    fit.warnings.extend(twins.judge()?);
+    let one = Placed::of(skeleton, &fit.bones).one();
+    fit.warnings.extend(if one { twins.doubt() } else { twins.judge()? });
     fit.warnings.extend(scale.judge()?);
+    let found = found_share(skeleton, &fit.bones);
     if found < MOST_FOUND {
         let lost = |b: &&BoneFit| b.determined_by != DeterminedBy::Image && b.visible > 0.3;
         let names: Vec<&str> = fit.bones.iter().filter(lost).map(|b| b.name.as_str()).collect();
@@ -222,16 +247,23 @@ mod tests {
 
     #[test]
     fn a_place_is_sure_where_several_bones_explain_what_is_in_view() {
-        let sure = Placed { explained: 0.8, bones: 3, alone: false };
-        assert!(sure.doubt().is_none());
+        let bones =
+            |n: usize| ["vertebrae_C3", "vertebrae_C4", "mandible"][..n].iter().map(ToString::to_string).collect();
+        let sure = Placed { explained: 0.8, bones: bones(3), alone: false };
+        assert_eq!(sure.judge().unwrap(), None);
         // A cone-beam CT with teeth, or a wrong level.
-        let weak = Placed { explained: 0.69, ..sure };
-        assert!(weak.doubt().is_some_and(|w| w.is(findings::WEAK_START)));
+        let weak = Placed { explained: 0.69, ..sure.clone() };
+        assert!(weak.judge().unwrap().is_some_and(|w| w.is(findings::WEAK_START)));
         // One vertebra of several fits many places; a femur that has no neighbour is what is sought.
-        let one = Placed { bones: 1, ..sure };
-        assert!(one.doubt().is_some_and(|w| w.message.contains("no two")));
-        let femur = Placed { alone: true, ..one };
-        assert!(femur.doubt().is_none());
+        let one = Placed { bones: bones(1), ..sure.clone() };
+        assert!(one.judge().unwrap().is_some_and(|w| w.message.contains("no two")));
+        let refused = Placed { bones: bones(1), ..weak.clone() }.judge().unwrap_err();
+        assert_eq!(refused.finding(), Some(findings::BONES_NOT_FOUND));
+        assert!(refused.problem().contains("vertebrae_C3 alone"), "{}", refused.problem());
+        let femur = Placed { bones: bones(1), alone: true, ..sure };
+        assert_eq!(femur.judge().unwrap(), None);
+        let weak_femur = Placed { bones: bones(1), alone: true, ..weak };
+        assert!(weak_femur.judge().unwrap().is_some_and(|w| w.is(findings::WEAK_START)));
     }
 
     #[test]

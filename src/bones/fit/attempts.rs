@@ -118,8 +118,10 @@ pub fn fit_pose_weighed(
         let searched = tried.guess == Guess::Searched;
         let (mut fit, places) = attempts.judged(tried, others, placed)?;
         fit.warnings.extend(told(skeleton, &hypotheses).filter(|_| searched));
-        if unsure && !fit.warnings.iter().any(|w| w.is(findings::WEAK_START)) {
-            fit.warnings.extend(Placed::of(skeleton, &fit.bones).doubt());
+        if unsure {
+            let doubt = Placed::of(skeleton, &fit.bones).judge()?;
+            let said = fit.warnings.iter().any(|w| w.is(findings::WEAK_START));
+            fit.warnings.extend(doubt.filter(|_| !said));
         }
         if let FitStart::Near(known) = &start {
             fit.warnings.extend(left(known, &fit.common, all, image, options.measure).or(doubt));
@@ -309,14 +311,14 @@ impl Attempts<'_> {
             (tried, others) = best_level(&self.fitter, tried, others, self.fraction.grid(), again, explained)?;
         }
         let places = std::iter::once(&tried).chain(&others).map(Place::of).collect();
-        let Tried { mut fit, found, scale, guess, .. } = tried;
+        let Tried { mut fit, scale, guess, .. } = tried;
         let own = posed(&self.level.drawn.bones, &fit.transforms);
         let seen = Seen { samples: &self.level.drawn.all, fraction: &self.level.fraction };
         let resolution = self.options.levels.first().filter(|_| guess == Guess::Searched);
         let fine = resolution.map(|r| self.levels.at(*r)).transpose()?;
         let fine = fine.map(|level| (posed(&level.drawn.bones, &fit.transforms), level.fraction));
         let finer = fine.as_ref().map(|(samples, fraction)| Seen { samples, fraction: fraction.as_ref() });
-        accept(&mut fit, &scale, found, seen, &own, measure, finer)?;
+        accept(&mut fit, &scale, self.fitter.skeleton, seen, &own, measure, finer)?;
         Ok((fit, places))
     }
 }

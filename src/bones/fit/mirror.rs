@@ -132,33 +132,42 @@ fn reflected(samples: &Samples) -> Samples {
 }
 
 impl Twins {
+    /// Both shares in words.
+    fn both(self) -> String {
+        format!(
+            "the planning CT's bones explain {:.0} % of the fraction CT's bone contrast as they are, and {:.0} % mirrored \
+             left to right",
+            100.0 * self.own,
+            100.0 * self.mirrored
+        )
+    }
+
     /// What they say of the fraction: nothing, or that it may be mirrored.
     ///
     /// # Errors
     /// [`Error::Registration`] where the fraction shows the mirror image.
     pub(super) fn judge(self) -> Result<Option<Warning>> {
-        let Self { own, mirrored, sure } = self;
-        let both = format!(
-            "the planning CT's bones explain {:.0} % of the fraction CT's bone contrast as they are, and {:.0} % mirrored \
-             left to right",
-            100.0 * own,
-            100.0 * mirrored
-        );
-        if 1.0 - mirrored < sure * (1.0 - own) {
+        if 1.0 - self.mirrored < self.sure * (1.0 - self.own) {
             return Err(Error::failed(
                 findings::FRACTION_MIRRORED,
-                format!("the fraction CT looks like the mirror image of the planning CT: {both}"),
+                format!("the fraction CT looks like the mirror image of the planning CT: {}", self.both()),
                 "look at the heart, the liver or a marked side in both scans: where one is mirrored, write the file anew from \
                  its DICOM series or correct the sign of its x axis; where neither is, the bones were found at a wrong place: \
                  give --start or --bone-landmarks",
             ));
         }
-        Ok((mirrored >= own).then(|| {
+        Ok(self.doubt())
+    }
+
+    /// As [`Twins::judge`] of a single bone, which looks like its mirror image: a word at most.
+    pub(super) fn doubt(self) -> Option<Warning> {
+        (self.mirrored >= self.own).then(|| {
             let message = format!(
-                "{both}: they are too nearly symmetric to tell a mirrored scan; check left and right in the fusion images"
+                "{}: they are too nearly symmetric to tell a mirrored scan; check left and right in the fusion images",
+                self.both()
             );
             Warning::new(findings::SIDE_UNSURE, message)
-        }))
+        })
     }
 }
 
@@ -242,6 +251,8 @@ mod tests {
         for (own, mirrored, sure) in [(0.689, 0.695, SURE), (0.667, 0.677, SURE_POSED)] {
             assert_eq!(Twins { own, mirrored, sure }.judge().unwrap().unwrap().code, "side-unsure");
         }
+        // A piece of the skull alone in view, at its true place.
+        assert!(Twins { own: 0.64, mirrored: 0.8, sure: SURE }.doubt().is_some_and(|w| w.is(findings::SIDE_UNSURE)));
     }
 
     #[test]

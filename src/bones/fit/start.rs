@@ -378,13 +378,15 @@ impl<'a> Together<'a> {
         if !starts.is_empty() {
             return Ok(starts);
         }
-        Err(Error::registration(
+        Err(Error::failed(
+            findings::BONES_NOT_FOUND,
             format!(
                 "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
                 100.0 * best,
                 100.0 * LEAST_EXPLAINED
             ),
-            "check that both CTs show the same patient and a common body region, in HU",
+            "check that both CTs show the same patient and a common body region, in HU; a rigid motion (--start) or landmarks \
+             on bones (--bone-landmarks) can place the bones",
         ))
     }
 }
@@ -407,6 +409,19 @@ mod tests {
         let found = evidence(&points, &values, &fraction, &Vector3::zeros());
         assert!((found - 0.556).abs() < 2e-3, "{found}");
     }
+
+    #[test]
+    fn a_fraction_without_bone_is_refused_by_name() {
+        let grid = Grid::axis_aligned([30, 30, 30], [4.0; 3], [0.0; 3]).unwrap();
+        let points: Vec<Point3<f64>> =
+            (0..500).map(|n| Point3::from([n % 10, n / 10 % 10, n / 100].map(f64::from))).collect();
+        let values = (0..500).map(|n| if n % 2 == 0 { 700.0 } else { 50.0 }).collect();
+        let samples = Samples { volume_mm3: 500.0, points, values, ..Samples::default() };
+        let flat = Tissue::blurred(&Volume::filled(grid, 40.0), 8.0);
+        let refused = common_motions(&samples, &flat, Measure::default()).map(|starts| starts.len()).unwrap_err();
+        assert_eq!(refused.finding(), Some(findings::BONES_NOT_FOUND), "{}", refused.problem());
+    }
+
     #[test]
     fn a_shift_is_tried_where_enough_of_the_bones_comes_into_the_image() {
         let grid = Grid::axis_aligned([101, 101, 101], [1.0; 3], [0.0; 3]).unwrap();

@@ -2,8 +2,8 @@
 //! smaller.
 //!
 //! Where both images show a place, two things tell an error (docs/decisions/uncertainty.md has what was compared):
-//! *disagreement*, the distance `d` between the field and the one of the bones alone (with the nearest bone's own uncertainty
-//! in quadrature), and *mismatch*, the remaining difference of the images over their gradient, `q`, both averaged over 4 mm.
+//! *disagreement*, the distance `d` between the field and the one of the bones alone (with the own uncertainty of
+//! the bones around, in quadrature), and *mismatch*, the remaining difference of the images over their gradient, `q`, both averaged over 4 mm.
 //! Neither alone does, and the product does in all cases: `0.5 ((d + 0.1) (q + 0.1)^2)^(1/3)`. Where images say nothing (outside the fraction's view, or when they take no
 //! part), error grows with the distance to the nearest bone, beside that bone's own uncertainty.
 //!
@@ -196,6 +196,11 @@ mod tests {
 
     /// The same of a run that is doubted as a whole by this factor.
     fn doubted(bone_mm: f64, error: f64, images: bool, doubt: f64) -> (Volume<f32>, UncertaintyReport) {
+        among(&BTreeMap::from([(5, bone_mm)]), error, images, doubt)
+    }
+
+    /// The same with these bones: 5 in the middle, 6 above it where it is named.
+    fn among(bone_mm: &BTreeMap<u16, f64>, error: f64, images: bool, doubt: f64) -> (Volume<f32>, UncertaintyReport) {
         let grid = Grid::axis_aligned([40, 30, 40], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
         let seen = Grid::axis_aligned([50, 40, 31], [3.0, 3.0, 2.0], [-12.0, -12.0, 0.0]).unwrap();
         let inside = |p: &Point3<f64>| p.x > 6.0 && p.x < 110.0 && p.y > 6.0 && p.y < 80.0;
@@ -209,22 +214,23 @@ mod tests {
             Volume::from_fn(seen.clone(), |l| hu(&(seen.centre(seen.voxel(l)) - Vector3::new(error, 0.0, 0.0))) + 15.0);
         let body = Volume::from_fn(grid.clone(), |l| inside(&grid.centre(grid.voxel(l))));
         let label = |l: usize| {
-            let [i, j, _] = grid.voxel(l);
-            u16::from((18..=20).contains(&i) && (14..=16).contains(&j)) * 5
+            let [i, j, k] = grid.voxel(l);
+            let bone = if k >= 20 && bone_mm.contains_key(&6) { 6 } else { 5 };
+            u16::from((18..=20).contains(&i) && (14..=16).contains(&j)) * bone
         };
         let bones = LabelMap { volume: Volume::from_fn(grid.clone(), label), names: BTreeMap::new() };
         let displacement = Volume::filled(grid.clone(), [0.0f32; 3]);
         // The field of the bones alone disagrees by 1 mm.
         let alone = Volume::filled(grid.clone(), [0.0, 1.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid, true) };
-        let side = PlanningSide::new(&planning, &body, &bones, WINDOW, |l| l == 5).unwrap();
+        let side = PlanningSide::new(&planning, &body, &bones, WINDOW, |l| l >= 5).unwrap();
         let e = Evidence {
             side: &side,
             fraction: &fraction,
             body: &body,
             tissue: &body,
             bones: &bones,
-            bone_mm: &BTreeMap::from([(5, bone_mm)]),
+            bone_mm,
             push: &push,
             doubt,
             bones_alone: images.then_some(&alone),
@@ -256,6 +262,17 @@ mod tests {
         let ratio = guessed.at([10, 20, 12]) / known.at([10, 20, 12]);
         let want = ((1f64.hypot(9.0) + 0.1) / (1f64.hypot(0.25) + 0.1)).cbrt();
         assert!((f64::from(ratio) - want).abs() < 1e-3, "{ratio} {want}");
+    }
+
+    /// At the top of a view tissue hangs on the bone above it, too, though another one is nearer.
+    #[test]
+    fn tissue_beside_a_known_bone_is_less_known_towards_one_that_is_not() {
+        let of = |above: f64| among(&BTreeMap::from([(5, 0.2), (6, above)]), 0.0, true, 1.0).0;
+        let (known, guessed) = (of(0.2), of(9.0));
+        // Bone 6 begins at slice 20, 40 mm: 8 mm below it, and 32 mm.
+        let ratio = |k: usize| guessed.at([10, 20, k]) / known.at([10, 20, k]);
+        assert!(ratio(16) > 1.4 && ratio(4) < 1.1, "{} {}", ratio(16), ratio(4));
+        assert!((guessed.at([19, 15, 12]) - 0.2).abs() < 1e-6, "a bone keeps its own");
     }
 
     #[test]

@@ -23,6 +23,8 @@ const USUAL_MISMATCH_MM: f64 = 0.5;
 const MOST_RAISED: f64 = 1.5;
 /// HU inside this much of 0 enter the fit of gain and offset: not the window's ends.
 const MIDDLE_HU: f32 = 200.0;
+/// Tissue follows the bones around it, not the nearest alone: their uncertainty is averaged over this, mm.
+const FOLLOWED_MM: f64 = 12.0;
 /// Share of the neighbourhood that both images must show to speak.
 const LEAST_SEEN: f32 = 0.05;
 
@@ -42,12 +44,14 @@ pub(super) fn seen(e: &Evidence<'_>, alone: &Volume<[f32; 3]>) -> Result<Vec<Opt
     let average = |values| Ok(gaussian(&Volume::new(grid.clone(), values)?, AVERAGE_MM));
     let (weight, difference) = rayon::join(|| average(weight), || average(difference));
     let (weight, difference): (Volume<f32>, Volume<f32>) = (weight?, difference?);
+    // Beside a bone that no image determines its own field is as unsure as the bone.
+    let variance = |label: &u16| e.bone_mm.get(label).map_or(0.0, |mm| (mm * mm) as f32);
+    let bones: Vec<f32> = e.side.owner.data().par_iter().map(variance).collect();
+    let bones: Volume<f32> = gaussian(&Volume::new(grid.clone(), bones)?, FOLLOWED_MM);
     let distance = |n: usize| {
         let x = grid.centre(grid.voxel(n));
         let at = |v: &Volume<[f32; 3]>| trilinear_vector(v, &v.grid().index(&x)).unwrap_or_else(Vector3::zeros);
-        // Beside a bone that no image determines its own field is as unsure as the bone.
-        let bone = e.bone_mm.get(&e.side.owner.data()[n]).copied().unwrap_or(0.0);
-        (at(&e.push.displacement) - at(alone)).norm().hypot(bone)
+        (at(&e.push.displacement) - at(alone)).norm().hypot(f64::from(bones.data()[n]).sqrt())
     };
     let misled = |n: usize| {
         let at = |m: &Mask| m.grid().voxel_at(&grid.centre(grid.voxel(n))).is_some_and(|v| *m.at(v));
