@@ -7,6 +7,7 @@ use aventail::field::PushField;
 use aventail::phantom::{Breathing, BreathingOptions, CbctOptions, Phantom, degrade};
 use aventail::pipeline::{Case, Outcome, register};
 use aventail::runtime::Runtime;
+use aventail::volume::morphology::dilate;
 use aventail::volume::{LabelMap, Mask, Volume};
 use nalgebra::Vector3;
 
@@ -62,15 +63,28 @@ fn what_breathes_slides_along_the_wall() {
     let (inside, before) = (of(&slides, &organs), of(&held, &organs));
     let (beside, was) = (of(&slides, &wall), of(&held, &wall));
     println!("lung and organs {inside:.2?} mm, held {before:.2?}; wall {beside:.2?}, held {was:.2?}");
-    assert!(inside[0] < 0.85 * before[0] && inside[1] < before[1], "{inside:?} {before:?}");
+    assert!(inside[0] < 0.4 * before[0] && inside[1] < 0.4 * before[1], "{inside:?} {before:?}");
     assert!(beside[0] <= 1.02 * was[0], "{beside:?} {was:?}");
     // Images are right about it, and are not doubted.
     let misled = |o: &Outcome| o.kind.as_ref().and_then(|k| k.misled);
     assert!(slides.kind.is_some() && misled(&slides).is_none(), "{:?}", misled(&slides));
-    // The layer that slips is counted apart, and does not fold.
-    let [layer, before] = [&slides, &held].map(|o| &o.jacobian_report.interface);
-    assert!(layer.cells > 1000 && before.cells < layer.cells / 5, "{layer:?} {before:?}");
-    assert_eq!((slides.jacobian_report.body.folded, layer.folded), (0, 0));
+    // Cells that reach across where it slips are counted apart; no other folds, and every voxel has its pre-image.
+    let [jacobian, before] = [&slides, &held].map(|o| &o.jacobian_report);
+    assert!(jacobian.across > 10_000 && before.across == 0, "{} {}", jacobian.across, before.across);
+    assert_eq!((jacobian.body.folded, jacobian.interface.folded), (0, 0));
+    assert_eq!((slides.inverse.unconverged_tissue, slides.inverse.multiple), (0, 0));
+    // Beyond the voxel at the surface, up to 6 mm from it.
+    let within = |mask: &Mask, mm: f64| {
+        let outside = dilate(&mask.map(|m| !m), mm);
+        Volume::from_fn(mask.grid().clone(), |n| mask.data()[n] && outside.data()[n])
+    };
+    for (name, mask, bound, share) in [("inside", &organs, 1.7, 0.3), ("outside", &wall, 1.7, 0.85)] {
+        let [rim, voxel] = [6.5, 3.6].map(|mm| within(mask, mm));
+        let beyond = Volume::from_fn(rim.grid().clone(), |n| rim.data()[n] && !voxel.data()[n]);
+        let (now, then) = (of(&slides, &beyond), of(&held, &beyond));
+        println!("3.6 to 6.5 mm {name}: {now:.2?} mm, held {then:.2?}");
+        assert!(now[0] < bound && now[0] < share * then[0], "{name}: {now:?} {then:?}");
+    }
 }
 
 /// Whether a voxel is soft tissue of the phantom.

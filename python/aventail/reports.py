@@ -139,6 +139,7 @@ class _JacobianReport(TypedDict):
     contact: JacobianStats
     interface: JacobianStats
     folded_outside: int
+    across: int
     bones: list[list[Any]]
     digital_folded: int
     jumps_above_10: int

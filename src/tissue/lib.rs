@@ -3,7 +3,7 @@
 //! The program and its documentation are in the package `aventail`, which re-exports these rooms.
 
 use aventail_base::{error, geometry, progress, stats, volume};
-use aventail_fields::field;
+use aventail_fields::{body, field};
 #[cfg(test)]
 use aventail_measures::evaluate;
 

@@ -114,7 +114,7 @@ fn for_each_plane_with<T: Send>(
 }
 
 /// The rows (along the first axis) of every plane that contains the first axis and `axis`.
-fn planes_of<T>(volume: &mut Volume<T>, axis: usize) -> Vec<Vec<&mut [T]>> {
+fn planes_of<T: Clone>(volume: &mut Volume<T>, axis: usize) -> Vec<Vec<&mut [T]>> {
     let [ni, nj, nk] = volume.grid().size();
     let mut planes: Vec<Vec<&mut [T]>> = Vec::new();
     planes.resize_with(if axis == 1 { nk } else { nj }, Vec::new);

@@ -24,12 +24,13 @@ use crate::error::{Error, Result};
 use crate::geometry::Grid;
 use ndarray::{ArrayView3, ShapeBuilder};
 use rayon::prelude::*;
+use std::sync::Arc;
 
-/// Values on a [`Grid`], `i` fastest in storage.
+/// Values on a [`Grid`], `i` fastest in storage. Clones share their values until one of them is written to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume<T> {
     grid: Grid,
-    data: Vec<T>,
+    data: Arc<Vec<T>>,
 }
 
 /// Voxels that one thread takes at least: fewer are not worth handing over.
@@ -47,7 +48,12 @@ impl<T> Volume<T> {
         if grid.len() != data.len() {
             return Err(Error::Internal(format!("{} values for a grid of {:?}", data.len(), grid.size())));
         }
-        Ok(Self { grid, data })
+        Ok(Self::of(grid, data))
+    }
+
+    /// A volume of as many values as the grid has voxels.
+    fn of(grid: Grid, data: Vec<T>) -> Self {
+        Self { grid, data: Arc::new(data) }
     }
 
     /// A volume with `value(storage position)` everywhere.
@@ -56,7 +62,7 @@ impl<T> Volume<T> {
         T: Send,
     {
         let data = (0..grid.len()).into_par_iter().with_min_len(LEAST).map(value).collect();
-        Self { grid, data }
+        Self::of(grid, data)
     }
 
     /// The grid.
@@ -67,13 +73,19 @@ impl<T> Volume<T> {
     pub fn data(&self) -> &[T] {
         &self.data
     }
-    /// The values in storage order, writable.
-    pub fn data_mut(&mut self) -> &mut [T] {
-        &mut self.data
+    /// The values in storage order, writable: a copy of them where a clone shares them.
+    pub fn data_mut(&mut self) -> &mut [T]
+    where
+        T: Clone,
+    {
+        Arc::make_mut(&mut self.data).as_mut_slice()
     }
-    /// The values, without their grid.
-    pub fn into_data(self) -> Vec<T> {
-        self.data
+    /// The values, without their grid: a copy of them where a clone shares them.
+    pub fn into_data(self) -> Vec<T>
+    where
+        T: Clone,
+    {
+        Arc::unwrap_or_clone(self.data)
     }
     /// The same values, moved by a vector, LPS mm.
     pub fn shifted(self, by: &nalgebra::Vector3<f64>) -> Self {
@@ -89,7 +101,7 @@ impl<T> Volume<T> {
         T: Sync,
     {
         let data = self.data.par_iter().with_min_len(LEAST).map(f).collect();
-        Volume { grid: self.grid.clone(), data }
+        Volume::of(self.grid.clone(), data)
     }
     /// The values as an ndarray view of shape (i, j, k).
     pub fn view(&self) -> ArrayView3<'_, T> {
@@ -102,7 +114,7 @@ impl<T: Clone> Volume<T> {
     /// A volume with one value everywhere.
     pub fn filled(grid: Grid, value: T) -> Self {
         let data = vec![value; grid.len()];
-        Self { grid, data }
+        Self::of(grid, data)
     }
 }
 

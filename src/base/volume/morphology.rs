@@ -57,7 +57,7 @@ impl MorphologyRows {
                 }
             }
         });
-        Volume { grid: like.grid().clone(), data: out }
+        Volume::of(like.grid().clone(), out)
     }
 
     /// Each row by a voxel to both sides.

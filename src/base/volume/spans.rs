@@ -99,7 +99,7 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
             let (span, values) = self.row(row);
             out[span].copy_from_slice(values);
         });
-        Volume { grid: self.grid.clone(), data }
+        Volume::of(self.grid.clone(), data)
     }
 }
 

@@ -18,7 +18,7 @@ mod warp;
 pub use chain::{Chain, ChainReport, Link, Mapped, Motion, displacement};
 pub use consistency::{Beside, ConsistencyOptions, ConsistencyReport, agree, beside_contact};
 pub use format::FieldFormat;
-pub use inverse::{Inverse, InverseReport, InvertOptions, MovedBones, Solved, invert};
+pub use inverse::{Inverse, InverseReport, InvertOptions, MovedBones, Solved, invert, take_sides};
 pub use mesh::{
     FOLDED, Resampling, RowOfCells, ScatterReport, digital_folds, folded_anywhere, folded_cells, jacobian,
     jacobian_by_rows, multiple_preimages, overlaps, scatter_image,

@@ -104,20 +104,23 @@ pub struct Maps {
 /// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
 pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Result<(Assessment, Maps)> {
     let pair = subject.pair;
-    let Domain { mask, patient, told: measured_in } = runtime.stage("find the tissue", || domain(subject))?;
+    let Domain { mask, patient, slides, told: measured_in } = runtime.stage("find the tissue", || domain(subject))?;
     let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
     let mask_push = same_grid(&mask, push.grid());
     let mask_pull = carried(&mask, pull);
     let (regularity, map) = runtime.stage("regularity", || {
         let given = |d: Direction| pair.given.contains(&d);
-        let (forward, map) = regular(subject, &pair.push, &mask_push, None);
+        let (forward, map) = regular(subject, &pair.push, &mask_push, slides.as_ref(), None);
         let mut all = Vec::new();
         if given(Direction::PlanningToFraction) {
             all.push((Direction::PlanningToFraction, forward));
         }
         if given(Direction::FractionToPlanning) {
             let field = PushField { displacement: pull.clone(), computed: Volume::filled(pull.grid().clone(), true) };
-            all.push((Direction::FractionToPlanning, regular(subject, &field, &mask_pull, Some(pull)).0));
+            all.push((
+                Direction::FractionToPlanning,
+                regular(subject, &field, &mask_pull, slides.as_ref(), Some(pull)).0,
+            ));
         }
         (all, map)
     });
@@ -211,24 +214,31 @@ struct Domain {
     mask: Mask,
     /// Inside of the skin with all cavities, where no mask is given and a planning CT is.
     patient: Option<Mask>,
+    /// What slides along its border: lung, and organs along the wall.
+    slides: Option<Mask>,
     /// In words.
     told: String,
 }
 
 fn domain(subject: &Subject<'_>) -> Result<Domain> {
     if let Some(mask) = subject.mask {
-        return Ok(Domain { mask: mask.clone(), patient: None, told: "the given mask".into() });
+        return Ok(Domain { mask: mask.clone(), patient: None, slides: None, told: "the given mask".into() });
     }
     match subject.planning {
         Some(ct) => {
             let body = body::find(ct, subject.bones, &body::BodyOptions::default())?;
             let told = "the patient in the planning CT above -500 HU".into();
-            Ok(Domain { mask: tissue(&body, ct), patient: Some(body), told })
+            // Without organs the field does not jump along the lung.
+            let names = body::SLIDING_ORGANS.map(str::to_owned);
+            let organs = subject.structures.or(subject.bones).filter(|map| map.volume.grid().matches(ct.grid(), 1e-3));
+            let organs = organs.filter(|map| map.names.values().any(|name| names.contains(name)));
+            let slides = organs.and_then(|organs| body::slides(body::lung(ct, &body).as_ref(), organs, &names));
+            Ok(Domain { mask: tissue(&body, ct), patient: Some(body), slides, told })
         }
         None => {
             let grid = subject.pair.push.displacement.grid().clone();
             let told = "the whole grid: neither mask nor planning CT was given".into();
-            Ok(Domain { mask: Volume::filled(grid, true), patient: None, told })
+            Ok(Domain { mask: Volume::filled(grid, true), patient: None, slides: None, told })
         }
     }
 }
@@ -238,6 +248,7 @@ fn regular(
     subject: &Subject<'_>,
     field: &PushField,
     mask: &Mask,
+    slides: Option<&Mask>,
     through: Option<&Volume<[f32; 3]>>,
 ) -> (Regularity, Spans<f32>) {
     let grid = field.displacement.grid();
@@ -252,7 +263,14 @@ fn regular(
     let bones = subject.bones.map_or_else(none, labels);
     let structures = subject.structures.map(labels);
     let structures = structures.as_ref().or(subject.bones.map(|_| &bones));
-    regularity::evaluate(field, mask, &bones, subject.rigid, subject.sliding, structures)
+    let region = slides.map(|slides| match through {
+        Some(pull) => carried(slides, pull),
+        None => same_grid(slides, grid),
+    });
+    // Which side a voxel of the fraction shows is known to a voxel there.
+    let clear = through.and(region.as_ref()).map(|region| regularity::off_border(mask, region));
+    let mask = clear.as_ref().unwrap_or(mask);
+    regularity::evaluate(field, mask, &bones, subject.rigid, (subject.sliding, region.as_ref()), structures)
 }
 
 /// Nearest values of a volume on a grid of the same frame.

@@ -2,7 +2,7 @@
 
 use super::interface::Interfaces;
 use crate::geometry::{Grid, vectorised};
-use crate::volume::{LabelMap, Mask};
+use crate::volume::{LabelMap, Mask, Volume};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -21,12 +21,14 @@ pub(super) enum Cell {
     Contact,
     /// At most one bone, where two bones slide on each other, or an organ along the wall.
     Interface,
+    /// Corners on both sides of where tissue slides: the field jumps there, and no tissue fills the cell.
+    Across,
 }
 
 impl Cell {
     /// Whether the field is to be smooth here.
     pub(super) fn body(self) -> bool {
-        !matches!(self, Self::Outside | Self::Contact | Self::Interface)
+        !matches!(self, Self::Outside | Self::Contact | Self::Interface | Self::Across)
     }
 }
 
@@ -58,23 +60,29 @@ impl CellKinds {
     /// rigid bone of `bones`, other labels count as soft tissue; labels of the same name are one bone. `sliding` are pairs of
     /// labels that slide on each other, with the reach of the interface in mm. All on the planning grid.
     pub fn new(tissue: &Mask, bones: &LabelMap, rigid: &[(u16, String)], sliding: &[([u16; 2], f64)]) -> Self {
-        Self::with_region(tissue, bones, rigid, sliding, None)
+        Self::with_region(tissue, bones, rigid, sliding, [None; 2])
     }
 
-    /// As [`CellKinds::new`]; `region` slides along its border.
+    /// As [`CellKinds::new`]; `region` slides along its border, and the field jumps along that of `jumps`.
     pub fn with_region(
         tissue: &Mask,
         bones: &LabelMap,
         rigid: &[(u16, String)],
         sliding: &[([u16; 2], f64)],
-        region: Option<&Mask>,
+        [region, jumps]: [Option<&Mask>; 2],
     ) -> Self {
         let (names, bone_of) = index_bones(rigid);
         let interfaces = Interfaces::new(bones, |l| bone_of[usize::from(l)] > 0, sliding, region);
         let grid = tissue.grid().clone();
         let [_, nj, nk] = grid.size();
-        let look =
-            Look { grid: &grid, tissue: tissue.data(), labels: bones.volume.data(), bone_of: &bone_of, interfaces };
+        let look = Look {
+            grid: &grid,
+            tissue: tissue.data(),
+            labels: bones.volume.data(),
+            bone_of: &bone_of,
+            interfaces,
+            jumps: jumps.map(Volume::data),
+        };
         let planes: Vec<(Vec<CellRun>, Vec<usize>)> = (0..nk).into_par_iter().map(|k| look.plane(k)).collect();
         let (mut runs, mut rows) =
             (Vec::with_capacity(planes.iter().map(|p| p.0.len()).sum()), Vec::with_capacity(nj * nk + 1));
@@ -144,6 +152,8 @@ struct Look<'a> {
     /// A label's bone plus one.
     bone_of: &'a [u16],
     interfaces: Option<Interfaces>,
+    /// The field jumps along its border.
+    jumps: Option<&'a [bool]>,
 }
 
 impl Look<'_> {
@@ -155,7 +165,7 @@ impl Look<'_> {
             return (runs, vec![0; nj]);
         }
         // Columns of four voxels, between which the cells of a row lie.
-        let (mut solid, mut labelled) = (vec![false; ni], vec![0; ni]);
+        let (mut solid, mut labelled, mut sides) = (vec![false; ni], vec![0; ni], vec![0; ni]);
         let [_, up, above] = self.grid.strides();
         for j in 0..nj - 1 {
             rows.push(runs.len());
@@ -169,19 +179,24 @@ impl Look<'_> {
                     #[inline(always)]
                     || columns(&mut labelled, corners.map(|c| &self.labels[c..][..ni]), |a, b| a | b),
                 );
-                self.row([j, k], &solid, &labelled, &mut runs);
+                if let Some(region) = self.jumps {
+                    let inside = |i: usize| corners.iter().filter(|c| region[**c + i]).count() as u8;
+                    sides.iter_mut().enumerate().for_each(|(i, side)| *side = inside(i));
+                }
+                self.row([j, k], &solid, &labelled, &sides, &mut runs);
             }
         }
         rows.push(runs.len());
         (runs, rows)
     }
 
-    /// Adds the runs of a row of cells.
-    fn row(&self, [j, k]: [usize; 2], solid: &[bool], labelled: &[u16], runs: &mut Vec<CellRun>) {
+    /// Adds the runs of a row of cells; `sides`: how many of a column's four voxels slide.
+    fn row(&self, [j, k]: [usize; 2], solid: &[bool], labelled: &[u16], sides: &[u8], runs: &mut Vec<CellRun>) {
         let mut open: Option<CellRun> = None;
         let pairs = solid.iter().zip(&solid[1..]).zip(labelled.iter().zip(&labelled[1..])).enumerate();
         for (i, ((a, b), (p, q))) in pairs {
             let kind = match a & b {
+                _ if !matches!(sides[i] + sides[i + 1], 0 | 8) => Cell::Across,
                 false => Cell::Outside,
                 true if p | q == 0 => self.where_it_slides(Cell::Soft, [i, j, k]),
                 true => self.kind([i, j, k]),

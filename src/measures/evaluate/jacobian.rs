@@ -30,6 +30,10 @@ pub struct JacobianReport {
     /// takes no part. Earlier reports lack them.
     #[serde(default)]
     pub folded_outside: usize,
+    /// Cells that reach across a surface along which tissue slides (lung, organs along the wall): the field jumps there, and
+    /// none of the figures counts them. Earlier reports lack them.
+    #[serde(default)]
+    pub across: usize,
     /// Cells wholly inside one bone, by bone name.
     pub bones: Vec<(String, JacobianStats)>,
     /// Soft-tissue cells that fail the stricter digital criterion (any of 10 finite-difference determinants <= 0).
@@ -105,6 +109,12 @@ pub(super) fn with_folds(push: &PushField, cells: &CellKinds) -> (Spans<f32>, Ja
         contact: stats(&contact),
         interface: stats(&interface),
         folded_outside: outside(&push.displacement, cells),
+        across: cells
+            .rows()
+            .flat_map(|row| cells.row(row))
+            .filter(|(_, k)| *k == Cell::Across)
+            .map(|(run, _)| run.len())
+            .sum(),
         bones: cells.names.iter().cloned().zip(of_bones).filter(|(_, s)| s.cells > 0).collect(),
         digital_folded: folds.soft,
         jumps_above_10: jumps(&map, cells, found.iter().flat_map(|f| &f.high).copied()),
@@ -158,7 +168,7 @@ impl CellsFound {
             let here = run.start - of.cells.start..run.end - of.cells.start;
             let folded = of.other[here.clone()].iter().map(|fold| usize::from(*fold)).sum::<usize>();
             match kind {
-                Cell::Outside => {}
+                Cell::Outside | Cell::Across => {}
                 Cell::Soft => self.folds.soft += folded,
                 Cell::Edge | Cell::Inside(_) => self.folds.bone += folded,
                 Cell::Contact => self.folds.contact += folded,
@@ -194,7 +204,7 @@ impl<'a> CellRuns<'a> {
             for (run, kind) in cells.row(row) {
                 let run = &values[run.start - span.start..run.end - span.start];
                 match kind {
-                    Cell::Outside => {}
+                    Cell::Outside | Cell::Across => {}
                     Cell::Soft => all.soft.push(run),
                     Cell::Edge => all.bony.push(run),
                     Cell::Inside(bone) => {
@@ -315,6 +325,23 @@ mod tests {
         let within = PushField { computed: all.clone(), ..push };
         let r = evaluate(&within, &CellKinds::new(&all, &bones, &[], &[])).1;
         assert_eq!((r.folded_outside, r.all.folded), (0, 4));
+    }
+
+    #[test]
+    fn cells_across_a_sliding_surface_are_no_folds() {
+        // What lies beyond x = 6 slides along y by 7 mm; the voxels next to the surface also pass it.
+        let grid = Grid::axis_aligned([14, 12, 3], [1.0; 3], [0.0; 3]).unwrap();
+        let region = Volume::from_fn(grid.clone(), |l| l % 14 > 6);
+        let displacement = region.map(|inside| if *inside { [-1.5, 7.0, 0.0] } else { [0.0; 3] });
+        let all = Volume::filled(grid.clone(), true);
+        let bones = LabelMap { volume: Volume::filled(grid, 0), names: BTreeMap::new() };
+        let push = PushField { displacement, computed: all.clone() };
+        let told = |region| {
+            let (_, r) = evaluate(&push, &CellKinds::with_region(&all, &bones, &[], &[], [region; 2]));
+            (r.across, r.all.folded, r.folded_outside)
+        };
+        assert_eq!(told(None), (0, 22, 0));
+        assert_eq!(told(Some(&region)), (22, 0, 0));
     }
 
     #[test]

@@ -4,8 +4,9 @@ use super::cell::CellKinds;
 use super::curl::{self, CurlReport};
 use super::jacobian::{self, JacobianReport, JacobianStats};
 use crate::field::PushField;
+use crate::geometry::stencil::NEIGHBOURS_26;
 use crate::stats::Summary;
-use crate::volume::{LabelMap, Mask, Spans};
+use crate::volume::{LabelMap, Mask, Spans, Volume};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -92,16 +93,16 @@ pub struct Regularity {
 /// Regularity of `field` and its Jacobian map.
 ///
 /// `tissue`, `bones` and `structures` lie on the field's grid; `rigid` lists label and name of each rigid bone,
-/// `sliding` pairs of labels that slide on each other, with their reach in mm.
+/// `sliding` pairs of labels that slide on each other, with their reach in mm. `region` slides along its border.
 pub fn evaluate(
     field: &PushField,
     tissue: &Mask,
     bones: &LabelMap,
     rigid: &[(u16, String)],
-    sliding: &[([u16; 2], f64)],
+    (sliding, region): (&[([u16; 2], f64)], Option<&Mask>),
     structures: Option<&LabelMap>,
 ) -> (Regularity, Spans<f32>) {
-    let cells = CellKinds::new(tissue, bones, rigid, sliding);
+    let cells = CellKinds::with_region(tissue, bones, rigid, sliding, [region; 2]);
     let (map, report, digital) = jacobian::with_folds(field, &cells);
     let cell_ml = map.grid().voxel_volume() / 1000.0;
     let body = jacobian::of_body(&map, &cells);
@@ -131,9 +132,27 @@ pub fn evaluate(
         structures: per_structure,
         histograms,
         folds,
-        curl: curl::evaluate(&field.displacement, tissue),
+        curl: match region {
+            None => curl::evaluate(&field.displacement, tissue),
+            Some(region) => curl::evaluate(&field.displacement, &off_border(tissue, region)),
+        },
     };
     (regularity, map)
+}
+
+/// The voxels of a mask that do not touch the border of a region on the same grid: of whose 26 neighbours none lies on the other side.
+pub(super) fn off_border(mask: &Mask, region: &Mask) -> Mask {
+    let grid = mask.grid();
+    let size = grid.size();
+    let clear = |l: usize| {
+        let at = grid.voxel(l);
+        mask.data()[l]
+            && NEIGHBOURS_26.iter().all(|o| {
+                let to: [usize; 3] = std::array::from_fn(|a| at[a].wrapping_add_signed(o[a] as isize));
+                (0..3).any(|a| to[a] >= size[a]) || region.at(to) == region.at(at)
+            })
+    };
+    Volume::from_fn(grid.clone(), clear)
 }
 
 /// Jacobians of the cells whose 8 corners all lie in one structure, by its name.
@@ -171,7 +190,23 @@ fn cells_by_structure(map: &Spans<f32>, structures: &LabelMap) -> Vec<(String, V
 mod tests {
     use super::*;
     use crate::geometry::Grid;
-    use crate::volume::Volume;
+
+    #[test]
+    fn where_tissue_slides_the_field_may_jump() {
+        let grid = Grid::axis_aligned([14, 12, 6], [1.0; 3], [0.0; 3]).unwrap();
+        let region = Volume::from_fn(grid.clone(), |l| l % 14 > 6);
+        let displacement = region.map(|inside| if *inside { [-1.5, 7.0, 0.0] } else { [0.0; 3] });
+        let all = Volume::filled(grid.clone(), true);
+        let none = LabelMap { volume: Volume::filled(grid, 0), names: BTreeMap::new() };
+        let field = PushField { displacement, computed: all.clone() };
+        let told = |region| {
+            let r = evaluate(&field, &all, &none, &[], (&[], region), None).0;
+            (r.jacobian.body.folded, r.folds.folded, r.curl.magnitude.max)
+        };
+        let (folded, digital, curl) = told(None);
+        assert!(folded > 0 && digital > 0 && curl > 1.0, "{folded} {digital} {curl}");
+        assert_eq!(told(Some(&region)), (0, 0, 0.0));
+    }
 
     #[test]
     fn volumes_and_folds_by_hand() {
@@ -183,7 +218,7 @@ mod tests {
         let none = LabelMap { volume: Volume::filled(grid.clone(), 0), names: BTreeMap::new() };
         let left = Volume::from_fn(grid.clone(), |l| u16::from(grid.voxel(l)[0] < 4));
         let structures = LabelMap { volume: left, names: [(1, "left".to_owned())].into() };
-        let (r, map) = evaluate(&field, &Volume::filled(grid, true), &none, &[], &[], Some(&structures));
+        let (r, map) = evaluate(&field, &Volume::filled(grid, true), &none, &[], (&[], None), Some(&structures));
         assert_eq!((r.folds.cells, r.folds.folded, r.folds.folded_contact), (11 * 25, 5 * 25, 0));
         assert!((r.folds.folded_ml - 125.0 * 0.01).abs() < 1e-9);
         assert_eq!(r.structures[0].0, "left");

@@ -3,6 +3,7 @@
 use super::numbers::{ONE_SCAN, Report, first_words, threads};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
+use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::verdict::{Verdict, against, overall};
 use crate::findings::{Finding, Told};
@@ -33,23 +34,7 @@ pub fn terminal_table(report: &Report) -> String {
     if let Some(worst) = report.least_rigid() {
         rows.push(("rigidity", format!("{:.1e} mm rms at worst ({})", worst.rms_mm, worst.name)));
     }
-    let j = &report.jacobian;
-    rows.push((
-        "jacobian",
-        format!(
-            "body mean {:.3}, {:.2} to {:.2}; folded {} of {} cells ({:.4} %)",
-            j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
-        ),
-    ));
-    if j.contact.cells + j.interface.cells + j.folded_outside > 0 {
-        rows.push((
-            "",
-            format!(
-                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide; outside it {}",
-                j.all.folded, j.all.cells, j.contact.folded, j.interface.folded, j.folded_outside
-            ),
-        ));
-    }
+    rows.extend(jacobian(&report.jacobian));
     if report.one_scan() {
         rows.insert(1, ("", ONE_SCAN.to_owned()));
     }
@@ -78,7 +63,10 @@ pub fn terminal_table(report: &Report) -> String {
     let back = &report.consistency.there_and_back_mm;
     rows.push((
         "consistency",
-        format!("inverse-consistency error {:.3} mm mean, {:.2} mm worst away from bone contact", back.mean, back.max),
+        format!(
+            "inverse-consistency error {:.3} mm mean, {:.2} mm worst away from bone contact and sliding surfaces",
+            back.mean, back.max
+        ),
     ));
     let memory = report.peak_memory.map_or(String::new(), |b| format!(", {:.2} GB", b as f64 / 1e9));
     rows.push(("run", format!("{:.1} s on {}{memory}", report.seconds(), threads(report.threads))));
@@ -89,6 +77,32 @@ pub fn terminal_table(report: &Report) -> String {
         writeln!(text, "  {name:<11} {value}").expect("writing to a string does not fail");
         text
     })
+}
+
+/// Jacobian characteristics.
+fn jacobian(j: &JacobianReport) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    rows.push((
+        "jacobian",
+        format!(
+            "body mean {:.3}, {:.2} to {:.2}; folded {} of {} cells ({:.4} %)",
+            j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
+        ),
+    ));
+    if j.contact.cells + j.interface.cells + j.folded_outside > 0 {
+        rows.push((
+            "",
+            format!(
+                "all tissue above -500 HU: folded {} of {} cells, {} in bone contact, {} where bones slide; outside it {}",
+                j.all.folded, j.all.cells, j.contact.folded, j.interface.folded, j.folded_outside
+            ),
+        ));
+    }
+    if j.across > 0 {
+        let told = format!("{} more cells reach across where lung or organs slide: the field jumps there", j.across);
+        rows.push(("", told));
+    }
+    rows
 }
 
 fn landmarks(l: &LandmarkReport) -> String {

@@ -284,7 +284,7 @@ impl Judged {
             let (jacobian, report) = evaluate::jacobian::evaluate(push, &resting.cells);
             let rigidity = evaluate::rigidity::evaluate(push, &scan.bones, &skeleton.labels_and_names());
             let residuals = (!landmarks.is_empty()).then(|| evaluate::landmark::evaluate(push, landmarks));
-            let multiple = field::multiple_preimages(push, &jacobian, target);
+            let multiple = field::multiple_preimages(push, &jacobian, target, resting.jumps.as_ref());
             (jacobian, report, rigidity, residuals, multiple)
         };
         let meeting = || contact::measure(&resting.bones, &fit.transforms, push, body, target);

@@ -37,8 +37,8 @@ pub(super) fn tissue<'a>(
     bone_of_label: &'a [Option<u16>],
     options: &ChainmailOptions,
 ) -> Tissue<'a> {
-    let along = options.slip.along;
-    let sliding = sliding.map(|region| SlidingRegion { region, along });
+    let (along, jumps) = (options.slip.kept(&planning.bones), options.slip.jumps(&planning.bones));
+    let sliding = sliding.map(|region| SlidingRegion { region, along, jumps });
     Tissue { ct: &planning.ct, body, labels: &planning.bones, bone_of_label, lung, sliding, least_hu: options.least_hu }
 }
 

@@ -21,7 +21,11 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     all.push(limits.jumps(direction, jacobian.jumps_above_10));
     let back = &outcome.consistency.there_and_back_mm;
     if back.n > 0 {
-        all.push(limits.consistency("inverse consistency away from bone contact", back.p95, voxel));
+        all.push(limits.consistency(
+            "inverse consistency away from bone contact and sliding surfaces",
+            back.p95,
+            voxel,
+        ));
     }
     all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.voxels));
     if let Some((_, u)) = &outcome.uncertainty {

@@ -45,7 +45,11 @@ impl<'a> Moved<'a> {
     pub(super) fn inverted(&self, push: &PushField, there: &Grid) -> Result<(PullField, InverseReport)> {
         let motions = self.skeleton.bones.iter().map(|b| b.label).zip(self.transforms.iter().copied());
         let bones = MovedBones::new(&self.scan.bones, motions, there);
-        field::invert(push, there, Some(&bones), &self.config.invert)
+        let (mut pull, mut report) = field::invert(push, there, Some(&bones), &self.config.invert)?;
+        if let Some(region) = &self.resting.jumps {
+            field::take_sides(push, &mut pull, &mut report, region, &self.config.invert);
+        }
+        Ok((pull, report))
     }
 
     /// Makes both directions of its field agree.

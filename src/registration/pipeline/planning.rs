@@ -11,7 +11,7 @@ use super::uncertainty;
 use crate::body;
 use crate::chainmail::{ChainMail, Organs, organ_label};
 use crate::config::{Config, Modality, SoftTissue};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::contact::RestingBones;
 use crate::evaluate::uncertainty::PlanningSide;
 use crate::evaluate::{self, CellKinds};
@@ -22,7 +22,8 @@ use crate::plausibility::{labels_on_bone, levels_by_landmarks, sides_and_levels}
 use crate::refine::PlanningSamples;
 use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
-use crate::volume::Mask;
+use crate::volume::morphology::{dilate, erode};
+use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
 
 /// What every way to move the bones begins with: the skeleton and the patient.
@@ -78,17 +79,21 @@ pub(super) struct Resting {
     pub(super) samples: PlanningSamples,
     /// Lung, where it takes part.
     pub(super) lung: Option<Mask>,
-    /// What slides along its border.
+    /// What slides along its border, and the same where the field jumps there.
     pub(super) sliding: Option<Mask>,
+    pub(super) jumps: Option<Mask>,
     /// The voxels of tissue, which count.
     pub(super) tissue: Mask,
-    /// The voxels near bones that touch.
+    /// The voxels near bones that touch and near where the field jumps.
     pub(super) beside_contact: Mask,
     /// What the cells between them hold.
     pub(super) cells: CellKinds,
     /// The planning side of the uncertainty; `None` where no map of it is asked for.
     pub(super) side: Option<PlanningSide>,
 }
+
+/// Nearer than this to where the field jumps a voxel's way there and back does not count, mm: readers interpolate across.
+const SLIDING_MM: f64 = 5.0;
 
 impl Resting {
     /// Of a planning side or a part of it, with its patient; `mapped` tells whether a map of uncertainty may be asked for.
@@ -108,6 +113,7 @@ impl Resting {
             let mapped = mapped && config.output.uncertainty;
             let lung = options.lung.then(|| body::lung(&planning.ct, body)).flatten();
             let sliding = options.slip.region(lung.as_ref(), &planning.bones);
+            let jumps = sliding.clone().filter(|_| options.slip.jumps(&planning.bones));
             let bone_of_label = bone_of_label(skeleton);
             let chain_mail = || {
                 let pulled = images_pull(config) || may_guide(planning, config);
@@ -131,14 +137,22 @@ impl Resting {
                     &planning.bones,
                     &rigid,
                     &config.sliding.pairs(&rigid),
-                    sliding.as_ref(),
+                    [sliding.as_ref(), jumps.as_ref()],
                 );
                 (tissue, cells)
             };
             let chain_mail = || wanted.then(chain_mail).transpose();
             let contact = || {
                 let bone = |v: usize| bone_of_label[usize::from(planning.bones.volume.data()[v])];
-                field::beside_contact(planning.bones.volume.grid(), &bone)
+                let contact = field::beside_contact(planning.bones.volume.grid(), &bone)?;
+                Ok::<_, Error>(match &jumps {
+                    None => contact,
+                    Some(region) => {
+                        let [out, deep] = [dilate(region, SLIDING_MM), erode(region, SLIDING_MM)];
+                        let near = |n: usize| contact.data()[n] || (out.data()[n] && !deep.data()[n]);
+                        Volume::from_fn(contact.grid().clone(), near)
+                    }
+                })
             };
             let bones = || rayon::join(bones, contact);
             let (((bones, beside_contact), side), ((tissue, cells), chain_mail)) =
@@ -150,6 +164,7 @@ impl Resting {
                 tissue,
                 lung,
                 sliding,
+                jumps,
                 beside_contact: beside_contact?,
                 cells,
                 side: side?,

@@ -39,7 +39,7 @@ fn excess(moved: &Vector3<f64>, axis: usize, directions: &Matrix3<f64>, length: 
     worst
 }
 
-/// Checks every link of the lattice between active elements; two bones have no link.
+/// Checks every link of the lattice between active elements; two bones have no link, nor what slides along each other.
 pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[Matrix3<f64>]) -> LinkReport {
     let turns = rotations(lattice, displacement, bone_turns);
     let turn = |n: usize| Matrix3::from_fn(|a, b| f64::from(turns[n][b][a])) + Matrix3::identity();
@@ -64,7 +64,8 @@ pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[M
                 for (axis, offset, rest) in &forward {
                     let m = (n as isize + offset) as usize;
                     let apart = matches!((lattice.node[n], lattice.node[m]), (Node::Bone(a), Node::Bone(b)) if a != b);
-                    if lattice.node[m] == Node::Outside || apart {
+                    let slides = lattice.slip.as_ref().is_some_and(|s| s.jumps && s.inside[n] != s.inside[m]);
+                    if lattice.node[m] == Node::Outside || apart || slides {
                         continue;
                     }
                     links += 1;
@@ -89,5 +90,34 @@ pub fn check_links(lattice: &Lattice, displacement: &[[f32; 3]], bone_turns: &[M
         mean_excess_mm: s.mean,
         p95_excess_mm: s.p95,
         max_excess_mm: s.max,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lattice::{Constraint, Slip};
+    use super::*;
+    use crate::geometry::Grid;
+
+    const SIDE: usize = 12;
+
+    #[test]
+    fn what_slides_has_no_link_that_breaks() {
+        let grid = Grid::axis_aligned([SIDE; 3], [2.0; 3], [0.0; 3]).unwrap();
+        let above = |n: usize| grid.voxel(n)[2] >= SIDE / 2;
+        let outside = |n: usize| grid.voxel(n).iter().any(|c| *c == 0 || *c == SIDE - 1);
+        let node: Vec<Node> = (0..grid.len()).map(|n| if outside(n) { Node::Outside } else { Node::Soft }).collect();
+        let soft = Constraint { min: 0.8, max: 1.5, shear: 0.25 };
+        // The upper half has moved along the lower one.
+        let u: Vec<[f32; 3]> = (0..grid.len()).map(|n| [if above(n) { 9.0 } else { 0.0 }, 0.0, 0.0]).collect();
+        let [held, slips] = [false, true].map(|slides| {
+            let share = (0..grid.len()).map(|n| if above(n) { 1.0 } else { 0.0 }).collect();
+            let slip = slides.then(|| Slip::new(&grid, &node, share, 0.003, true)).flatten();
+            let lattice = Lattice { slip, ..Lattice::from_nodes(grid.clone(), node.clone(), vec![soft; grid.len()]) };
+            check_links(&lattice, &u, &[])
+        });
+        let layer = (SIDE - 2) * (SIDE - 2);
+        assert!(held.violated >= layer && slips.violated == 0, "{held:?} {slips:?}");
+        assert_eq!(held.links - slips.links, layer);
     }
 }

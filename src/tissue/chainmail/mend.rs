@@ -49,7 +49,7 @@ pub(super) fn mend(
     }
 }
 
-/// Folded cells of tissue that touch at most one bone.
+/// Folded cells of tissue that touch at most one bone and lie on one side of where tissue slides.
 fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
     let grid = push.displacement.grid();
     let corners = grid.cell_corners();
@@ -58,6 +58,9 @@ fn folded(tissue: &Tissue<'_>, push: &PushField) -> Vec<usize> {
         let mut bones = nodes.iter().filter_map(|&v| tissue.bone(v));
         let first = bones.next();
         nodes.iter().all(|&v| tissue.active(v))
+            && tissue
+                .sliding
+                .is_none_or(|s| !s.jumps || nodes.iter().all(|&v| s.region.data()[v] == s.region.data()[cell]))
             && bones.all(|b| Some(b) == first)
             && nodes.iter().any(|&v| tissue.bone(v).is_none())
     };

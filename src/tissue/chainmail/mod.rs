@@ -19,6 +19,7 @@ mod mend;
 mod options;
 mod propagate;
 mod relaxation;
+mod sides;
 #[cfg(test)]
 mod tests;
 mod variants;

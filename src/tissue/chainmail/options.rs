@@ -122,6 +122,7 @@ impl ChainmailOptions {
             self.variant.problem(),
             within("poisson", self.poisson, 0.0, 0.49),
             within("slip.along", self.slip.along, 1e-3, 1.0),
+            within("slip.lung_alone", self.slip.lung_alone, 1e-3, 1.0),
             within("spacing_mm", self.spacing_mm, 0.0, 50.0),
             self.relaxation.iter().find_map(|r| within("relaxation: a spacing", r.spacing_mm, 0.0, 100.0)),
             within("least_hu", f64::from(self.least_hu), -2000.0, 65535.0),

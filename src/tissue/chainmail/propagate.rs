@@ -10,6 +10,7 @@ use super::relaxation::growth::Growth;
 use super::relaxation::pull::ImagePull;
 use super::relaxation::relax::Relaxation;
 use super::relaxation::settle::settle;
+use super::sides::take_sides;
 use super::variants::Variant;
 use super::waves::blend::first_wave;
 use super::waves::carry::Initiators;
@@ -77,6 +78,9 @@ impl ChainMail {
         let steps = options.relaxation.len() + 2;
         progress.step(steps - 1, steps, "all voxels");
         let mut push = to_voxels(tissue, &self.computed, bones.transforms, &coarse)?;
+        if let Some(slip) = lattice.slip.as_ref().filter(|slip| slip.jumps) {
+            take_sides(tissue, slip, &coarse, &mut push);
+        }
         mend(tissue, &rotation_matrices(bones.transforms), options, &self.organs, &mut push);
         Ok(Propagation { push, lattice, displacement: coarse.into_data(), pruning })
     }

@@ -10,7 +10,9 @@ mod newton;
 pub(super) mod pre_image;
 mod reach;
 mod search;
+mod sides;
 
 pub use bones::MovedBones;
 pub use invert::{Inverse, InverseReport, invert};
 pub use pre_image::{InvertOptions, Solved};
+pub use sides::take_sides;

@@ -9,14 +9,18 @@ use super::tetrahedra::{CellSide, cover};
 use crate::geometry::Grid;
 use crate::volume::{Mask, Spans, Volume};
 
-/// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`.
-pub fn multiple_preimages(push: &PushField, map: &Spans<f32>, fraction: &Grid) -> Mask {
+/// Mask on the fraction grid of voxels with several pre-images. `map` is the Jacobian map of `push`; `region` slides along its border,
+/// where the field jumps: a cell that reaches across is none of tissue.
+pub fn multiple_preimages(push: &PushField, map: &Spans<f32>, fraction: &Grid, region: Option<&Mask>) -> Mask {
     let grid = push.displacement.grid();
     let mut out = Volume::filled(fraction.clone(), false);
     let [_, nj, nk] = grid.size();
+    let corners = grid.cell_corners();
+    let across = |cell: usize| region.is_some_and(|r| corners.iter().any(|c| r.data()[cell + c] != r.data()[cell]));
     for row in 0..nj * nk {
         let (cells, values) = map.row(row);
-        for (i, _) in cells.zip(values).filter(|(_, j)| **j <= FOLDED) {
+        let first = row * grid.size()[0];
+        for (i, _) in cells.zip(values).filter(|(i, j)| **j <= FOLDED && !across(first + i)) {
             cover(push, [i, row % nj, row / nj], fraction, CellSide::Inverted, |voxel| out.data_mut()[voxel] = true);
         }
     }
@@ -35,11 +39,14 @@ mod tests {
         let displacement =
             Volume::from_fn(grid.clone(), |l| [-12.0 * ((grid.voxel(l)[0] as f32 - 20.0) / 6.0).tanh(), 0.0, 0.0]);
         let push = PushField { displacement, computed: Volume::filled(grid.clone(), true) };
-        let mask = multiple_preimages(&push, &jacobian(&push), &grid);
+        let mask = multiple_preimages(&push, &jacobian(&push), &grid, None);
         for i in 0..41 {
             assert_eq!(*mask.at([i, 2, 2]), (i as i32 - 20).abs() <= 3, "voxel {i}");
         }
+        // Across a surface along which tissue slides nothing is folded.
+        let region = Volume::from_fn(grid.clone(), |l| grid.voxel(l)[0].is_multiple_of(2));
+        assert_eq!(multiple_preimages(&push, &jacobian(&push), &grid, Some(&region)).count(), 0);
         let flat = PushField { displacement: Volume::filled(grid.clone(), [1.0, 0.0, 0.0]), ..push };
-        assert_eq!(multiple_preimages(&flat, &jacobian(&flat), &grid).count(), 0);
+        assert_eq!(multiple_preimages(&flat, &jacobian(&flat), &grid, None).count(), 0);
     }
 }

@@ -323,6 +323,9 @@ pub(super) fn jacobian(report: &Report) -> Markup {
             @if j.folded_outside > 0 {
                 (count(j.folded_outside)) " more cells of the written field fold outside tissue, in air and beyond the patient. "
             }
+            @if j.across > 0 {
+                (count(j.across)) " more cells reach across a surface along which lung or organs slide: the field jumps there, and no figure counts them. "
+            }
             (count(j.digital_folded)) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
             (count(j.jumps_above_10)) " pairs of neighbouring cells differ by more than 10."
         }
@@ -354,7 +357,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Inverse-consistency error (planning to fraction and back) away from bone contact, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
+                    tr { td { "Inverse-consistency error (planning to fraction and back) away from bone contact and sliding surfaces, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
                     tr { td { "Of those, beyond the limit (before soft tissue was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
                     tr { td { "Voxels inverted, of all in the fraction's grid (shares are of these)" } td.n { (count(r.n)) " of " (count(inverse.voxels)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }

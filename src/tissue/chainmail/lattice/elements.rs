@@ -93,14 +93,14 @@ impl Lattice {
         };
         let (mut node, mut constraint) = (Vec::new(), Vec::new());
         (0..grid.len()).into_par_iter().map(of_node).unzip_into_vecs(&mut node, &mut constraint);
-        let slip = tissue.sliding.and_then(|SlidingRegion { region, along }| {
+        let slip = tissue.sliding.and_then(|SlidingRegion { region, along, jumps }| {
             let share = |n: usize| {
                 let [i, j, k] = grid.voxel(n);
                 let ranges = [inner(&xs, i)?, inner(&ys, j)?, inner(&zs, k)?];
                 Some(share(region, ranges))
             };
             let shares = (0..grid.len()).into_par_iter().map(|n| share(n).unwrap_or(0.0)).collect();
-            Slip::new(&grid, &node, shares, along)
+            Slip::new(&grid, &node, shares, along, jumps)
         });
         Self { slip, ..Self::from_nodes(grid, node, constraint) }
     }
@@ -118,7 +118,7 @@ impl Lattice {
         let origin = fine.world(&Vector3::from(low.map(|c| c as f64 - 1.0)));
         let grid =
             Grid::new(size, fine.spacing(), origin, *fine.direction()).expect("a padded part of a legal grid is legal");
-        let (node, constraint) = (0..grid.len())
+        let (node, constraint): (Vec<Node>, Vec<Constraint>) = (0..grid.len())
             .map(|n| {
                 let at = grid.voxel(n);
                 if (0..3).any(|a| at[a] == 0 || at[a] + 1 == size[a]) {
@@ -128,7 +128,16 @@ impl Lattice {
                 classify(tissue, material, organs, [&x, &y, &z])
             })
             .unzip();
-        Self::from_nodes(grid, node, constraint)
+        let slip = tissue.sliding.filter(|s| s.jumps).and_then(|SlidingRegion { region, along, jumps }| {
+            let inner = |at: [usize; 3]| (0..3).all(|a| at[a] > 0 && at[a] + 1 < size[a]);
+            let share = |n: usize| {
+                let at = grid.voxel(n);
+                let inside = inner(at) && *region.at(std::array::from_fn(|a| at[a] + low[a] - 1));
+                if inside { 1.0 } else { 0.0 }
+            };
+            Slip::new(&grid, &node, (0..grid.len()).map(share).collect(), along, jumps)
+        });
+        Self { slip, ..Self::from_nodes(grid, node, constraint) }
     }
 
     /// A lattice of given elements in storage order; those on the border of the grid must be outside.

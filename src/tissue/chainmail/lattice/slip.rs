@@ -2,8 +2,8 @@
 //! and lets most of the rest slip (docs/decisions/contact.md).
 
 use super::node::Node;
+use crate::body::{SLIDING_ORGANS, slides};
 use crate::geometry::Grid;
-use crate::volume::morphology::{dilate, erode};
 use crate::volume::{Counted, LabelMap, Mask, Volume, gaussian_ratio};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -19,42 +19,42 @@ pub struct SlipOptions {
     pub organs: Vec<String>,
     /// Share of the stiffness along the surface that links across it keep: 1 for no sliding at all.
     pub along: f64,
+    /// The same where no organ is labelled that slides with the lung, if it is more: the lung's lower border is not where the
+    /// diaphragm slides, and the field does not jump there.
+    pub lung_alone: f64,
 }
 
 impl Default for SlipOptions {
     fn default() -> Self {
-        let organs = ["liver", "spleen", "stomach"].map(str::to_owned).to_vec();
-        Self { lung: true, organs, along: 0.1 }
+        let organs = SLIDING_ORGANS.map(str::to_owned).to_vec();
+        Self { lung: true, organs, along: 0.003, lung_alone: 0.1 }
     }
 }
 
 impl SlipOptions {
     /// Nothing slides.
     pub fn none() -> Self {
-        Self { lung: false, organs: Vec::new(), along: 1.0 }
+        Self { lung: false, organs: Vec::new(), along: 1.0, lung_alone: 1.0 }
+    }
+
+    /// Whether the field jumps where tissue slides: organs are labelled, so all of the surface is known.
+    pub fn jumps(&self, labels: &LabelMap) -> bool {
+        labels.names.values().any(|name| self.organs.contains(name))
+    }
+
+    /// Share of the stiffness along the surface that is kept.
+    pub fn kept(&self, labels: &LabelMap) -> f64 {
+        if self.jumps(labels) { self.along } else { self.along.max(self.lung_alone) }
     }
 
     /// What slides, on the labels' grid: lung (with the vessels in it) and organs; `None` where nothing does.
     pub fn region(&self, lung: Option<&Mask>, labels: &LabelMap) -> Option<Mask> {
-        if self.along >= 1.0 {
+        if self.kept(labels) >= 1.0 {
             return None;
         }
-        let lung = lung.filter(|_| self.lung).map(|lung| erode(&dilate(lung, VESSELS_MM), VESSELS_MM));
-        let organ = |name: &String| self.organs.contains(name);
-        let organs: Vec<u16> = labels.names.iter().filter(|(_, name)| organ(name)).map(|(label, _)| *label).collect();
-        if organs.is_empty() {
-            return lung;
-        }
-        let data = labels.volume.data();
-        let slides = |v: usize| organs.contains(&data[v]) || lung.as_ref().is_some_and(|lung| lung.data()[v]);
-        let region = Volume::from_fn(labels.volume.grid().clone(), slides);
-        region.data().contains(&true).then_some(region)
+        slides(lung.filter(|_| self.lung), labels, &self.organs)
     }
 }
-
-/// Vessels and airways up to twice this width belong to the lung, mm.
-/// At 3 mm a chest errs by 1.825 mm for 1.820, at 12 nothing changes.
-const VESSELS_MM: f64 = 6.0;
 
 /// A region that slides along its border.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +63,8 @@ pub struct SlidingRegion<'a> {
     pub region: &'a Mask,
     /// As [`SlipOptions::along`].
     pub along: f64,
+    /// As [`SlipOptions::jumps`].
+    pub jumps: bool,
 }
 
 /// Which side of a sliding surface each element lies on, and the surface's normal near it.
@@ -72,6 +74,8 @@ pub struct Slip {
     /// Unit vectors; zero where the surface is far.
     pub(in crate::chainmail) normal: Vec<[f32; 3]>,
     pub(in crate::chainmail) along: f32,
+    /// Whether the field jumps across it.
+    pub(in crate::chainmail) jumps: bool,
 }
 
 /// Width (sigma) of the average that gives the surface its normal, in elements.
@@ -83,7 +87,13 @@ const NEAR: f64 = 1e-2;
 
 impl Slip {
     /// Of elements with this share of the region each; `None` where it holds none.
-    pub(in crate::chainmail) fn new(grid: &Grid, node: &[Node], share: Vec<f32>, along: f64) -> Option<Self> {
+    pub(in crate::chainmail) fn new(
+        grid: &Grid,
+        node: &[Node],
+        share: Vec<f32>,
+        along: f64,
+        jumps: bool,
+    ) -> Option<Self> {
         let inside: Vec<bool> = node.iter().zip(&share).map(|(node, s)| *node == Node::Soft && *s > 0.5).collect();
         if !inside.contains(&true) {
             return None;
@@ -110,7 +120,7 @@ impl Slip {
             let length = world.norm();
             if length * edge > NEAR { (world / length).map(|c| c as f32).into() } else { [0.0; 3] }
         });
-        Some(Self { inside, normal: normal.collect(), along: along as f32 })
+        Some(Self { inside, normal: normal.collect(), along: along as f32, jumps })
     }
 }
 
@@ -122,7 +132,7 @@ mod tests {
     fn where_nothing_lies_inside_nothing_slides() {
         let small = Grid::axis_aligned([3; 3], [2.0; 3], [0.0; 3]).unwrap();
         let (node, outside) = (vec![Node::Soft; small.len()], vec![0.4; small.len()]);
-        assert!(Slip::new(&small, &node, outside, 0.1).is_none());
+        assert!(Slip::new(&small, &node, outside, 0.1, true).is_none());
         let grid = Grid::axis_aligned([30, 30, 30], [2.0; 3], [0.0; 3]).unwrap();
         let labels = LabelMap {
             volume: Volume::from_fn(grid.clone(), |l| u16::from(grid.voxel(l)[2] < 10)),
@@ -139,6 +149,12 @@ mod tests {
         assert!(*region.at([15, 15, 5]), "so does the liver");
         assert!(options.region(None, &labels).is_some_and(|r| !*r.at([5, 5, 15])));
         let other = LabelMap { names: [(1, "skull".to_owned())].into(), ..labels.clone() };
+        // The lung alone slides less, and nothing where nothing is to slide.
+        let held = SlipOptions { along: 1.0, ..options.clone() };
+        let kept = |options: &SlipOptions| [&labels, &other].map(|l| options.kept(l).to_bits());
+        assert_eq!(kept(&options), [options.along, options.lung_alone].map(f64::to_bits));
+        assert_eq!(kept(&held), [1f64.to_bits(); 2]);
+        assert!(held.region(Some(&lung), &other).is_none());
         assert!(options.region(None, &other).is_none());
         assert!(SlipOptions::none().region(Some(&lung), &labels).is_none());
     }

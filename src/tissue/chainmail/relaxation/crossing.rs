@@ -113,7 +113,7 @@ mod tests {
         let soft = Constraint { min: 0.8, max: 1.5, shear: 0.25 };
         let node: Vec<Node> = (0..grid.len()).map(node).collect();
         let share = (0..grid.len()).map(|n| if grid.voxel(n)[2] >= SIDE / 2 { 1.0 } else { 0.0 }).collect();
-        let slip = along.and_then(|along| Slip::new(&grid, &node, share, along));
+        let slip = along.and_then(|along| Slip::new(&grid, &node, share, along, true));
         Lattice { slip, ..Lattice::from_nodes(grid.clone(), node, vec![soft; grid.len()]) }
     }
 

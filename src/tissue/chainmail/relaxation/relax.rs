@@ -293,7 +293,12 @@ pub fn rotations(lattice: &Lattice, displacement: &[[f32; 3]], turns: &[Matrix3<
         let k = n / links.plane;
         let planes = [k - 1, k, k + 1].map(|k| &u[k * links.plane..][..links.plane]);
         let rows = links.around(planes, n % links.plane);
-        rows.map_or_else(Turn::default, |rows| links.moment(&links.stiffness(&softness, n), rows, &u[n]))
+        let mut stiffness = links.stiffness(&softness, n);
+        // What slides along an element does not turn it.
+        if let Some(slip) = lattice.slip.as_ref().filter(|slip| slip.jumps) {
+            slip.part(lattice, n, &mut stiffness);
+        }
+        rows.map_or_else(Turn::default, |rows| links.moment(&stiffness, rows, &u[n]))
     };
     let soft: Vec<u32> = lattice.soft().collect();
     let of_batch = |batch: &[u32]| {
