@@ -99,6 +99,11 @@ pub const SLIDING_ORGANS: [&str; 3] = ["liver", "spleen", "stomach"];
 /// At 3 mm a chest errs by 1.825 mm for 1.820, at 12 nothing changes.
 const VESSELS_MM: f64 = 6.0;
 
+/// Whether organs of these names are labelled: then all of the surface along which they and the lung slide is known.
+pub fn organs_labelled(labels: &LabelMap, organs: &[String]) -> bool {
+    labels.names.values().any(|name| organs.contains(name))
+}
+
 /// What slides along the wall of chest and belly, on the labels' grid: lung (with the vessels in it) and the organs of these names;
 /// `None` where there is neither.
 pub fn slides(lung: Option<&Mask>, labels: &LabelMap, organs: &[String]) -> Option<Mask> {

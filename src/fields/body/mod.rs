@@ -7,7 +7,7 @@ mod fill;
 mod lung;
 pub mod mr;
 
-pub use lung::{SLIDING_ORGANS, lung, slides};
+pub use lung::{SLIDING_ORGANS, lung, organs_labelled, slides};
 
 use crate::error::{Error, Result};
 use crate::volume::components::{Components, Connectivity};

@@ -231,7 +231,7 @@ fn domain(subject: &Subject<'_>) -> Result<Domain> {
             // Without organs the field does not jump along the lung.
             let names = body::SLIDING_ORGANS.map(str::to_owned);
             let organs = subject.structures.or(subject.bones).filter(|map| map.volume.grid().matches(ct.grid(), 1e-3));
-            let organs = organs.filter(|map| map.names.values().any(|name| names.contains(name)));
+            let organs = organs.filter(|map| body::organs_labelled(map, &names));
             let slides = organs.and_then(|organs| body::slides(body::lung(ct, &body).as_ref(), organs, &names));
             Ok(Domain { mask: tissue(&body, ct), patient: Some(body), slides, told })
         }

@@ -52,8 +52,8 @@ impl Interfaces {
     }
 }
 
-/// The voxels of a coarse grid at the border of a region: of which one of the 26 neighbours lies on the other side.
-fn border(region: &Mask, grid: &Grid) -> Vec<bool> {
+/// The voxels of a grid, as fine as the region's or coarser, at its border: of which one of the 26 neighbours lies on the other side.
+pub(super) fn border(region: &Mask, grid: &Grid) -> Vec<bool> {
     let fine = region.grid();
     let size = grid.size();
     let inside: Vec<bool> = (0..grid.len())

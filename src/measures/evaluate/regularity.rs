@@ -2,9 +2,9 @@
 
 use super::cell::CellKinds;
 use super::curl::{self, CurlReport};
+use super::interface::border;
 use super::jacobian::{self, JacobianReport, JacobianStats};
 use crate::field::PushField;
-use crate::geometry::stencil::NEIGHBOURS_26;
 use crate::stats::Summary;
 use crate::volume::{LabelMap, Mask, Spans, Volume};
 use rayon::prelude::*;
@@ -142,17 +142,8 @@ pub fn evaluate(
 
 /// The voxels of a mask that do not touch the border of a region on the same grid: of whose 26 neighbours none lies on the other side.
 pub(super) fn off_border(mask: &Mask, region: &Mask) -> Mask {
-    let grid = mask.grid();
-    let size = grid.size();
-    let clear = |l: usize| {
-        let at = grid.voxel(l);
-        mask.data()[l]
-            && NEIGHBOURS_26.iter().all(|o| {
-                let to: [usize; 3] = std::array::from_fn(|a| at[a].wrapping_add_signed(o[a] as isize));
-                (0..3).any(|a| to[a] >= size[a]) || region.at(to) == region.at(at)
-            })
-    };
-    Volume::from_fn(grid.clone(), clear)
+    let border = border(region, mask.grid());
+    Volume::from_fn(mask.grid().clone(), |l| mask.data()[l] && !border[l])
 }
 
 /// Jacobians of the cells whose 8 corners all lie in one structure, by its name.

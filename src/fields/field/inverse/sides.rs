@@ -5,7 +5,7 @@ use super::super::{PullField, PushField};
 use super::invert::InverseReport;
 use super::pre_image::InvertOptions;
 use crate::geometry::Grid;
-use crate::volume::Mask;
+use crate::volume::{Mask, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -117,8 +117,8 @@ pub fn take_sides(
                 let Some((better, _)) = sides.into_iter().flatten().reduce(|a, b| if b.1 > a.1 { b } else { a }) else {
                     continue;
                 };
-                let missed = crate::volume::trilinear_vector(&push.displacement, &sided.grid().index(&(y + v)))
-                    .map_or(0.0, |u| (u + v).norm());
+                let missed =
+                    trilinear_vector(&push.displacement, &sided.grid().index(&(y + v))).map_or(0.0, |u| (u + v).norm());
                 if missed >= options.tolerance_mm {
                     let tissue = sided.grid().voxel_at(&(y + v)).is_some_and(|at| *push.computed.at(at));
                     found[0] += 1;

@@ -2,7 +2,7 @@
 //! and lets most of the rest slip (docs/decisions/contact.md).
 
 use super::node::Node;
-use crate::body::{SLIDING_ORGANS, slides};
+use crate::body::{SLIDING_ORGANS, organs_labelled, slides};
 use crate::geometry::Grid;
 use crate::volume::{Counted, LabelMap, Mask, Volume, gaussian_ratio};
 use nalgebra::Vector3;
@@ -39,7 +39,7 @@ impl SlipOptions {
 
     /// Whether the field jumps where tissue slides: organs are labelled, so all of the surface is known.
     pub fn jumps(&self, labels: &LabelMap) -> bool {
-        labels.names.values().any(|name| self.organs.contains(name))
+        organs_labelled(labels, &self.organs)
     }
 
     /// Share of the stiffness along the surface that is kept.
