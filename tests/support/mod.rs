@@ -9,6 +9,8 @@ pub mod viewer;
 pub mod views;
 
 use assert_cmd::Command;
+use aventail::geometry::Grid;
+use aventail::volume::Volume;
 use std::collections::BTreeMap;
 use std::panic::Location;
 use std::path::{Path, PathBuf};
@@ -80,6 +82,14 @@ pub fn quick_settings() -> &'static Path {
     FILE.get_or_init(|| files::bytes(&named_folder("quick").join("settings.toml"), text.as_bytes()))
 }
 
+/// A motion near that of all bones of the phantoms' first fraction, for `--start`: the search for it would take most of a quick run.
+pub fn near() -> String {
+    static FILE: OnceLock<PathBuf> = OnceLock::new();
+    let text = b"1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let file = FILE.get_or_init(|| files::bytes(&named_folder("near").join("start.txt"), text));
+    format!("{}#lps", file.display())
+}
+
 /// Settings that find bones as the default does, and spend no time on what lies between them.
 pub fn bones_alone() -> &'static Path {
     static FILE: OnceLock<PathBuf> = OnceLock::new();
@@ -104,10 +114,16 @@ impl Register {
         Self::of(phantom(), folder().join(out))
     }
 
-    /// The phantom of large voxels with [`quick_settings`], into a folder of this name in the
+    /// The phantom of large voxels with [`quick_settings`], near its motion, into a folder of this name in the
     /// calling file's folder.
     #[track_caller]
     pub fn quick(out: &str) -> Self {
+        Self::searched(out).with("--start", near())
+    }
+
+    /// The same with a search for the motion, as several fractions need it.
+    #[track_caller]
+    pub fn searched(out: &str) -> Self {
         Self::of(small_phantom(), folder().join(out)).with("--config", quick_settings()).flag("--quiet")
     }
 
@@ -164,6 +180,54 @@ pub fn done() -> &'static Done {
         let output = register.command().assert().success().get_output().clone();
         let text = |bytes| String::from_utf8(bytes).expect("output is UTF-8");
         Done { out: register.out, stdout: text(output.stdout), stderr: text(output.stderr) }
+    })
+}
+
+/// Every second voxel of each slice's rows and columns.
+pub fn thinned<T: Copy + Send + Sync>(image: &Volume<T>) -> Volume<T> {
+    let old = image.grid();
+    let ([ni, nj, nk], s) = (old.size(), old.spacing());
+    let grid =
+        Grid::new([ni.div_ceil(2), nj.div_ceil(2), nk], [2.0 * s[0], 2.0 * s[1], s[2]], old.origin(), *old.direction())
+            .expect("a coarser grid is legal");
+    Volume::from_fn(grid.clone(), |l| {
+        let [i, j, k] = grid.voxel(l);
+        *image.at([2 * i, 2 * j, k])
+    })
+}
+
+/// [`done`] once more, by its report and on another number of threads.
+pub fn repeated() -> &'static Done {
+    static RUN: OnceLock<Done> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let out = named_folder("done").join("repeated");
+        let one = std::thread::available_parallelism().is_ok_and(|n| n.get() > 1);
+        let mut command = aventail();
+        command.args(["register", "--json", "--quiet", "--threads", if one { "1" } else { "2" }, "--config"]);
+        command.arg(done().out.join("report.json")).arg("--out").arg(&out);
+        let output = command.assert().success().get_output().clone();
+        let text = |bytes| String::from_utf8(bytes).expect("output is UTF-8");
+        Done { out, stdout: text(output.stdout), stderr: text(output.stderr) }
+    })
+}
+
+/// Copies all files below a folder.
+pub fn copy(from: &Path, to: &Path) {
+    for name in files_below(from) {
+        let target = to.join(&name);
+        let parent = target.parent().expect("it lies in the folder");
+        std::fs::create_dir_all(parent).expect("the folder can be made");
+        std::fs::copy(from.join(name), target).expect("the file can be copied");
+    }
+}
+
+/// The phantom of large voxels with its DICOM set, which tests only read.
+pub fn dicom_phantom() -> &'static Path {
+    static OUT: OnceLock<PathBuf> = OnceLock::new();
+    OUT.get_or_init(|| {
+        let out = named_folder("phantom_dicom").join("files");
+        aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&out).assert().success();
+        out
     })
 }
 

@@ -1,6 +1,7 @@
 //! Phantoms and registrations that several files of tests look at, each made once.
 
 use aventail::config::{Config, SoftTissue};
+use aventail::geometry::Rigid;
 use aventail::phantom::{Phantom, PhantomOptions};
 use aventail::pipeline::{Case, Outcome, register};
 use aventail::runtime::Runtime;
@@ -12,6 +13,16 @@ pub fn fine() -> &'static Phantom {
     ONE.get_or_init(|| {
         let options =
             PhantomOptions { size: [172, 120, 140], spacing_mm: [3.0; 3], edge_mm: 2.5, ..PhantomOptions::default() };
+        Phantom::new(&options).expect("the options are sensible")
+    })
+}
+
+/// Head and neck of it at 3 mm: a quarter of its voxels.
+pub fn neck() -> &'static Phantom {
+    static ONE: OnceLock<Phantom> = OnceLock::new();
+    ONE.get_or_init(|| {
+        let options =
+            PhantomOptions { size: [88, 84, 100], spacing_mm: [3.0; 3], edge_mm: 2.7, ..PhantomOptions::default() };
         Phantom::new(&options).expect("the options are sensible")
     })
 }
@@ -33,6 +44,19 @@ pub fn bones_alone() -> Config {
 /// A case with default settings.
 pub fn registered(case: &Case) -> Outcome {
     register(case, &Config::default(), &Runtime::silent().expect("threads start")).expect("the phantom registers")
+}
+
+/// A case whose fit begins near the phantom's motion, where the search for it is not looked at.
+pub fn begun_near(mut case: Case) -> Case {
+    case.fraction.start = Some(Rigid::identity());
+    case
+}
+
+/// Head and neck, and their registration with settings as they come.
+pub fn neck_registered() -> (&'static Phantom, &'static Outcome) {
+    static ONE: OnceLock<Outcome> = OnceLock::new();
+    let phantom = neck();
+    (phantom, ONE.get_or_init(|| registered(&begun_near(phantom.clone().into()))))
 }
 
 /// The phantom at 3 mm and its registration as it comes.
