@@ -2,7 +2,7 @@
 
 #![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
-use crate::support::shared::fine;
+use crate::support::shared::{begun_near, neck};
 use aventail::config::Config;
 use aventail::field::PushField;
 use aventail::geometry::Grid;
@@ -79,7 +79,7 @@ struct Scene {
 
 impl Scene {
     fn new(factor: f64) -> Self {
-        let phantom = fine();
+        let phantom = neck();
         let (middle, room) = thickest(phantom);
         assert!(room > RADIUS + 8.0, "{room}");
         let swelling = Swelling { centre: phantom.push(&middle), end: room, factor };
@@ -96,7 +96,7 @@ impl Scene {
             let mask: Mask = Volume::from_fn(grid.clone(), of);
             Outline::of("gland", &mask, |v| v).expect("the ball has voxels")
         };
-        let mut case = Case::from(phantom.clone());
+        let mut case = begun_near(phantom.clone().into());
         case.fraction.ct = Volume::from_fn(here.clone(), hu);
         case.fraction.guides = vec![outline(here, &|n| inside(&from(n)))];
         case.planning_mut().guides = vec![outline(there, &in_planning)];
@@ -105,7 +105,7 @@ impl Scene {
 
     /// Mean error of tissue in the ball and 8 mm around it, and from 10 to 40 mm away, mm.
     fn errors(&self, push: &PushField) -> [f64; 2] {
-        let phantom = fine();
+        let phantom = neck();
         let grid = phantom.planning.grid();
         let mut sums = [[0.0f64; 2]; 2];
         for n in 0..grid.len() {
@@ -144,8 +144,11 @@ fn run(case: &Case, config: &Config, threads: usize) -> Outcome {
 }
 
 fn config() -> Config {
+    // Bones are found by fewer samples: what tissue does between them is looked at.
     let mut config = Config::default();
     config.output.uncertainty = false;
+    config.fit.outward = vec![(4.0, 1000).into()];
+    config.fit.levels = vec![(2.0, 2000).into()];
     config
 }
 
@@ -168,7 +171,7 @@ fn halves_the_error(scene: &Scene, plain: &Outcome, guided: &Outcome) {
     let [before, after] = [plain, guided].map(|outcome| scene.errors(&outcome.push));
     let reached = &guided.guides[0];
     println!("error {before:.3?} -> {after:.3?} mm; {reached:?}");
-    // 0.50 and 0.43 measured, of which 0.5 mm and more is the posture's own error in voxels of 3 mm.
+    // 0.51 and 0.42 measured, of which 0.5 mm and more is the posture's own error in voxels of 3 mm.
     assert!(after[0] <= 0.55 * before[0], "in and around it: {} mm, without guide {}", after[0], before[0]);
     assert!(after[1] <= 1.02 * before[1], "farther: {} mm, without guide {}", after[1], before[1]);
     assert!(guided.jacobian_report.body.folded <= plain.jacobian_report.body.folded);
