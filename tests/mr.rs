@@ -1,7 +1,8 @@
 //! Magnetic resonance as planning or fraction, on the phantom's head and neck: its bones against the truth.
 
-use crate::support::shared::fine;
-use aventail::config::{Config, Modality};
+use crate::support::shared::{bones_alone, neck};
+use aventail::config::{Config, Modality, Preset};
+use aventail::fit::FitOptions;
 use aventail::phantom::Phantom;
 use aventail::pipeline::{Case, Outcome, PlanningScan, register};
 use aventail::runtime::Runtime;
@@ -66,12 +67,14 @@ fn codes(found: &Outcome) -> Vec<&str> {
 
 #[test]
 fn an_mr_is_registered_where_it_is_told_to_be_one() {
-    let phantom = fine();
+    let phantom = neck();
     let mut case = case(phantom);
     case.fraction.ct = mr(&phantom.fraction, T1);
     let unsaid = register(&case, &Config::default(), &Runtime::silent().unwrap()).unwrap_err();
     assert!(unsaid.code() == "not-in-hu" && unsaid.to_string().contains("--modality mr"), "{unsaid}");
-    let mut config = Config::default();
+    // Images take part, as an MR is told of by what they find.
+    let mut config = Preset::Fast.config();
+    config.fit = FitOptions::default();
     config.fraction.modality = Modality::Mr;
     let found = outcome(&case, &config);
     let codes = codes(&found);
@@ -81,8 +84,8 @@ fn an_mr_is_registered_where_it_is_told_to_be_one() {
     assert!(kind.view.blank[2][0] == 2, "{:?}", kind.view);
     let (mean, worst, bones) = errors(&found, phantom);
     println!("{bones} bones of an MR: mean {mean:.2}, worst {worst:.2} mm");
-    // Measured: 0.18 and 0.54 mm.
-    assert!(bones > 9 && mean < 0.21 && worst < 0.62, "{bones} bones: {mean} {worst}");
+    // Measured: 0.21 and 0.65 mm.
+    assert!(bones > 9 && mean < 0.24 && worst < 0.74, "{bones} bones: {mean} {worst}");
     // A CT is none.
     case.fraction.ct = phantom.fraction.clone();
     let refused = register(&case, &config, &Runtime::silent().unwrap()).unwrap_err();
@@ -91,9 +94,9 @@ fn an_mr_is_registered_where_it_is_told_to_be_one() {
 
 #[test]
 fn an_mr_may_be_the_planning_scan_of_a_ct_or_an_mr() {
-    let phantom = fine();
+    let phantom = neck();
     for fraction in [Modality::Ct, Modality::Mr] {
-        let mut config = Config::default();
+        let mut config = bones_alone();
         config.planning.modality = Modality::Mr;
         config.fraction.modality = fraction;
         let mut case = case(phantom);
@@ -108,8 +111,8 @@ fn an_mr_may_be_the_planning_scan_of_a_ct_or_an_mr() {
         assert_eq!(codes.contains(&"mr-fraction"), fraction == Modality::Mr, "{codes:?}");
         let (mean, worst, bones) = errors(&found, phantom);
         println!("{bones} bones, planning an MR, fraction {fraction:?}: mean {mean:.2}, worst {worst:.2} mm");
-        // Measured: 0.46 and 2.36 mm to a CT, 0.54 and 2.44 to an MR.
-        let [most, farthest] = if fraction == Modality::Mr { [0.62, 2.8] } else { [0.53, 2.7] };
+        // Measured: 0.62 and 2.42 mm to a CT, 0.51 and 2.55 to an MR.
+        let [most, farthest] = if fraction == Modality::Mr { [0.58, 2.9] } else { [0.71, 2.75] };
         assert!(bones > 9 && mean < most && worst < farthest, "{bones} bones: {mean} {worst}");
     }
     // A CT is no planning MR.
