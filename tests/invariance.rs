@@ -2,8 +2,8 @@
 
 #![expect(clippy::print_stdout, reason = "the numbers are shown with --nocapture")]
 
-use crate::support::shared::{fine_registered, registered};
-use crate::support::{Register, done, files_below, phantom};
+use crate::support::shared::{begun_near, neck_registered, registered};
+use crate::support::{done, files_below, repeated};
 use aventail::field::{PushField, push_point};
 use aventail::fit::DeterminedBy;
 use aventail::geometry::Grid;
@@ -50,36 +50,28 @@ fn difference(one: &PushField, other: &PushField, body: &Mask) -> (f64, f64) {
 
 #[test]
 fn threads_and_repetition_change_no_bit() {
-    let runs = [("one", "1"), ("two", "2")].map(|(out, threads)| {
-        let register = Register::phantom(out).with("--landmarks", &phantom().landmarks);
-        let register = register.with("--threads", threads).flag("-q");
-        register.command().assert().success();
-        register.out
-    });
-    // The run of all tests repeats one of them: it has as many threads as the machine.
-    let out = &done().out;
+    // One has as many threads as the machine, the other one alone.
+    let (out, other) = (&done().out, &repeated().out);
     let names = files_below(out);
     assert!(names.len() > 15, "{names:?}");
-    for other in &runs {
-        assert_eq!(files_below(other), names);
-        // These two hold times, memory, the command line and the folder that it names.
-        for name in names.iter().filter(|n| !["report.json", "report.html"].contains(&n.as_str())) {
-            assert_eq!(fs::read(out.join(name)).unwrap(), fs::read(other.join(name)).unwrap(), "{name}");
-        }
-        let [first, second] = [out, other].map(|out| {
-            let mut report: serde_json::Value =
-                serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
-            for key in ["created", "command", "folder", "stages", "threads", "peak_memory"] {
-                assert!(report.as_object_mut().unwrap().remove(key).is_some(), "{key}");
-            }
-            // The page holds times and the command line too, so that its checksum is its own.
-            let outputs = report["outputs"].as_array_mut().unwrap();
-            let page = outputs.iter_mut().find(|o| o["name"] == "report.html").expect("the page is listed");
-            assert!(page.as_object_mut().unwrap().remove("sha256").is_some());
-            report
-        });
-        assert_eq!(first, second);
+    assert_eq!(files_below(other), names);
+    // These two hold times, memory, the command line and the folder that it names.
+    for name in names.iter().filter(|n| !["report.json", "report.html"].contains(&n.as_str())) {
+        assert_eq!(fs::read(out.join(name)).unwrap(), fs::read(other.join(name)).unwrap(), "{name}");
     }
+    let [first, second] = [out, other].map(|out| {
+        let mut report: serde_json::Value =
+            serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
+        for key in ["created", "command", "folder", "stages", "threads", "peak_memory"] {
+            assert!(report.as_object_mut().unwrap().remove(key).is_some(), "{key}");
+        }
+        // The page holds times and the command line too, so that its checksum is its own.
+        let outputs = report["outputs"].as_array_mut().unwrap();
+        let page = outputs.iter_mut().find(|o| o["name"] == "report.html").expect("the page is listed");
+        assert!(page.as_object_mut().unwrap().remove("sha256").is_some());
+        report
+    });
+    assert_eq!(first, second);
 }
 
 /// Storage order decides which voxels are drawn as samples of a bone and where the chain mail's coarse lattice begins, so
@@ -89,7 +81,7 @@ fn threads_and_repetition_change_no_bit() {
 /// images show little.
 #[test]
 fn storage_order_does_not_matter() {
-    let (phantom, outcome) = fine_registered();
+    let (phantom, outcome) = neck_registered();
     let mut case = Case::from(phantom.clone());
     // Planning in RAS storage, the fraction in a left-handed permutation; both at once, by the
     // bounds of one.
@@ -98,14 +90,14 @@ fn storage_order_does_not_matter() {
     case.planning_mut().bones.volume = restored(&case.planning.bones.volume, order, flip);
     let other = ([2, 0, 1], [false, false, true]);
     case.fraction.ct = restored(&case.fraction.ct, other.0, other.1);
-    let stored = registered(&case);
+    let stored = registered(&begun_near(case));
     assert_close(outcome, &stored, ((order, flip), other));
 }
 
 /// A file of all structures labels muscles beside the bones, too: to the fit they are the tissue around a bone as before.
 #[test]
 fn labels_of_muscles_beside_the_bones_change_nothing() {
-    let (phantom, outcome) = fine_registered();
+    let (phantom, outcome) = neck_registered();
     let mut case = Case::from(phantom.clone());
     let bones = &mut case.planning_mut().bones;
     let muscle = bones.names.keys().max().expect("the phantom has bones") + 1;
@@ -128,7 +120,7 @@ fn labels_of_muscles_beside_the_bones_change_nothing() {
         }
     }
     assert!(labelled > 1000, "{labelled}");
-    let with = registered(&case);
+    let with = registered(&begun_near(case));
     let moved = |o: &Outcome| o.bone_fits.iter().map(|f| f.transform).collect::<Vec<_>>();
     assert_eq!(moved(outcome), moved(&with));
     assert!(outcome.body.data() == with.body.data(), "the bodies differ");
@@ -163,7 +155,7 @@ fn bones_apart(one: &Outcome, other: &Outcome, shift: Vector3<f64>) -> f64 {
 
 #[test]
 fn the_scanner_origin_only_shifts_the_result() {
-    let (phantom, outcome) = fine_registered();
+    let (phantom, outcome) = neck_registered();
     let mut case = Case::from(phantom.clone());
     let shift = Vector3::new(310.0, -290.0, 265.0);
     assert!(shift.norm() > 500.0);
