@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{aventail, files_below, folder, quick_settings};
+use crate::support::{aventail, dicom_phantom as phantom, files_below, folder, near, quick_settings};
 use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
@@ -15,16 +15,6 @@ use nalgebra::{Vector2, Vector3};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// The phantom with its DICOM set.
-fn phantom() -> &'static Path {
-    static OUT: OnceLock<PathBuf> = OnceLock::new();
-    OUT.get_or_init(|| {
-        let out = folder().join("phantom");
-        aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&out).assert().success();
-        out
-    })
-}
-
 /// A registration of the first fraction from DICOM folders, given back as DICOM.
 fn day() -> &'static Path {
     static OUT: OnceLock<PathBuf> = OnceLock::new();
@@ -34,13 +24,18 @@ fn day() -> &'static Path {
         run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
         run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
         run.arg("--structures").arg(dicom.join("planning/RS.dcm")).arg("--dose").arg(dicom.join("planning/RD.dcm"));
-        run.args(["--dicom", "--quiet", "--out"]).arg(&out).assert().success();
+        run.args(["--dicom", "--quiet", "--start", &near(), "--out"]).arg(&out).assert().success();
         out
     })
 }
 
-/// A registration of planning and fraction from other files, with these options.
-fn register(name: &str, settings: &Path, [planning, fraction]: [&Path; 2], more: &[&str]) -> PathBuf {
+/// A registration of planning and fraction from other files, with these options, near its motion.
+fn register(name: &str, settings: &Path, scans: [&Path; 2], more: &[&str]) -> PathBuf {
+    searched(name, settings, scans, &[&["--start", &near()], more].concat())
+}
+
+/// The same wherever the options let it begin.
+fn searched(name: &str, settings: &Path, [planning, fraction]: [&Path; 2], more: &[&str]) -> PathBuf {
     let out = folder().join(name);
     let mut run = aventail();
     run.arg("register").arg("--config").arg(settings).args(more).args(["--quiet", "--out"]).arg(&out);
@@ -199,10 +194,7 @@ fn the_report_says_whose_series_it_read_unless_that_is_left_out() {
     assert!(!series.patient.id.is_empty() && about("bones").is_null(), "labels are a plain file");
     let page = std::fs::read_to_string(day().join("report.html")).unwrap();
     assert!(page.contains(&format!("number {}", series.patient.id)));
-    let dicom = phantom().join("dicom");
-    let places = [dicom.join("planning"), dicom.join("fraction")];
-    let hidden = register("hidden", quick_settings(), [&places[0], &places[1]], &["--anonymous"]);
-    let text = std::fs::read_to_string(hidden.join("report.json")).unwrap();
+    let text = std::fs::read_to_string(anonymous().join("report.json")).unwrap();
     for word in [&series.patient.id, &series.patient.name] {
         assert!(!text.contains(&format!("\"{word}\"")), "{word}");
     }
@@ -217,9 +209,15 @@ fn given_back(name: &str, settings: &Path, more: &[&str]) -> PathBuf {
     register(name, settings, [&planning, &phantom().join("dicom/fraction")], &words)
 }
 
+/// One that keeps the patient's name to itself.
+fn anonymous() -> &'static Path {
+    static OUT: OnceLock<PathBuf> = OnceLock::new();
+    OUT.get_or_init(|| given_back("anonymous", quick_settings(), &["--anonymous"]))
+}
+
 #[test]
 fn no_object_of_an_anonymous_run_tells_the_patient() {
-    let out = given_back("anonymous", quick_settings(), &["--anonymous"]);
+    let out = anonymous();
     let named = read_series(phantom().join("dicom/fraction")).unwrap().value.1.patient;
     assert!(!named.id.is_empty() && !named.name.is_empty());
     let (_, series) = read_series(out.join("dicom/ct")).unwrap().value;
@@ -482,12 +480,12 @@ fn a_fit_begins_where_it_is_told() {
     std::fs::write(&settings, "preset = \"fast\"\nsoft_tissue = \"nearest-bone\"\n[output]\nuncertainty = false\n")
         .unwrap();
     let scans = ["planning", "fraction"].map(|name| phantom().join("dicom").join(name));
-    let run = |name: &str, more: &[&str]| register(name, &settings, scans.each_ref().map(PathBuf::as_path), more);
-    let (searched, near) = (run("searched", &[]), run("near", &["--start", couch.to_str().unwrap()]));
+    let run = |name: &str, more: &[&str]| searched(name, &settings, scans.each_ref().map(PathBuf::as_path), more);
+    let (whole, close) = (run("searched", &[]), run("near", &["--start", couch.to_str().unwrap()]));
     // On voxels of 9 mm the smallest bone is not found to less than this.
-    let apart = bones_apart(&searched, &near);
+    let apart = bones_apart(&whole, &close);
     assert!(apart < 0.2, "{apart} mm");
-    assert!(!std::fs::read_to_string(near.join("report.json")).unwrap().contains("start-left"));
+    assert!(!std::fs::read_to_string(close.join("report.json")).unwrap().contains("start-left"));
     let shift = read_rigid(&couch).unwrap()[0].rigid.translation.vector;
     let far = folder().join("far.txt");
     let [x, y, z] = [shift.x, shift.y, shift.z + 60.0];
@@ -495,7 +493,7 @@ fn a_fit_begins_where_it_is_told() {
     let found = run("far", &["--start", &format!("{}#lps", far.display())]);
     let said = std::fs::read_to_string(found.join("report.json")).unwrap();
     assert!(said.contains("start-left"), "a start 60 mm off is not told of");
-    let apart = bones_apart(&searched, &found);
+    let apart = bones_apart(&whole, &found);
     assert!(apart < 0.05, "{apart} mm from where the search found them");
     // Repeated, with the space that was given behind the name of the file.
     let again = folder().join("far_again");
@@ -607,7 +605,7 @@ fn scans_that_claim_one_frame_of_reference_are_told_apart() {
         run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(&planning);
         run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(&fraction);
         run.arg("--structures").arg(planning.join("RS.dcm")).arg("--dose").arg(planning.join("RD.dcm"));
-        run.arg("--dicom").args(more).arg("--out").arg(&out);
+        run.args(["--dicom", "--start", &near()]).args(more).arg("--out").arg(&out);
         let told = String::from_utf8(run.assert().success().get_output().stderr.clone()).unwrap();
         let report = std::fs::read_to_string(out.join("report.json")).unwrap();
         let said = [told.contains("claim one frame of reference"), report.contains("dicom-one-frame")];
@@ -630,14 +628,8 @@ fn scans_that_claim_one_frame_of_reference_are_told_apart() {
 
 #[test]
 fn anonymous_objects_have_other_uids() {
-    let (dicom, out) = (phantom().join("dicom"), folder().join("day_anonymous"));
-    let mut run = aventail();
-    run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
-    run.arg("--bones").arg(phantom().join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
-    run.arg("--structures").arg(dicom.join("planning/RS.dcm")).arg("--dose").arg(dicom.join("planning/RD.dcm"));
-    run.args(["--dicom", "--anonymous", "--quiet", "--out"]).arg(&out).assert().success();
     let dose = |out: &Path| read_dose(out.join("dicom/RD.dcm")).unwrap().value;
-    let (named, hidden) = (dose(day()), dose(&out));
+    let (named, hidden) = (dose(day()), dose(anonymous()));
     assert_eq!(named.volume, hidden.volume);
     assert!(named.uid != hidden.uid && named.series.uid != hidden.series.uid);
     assert!(!named.series.patient.name.is_empty() && hidden.series.patient.name.is_empty());
