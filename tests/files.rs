@@ -3,7 +3,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{Register, aventail, files_below, folder, quick_settings as quick, small_phantom as phantom};
+use crate::support::{
+    Register, aventail, copy, files_below, folder, near, quick_settings as quick, small_phantom as phantom,
+};
 use assert_cmd::assert::Assert;
 use aventail::geometry::Grid;
 use aventail::volume::{LabelMap, Volume};
@@ -36,14 +38,6 @@ fn done() -> &'static Path {
         run.command().assert().success();
         run.out
     })
-}
-
-fn copy(from: &Path, to: &Path) {
-    for name in files_below(from) {
-        let target = to.join(&name);
-        fs::create_dir_all(target.parent().unwrap()).unwrap();
-        fs::copy(from.join(name), target).unwrap();
-    }
 }
 
 /// Bytes of all files below a folder, by name.
@@ -215,7 +209,7 @@ fn reports_are_found_from_any_folder_and_after_a_move() {
     let data = |name: &str| Path::new("data").join(name);
     aventail()
         .current_dir(home.join("before"))
-        .args(["register", "-q", "--out", "run", "--config"])
+        .args(["register", "-q", "--out", "run", "--start", &near(), "--config"])
         .arg(quick())
         .arg("--planning")
         .arg(data("planning_ct.nii.gz"))
@@ -246,7 +240,7 @@ fn reports_are_found_from_any_folder_and_after_a_move() {
     assert!(message.contains("report.json"), "{message}");
     let plan = folder().join("plan.toml");
     let one = "[[table]]\ntitle = 'T'\nsource = ''\n[[table.stage]]\nid = 'near'\nname = 'n'\n\
-               settings = { soft_tissue = 'nearest-bone' }\n";
+               settings = { soft_tissue = 'nearest-bone', fit = { outward = [[4.0, 500]], levels = [[2.0, 500]] } }\n";
     fs::write(&plan, one).unwrap();
     let mut study = aventail();
     study.current_dir(folder()).args(["study", "-q", "--case", "moved/after/run", "--out", "moved/study", "--plan"]);
@@ -324,7 +318,8 @@ fn arguments_that_are_no_text_work_to_the_end() {
     let at = |name: &[u8]| home.join(OsStr::from_bytes(name));
     fs::create_dir_all(&home).unwrap();
     fs::copy(&phantom().planning, at(b"ct\xfe.nii.gz")).unwrap();
-    let register = fast("unused").planning(at(b"ct\xfe.nii.gz"));
+    // A start is no text with the space that is named behind it.
+    let register = Register::searched("unused").planning(at(b"ct\xfe.nii.gz"));
     Register { out: at(b"out"), ..register }.command().assert().success();
     aventail().arg("inspect").arg("--json").arg(at(b"out")).arg(at(b"ct\xfe.nii.gz")).assert().success();
     let again = at(b"again");
@@ -357,7 +352,7 @@ fn every_verb_leaves_checksums_that_inspect_verifies() {
     let home = folder().join("sums");
     fs::create_dir_all(&home).unwrap();
     let plan = "[[table]]\ntitle = 'T'\nsource = ''\n[[table.stage]]\nid = 'near'\nname = 'n'\nsettings = { \
-                soft_tissue = 'nearest-bone', preset = 'fast' }\n";
+                soft_tissue = 'nearest-bone', preset = 'fast', fit = { outward = [[4.0, 500]], levels = [[2.0, 500]] } }\n";
     fs::write(home.join("plan.toml"), plan).unwrap();
     fs::write(home.join("other.toml"), plan.replace("near'\n", "other'\n")).unwrap();
     let data = |name: &str| phantom().planning.with_file_name(name);

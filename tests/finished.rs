@@ -4,7 +4,9 @@
 
 use crate::support::browser::Browser;
 use crate::support::viewer::{click, numbers, on_canvas, pixels, told};
-use crate::support::{Register, aventail, done, files, folder, phantom, quick_settings, small_phantom};
+use crate::support::{
+    Register, aventail, copy, dicom_phantom, done, files, folder, near, phantom, quick_settings, small_phantom,
+};
 use aventail::io::{read_field, read_image};
 use aventail::volume::Volume;
 use nalgebra::{Point3, Vector3};
@@ -12,8 +14,9 @@ use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 
 fn figure(run: &Path, kind: &str, plane: &str, out: &Path) -> assert_cmd::Command {
     let mut command = aventail();
@@ -222,26 +225,38 @@ fn a_made_posture_is_drawn_and_served_too() {
     assert!(status == 200 && page.contains("view-fraction"), "{status}");
 }
 
+/// The second fraction of the small phantom.
+fn second() -> PathBuf {
+    small_phantom().planning.parent().unwrap().join("fraction_2/fraction_ct.nii.gz")
+}
+
+/// Two fractions, registered together once.
+fn both() -> &'static Path {
+    static RUN: OnceLock<PathBuf> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let both = Register::searched("both").with("--fraction", second());
+        both.command().assert().success();
+        both.out
+    })
+}
+
 #[test]
 fn of_several_fractions_one_is_to_be_named() {
-    let second = small_phantom().planning.parent().unwrap().join("fraction_2/fraction_ct.nii.gz");
-    let both = Register::quick("both").with("--fraction", second);
-    both.command().assert().success();
+    let both = both();
     let out = folder().join("both.png");
-    let refused = figure(&both.out, "fusion", "axial", &out).assert().failure();
+    let refused = figure(both, "fusion", "axial", &out).assert().failure();
     let said = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     for name in ["1", "2"] {
-        let one = both.out.join(name);
+        let one = both.join(name);
         assert!(said.contains(&one.display().to_string()), "{said}");
         figure(&one, "fusion", "axial", &out).assert().success();
     }
     // The page above leads to them, and is named.
-    let page = both.out.join("index.html");
+    let page = both.join("index.html");
     assert!(said.contains(&page.display().to_string()), "{said}");
-    let index: Value = serde_json::from_slice(&fs::read(both.out.join("index.json")).unwrap()).unwrap();
+    let index: Value = serde_json::from_slice(&fs::read(both.join("index.json")).unwrap()).unwrap();
     for (n, name) in ["1", "2"].into_iter().enumerate() {
-        let report: Value =
-            serde_json::from_slice(&fs::read(both.out.join(name).join("report.json")).unwrap()).unwrap();
+        let report: Value = serde_json::from_slice(&fs::read(both.join(name).join("report.json")).unwrap()).unwrap();
         let line = &index["fractions"][n];
         assert_eq!((line["fraction"].as_str(), &line["verdict"]), (Some(name), &report["verdict"]));
         assert_eq!(line["warned"].as_u64(), report["warnings"].as_array().map(|w| w.len() as u64));
@@ -264,32 +279,35 @@ fn of_several_fractions_one_is_to_be_named() {
 
 #[test]
 fn an_index_goes_when_its_fractions_do() {
-    let second = small_phantom().planning.parent().unwrap().join("fraction_2/fraction_ct.nii.gz");
-    let run = || Register::quick("index_goes").with("--fraction", &second);
-    run().command().assert().success();
+    let run = || Register::searched("index_goes").with("--fraction", second());
+    copy(both(), &run().out);
     let index = run().out.join("index.html");
     assert!(index.is_file());
     // Refused before it writes: it stays.
     run().with("--max-memory", "0.0001").command().assert().failure();
     assert!(index.is_file());
     // The first fraction is registered anew and the second fails: the index would tell of what is no longer there.
-    let bytes = fs::read(&second).unwrap();
+    let bytes = fs::read(second()).unwrap();
     fs::create_dir_all(folder().join("torn")).unwrap();
     let torn = files::bytes(&folder().join("torn/fraction_ct.nii.gz"), &bytes[..bytes.len() / 2]);
-    Register::quick("index_goes").with("--fraction", torn).command().assert().failure();
+    Register::searched("index_goes").with("--fraction", torn).command().assert().failure();
     assert!(!index.is_file() && !run().out.join("index.json").is_file());
 }
 
 #[test]
 fn structures_that_a_run_carried_are_shown_by_themselves() {
-    let made = folder().join("made");
-    aventail().args(["phantom", "--dicom", "--spacing", "9x9x9", "--out"]).arg(&made).assert().success();
-    let (dicom, out) = (made.join("dicom"), folder().join("carried"));
-    let set = dicom.join("planning/RS.dcm");
+    let made = dicom_phantom();
+    let (dicom, out, set) = (made.join("dicom"), folder().join("carried"), folder().join("RS.dcm"));
+    fs::copy(dicom.join("planning/RS.dcm"), &set).unwrap();
     let mut run = aventail();
     run.arg("register").arg("--config").arg(quick_settings()).arg("--planning").arg(dicom.join("planning"));
     run.arg("--bones").arg(made.join("bones.nii.gz")).arg("--fraction").arg(dicom.join("fraction"));
-    run.args(["--dicom", "--quiet", "--structures"]).arg(&set).arg("--out").arg(&out).assert().success();
+    run.args(["--dicom", "--quiet", "--start", &near(), "--structures"])
+        .arg(&set)
+        .arg("--out")
+        .arg(&out)
+        .assert()
+        .success();
     let names = |served: &Served| {
         let (status, page) = ask(served, "GET", &served.path, &served.host);
         assert_eq!(status, 200);
