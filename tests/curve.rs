@@ -1,6 +1,6 @@
 //! Error against run time: `aventail curve` measures what it says, and `--speed` chooses points on the curve.
 
-use crate::support::{Register, aventail, files_below, folder, small_phantom};
+use crate::support::{Register, aventail, files_below, folder, near, small_phantom};
 use std::fs;
 use std::path::PathBuf;
 
@@ -88,7 +88,8 @@ fn what_cannot_be_measured_is_refused() {
 
 #[test]
 fn speed_chooses_the_settings_that_are_recorded() {
-    let fast = Register::phantom("fast").with("--speed", "fast").flag("-q");
+    let fast = Register::of(small_phantom(), folder().join("fast")).with("--start", near());
+    let fast = fast.with("--speed", "fast").flag("-q");
     fast.command().assert().success();
     let settings = fs::read_to_string(fast.out.join("settings.toml")).expect("it was written");
     assert!(settings.contains("preset = \"fast\"") && settings.contains("spacing_mm = 5.0"), "{settings}");
