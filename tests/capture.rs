@@ -3,7 +3,7 @@
 use crate::support::shared::{bones_alone, fine};
 use crate::support::skip::cases;
 use crate::support::thinned;
-use crate::support::views::{of_real, real_scans};
+use crate::support::views::{Cut, of_real, real_scans};
 use aventail::config::Preset;
 use aventail::findings;
 use aventail::fit::{BoneLandmark, BoneSamples, DeterminedBy, FitOptions, FitResult, FitStart, fit_pose};
@@ -182,7 +182,7 @@ fn a_view_of_a_piece_of_the_skull_needs_landmarks() {
     let planning = read_image(folder.join("planning_ct.nii.gz")).expect("AVENTAIL_CASES holds the planning CT").value;
     let bones = read_labels(folder.join("bones.nii.gz"), Some(&folder.join("bones.json"))).expect("and bones").value;
     let skeleton = aventail::skeleton::build(&bones).expect("the bones have joints").skeleton;
-    let scene = of_real(5, &skeleton, scan);
+    let scene = of_real(5, &skeleton, scan, Cut::random);
     let runtime = Runtime::silent().expect("threads start");
     let mut case = Case::new(planning, bones, scene.fraction);
     let refused = register(&case, &bones_alone(), &runtime).map(|found| found.warnings);

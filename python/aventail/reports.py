@@ -410,6 +410,15 @@ class SearchedPlace(TypedDict):
     shift_mm: list[float]
 
 
+class FittedPlace(TypedDict):
+    """A position where all bones were fitted. The first of several is the result."""
+
+    level: list[str] | None
+    apart_mm: float
+    evidence_percent: float
+    probability_percent: float
+
+
 class Report(_Report, total=False):
     """The numbers of a run.
 
@@ -419,6 +428,7 @@ class Report(_Report, total=False):
 
     agreement: Agreement
     search: list[SearchedPlace]
+    places: list[FittedPlace]
     verdict: Literal["pass", "review", "fail"]
     fraction_kind: dict[str, Any]
 

@@ -28,5 +28,11 @@ def phantom() -> aventail.Phantom:
 
 
 @pytest.fixture(scope="session")
+def small() -> aventail.Phantom:
+    """Of large voxels, for runs whose accuracy does not matter."""
+    return aventail.phantom(spacing=(9, 9, 9))
+
+
+@pytest.fixture(scope="session")
 def registration(phantom: aventail.Phantom) -> aventail.Registration:
     return aventail.register(phantom.planning, phantom.bones, phantom.fraction, landmarks=phantom.landmarks)

@@ -256,7 +256,7 @@ cp "$here/$task.nii.gz" "$out"
 
 
 @pytest.fixture
-def segmentator(phantom: aventail.Phantom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def segmentator(small: aventail.Phantom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the program, first on the path, and the planning CT that it labels."""
     if os.name == "nt":
         pytest.skip("the program that stands in is a shell script")
@@ -266,9 +266,9 @@ def segmentator(phantom: aventail.Phantom, tmp_path: Path, monkeypatch: pytest.M
     stands_in.write_text(STANDS_IN.replace("HERE", str(here)))
     stands_in.chmod(0o755)
     for task in ("total", "craniofacial_structures", "headneck_bones_vessels"):
-        phantom.bones.save(here / f"{task}.nii.gz")
-    phantom.planning.save(here / "planning.nii.gz")
-    phantom.fraction.save(here / "fraction.nii.gz")
+        small.bones.save(here / f"{task}.nii.gz")
+    small.planning.save(here / "planning.nii.gz")
+    small.fraction.save(here / "fraction.nii.gz")
     monkeypatch.setenv("PATH", f"{here}{os.pathsep}/usr/bin{os.pathsep}/bin")
     return here
 

@@ -6,10 +6,10 @@ usage: levels.py CSV [CSV ...]
 
 CSV  what `AVENTAIL_SWEEP=200 AVENTAIL_SWEEP_OUT=sweep.csv cargo test --release --test all sweep::` writes
 
-The probability that the result has the right level is 1 / (1 + sum over other levels of exp(-(offset + slope * x))); x is the
-share of the evidence that the best place at that level lacks (`share`), or the difference of costs (`cost`). Offset and slope
-follow from the odd half of the seeds (least logarithmic loss), the tables from the even half; then the other way round. A result
-is right where no vertebra in view lies nearer to the place of another one than to its own.
+The probability that the result lies right is 1 / (1 + none + sum over other places of other * exp(-slope * x)); x is the share
+of the result's evidence that a place lacks (src/bones/fit/probable.rs holds none, other and slope as learnt from all views). To
+hold it against the truth, the law is learnt from the odd half of the seeds (least logarithmic loss) and tried on the even half,
+and the other way round. A result is right where no vertebra in view lies nearer to the place of another one than to its own.
 """
 import csv
 import math
@@ -18,7 +18,11 @@ from collections import defaultdict
 
 # What asks for a look at where the bones are.
 OF_PLACE = {"bones-lost", "fraction-scaled", "level-unsure", "side-unsure", "weak-start"}
-BINS = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.01]
+BINS = [0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.01]
+# From a vertebra to the next, about.
+LEVEL_MM = 16.0
+# No view with one place alone was wrong; as many views cannot show that none ever is.
+LEAST_NONE = 0.006
 
 
 def doubted(row):
@@ -35,40 +39,38 @@ class Case:
         self.right = int(row["levels_wrong"]) == 0
         self.shift = int(row["level"])
         places = [p.split(":") for p in row["places"].split(";") if p]
-        self.cost = float(places[0][0]) if places else 0.0
-        # The best place at each other level.
-        self.rivals = {}
-        for cost, found, level, right, apart in places[1:]:
-            if level not in ("", "0"):
-                self.rivals[level] = min(float(cost), self.rivals.get(level, math.inf))
-
-    def gaps(self, measure):
-        """How far each other level is behind."""
-        of = {"cost": lambda c: c - self.cost, "share": lambda c: 1.0 - c / self.cost}[measure]
-        return [of(c) for c in self.rivals.values()]
+        cost = float(places[0][0]) if places else 0.0
+        # The share that each other place lacks, and the probability that the program stated, where the file has it.
+        self.lacks, kept = [], [0.0]
+        for there, _, _, _, apart, *_ in places[1:]:
+            # Two fits that ended as far from the result and with as much evidence ended at one place.
+            if float(apart) > LEVEL_MM / 2 and all(abs(float(apart) - k) > 1.0 for k in kept):
+                kept.append(float(apart))
+                self.lacks.append(1.0 - float(there) / cost)
+        self.stated = float(places[0][5]) if places and len(places[0]) > 5 else None
 
 
-def probability(gaps, offset, slope):
-    return 1.0 / (1.0 + sum(math.exp(min(500.0, -(offset + slope * g))) for g in gaps))
+def probability(case, law):
+    none, other, slope = law
+    return 1.0 / (1.0 + none + sum(other * math.exp(min(500.0, -slope * x)) for x in case.lacks))
 
 
-def loss(cases, measure, offset, slope):
+def loss(cases, law):
     total = 0.0
     for case in cases:
-        p = min(max(probability(case.gaps(measure), offset, slope), 1e-6), 1.0 - 1e-6)
+        p = min(max(probability(case, law), 1e-6), 1.0 - 1e-6)
         total -= math.log(p if case.right else 1.0 - p)
     return total / max(1, len(cases))
 
 
-def fitted(cases, measure):
-    """Offset and slope of the least loss, by ever finer grids."""
-    scale = {"cost": 0.01, "share": 10.0}[measure]
-    best, width = (0.0, scale), [4.0, 1.5]
-    for _ in range(9):
-        offsets = [best[0] + width[0] * n / 5 for n in range(-5, 6)]
-        slopes = [best[1] * math.exp(width[1] * n / 5) for n in range(-5, 6)]
-        best = min(((o, s) for o in offsets for s in slopes), key=lambda b: loss(cases, measure, *b))
-        width = [0.55 * w for w in width]
+def fitted(cases):
+    """None, other and slope of the least loss, by ever finer grids; `other` is 1 at most: no place weighs more than the result."""
+    best, width = (0.01, 0.5, 8.0), [3.0, 3.0, 1.5]
+    for _ in range(12):
+        steps = [[b * math.exp(w * n / 3) for n in range(-3, 4)] for b, w in zip(best, width)]
+        all_laws = ((max(n, LEAST_NONE), min(o, 1.0), s) for n in steps[0] for o in steps[1] for s in steps[2])
+        best = min(all_laws, key=lambda law: loss(cases, law))
+        width = [0.6 * w for w in width]
     return best
 
 
@@ -76,9 +78,9 @@ def share(part, whole):
     return f"{part}/{whole}" + (f" ({100.0 * part / whole:.0f} %)" if whole else "")
 
 
-def reliability(cases, measure, law):
+def reliability(said):
+    """A table of probabilities stated and what was right."""
     print("| stated | views | mean stated | right |\n|---|---|---|---|")
-    said = [(probability(case.gaps(measure), *law), case.right) for case in cases]
     for low, high in zip(BINS, BINS[1:]):
         some = [s for s in said if low <= s[0] < high]
         if some:
@@ -117,19 +119,27 @@ def main():
         print(f"{code}: {len(some)} views, right {share(sum(c.right for c in some), len(some))}")
     quiet = [c for c in cases if not c.doubted]
     print(f"nothing asks for a look: right {share(sum(c.right for c in quiet), len(quiet))}")
-    alone = [c for c in cases if not c.rivals]
-    weighed = [c for c in cases if c.rivals]
-    print(f"no other level weighed: right {share(sum(c.right for c in alone), len(alone))}")
-    print(f"other levels weighed: right {share(sum(c.right for c in weighed), len(weighed))}\n")
-    for measure in ("share", "cost"):
-        for odd in (1, 0):
-            learnt = [c for c in weighed if c.seed % 2 == odd]
-            held = [c for c in weighed if c.seed % 2 != odd]
-            law = fitted(learnt, measure)
-            losses = loss(learnt, measure, *law), loss(held, measure, *law)
-            print(f"{measure}: offset {law[0]:.2f}, slope {law[1]:.4g} from {len(learnt)} {'odd' if odd else 'even'} seeds; "
-                  f"loss {losses[0]:.3f} there, {losses[1]:.3f} on the {len(held)} others")
-            reliability(held, measure, law)
+    alone = [c for c in cases if not c.lacks]
+    weighed = [c for c in cases if c.lacks]
+    print(f"no other place fitted: right {share(sum(c.right for c in alone), len(alone))}")
+    print(f"other places fitted: right {share(sum(c.right for c in weighed), len(weighed))}\n")
+    said = []
+    for odd in (1, 0):
+        learnt = [c for c in cases if c.seed % 2 == odd]
+        held = [c for c in cases if c.seed % 2 != odd]
+        law = fitted(learnt)
+        print(f"none {law[0]:.4f}, other {law[1]:.3f}, slope {law[2]:.2f} from {len(learnt)} {'odd' if odd else 'even'} seeds; "
+              f"loss {loss(learnt, law):.3f} there, {loss(held, law):.3f} on the {len(held)} others")
+        said += [(probability(c, law), c.right) for c in held]
+    print("each half by the law of the other:")
+    reliability(said)
+    law = fitted(cases)
+    print(f"all: none {law[0]:.4f}, other {law[1]:.3f}, slope {law[2]:.2f}; loss {loss(cases, law):.3f}")
+    reliability([(probability(c, law), c.right) for c in cases])
+    stated = [(c.stated, c.right) for c in cases if c.stated is not None]
+    if stated:
+        print("as the program stated:")
+        reliability(stated)
 
 
 if __name__ == "__main__":

@@ -53,6 +53,14 @@ pub struct Cut {
 }
 
 impl Cut {
+    /// A few vertebrae in a circle, where another level explains much too: slabs of 3 to 7 cm, circles of 8 to 16 cm.
+    pub fn short(random: &mut Random, height_mm: f64) -> Self {
+        let slab = random.within(30.0, 70.0);
+        let low = random.within(0.0, height_mm - slab);
+        let circle_mm = random.within(80.0, 160.0);
+        Self { slab_mm: [low, low + slab], circle_mm, shaded: random.below(2) == 1 }
+    }
+
     /// Whole scans, slabs of 6 to 12 cm, circles of 10 to 25 cm, and circles in slabs, an eighth of them a few vertebrae high; half of
     /// them with grey values of a cone-beam CT.
     pub fn random(random: &mut Random, height_mm: f64) -> Self {
@@ -132,10 +140,24 @@ const VOXEL_MM: f64 = 3.0;
 /// More voxels than one of so many whose place is not found: the posture is made milder.
 const FOLDED: usize = 500;
 
-/// A posture of the phantom, seen in part; `given` is what is seen and how strong the posture is. `skeleton`: the phantom's.
-pub fn of_phantom(seed: u64, skeleton: &Skeleton, given: Option<(Cut, f64)>) -> Scene {
+/// What is drawn of a scan so high, mm.
+pub type Draw = fn(&mut Random, f64) -> Cut;
+
+/// What is shown of a phantom.
+pub enum Shown {
+    /// This, in a posture so strong.
+    Given(Cut, f64),
+    /// What is drawn, as the posture is.
+    Drawn(Draw),
+}
+
+/// A posture of the phantom, seen in part. `skeleton`: the phantom's.
+pub fn of_phantom(seed: u64, skeleton: &Skeleton, shown: Shown) -> Scene {
     let mut random = Random::new(seed);
-    let (cut, mut strength) = given.unwrap_or_else(|| (Cut::random(&mut random, HEIGHT_MM), random.within(0.2, 1.0)));
+    let (cut, mut strength) = match shown {
+        Shown::Given(cut, strength) => (cut, strength),
+        Shown::Drawn(draw) => (draw(&mut random, HEIGHT_MM), random.within(0.2, 1.0)),
+    };
     let scanner: [f64; 3] = std::array::from_fn(|_| random.within(-30.0, 30.0));
     loop {
         let posture = posture(&mut random.clone(), strength, skeleton);
@@ -219,7 +241,7 @@ pub fn real_scans(cases: &Path) -> Vec<(String, PathBuf, PathBuf)> {
 }
 
 /// A real fraction, seen in part. `skeleton`: that of planning.
-pub fn of_real(seed: u64, skeleton: &Skeleton, (kind, file, folder): &(String, PathBuf, PathBuf)) -> Scene {
+pub fn of_real(seed: u64, skeleton: &Skeleton, (kind, file, folder): &(String, PathBuf, PathBuf), draw: Draw) -> Scene {
     let mut random = Random::new(seed);
     let whole = read_image(file).expect("the case has its image").value;
     let text = std::fs::read_to_string(folder.join("truth_bones.json")).expect("and its truth");
@@ -227,7 +249,7 @@ pub fn of_real(seed: u64, skeleton: &Skeleton, (kind, file, folder): &(String, P
     let rigid = |m: &[[f64; 4]; 4]| rigid_from_matrix(&Matrix4::from_fn(|r, c| m[r][c])).expect("bones move rigidly");
     let truth: BTreeMap<String, Rigid> = all.iter().map(|(name, m)| (name.clone(), rigid(m))).collect();
     let ([ni, nj, nk], step) = (whole.grid().size(), whole.grid().spacing()[2]);
-    let mut cut = Cut::random(&mut random, (nk - 1) as f64 * step);
+    let mut cut = draw(&mut random, (nk - 1) as f64 * step);
     let cone_beam = kind.starts_with("cbct");
     cut.shaded &= !cone_beam;
     let [low, high] = cut.slab_mm.map(|mm| (mm / step).round() as usize);

@@ -2,6 +2,7 @@
 //! level off explains much of them.
 
 use super::DeterminedBy;
+use super::probable::{SURE, probabilities};
 use super::schedule::Fitter;
 use super::tried::{Guess, Tried, weak_start};
 use crate::error::Result;
@@ -20,8 +21,6 @@ const ROUNDS: usize = 3;
 const BETTER: f64 = 1.02;
 /// Fits this near to each other are one, as a share of a level.
 const SAME: f64 = 0.5;
-/// A rival whose evidence is more than this share of the best one's is no worse for sure.
-const ALIKE: f64 = 0.8;
 
 /// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse; then the
 /// others.
@@ -62,25 +61,36 @@ pub(super) fn best_level(
         others.push(std::mem::replace(&mut best, better));
         height = fitter.height_shown(&best.fit.transforms, fraction);
     }
-    if let Some(word) = fitter.doubt(&best, &others, height) {
-        best.fit.warnings.push(word);
+    if let Some(step) = fitter.level_step(&best).map(|step| step.norm()) {
+        let mut apart: Vec<Tried> = Vec::new();
+        for tried in others {
+            // What ended where another fit did is no other place.
+            let mut known = std::iter::once(&best).chain(&apart);
+            if known.all(|t| fitter.apart(&t.fit.transforms, &tried.fit.transforms) > SAME * step) {
+                apart.push(tried);
+            }
+        }
+        others = apart;
+        best.fit.warnings.extend(fitter.doubt(&best, &others, height));
     }
     Ok((best, others))
 }
 
 impl Fitter<'_> {
-    /// A word about a fit at another level that is hardly worse.
+    /// A word about a fit at another level that may be the right one.
     fn doubt(&self, best: &Tried, others: &[Tried], height: f64) -> Option<Warning> {
-        let step = self.level_step(best)?.norm();
-        let apart = |t: &Tried| self.apart(&best.fit.transforms, &t.fit.transforms);
-        let far = others.iter().filter(|t| apart(t) > SAME * step && t.cost < ALIKE * best.cost);
-        let rival = far.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        let costs: Vec<f64> = std::iter::once(best).chain(others).map(|t| t.cost).collect();
+        let probable = probabilities(&costs);
+        let here = probable.first().copied().filter(|p| *p < SURE)?;
+        let (rival, there) = others.iter().zip(&probable[1..]).min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
         let message = format!(
-            "the fraction CT shows {height:.0} mm of the bones; about {:.0} mm away, at another level of the spine, they would \
-             fit nearly as well ({:.0} % of the evidence): check the levels in the fusion images, or place a vertebra with \
-             --bone-landmarks",
-            apart(rival),
-            100.0 * rival.cost / best.cost
+            "the fraction CT shows {height:.0} mm of the bones; {:.0} mm away, at another level of the spine, they would fit nearly \
+             as well ({:.0} % of the evidence): the result is right with a probability of {:.0} %, that place with {:.0} %; check \
+             the levels in the fusion images, or place a vertebra with --bone-landmarks",
+            self.apart(&best.fit.transforms, &rival.fit.transforms),
+            100.0 * rival.cost / best.cost,
+            100.0 * here,
+            100.0 * there,
         );
         Some(Warning::new(findings::LEVEL_UNSURE, message))
     }

@@ -1,5 +1,6 @@
 //! What the fit has weighed: where it has fitted the bones, and what the search proposed. The best is not always far ahead.
 
+use super::probable::probabilities;
 use super::search::Hypothesis;
 use super::tried::Tried;
 use crate::geometry::Rigid;
@@ -16,22 +17,54 @@ pub struct Place {
     pub found: f64,
     /// Of each bone the share in view, and the share of its contrast that the image explains.
     pub seen: Vec<[f64; 2]>,
+    /// Probability that the bones lie here, 0 to 1; what all places lack of 1 belongs to those that were not fitted.
+    pub probability: f64,
 }
 
 impl Place {
-    pub(super) fn of(tried: &Tried) -> Self {
+    fn of(tried: &Tried, probability: f64) -> Self {
         let seen = tried.fit.bones.iter().map(|b| [b.visible, b.similarity_after.unwrap_or(0.0)]).collect();
-        Self { transforms: tried.fit.transforms.clone(), cost: tried.cost, found: tried.found, seen }
+        Self { transforms: tried.fit.transforms.clone(), cost: tried.cost, found: tried.found, seen, probability }
+    }
+
+    /// Fits with the probability of each, the result first.
+    pub(super) fn all<'t>(tried: impl Iterator<Item = &'t Tried> + Clone) -> Vec<Self> {
+        let costs: Vec<f64> = tried.clone().map(|t| t.cost).collect();
+        tried.zip(probabilities(&costs)).map(|(t, probability)| Self::of(t, probability)).collect()
     }
 }
 
 /// All that a fit has weighed.
 #[derive(Debug, Clone, Default)]
 pub struct Weighed {
-    /// The result, then the others that found the bones.
+    /// The result, then the fits that found the bones elsewhere.
     pub places: Vec<Place>,
     /// What the search proposed, best first; nothing where a quick start was enough.
     pub hypotheses: Vec<Hypothesis>,
+}
+
+/// How far apart two sets of motions take the bones, on the mean, mm.
+pub fn apart_mm(skeleton: &Skeleton, here: &[Rigid], there: &[Rigid]) -> f64 {
+    let pairs = here.iter().zip(there).zip(&skeleton.bones);
+    let sum: f64 = pairs.map(|((a, b), bone)| (a * bone.centroid - b * bone.centroid).norm()).sum();
+    sum / skeleton.bones.len().max(1) as f64
+}
+
+/// Level of a vertebra.
+fn level(skeleton: &Skeleton, bone: usize) -> Option<i32> {
+    let name = &skeleton.bones[bone].name;
+    match Kind::of(name) {
+        Some(Kind::Spine(level)) if name.starts_with("vertebrae_") => Some(i32::from(level)),
+        _ => None,
+    }
+}
+
+/// The vertebra that `there` has nearest to where `here` has bone `bone`, by its place in the skeleton.
+pub fn lies_at(skeleton: &Skeleton, here: &[Rigid], there: &[Rigid], bone: usize) -> Option<usize> {
+    let at = here[bone] * skeleton.bones[bone].centroid;
+    let off = |o: usize| (there[o] * skeleton.bones[o].centroid - at).norm();
+    let spine = (0..skeleton.bones.len()).filter(|b| level(skeleton, *b).is_some());
+    spine.min_by(|x, y| off(*x).total_cmp(&off(*y)))
 }
 
 /// Of each vertebra that counts, with its place in the skeleton: how many levels above its own the vertebra is that `there` has
@@ -42,18 +75,12 @@ pub fn levels_apart(
     there: &[Rigid],
     counts: impl Fn(usize) -> bool,
 ) -> Vec<(usize, i32)> {
-    let level = |b: usize| match Kind::of(&skeleton.bones[b].name) {
-        Some(Kind::Spine(level)) if skeleton.bones[b].name.starts_with("vertebrae_") => Some(i32::from(level)),
-        _ => None,
+    let by = |bone: usize| {
+        let own = level(skeleton, bone)?;
+        let other = level(skeleton, lies_at(skeleton, here, there, bone)?)?;
+        Some((bone, other - own))
     };
-    let spine: Vec<(usize, i32)> = (0..skeleton.bones.len()).filter_map(|b| Some((b, level(b)?))).collect();
-    let nearest = |&(b, own): &(usize, i32)| {
-        let at = here[b] * skeleton.bones[b].centroid;
-        let off = |o: usize| (there[o] * skeleton.bones[o].centroid - at).norm();
-        let (_, other) = spine.iter().copied().min_by(|x, y| off(x.0).total_cmp(&off(y.0)))?;
-        Some((b, other - own))
-    };
-    spine.iter().filter(|(b, _)| counts(*b)).filter_map(nearest).collect()
+    (0..skeleton.bones.len()).filter(|b| counts(*b)).filter_map(by).collect()
 }
 
 /// The middle one of [`levels_apart`]; `None` where no vertebra counts.

@@ -74,6 +74,7 @@ pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use organs::add_organs;
 pub use outlines::read_outlines;
 pub use raster::{ExtensionNote, GeometrySource, HeaderNotes};
+pub use series_path::split_choice;
 pub use sheet::{Sheet, plain_cell};
 pub use transform::read_bone_transforms;
 

@@ -52,7 +52,7 @@ pub use plane::Kind as PlaneKind;
 pub use restore::{cut_to, restore};
 pub use samples::{SAMPLES_PAGE, write_samples_page};
 pub use save::{More, Saving, save};
-pub use searched::SearchedPlace;
+pub use searched::{FittedPlace, SearchedPlace};
 pub use study::{StageRecord, finished_stage, stage_files, write_stage, write_study};
 pub use table::terminal_table;
 pub use transforms::write_bone_transforms;

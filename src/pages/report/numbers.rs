@@ -1,6 +1,6 @@
 //! The numbers of a run: what `report.json` holds and the page shows.
 
-use super::searched::{SearchedPlace, searched};
+use super::searched::{FittedPlace, SearchedPlace, fitted, searched};
 use crate::chainmail::{LinkReport, Pruning};
 use crate::config::InputRole;
 use crate::error::{Error, Result};
@@ -110,6 +110,9 @@ pub struct Report {
     /// Places of all bones that a search has proposed, best first; nothing where a quick start was enough.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub search: Vec<SearchedPlace>,
+    /// Places where all bones were fitted, the result first; nothing where that is the only one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<FittedPlace>,
     /// Motion of each joint, in the order of the bones.
     pub pose: Pose,
     /// How rigidly the field moves each bone.
@@ -191,6 +194,7 @@ impl Report {
             bones: outcome.bone_fits.clone(),
             own_motion_mm: outcome.own_motion_mm(),
             search: searched(outcome),
+            places: fitted(outcome),
             pose: outcome.pose.clone(),
             rigidity: outcome.rigidity.clone(),
             jacobian: outcome.jacobian_report.clone(),

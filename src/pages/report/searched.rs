@@ -1,5 +1,6 @@
-//! Places of the bones that a search has weighed, as `report.json` and the page hold them.
+//! Places of the bones that a search has proposed and a fit has weighed, as `report.json` and the page hold them.
 
+use crate::fit::{Place, apart_mm, lies_at};
 use crate::pipeline::Outcome;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -32,6 +33,41 @@ pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
             apart_mm: place.apart_mm,
             shift_mm: if all > 0.0 { sum / all } else { sum },
         }
+    };
+    places.iter().map(of).collect()
+}
+
+/// A place where all bones were fitted; the first is the result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FittedPlace {
+    /// The vertebra of planning that is shown best in the result, and the one that lies there by this place; nothing without
+    /// vertebrae.
+    pub level: Option<[String; 2]>,
+    /// How far from the result it takes the bones, on the mean, mm.
+    pub apart_mm: f64,
+    /// Its evidence, percent of the result's.
+    pub evidence_percent: f64,
+    /// Probability that the bones lie there, percent. What is left of 100 belongs to places that were not fitted.
+    pub probability_percent: f64,
+}
+
+/// Where a run has fitted the bones, the result first; nothing where that is the only place.
+pub(super) fn fitted(outcome: &Outcome) -> Vec<FittedPlace> {
+    let places = &outcome.weighed.places;
+    let Some(result) = places.first().filter(|_| places.len() > 1) else { return Vec::new() };
+    let bones = &outcome.skeleton.bones;
+    let shown = |b: usize| result.seen[b][0] * bones[b].volume_mm3;
+    let spine = (0..bones.len()).filter(|b| bones[*b].name.starts_with("vertebrae_") && shown(*b) > 0.0);
+    let best = spine.max_by(|a, b| shown(*a).total_cmp(&shown(*b)));
+    let evidence = |cost: f64| 100.0 * cost / result.cost.min(-f64::MIN_POSITIVE);
+    let of = |place: &Place| FittedPlace {
+        level: best.and_then(|b| {
+            let there = lies_at(&outcome.skeleton, &result.transforms, &place.transforms, b)?;
+            Some([b, there].map(|b| bones[b].name.clone()))
+        }),
+        apart_mm: apart_mm(&outcome.skeleton, &result.transforms, &place.transforms),
+        evidence_percent: evidence(place.cost).clamp(0.0, 100.0),
+        probability_percent: 100.0 * place.probability,
     };
     places.iter().map(of).collect()
 }

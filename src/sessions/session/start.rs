@@ -4,13 +4,13 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Rigid;
 use crate::io::dicom::{Role, frame_of};
-use crate::io::transform;
+use crate::io::{split_choice, transform};
 use std::path::{Path, PathBuf};
 
 /// The file, and the name of its entry: `FILE`, `FILE#NAME`.
 pub fn split(path: &Path) -> (PathBuf, Option<&str>) {
-    let parts = path.to_str().filter(|_| !path.exists()).and_then(|text| text.rsplit_once('#'));
-    parts.map_or((path.to_owned(), None), |(file, entry)| (file.into(), Some(entry)))
+    let parts = if path.exists() { None } else { split_choice(path) };
+    parts.map_or((path.to_owned(), None), |(file, entry)| (file, Some(entry)))
 }
 
 /// Reads the start of a fit. A registration in DICOM is turned where its frames of reference say that it takes the fraction to
@@ -56,6 +56,27 @@ fn turned(file: &Path, [a, b]: &[String; 2], frames: &[Option<String>; 2]) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_name_of_an_entry_is_split_off() {
+        let told = |path: &str, file: &str, entry: Option<&str>| {
+            assert_eq!(split(Path::new(path)), (PathBuf::from(file), entry), "{path}");
+        };
+        told("a#b/start.txt#lps", "a#b/start.txt", Some("lps"));
+        told("moves.json#a/b", "moves.json", Some("a/b"));
+        told("start.tfm", "start.tfm", None);
+    }
+
+    /// A folder whose name is no text: `#lps` was taken for a part of the file's name.
+    #[cfg(unix)]
+    #[test]
+    fn an_entry_is_split_off_in_a_folder_that_is_no_text() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+        let folder = Path::new(OsStr::from_bytes(b"caf\xe9"));
+        assert_eq!(split(&folder.join("start.txt#lps")), (folder.join("start.txt"), Some("lps")));
+        assert_eq!(split(&folder.join("start.txt")), (folder.join("start.txt"), None));
+    }
 
     #[test]
     fn a_registration_is_turned_by_its_frames_of_reference() {

@@ -131,6 +131,10 @@ fn sampled(samples: Option<&ShownSamples>) -> Markup {
 /// What a search has weighed, with its rivals.
 fn searched(report: &Report, pictures: &[Picture]) -> Markup {
     html! {
+        @if !report.places.is_empty() {
+            h2 { "Places" }
+            (tables::places(report))
+        }
         @if !report.search.is_empty() {
             h2 { "Search" }
             (tables::searched(report))
@@ -277,7 +281,7 @@ fn limits() -> Markup {
 mod tests {
     use super::super::{draw, example};
     use super::*;
-    use crate::fit::Hypothesis;
+    use crate::fit::{Hypothesis, Place};
     use crate::geometry::Rigid;
 
     #[test]
@@ -306,6 +310,30 @@ mod tests {
         );
         let read: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
         assert_eq!(read.search, report.search);
+    }
+
+    #[test]
+    fn places_where_the_bones_were_fitted_have_their_probabilities() {
+        let (case, mut outcome, run) = example::small();
+        let bones = outcome.skeleton.bones.len();
+        let place = |cost: f64, z: f64, probability: f64| Place {
+            transforms: vec![Rigid::translation(0.0, 0.0, z); bones],
+            cost,
+            found: 1.0,
+            seen: vec![[1.0, 0.7]; bones],
+            probability,
+        };
+        outcome.weighed.places = vec![place(-80.0, 0.0, 0.9)];
+        assert!(Report::new(&case, &outcome, &run).places.is_empty(), "one place alone is no choice");
+        outcome.weighed.places.push(place(-60.0, 18.0, 0.08));
+        let report = Report::new(&case, &outcome, &run);
+        let told: Vec<_> = report.places.iter().map(|p| (p.evidence_percent, p.probability_percent)).collect();
+        assert_eq!(told, [(100.0, 90.0), (75.0, 8.0)]);
+        assert!((report.places[1].apart_mm - 18.0).abs() < 1e-9);
+        let page = page(&report, &[], None, None);
+        assert!(page.contains("<h2>Places</h2>") && page.contains("75 %") && page.contains("2 % is left"), "{page}");
+        let read: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
+        assert_eq!(read.places, report.places);
     }
 
     #[test]

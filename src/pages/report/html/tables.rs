@@ -1,5 +1,6 @@
 //! Tables of the page: bones, landmarks, Jacobian, inverse and links.
 
+use super::super::FittedPlace;
 use super::super::numbers::{Report, count};
 use super::paper::{more, printed};
 use crate::evaluate::contact::LISTED_MM;
@@ -23,6 +24,36 @@ const MISSING: &str = "\u{2013}";
 
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or(MISSING.to_owned(), |v| format!("{v:.digits$}"))
+}
+
+/// Places where all bones were fitted, with the probability of each.
+pub(super) fn places(report: &Report) -> Markup {
+    let left = 100.0 - report.places.iter().map(|p| p.probability_percent).sum::<f64>();
+    let level = |place: &FittedPlace| match &place.level {
+        Some([here, there]) if here != there => format!("{here} would be {there}"),
+        Some([here, _]) => format!("{here} is {here}"),
+        None => MISSING.to_owned(),
+    };
+    html! {
+        p.note {
+            "All bones were fitted at each of these places; the first is the result. The probabilities follow from the evidence, by a law "
+            "that random views with known truth gave; " (format!("{left:.0} %")) " is left for places that were not fitted."
+        }
+        table {
+            thead { tr { th { "Place" } th { "Level" } th.n { "From the result" br; "mm" } th.n { "Evidence" } th.n { "Probability" } } }
+            tbody {
+                @for (n, place) in report.places.iter().enumerate() {
+                    tr {
+                        td { @if n == 0 { "Result" } @else { (n + 1) } }
+                        td { (level(place)) }
+                        td.n { (format!("{:.0}", place.apart_mm)) }
+                        td.n { (format!("{:.0} %", place.evidence_percent)) }
+                        td.n { (format!("{:.0} %", place.probability_percent)) }
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Places that the search of an unclear start has weighed.
