@@ -94,7 +94,7 @@ fn a_run_tells_what_it_will_need_and_writes_nothing() {
     let marks = register.out.with_file_name("cut_landmarks.csv");
     fs::write(&marks, "name,planning_x,planning_y\nnose,1,2\n").unwrap();
     for option in ["--landmarks", "--bone-landmarks", "--start"] {
-        let run = Register::quick("estimated").flag("--estimate").with(option, &marks).command().assert().failure();
+        let run = Register::searched("estimated").flag("--estimate").with(option, &marks).command().assert().failure();
         let told = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
         assert!(told.contains("cut_landmarks.csv"), "{option}: {told}");
     }
