@@ -39,7 +39,7 @@ findings! {
     );
     LEVEL_UNSURE = doubted(
         "level-unsure",
-        "The short spine fits another level nearly as well.",
+        "A short spine fits at another level, too.",
         "Check levels; place one with --bone-landmarks.",
     );
     MR_FRACTION = doubted(

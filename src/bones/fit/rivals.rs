@@ -22,7 +22,7 @@ const BETTER: f64 = 1.02;
 /// Fits this near to each other are one, as a share of a level.
 const SAME: f64 = 0.5;
 
-/// The best of a fit and of those that begin some levels of the spine away, with a word where another is hardly worse; then the
+/// The best of a fit and of those that begin some levels of the spine away, with a word where another may be right; then the
 /// others.
 ///
 /// `others` are fits from other starts; `again` fits from other places, as far from a fit as the motions say, and gives those that
@@ -84,9 +84,9 @@ impl Fitter<'_> {
         let here = probable.first().copied().filter(|p| *p < SURE)?;
         let (rival, there) = others.iter().zip(&probable[1..]).min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
         let message = format!(
-            "the fraction CT shows {height:.0} mm of the bones; {:.0} mm away, at another level of the spine, they would fit nearly \
-             as well ({:.0} % of the evidence): the result is right with a probability of {:.0} %, that place with {:.0} %; check \
-             the levels in the fusion images, or place a vertebra with --bone-landmarks",
+            "the fraction CT shows {height:.0} mm of the bones; {:.0} mm away, at another level of the spine, they fit with {:.0} % \
+             of the evidence: the result is right with a probability of {:.0} %, that place with {:.0} %; check the levels in the \
+             fusion images, or place a vertebra with --bone-landmarks",
             self.apart(&best.fit.transforms, &rival.fit.transforms),
             100.0 * rival.cost / best.cost,
             100.0 * here,
