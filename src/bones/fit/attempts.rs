@@ -310,7 +310,7 @@ impl Attempts<'_> {
             };
             (tried, others) = best_level(&self.fitter, tried, others, self.fraction.grid(), again, explained)?;
         }
-        let places = Place::all(std::iter::once(&tried).chain(&others));
+        let places = Place::all(&tried, &others, |here, there| self.fitter.apart(here, there));
         let Tried { mut fit, scale, guess, .. } = tried;
         let own = posed(&self.level.drawn.bones, &fit.transforms);
         let seen = Seen { samples: &self.level.drawn.all, fraction: &self.level.fraction };

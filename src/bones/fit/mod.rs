@@ -9,7 +9,7 @@ pub use search::Hypothesis;
 pub use similarity::Measure;
 pub use start::FitStart;
 pub use stop::Stop;
-pub use weighed::{Place, Weighed, apart_mm, level_apart, levels_apart, lies_at};
+pub use weighed::{Place, Weighed, level_apart, levels_apart, lies_at};
 
 use crate::geometry::Rigid;
 use crate::skeleton::Pose;

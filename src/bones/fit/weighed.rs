@@ -19,18 +19,29 @@ pub struct Place {
     pub seen: Vec<[f64; 2]>,
     /// Probability that the bones lie here, 0 to 1; what all places lack of 1 belongs to those that were not fitted.
     pub probability: f64,
+    /// How far from the result it takes the bones, on the mean, mm.
+    pub apart_mm: f64,
 }
 
 impl Place {
-    fn of(tried: &Tried, probability: f64) -> Self {
+    fn of(tried: &Tried, probability: f64, apart_mm: f64) -> Self {
         let seen = tried.fit.bones.iter().map(|b| [b.visible, b.similarity_after.unwrap_or(0.0)]).collect();
-        Self { transforms: tried.fit.transforms.clone(), cost: tried.cost, found: tried.found, seen, probability }
+        Self {
+            transforms: tried.fit.transforms.clone(),
+            cost: tried.cost,
+            found: tried.found,
+            seen,
+            probability,
+            apart_mm,
+        }
     }
 
-    /// Fits with the probability of each, the result first.
-    pub(super) fn all<'t>(tried: impl Iterator<Item = &'t Tried> + Clone) -> Vec<Self> {
-        let costs: Vec<f64> = tried.clone().map(|t| t.cost).collect();
-        tried.zip(probabilities(&costs)).map(|(t, probability)| Self::of(t, probability)).collect()
+    /// A result and the fits that found the bones elsewhere; `apart` tells how far two sets of motions take the bones apart, mm.
+    pub(super) fn all(result: &Tried, others: &[Tried], apart: impl Fn(&[Rigid], &[Rigid]) -> f64) -> Vec<Self> {
+        let tried = || std::iter::once(result).chain(others);
+        let costs: Vec<f64> = tried().map(|t| t.cost).collect();
+        let from_result = |t: &Tried| apart(&result.fit.transforms, &t.fit.transforms);
+        tried().zip(probabilities(&costs)).map(|(t, p)| Self::of(t, p, from_result(t))).collect()
     }
 }
 
@@ -41,13 +52,6 @@ pub struct Weighed {
     pub places: Vec<Place>,
     /// What the search proposed, best first; nothing where a quick start was enough.
     pub hypotheses: Vec<Hypothesis>,
-}
-
-/// How far apart two sets of motions take the bones, on the mean, mm.
-pub fn apart_mm(skeleton: &Skeleton, here: &[Rigid], there: &[Rigid]) -> f64 {
-    let pairs = here.iter().zip(there).zip(&skeleton.bones);
-    let sum: f64 = pairs.map(|((a, b), bone)| (a * bone.centroid - b * bone.centroid).norm()).sum();
-    sum / skeleton.bones.len().max(1) as f64
 }
 
 /// Level of a vertebra.

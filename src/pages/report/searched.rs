@@ -1,6 +1,6 @@
 //! Places of the bones that a search has proposed and a fit has weighed, as `report.json` and the page hold them.
 
-use crate::fit::{Place, apart_mm, lies_at};
+use crate::fit::{Place, lies_at};
 use crate::pipeline::Outcome;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -65,7 +65,7 @@ pub(super) fn fitted(outcome: &Outcome) -> Vec<FittedPlace> {
             let there = lies_at(&outcome.skeleton, &result.transforms, &place.transforms, b)?;
             Some([b, there].map(|b| bones[b].name.clone()))
         }),
-        apart_mm: apart_mm(&outcome.skeleton, &result.transforms, &place.transforms),
+        apart_mm: place.apart_mm,
         evidence_percent: evidence(place.cost).clamp(0.0, 100.0),
         probability_percent: 100.0 * place.probability,
     };

@@ -322,6 +322,7 @@ mod tests {
             found: 1.0,
             seen: vec![[1.0, 0.7]; bones],
             probability,
+            apart_mm: z,
         };
         outcome.weighed.places = vec![place(-80.0, 0.0, 0.9)];
         assert!(Report::new(&case, &outcome, &run).places.is_empty(), "one place alone is no choice");
@@ -329,7 +330,7 @@ mod tests {
         let report = Report::new(&case, &outcome, &run);
         let told: Vec<_> = report.places.iter().map(|p| (p.evidence_percent, p.probability_percent)).collect();
         assert_eq!(told, [(100.0, 90.0), (75.0, 8.0)]);
-        assert!((report.places[1].apart_mm - 18.0).abs() < 1e-9);
+        assert_eq!(report.places.iter().map(|p| p.apart_mm.round() as i32).collect::<Vec<_>>(), [0, 18]);
         let page = page(&report, &[], None, None);
         assert!(page.contains("<h2>Places</h2>") && page.contains("75 %") && page.contains("2 % is left"), "{page}");
         let read: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
