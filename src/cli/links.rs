@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::field::{Link, Motion};
-use crate::io::{FieldFrames, points::Space, transform};
+use crate::io::{FieldFrames, points::Space, split_choice, transform};
 use crate::session::fields;
 use crate::session::frames::FrameNames;
 use crate::warning::Warning;
@@ -37,13 +37,10 @@ impl LinkArg {
 
     /// The file, and the name of its entry.
     fn place(&self) -> (PathBuf, Option<&str>) {
-        let exact = || (PathBuf::from(&self.exact), None);
-        match self.file.rsplit_once('#') {
-            Some((path, entry)) if transform::is_transform(Path::new(path)) => {
-                let (whole, length) = (exact().0, entry.len() + 1);
-                (whole.to_str().map_or(whole.clone(), |w| w[..w.len() - length].into()), Some(entry))
-            }
-            _ => exact(),
+        let exact = Path::new(&self.exact);
+        match split_choice(exact) {
+            Some((path, entry)) if transform::is_transform(&path) => (path, Some(entry)),
+            _ => (exact.into(), None),
         }
     }
 
@@ -198,6 +195,8 @@ mod tests {
         assert_eq!(odd.path().as_os_str().as_bytes(), b"f\xff=.mha");
         assert_eq!(of(b"a=f\xff.mha").path().as_os_str().as_bytes(), b"a=f\xff.mha");
         assert_eq!(of(b"t.json#skull").place(), ("t.json".into(), Some("skull")));
+        let folder = Path::new(OsStr::from_bytes(b"f\xff"));
+        assert_eq!(of(b"f\xff/t.json#skull").place(), (folder.join("t.json"), Some("skull")));
     }
 
     #[test]

@@ -7,24 +7,22 @@ use aventail::pipeline::{Case, Outcome, register};
 use aventail::runtime::Runtime;
 use std::sync::OnceLock;
 
+/// So many voxels of 3 mm, with bones' edges so wide, mm.
+fn at_3_mm(size: [usize; 3], edge_mm: f64) -> Phantom {
+    let options = PhantomOptions { size, spacing_mm: [3.0; 3], edge_mm, ..PhantomOptions::default() };
+    Phantom::new(&options).expect("the options are sensible")
+}
+
 /// The phantom at 3 mm.
 pub fn fine() -> &'static Phantom {
     static ONE: OnceLock<Phantom> = OnceLock::new();
-    ONE.get_or_init(|| {
-        let options =
-            PhantomOptions { size: [172, 120, 140], spacing_mm: [3.0; 3], edge_mm: 2.5, ..PhantomOptions::default() };
-        Phantom::new(&options).expect("the options are sensible")
-    })
+    ONE.get_or_init(|| at_3_mm([172, 120, 140], 2.5))
 }
 
 /// Head and neck of it at 3 mm: a quarter of its voxels.
 pub fn neck() -> &'static Phantom {
     static ONE: OnceLock<Phantom> = OnceLock::new();
-    ONE.get_or_init(|| {
-        let options =
-            PhantomOptions { size: [88, 84, 100], spacing_mm: [3.0; 3], edge_mm: 2.7, ..PhantomOptions::default() };
-        Phantom::new(&options).expect("the options are sensible")
-    })
+    ONE.get_or_init(|| at_3_mm([88, 84, 100], 2.7))
 }
 
 /// The phantom at 5 x 5 x 6 mm.

@@ -18,10 +18,15 @@ pub struct SearchedPlace {
     pub shift_mm: Vector3<f64>,
 }
 
+/// Evidence at a cost, percent of that at the best cost.
+fn evidence_percent(cost: f64, best: f64) -> f64 {
+    (100.0 * cost / best.min(-f64::MIN_POSITIVE)).clamp(0.0, 100.0)
+}
+
 /// What the search of a run has proposed, best first; nothing where a quick start was enough.
 pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
     let places = &outcome.weighed.hypotheses;
-    let best = places.first().map_or(-1.0, |first| first.cost.min(-f64::MIN_POSITIVE));
+    let best = places.first().map_or(-1.0, |first| first.cost);
     let bones = &outcome.skeleton.bones;
     let of = |place: &crate::fit::Hypothesis| {
         let moved = bones.iter().zip(&place.transforms).zip(&place.evidence);
@@ -29,7 +34,7 @@ pub(super) fn searched(outcome: &Outcome) -> Vec<SearchedPlace> {
         let (all, sum) = moved.fold((0.0, Vector3::zeros()), |(all, sum), (w, shift)| (all + w, sum + shift * w));
         SearchedPlace {
             proposed_by: place.proposed_by.iter().filter_map(|&b| Some(bones.get(b)?.name.clone())).collect(),
-            evidence_percent: (100.0 * place.cost / best).clamp(0.0, 100.0),
+            evidence_percent: evidence_percent(place.cost, best),
             apart_mm: place.apart_mm,
             shift_mm: if all > 0.0 { sum / all } else { sum },
         }
@@ -59,14 +64,13 @@ pub(super) fn fitted(outcome: &Outcome) -> Vec<FittedPlace> {
     let shown = |b: usize| result.seen[b][0] * bones[b].volume_mm3;
     let spine = (0..bones.len()).filter(|b| bones[*b].name.starts_with("vertebrae_") && shown(*b) > 0.0);
     let best = spine.max_by(|a, b| shown(*a).total_cmp(&shown(*b)));
-    let evidence = |cost: f64| 100.0 * cost / result.cost.min(-f64::MIN_POSITIVE);
     let of = |place: &Place| FittedPlace {
         level: best.and_then(|b| {
             let there = lies_at(&outcome.skeleton, &result.transforms, &place.transforms, b)?;
             Some([b, there].map(|b| bones[b].name.clone()))
         }),
         apart_mm: place.apart_mm,
-        evidence_percent: evidence(place.cost).clamp(0.0, 100.0),
+        evidence_percent: evidence_percent(place.cost, result.cost),
         probability_percent: 100.0 * place.probability,
     };
     places.iter().map(of).collect()
