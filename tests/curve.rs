@@ -55,6 +55,33 @@ fn every_setting_of_the_plan_is_a_point_beside_the_peers() {
 }
 
 #[test]
+fn a_third_scan_of_the_patient_tells_the_error_where_no_points_are_known() {
+    // The planning scan itself as the third: what goes there and on must come back.
+    let (mut run, out) = curve("around");
+    run.arg("--around").arg(&small_phantom().planning).arg("--threads").arg("2").assert().success();
+    let table = fs::read_to_string(out.join("curve.csv")).expect("it was written");
+    let errors: Vec<f64> = table
+        .lines()
+        .skip(1)
+        .map(|row| row.split(',').nth(5).and_then(|n| n.parse().ok()).expect("a number"))
+        .collect();
+    println!("{errors:?} mm");
+    // Both images leave less; one field compared with itself would leave nothing. Threads change the time alone.
+    assert!(errors[1] < errors[0] && errors[1] > 0.1 && errors[1] < 2.0, "1.67 when measured: {table}");
+    assert!(errors[2..].iter().all(|mm| mm.to_bits() == errors[1].to_bits()), "{table}");
+    let text = fs::read_to_string(out.join("curve.json")).expect("it was written");
+    assert!(text.contains("\"around\""), "{text}");
+    // Points that are known leave nothing to ask of a third scan.
+    let (mut run, _) = curve("both");
+    run.arg("--around")
+        .arg(&small_phantom().planning)
+        .arg("--landmarks")
+        .arg(&small_phantom().landmarks)
+        .assert()
+        .code(2);
+}
+
+#[test]
 fn without_a_case_the_phantom_is_measured() {
     // It once was drawn at 4 mm without partial volumes, where the fit refuses it.
     let out = folder().join("phantom");
@@ -83,7 +110,7 @@ fn what_cannot_be_measured_is_refused() {
     assert!(!out.exists());
     // A case without known points has no error.
     let message = String::from_utf8_lossy(&curve("blind").0.assert().code(2).get_output().stderr).into_owned();
-    assert!(message.contains("--landmarks"), "{message}");
+    assert!(message.contains("--landmarks") && message.contains("--around"), "{message}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use std::fs;
 
 /// The same image stored otherwise: storage axis `a` runs along the old axis `order[a]`, backwards where `flip[a]`.
-fn restored<T: Clone + Send + Sync>(image: &Volume<T>, order: [usize; 3], flip: [bool; 3]) -> Volume<T> {
+fn restored<T: Clone + Default + Send + Sync>(image: &Volume<T>, order: [usize; 3], flip: [bool; 3]) -> Volume<T> {
     let old = image.grid();
     let mut corner = [0usize; 3];
     for a in 0..3 {

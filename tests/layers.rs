@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 /// Rooms by rank, as the table in `src/lib.rs`.
 const RANKS: [&[&str]; 13] = [
-    &["error", "findings", "warning", "progress", "runtime", "stats"],
+    &["error", "findings", "warning", "parallel", "progress", "runtime", "stats"],
     &["geometry"],
     &["volume"],
     &["field", "body", "view"],
@@ -28,7 +28,7 @@ const RANKS: [&[&str]; 13] = [
 
 /// The crates below `src`, lowest first, and their rooms; `cli` is the program's own. A crate takes from earlier ones only.
 const CRATES: [(&str, &[&str]); 10] = [
-    ("base", &["error", "findings", "warning", "progress", "runtime", "stats", "geometry", "volume"]),
+    ("base", &["error", "findings", "warning", "parallel", "progress", "runtime", "stats", "geometry", "volume"]),
     ("fields", &["field", "body", "view"]),
     ("measures", &["evaluate", "dose", "sampling"]),
     ("tissue", &["chainmail", "refine", "comparator"]),

@@ -5,6 +5,7 @@
 pub mod error;
 pub mod findings;
 pub mod geometry;
+pub mod parallel;
 pub mod progress;
 pub mod runtime;
 pub mod stats;

@@ -142,7 +142,7 @@ pub const FRACTION: [Scene; 3] = [
 ];
 
 /// Voxels in reverse order along an axis, under the same header.
-fn reversed<T: Copy + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> {
+fn reversed<T: Copy + Default + Send + Sync>(image: &Volume<T>, axis: usize) -> Volume<T> {
     let grid = image.grid();
     Volume::from_fn(grid.clone(), |n| {
         let mut at = grid.voxel(n);

@@ -184,7 +184,7 @@ pub fn done() -> &'static Done {
 }
 
 /// Every second voxel of each slice's rows and columns.
-pub fn thinned<T: Copy + Send + Sync>(image: &Volume<T>) -> Volume<T> {
+pub fn thinned<T: Copy + Default + Send + Sync>(image: &Volume<T>) -> Volume<T> {
     let old = image.grid();
     let ([ni, nj, nk], s) = (old.size(), old.spacing());
     let grid =

@@ -22,6 +22,7 @@ pub use window::Window;
 
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
+use crate::parallel;
 use ndarray::{ArrayView3, ShapeBuilder};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -59,9 +60,12 @@ impl<T> Volume<T> {
     /// A volume with `value(storage position)` everywhere.
     pub fn from_fn(grid: Grid, value: impl Fn(usize) -> T + Sync + Send) -> Self
     where
-        T: Send,
+        T: Clone + Default + Send,
     {
-        let data = (0..grid.len()).into_par_iter().with_min_len(LEAST).map(value).collect();
+        let mut data = vec![T::default(); grid.len()];
+        parallel::fill(&mut data, LEAST, &|start, part| {
+            part.iter_mut().zip(start..).for_each(|(to, n)| *to = value(n));
+        });
         Self::of(grid, data)
     }
 
@@ -96,11 +100,15 @@ impl<T> Volume<T> {
         &self.data[self.grid.linear(voxel)]
     }
     /// A volume of the same grid with `f` of each value.
-    pub fn map<U: Send>(&self, f: impl Fn(&T) -> U + Sync + Send) -> Volume<U>
+    pub fn map<U: Clone + Default + Send>(&self, f: impl Fn(&T) -> U + Sync + Send) -> Volume<U>
     where
         T: Sync,
     {
-        let data = self.data.par_iter().with_min_len(LEAST).map(f).collect();
+        let values = self.data();
+        let mut data = vec![U::default(); values.len()];
+        parallel::fill(&mut data, LEAST, &|start, part| {
+            part.iter_mut().zip(&values[start..]).for_each(|(to, from)| *to = f(from));
+        });
         Volume::of(self.grid.clone(), data)
     }
     /// The values as an ndarray view of shape (i, j, k).

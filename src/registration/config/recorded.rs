@@ -58,6 +58,7 @@ roles! {
     LabelsFraction = "labels-fraction", "Structures drawn on the fraction CT.";
     Samples = "samples", "Samples of a registration.";
     Plan = "plan", "Plan of a study, a curve or postures.";
+    Around = "around", "Third scan of the patient, around which errors are measured.";
     Peers = "peers", "Figures of other tools.";
     Pose = "pose", "Pose given by hand.";
     Transforms = "transforms", "Motions of bones.";

@@ -1,8 +1,10 @@
 //! Error against run time: one case registered with settings of different cost.
 
-use super::{Case, register};
+use super::{Case, FractionScan, Outcome, PlanningScan, register};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::evaluate::jacobian::tissue;
+use crate::field::push_point;
 use crate::runtime::{Runtime, StageTime, processor_seconds, processor_seconds_since};
 use crate::stats::Summary;
 use serde::{Deserialize, Serialize};
@@ -15,7 +17,7 @@ pub struct CurvePoint {
     pub seconds: f64,
     /// Processor time, all threads together, s, where the system tells.
     pub processor_seconds: Option<f64>,
-    /// Distance from the known positions, mm.
+    /// Distance from the known positions, mm; with a third scan what the way around it misses.
     pub error_mm: Summary,
     /// Folded cells of soft tissue outside contact and sliding interfaces.
     pub folded: usize,
@@ -23,13 +25,15 @@ pub struct CurvePoint {
     pub stages: Vec<StageTime>,
 }
 
-/// Registers the case and compares the result with its landmarks.
+/// Registers the case and compares the result with its landmarks; or, with a third scan of the patient, the way from planning to
+/// the fraction and on to the third with the way to the third alone, in soft tissue. The time is that of the first registration.
 ///
 /// # Errors
-/// [`Error::Input`] when the case has no landmarks; else those of [`register`].
-pub fn measure(case: &Case, config: &Config, runtime: &Runtime) -> Result<CurvePoint> {
-    if case.fraction.landmarks.is_empty() {
-        return Err(Error::input("case", "it has no landmarks, which tell the error", "give --landmarks"));
+/// [`Error::Input`] when the case has neither landmarks nor a third scan; else those of [`register`].
+pub fn measure(case: &Case, third: Option<&FractionScan>, config: &Config, runtime: &Runtime) -> Result<CurvePoint> {
+    if case.fraction.landmarks.is_empty() && third.is_none() {
+        let remedy = "give --landmarks, or a third scan with --around";
+        return Err(Error::input("case", "it has no landmarks, which tell the error", remedy));
     }
     runtime.restart();
     let before = processor_seconds();
@@ -37,12 +41,35 @@ pub fn measure(case: &Case, config: &Config, runtime: &Runtime) -> Result<CurveP
     let outcome = register(case, config, runtime)?;
     let seconds = start.elapsed().as_secs_f64();
     let spent = processor_seconds_since(before);
-    let error_mm = outcome.landmarks.map(|l| l.after).unwrap_or_default();
-    Ok(CurvePoint {
-        seconds,
-        processor_seconds: spent,
-        error_mm,
-        folded: outcome.jacobian_report.body.folded,
-        stages: runtime.times(),
-    })
+    let (folded, stages) = (outcome.jacobian_report.body.folded, runtime.times());
+    let error_mm = match third {
+        None => outcome.landmarks.map(|l| l.after).unwrap_or_default(),
+        Some(third) => Summary::of(&around(case, outcome, third, config, runtime)?),
+    };
+    Ok(CurvePoint { seconds, processor_seconds: spent, error_mm, folded, stages })
+}
+
+/// Points of soft tissue at which the way around is followed, about.
+const POINTS: usize = 20_000;
+
+/// Distances between the ends of both ways to the third scan, mm. The fraction has planning's bones as `first` carries them.
+fn around(case: &Case, first: Outcome, third: &FractionScan, config: &Config, runtime: &Runtime) -> Result<Vec<f64>> {
+    let planning = &case.planning;
+    let bone = |label: u16| first.skeleton.bones.iter().any(|b| b.label == label);
+    let counts = tissue(&first.body, &planning.ct);
+    let soft = |n: &usize| counts.data()[*n] && !bone(planning.bones.volume.data()[*n]);
+    let soft: Vec<usize> = (0..counts.data().len()).filter(soft).collect();
+    let grid = planning.ct.grid();
+    let points = soft.iter().step_by((soft.len() / POINTS).max(1)).map(|n| grid.centre(grid.voxel(*n)));
+    // Each field is let go before the next registration.
+    let there: Vec<_> = points.filter_map(|x| Some((x, push_point(&first.push, &x)?))).collect();
+    let fraction = PlanningScan::new(case.fraction.ct.clone(), first.bones_on_fraction);
+    drop(first.push);
+    let on = Case { planning: fraction.into(), fraction: third.clone() };
+    let on = register(&on, config, runtime)?.push;
+    let there: Vec<_> = there.into_iter().filter_map(|(x, y)| Some((x, push_point(&on, &y)?))).collect();
+    drop(on);
+    let direct = Case { planning: planning.clone(), fraction: third.clone() };
+    let direct = register(&direct, config, runtime)?.push;
+    Ok(there.into_iter().filter_map(|(x, z)| Some((push_point(&direct, &x)? - z).norm())).collect())
 }

@@ -11,7 +11,7 @@ use crate::volume::{Mask, Outline, Volume};
 use std::borrow::Cow;
 
 /// The values on a part of a volume's grid.
-fn part<T: Copy + Send + Sync>(volume: &Volume<T>, grid: &Grid, beyond: T) -> Volume<T> {
+fn part<T: Copy + Default + Send + Sync>(volume: &Volume<T>, grid: &Grid, beyond: T) -> Volume<T> {
     let whole = volume.grid();
     let value = |n: usize| whole.voxel_at(&grid.centre(grid.voxel(n))).map_or(beyond, |voxel| *volume.at(voxel));
     Volume::from_fn(grid.clone(), value)

@@ -206,10 +206,12 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > SHOULD_BE_FOUND {
             let message = format!(
-                "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but too little of its \
-                 contrast is found to place it (voxels of 2.5 mm and more do that to thin bones, too)",
+                "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but {} of its contrast is \
+                 found where the joint holds it, too little to place it (voxels of 2.5 mm and more do that to thin \
+                 bones, too)",
                 bone.name,
-                100.0 * bone.visible
+                100.0 * bone.visible,
+                bone.similarity_after.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share)),
             );
             out.push(Warning::new(findings::BONE_NOT_EXPLAINED, message));
         }
@@ -348,11 +350,13 @@ mod tests {
     fn a_bone_that_should_be_seen_and_is_not_found_is_told() {
         let seen = |visible: f64, determined_by: DeterminedBy| BoneFit {
             visible,
+            similarity_after: Some(0.31),
             determined_by,
             ..bone("hyoid", Stop::FollowsJoint, 0.0)
         };
         let [(code, message)] = &told(seen(0.92, DeterminedBy::Joint))[..] else { panic!("one warning") };
         assert!(code == "bone-not-explained" && message.contains("hyoid follows its joint: 92 %"), "{code}: {message}");
+        assert!(message.contains("31 % of its contrast is found where the joint holds it"), "{message}");
         // Out of view it follows its joint, as it must.
         assert_eq!(told(seen(0.2, DeterminedBy::Joint)), []);
         assert_eq!(told(seen(0.92, DeterminedBy::Image)), []);

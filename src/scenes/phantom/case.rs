@@ -56,11 +56,12 @@ mod tests {
         by_images.output.uncertainty = false;
         let by_bones =
             Config { refine: RefineOptions { weight: 0.0, ..RefineOptions::default() }, ..by_images.clone() };
-        let [with, without] = [&by_images, &by_bones].map(|config| pipeline::measure(&case, config, &runtime).unwrap());
+        let [with, without] =
+            [&by_images, &by_bones].map(|config| pipeline::measure(&case, None, config, &runtime).unwrap());
         assert!(with.error_mm.mean > 0.0 && with.error_mm.mean < without.error_mm.mean, "{with:?} {without:?}");
         assert!(with.seconds > 0.0 && with.stages.len() > 5);
         let mut blind = case;
         blind.fraction.landmarks.clear();
-        assert_eq!(pipeline::measure(&blind, &Config::default(), &runtime).unwrap_err().exit_code(), 4);
+        assert_eq!(pipeline::measure(&blind, None, &Config::default(), &runtime).unwrap_err().exit_code(), 4);
     }
 }
