@@ -80,6 +80,7 @@ SOURCES = [
 ]
 # Options of other programs, and of verbs that Python does not call.
 OTHERS = {
+    "around": "curve",
     "at": "figure",
     "direction": "evaluate, where no option names the direction",
     "max-memory": "register",
