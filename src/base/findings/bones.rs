@@ -49,7 +49,7 @@ findings! {
     );
     BONES_LOST = doubted(
         "bones-lost",
-        "Bones in view are not found in the fraction.",
+        "Bones in view are not placed by the image.",
         "Check the fusion images first.",
     );
     BONES_MEET = warned(

@@ -145,8 +145,8 @@ pub(super) fn accept(
         let lost = |b: &&BoneFit| b.determined_by != DeterminedBy::Image && b.visible > 0.3;
         let names: Vec<&str> = fit.bones.iter().filter(lost).map(|b| b.name.as_str()).collect();
         let message = format!(
-            "only {:.0} % by volume of the bones in view are found in the fraction CT; not found: {}. Look at them in the \
-             fusion images before anything else",
+            "the fraction CT places only {:.0} % by volume of the bones in view; the others follow their joints: {}. Look \
+             at them in the fusion images before anything else",
             100.0 * found,
             names.join(", ")
         );
