@@ -114,6 +114,12 @@ fn what_cannot_be_measured_is_refused() {
     // A case without known points has no error.
     let message = String::from_utf8_lossy(&curve("blind", PLAN).0.assert().code(2).get_output().stderr).into_owned();
     assert!(message.contains("--landmarks") && message.contains("--around"), "{message}");
+    // A region has grids of its own, of which the way on knows nothing.
+    let plan = "[[table]]\ntitle = \"one\"\nsource = \"\"\n\
+                stage = [{ id = \"box\", name = \"box\", settings = { region = { box_mm = [-50, -50, -50, 50, 50, 50] } } }]\n";
+    let code = curve("region", plan).0.arg("--around").arg(&small_phantom().planning).assert().code(2);
+    let message = String::from_utf8_lossy(&code.get_output().stderr).into_owned();
+    assert!(message.contains("region of interest"), "{message}");
 }
 
 #[test]

@@ -11,11 +11,6 @@ pub fn fill<T: Send>(out: &mut [T], length: usize, fill: &(dyn Fn(usize, &mut [T
     out.par_chunks_mut(length).enumerate().for_each(|(n, part)| fill(n * length, part));
 }
 
-/// What `of` makes of each number below `count`, in their order.
-pub fn map<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
-    (0..count).into_par_iter().map(of).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -26,7 +21,6 @@ mod tests {
             let mut out = vec![0; count];
             fill(&mut out, length, &|start, part| part.iter_mut().enumerate().for_each(|(n, v)| *v += start + n));
             assert_eq!(out, (0..count).collect::<Vec<_>>());
-            assert_eq!(map(count, &|n| n), out);
         }
     }
 }

@@ -40,7 +40,7 @@ Examples:
 #[derive(Debug, Args)]
 pub struct CurveArgs {
     /// Planning CT; without it the phantom is registered
-    #[arg(long, value_name = "FILE", requires_all = ["bones", "fraction"])]
+    #[arg(long, value_name = "FILE", requires_all = ["bones", "fraction", "known"])]
     pub planning: Option<PathBuf>,
     /// Bone labels on the planning grid
     #[arg(long, value_name = "FILE", requires = "planning")]
@@ -52,10 +52,10 @@ pub struct CurveArgs {
     #[arg(long, value_name = "FILE", requires = "planning")]
     pub fraction: Option<PathBuf>,
     /// Points known in both scans (CSV), on which the error is measured
-    #[arg(long, value_name = "FILE", requires = "planning")]
+    #[arg(long, value_name = "FILE", requires = "planning", group = "known")]
     pub landmarks: Option<PathBuf>,
     /// Third scan of the patient, when no points are known: the way around it is the error
-    #[arg(long, value_name = "FILE", requires = "planning", conflicts_with = "landmarks")]
+    #[arg(long, value_name = "FILE", requires = "planning", group = "known")]
     pub around: Option<PathBuf>,
     /// Plan (TOML) of the settings to run; default: data/curve.toml of the sources, which is built
     /// in
@@ -80,10 +80,6 @@ pub struct CurveArgs {
 /// # Errors
 /// When a file cannot be read or written, or the plan's settings are not legal.
 pub fn run(args: &CurveArgs) -> Result<String> {
-    if args.planning.is_some() && args.landmarks.is_none() && args.around.is_none() {
-        let remedy = "give --landmarks, or a third scan of the patient with --around";
-        return Err(Error::usage("nothing tells the error of this case", remedy));
-    }
     let plan = args.plan.as_deref().map_or_else(StudyPlan::curve, StudyPlan::read)?;
     let stages = plan.stages()?;
     let peers = args.peers.as_deref().map(read_peers).transpose()?.unwrap_or_default();
