@@ -167,7 +167,7 @@ fn cone_beam(planning: &Planning, folder: &Path, fraction: Volume<f32>) -> (Vec<
             outside.push(error);
             continue;
         }
-        let said = map.grid().voxel_at(&point.at).map_or(0.0, |voxel| f64::from(*map.at(voxel)));
+        let said = map.grid().voxel_at(&point.at).map_or(0.0, |voxel| f64::from(map.at(voxel)));
         uncovered += usize::from(said >= 0.0 && error > 3.0 * said + 0.5);
         inside.push(error);
     }

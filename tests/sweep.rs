@@ -232,7 +232,7 @@ fn row(seed: u64, patient: &Patient, scene: Scene, config: &Config, runtime: &Ru
     let mut row = Row::new(seed, patient, &scene);
     let case = Case { planning: patient.scan.clone(), fraction: FractionScan::new(scene.fraction.clone()) };
     let begin = Instant::now();
-    match register_fraction(&case, &patient.planning, config, runtime) {
+    match register_fraction(&case, patient.planning.clone(), config, runtime) {
         Ok((found, _)) => row.judge(&found, &scene),
         Err(refused) if refused.finding().is_some() => row.outcome = refused.code().into(),
         Err(e) => row.outcome = format!("error {}: {}", e.exit_code(), e.problem()),

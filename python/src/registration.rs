@@ -58,7 +58,7 @@ impl Registration {
         let image = self.taken(py, |found| match name {
             "planning_on_fraction" => Some(found.outcome.planning_on_fraction.clone()),
             "jacobian" => Some(found.outcome.jacobian.to_volume()),
-            "uncertainty" => found.outcome.uncertainty.as_ref().map(|(map, _)| map.clone()),
+            "uncertainty" => found.outcome.uncertainty.as_ref().map(|(map, _)| map.to_volume()),
             _ => None,
         });
         image.map(|image| raster(py, &image.grid().clone(), image.into_data())).transpose()
@@ -67,7 +67,7 @@ impl Registration {
     /// A label map by its name; `None` where this run has none.
     fn labels<'py>(&self, py: Python<'py>, name: &str) -> PyResult<MaybeLabels<'py>> {
         let labels = self.taken(py, |found| match name {
-            "bones_on_fraction" => Some(found.outcome.bones_on_fraction.clone()),
+            "bones_on_fraction" => Some(found.outcome.bones_on_fraction.to_map()),
             "regions" => found.outcome.regions.clone(),
             _ => None,
         });

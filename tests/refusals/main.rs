@@ -106,7 +106,7 @@ fn measured(case: &Case, outcome: &Outcome, moved: [f64; 3]) -> Measured {
         let at = grid.centre(grid.voxel(n));
         let to = truth.push(&at) + Vector3::from(moved);
         let error = (at + Vector3::from(push.data()[n].map(f64::from)) - to).norm();
-        fraction.contains(&fraction.index(&to)).then_some((error, f64::from(map.data()[n])))
+        fraction.contains(&fraction.index(&to)).then_some((error, f64::from(map.at(grid.voxel(n)))))
     };
     let inside = (0..grid.len()).step_by(every).filter(|&n| truth.body.data()[n]);
     let all: Vec<(f64, f64)> = inside.filter_map(of).collect();

@@ -4,7 +4,7 @@ use aventail::field::PushField;
 use aventail::stats::percentile;
 use aventail::volume::distance::squared_distance;
 use aventail::volume::morphology::erode;
-use aventail::volume::{LabelMap, Mask, Volume, trilinear, trilinear_vector};
+use aventail::volume::{LabelMap, Mask, Spans, Volume, trilinear, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -67,13 +67,14 @@ pub fn score_case(push: &PushField, truth: &[TruthPoint]) -> Score {
 }
 
 /// Spearman's rank correlation of a map with the true error of soft tissue, and the share of errors below the map.
-pub fn trust(map: &Volume<f32>, push: &PushField, truth: &[TruthPoint]) -> (f64, f64) {
+pub fn trust(map: &Spans<f32>, push: &PushField, truth: &[TruthPoint]) -> (f64, f64) {
+    let map = map.to_volume();
     let pairs: Vec<(f64, f64)> = truth
         .iter()
         .filter(|p| p.bone == 0)
         .map(|p| {
             let u = trilinear_vector(&push.displacement, &push.displacement.grid().index(&p.at));
-            let said = trilinear(map, &map.grid().index(&p.at)).expect("truth lies on the planning grid");
+            let said = trilinear(&map, &map.grid().index(&p.at)).expect("truth lies on the planning grid");
             (said, (u.expect("truth lies on the planning grid") - p.motion).norm())
         })
         .collect();

@@ -1,6 +1,6 @@
 //! Label maps: integer labels on a grid with a name for each.
 
-use super::Volume;
+use super::{Spans, Volume};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -14,6 +14,28 @@ pub struct LabelMap {
     pub volume: Volume<u16>,
     /// Name of each label that has one; names are TotalSegmentator v2's.
     pub names: BTreeMap<u16, String>,
+}
+
+/// A [`LabelMap`] of which memory holds each row from its first to its last label.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelSpans {
+    /// Label of each voxel.
+    pub volume: Spans<u16>,
+    /// Name of each label that has one.
+    pub names: BTreeMap<u16, String>,
+}
+
+impl LabelSpans {
+    /// The label of every voxel.
+    pub fn to_map(&self) -> LabelMap {
+        LabelMap { volume: self.volume.to_volume(), names: self.names.clone() }
+    }
+}
+
+impl From<LabelMap> for LabelSpans {
+    fn from(map: LabelMap) -> Self {
+        Self { volume: Spans::within(&map.volume, 0), names: map.names }
+    }
 }
 
 impl LabelMap {

@@ -14,7 +14,7 @@ mod spans;
 mod window;
 
 pub use interpolation::{Surrounding, axis_pairs, cubic, place, trilinear, trilinear_vector};
-pub use label::LabelMap;
+pub use label::{LabelMap, LabelSpans};
 pub use outline::{AROUND_MM, Outline};
 pub use smooth::{Counted, gaussian, gaussian_ratio};
 pub use spans::Spans;

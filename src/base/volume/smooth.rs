@@ -35,11 +35,13 @@ impl<'a> Counted<'a, ()> {
     }
 }
 
-/// A [`gaussian`] over another, voxel by voxel, of which neither is kept: `ratio` is taken of the two. They share a grid.
+/// A [`gaussian`] over another, voxel by voxel, of which neither is kept: `ratio` is taken of the two. They share a grid. `ones` says
+/// of which planes along `k` all voxels of the other count 1: where the blur sees no plane else, it is 1 without being blurred.
 pub fn gaussian_ratio(
     over: &Counted<'_, impl Fn(f32) -> f32 + Copy + Sync>,
     under: &Counted<'_, impl Fn(f32) -> f32 + Copy + Sync>,
     sigma: f64,
+    ones: impl Fn(usize) -> bool + Sync,
     ratio: impl Fn(f32, f32) -> f32 + Sync,
 ) -> Volume<f32> {
     let blur = Blur::new(over.image, sigma);
@@ -50,6 +52,10 @@ pub fn gaussian_ratio(
             #[inline(always)]
             || {
                 blur.of_plane(out, spare, k, over.image.data(), over.value);
+                if blur.planes(k).all(&ones) {
+                    out.iter_mut().for_each(|o| *o = ratio(*o, 1.0));
+                    return;
+                }
                 blur.of_plane(below, spare, k, under.image.data(), under.value);
                 out.iter_mut().zip(below).for_each(|(o, b)| *o = ratio(*o, *b));
             },
@@ -74,6 +80,12 @@ impl Blur {
     fn new(volume: &Volume<f32>, sigma: f64) -> Self {
         let grid = volume.grid();
         Self { size: grid.size(), kernels: grid.spacing().map(|s| kernel(sigma / s)) }
+    }
+
+    /// The planes that plane `k` of the blurred image is made from.
+    fn planes(&self, k: usize) -> std::ops::Range<usize> {
+        let reach = self.kernels[2].len() - 1;
+        k.saturating_sub(reach)..(k + reach + 1).min(self.size[2])
     }
 
     /// Voxels of a plane.
@@ -174,9 +186,26 @@ mod tests {
             &Counted { image: &image, value: high },
             &Counted { image: &image, value: known },
             1.3,
+            |_| false,
             |o, u| o / u,
         );
         assert!(ratio.data().iter().zip(quotient).all(|(r, q)| (r - q).abs() < 1e-5));
+    }
+
+    #[test]
+    fn a_ratio_over_ones_is_the_same_without_blurring_them() {
+        let grid = Grid::axis_aligned([9, 7, 24], [1.0, 1.5, 2.0], [0.0; 3]).unwrap();
+        // No number in the last plane.
+        let hole = |l: usize| grid.voxel(l)[2] == 23;
+        let image = Volume::from_fn(grid.clone(), |l| if hole(l) { f32::NAN } else { ((l * 37) % 101) as f32 });
+        let (value, known) = (|v: f32| if v.is_nan() { 0.0 } else { v }, |v: f32| f32::from(u8::from(!v.is_nan())));
+        let [all, short] = [false, true].map(|shortened| {
+            let (over, under) = (Counted { image: &image, value }, Counted { image: &image, value: known });
+            gaussian_ratio(&over, &under, 3.0, |k| shortened && k < 23, |o, u| o / u)
+        });
+        assert!(all.data().iter().zip(short.data()).all(|(a, s)| (a - s).abs() < 1e-4));
+        // Beyond the blur's reach from the hole nothing is divided.
+        assert!(short.at([4, 3, 12]).to_bits() == gaussian(&image.map(|v| value(*v)), 3.0).at([4, 3, 12]).to_bits());
     }
 
     #[test]

@@ -76,6 +76,11 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
         (first..first + values.len(), values)
     }
 
+    /// The values of all spans, in storage order.
+    pub fn held(&self) -> &[T] {
+        &self.data
+    }
+
     /// Writes the values of the voxels from `start` in storage on.
     pub fn copy_to(&self, start: usize, out: &mut [T]) {
         let ni = self.grid.size()[0];
@@ -104,6 +109,28 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
 }
 
 impl<T: Copy + Default + Send + Sync> Spans<T> {
+    /// A volume that holds `beyond` in most of its voxels: each row from its first to its last other value.
+    pub fn within(volume: &Volume<T>, beyond: T) -> Self
+    where
+        T: PartialEq,
+    {
+        let [ni, nj, _] = volume.grid().size();
+        let other = |v: &T| *v != beyond;
+        let span = |row: &[T]| {
+            let first = row.iter().position(other);
+            first.map_or(0..0, |first| first..row.iter().rposition(other).map_or(first, |last| last + 1))
+        };
+        let spans: Vec<_> = volume.data().par_chunks(ni).map(span).collect();
+        let fill = |(): &mut (), k: usize, mut plane: &mut [T]| {
+            for row in nj * k..nj * (k + 1) {
+                let (to, rest) = plane.split_at_mut(spans[row].len());
+                to.copy_from_slice(&volume.data()[ni * row..][spans[row].clone()]);
+                plane = rest;
+            }
+        };
+        Self::by_planes(volume.grid().clone(), beyond, &spans, || (), fill).0
+    }
+
     /// A volume as it is: rows that are whole.
     pub fn of_volume(volume: &Volume<T>) -> Self {
         let [ni, nj, nk] = volume.grid().size();
@@ -137,6 +164,8 @@ mod tests {
             prop_assert_eq!(planes, (0..nk).map(|k| (k, of_plane(k))).collect::<Vec<_>>());
             let whole = Volume::from_fn(grid.clone(), |l| if spans[l / ni].contains(&(l % ni)) { l as i32 } else { -7 });
             prop_assert_eq!(found.to_volume(), whole.clone());
+            prop_assert_eq!(Spans::within(&whole, -7).to_volume(), whole.clone());
+            prop_assert!(Spans::within(&whole, -7).held().len() <= found.held().len());
             prop_assert!((0..grid.len()).all(|l| found.at(grid.voxel(l)) == whole.data()[l]));
             let from = from.min(grid.len());
             let range = from..(from + len).min(grid.len());

@@ -64,6 +64,8 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<
             }
         }
     }
+    let strides = grid.strides().map(|s| s as i64);
+    let steps: Vec<i64> = ball.iter().map(|o| (0..3).map(|a| o[a] * strides[a]).sum()).collect();
     let data = labels.volume.data();
     let mut out = vec![Vec::new(); skeleton.bones.len()];
     let mut taken = vec![false; data.len()];
@@ -81,12 +83,13 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<
         if !surface {
             continue;
         }
-        for o in &ball {
-            let n: [i64; 3] = std::array::from_fn(|a| at[a] as i64 + o[a]);
-            if (0..3).any(|a| n[a] < 0 || n[a] >= size[a] as i64) {
+        let whole = (0..3).all(|a| at[a] as i64 >= reach[a] && at[a] as i64 + reach[a] < size[a] as i64);
+        for (o, step) in ball.iter().zip(&steps) {
+            let inside = |a: usize| (0..size[a] as i64).contains(&(at[a] as i64 + o[a]));
+            if !whole && !(0..3).all(inside) {
                 continue;
             }
-            let m = grid.linear(n.map(|v| v as usize));
+            let m = (l as i64 + step) as usize;
             if of_label[usize::from(data[m])] == usize::MAX && !taken[m] {
                 taken[m] = true;
                 out[b].push(m as u32);

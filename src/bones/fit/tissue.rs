@@ -26,8 +26,10 @@ pub struct Tissue {
 /// A voxel of nothing but tissue.
 const ALL: u8 = u8::MAX;
 
-/// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them.
+/// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them ...
 const BLOCK: f64 = 0.5;
+/// ... and of fine voxels blocks as wide as sigma, up to this, mm: as wide as voxels are elsewhere.
+const COARSE_MM: f64 = 1.5;
 
 impl Tissue {
     /// Whether a voxel is air or padding.
@@ -37,7 +39,8 @@ impl Tissue {
 
     /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
-        let block = ct.grid().spacing().map(|s| ((BLOCK * sigma / s).floor() as usize).max(1));
+        let widest = (BLOCK * sigma).max(sigma.min(COARSE_MM));
+        let block = ct.grid().spacing().map(|s| ((widest / s).floor() as usize).max(1));
         // What the blocks have blurred already (variance of a box) is not blurred again.
         let widest =
             (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
@@ -48,12 +51,13 @@ impl Tissue {
                 &Counted { image: ct, value: hu },
                 &Counted { image: ct, value: amount },
                 rest,
+                |_| false,
                 normalised,
             );
             return Self { value, valid: ct.map(|v| if *v > AIR_HU { ALL } else { 0 }) };
         }
         let (sum, share) = averaged(ct, block);
-        let value = gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&share), rest, normalised);
+        let value = gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&share), rest, |_| false, normalised);
         Self { value, valid: share.map(|s| (s * f32::from(ALL) + 0.5) as u8) }
     }
 

@@ -101,10 +101,42 @@ pub(super) fn contact(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<Contact> {
         p.iter().filter(|q| (*q - at).norm() <= NEIGHBOURHOOD).copied().collect::<Vec<_>>()
     };
     let (a, b) = (near(a, &at_a), near(b, &at_b));
-    let pairs: Vec<_> = a.par_iter().filter_map(|p| nearest(p, &b).map(|q| (*p, q, (q - p).norm()))).collect();
+    // The gap is no wider than between these two, and what is farther from all of `b` does not face it.
+    let sorted = Sorted::new(&b, (at_a - at_b).norm() + FACING);
+    let pairs: Vec<_> = a.par_iter().filter_map(|p| sorted.nearest(p).map(|q| (*p, q, (q - p).norm()))).collect();
     let gap = pairs.iter().map(|p| p.2).min_by(f64::total_cmp)?;
     let (own, other): (Vec<_>, Vec<_>) = pairs.iter().filter(|p| p.2 <= gap + FACING).map(|p| (p.0, p.1)).unzip();
     Some(Contact { own: mean(&own), other: mean(&other), gap })
+}
+
+/// Points in order along the axis on which they lie farthest apart.
+struct Sorted<'a> {
+    points: &'a [Point3<f64>],
+    axis: usize,
+    /// Coordinates along it, ascending, and places among `points`.
+    along: Vec<(f64, usize)>,
+    reach: f64,
+}
+
+impl<'a> Sorted<'a> {
+    fn new(points: &'a [Point3<f64>], reach: f64) -> Self {
+        let ends = |a: usize| points.iter().map(|p| p[a]).fold([f64::MAX, f64::MIN], |[l, h], x| [l.min(x), h.max(x)]);
+        let extent = [0, 1, 2].map(|a| ends(a)[1] - ends(a)[0]);
+        let axis = Vector3::from(extent).imax();
+        let mut along: Vec<(f64, usize)> = points.iter().enumerate().map(|(n, p)| (p[axis], n)).collect();
+        along.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self { points, axis, along, reach }
+    }
+
+    /// The nearest to `p`, the first of several; maybe none where all are farther than `reach`.
+    fn nearest(&self, p: &Point3<f64>) -> Option<Point3<f64>> {
+        let [low, high] = [-1.0, 1.0].map(|side| p[self.axis] + side * self.reach);
+        let from = self.along.partition_point(|(x, _)| *x < low);
+        let near = self.along[from..].iter().take_while(|(x, _)| *x <= high);
+        let square = |n: usize| (self.points[n] - p).norm_squared();
+        let first = near.map(|(_, n)| (square(*n), *n)).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        first.map(|(_, n)| self.points[n])
+    }
 }
 
 /// Distance from a point to the nearest of `points`.

@@ -23,7 +23,7 @@ use std::path::Path;
 pub(super) struct PostureWritten<'a> {
     outcome: &'a Outcome,
     pub(super) ct: Cow<'a, Volume<f32>>,
-    pub(super) labels: Cow<'a, LabelMap>,
+    pub(super) labels: LabelMap,
     image: Option<Volume<f32>>,
     /// The pull field where the grid is shorter.
     pull: Cow<'a, PullField>,
@@ -47,17 +47,17 @@ impl<'a> PostureWritten<'a> {
         let grid = image.as_ref().map(Volume::grid).filter(|grid| *grid != ct.grid());
         let Some(grid) = grid.cloned() else {
             let (ct, labels, pull) =
-                (Cow::Borrowed(ct), Cow::Borrowed(&outcome.bones_on_fraction), Cow::Borrowed(&outcome.pull));
+                (Cow::Borrowed(ct), outcome.bones_on_fraction.to_map(), Cow::Borrowed(&outcome.pull));
             return Ok(Self { outcome, ct, labels, image, pull });
         };
-        let labels = &outcome.bones_on_fraction;
-        let labels = LabelMap { volume: part(&labels.volume, &grid), names: labels.names.clone() };
+        let labels = outcome.bones_on_fraction.to_map();
+        let labels = LabelMap { volume: part(&labels.volume, &grid), names: labels.names };
         let pull = PullField {
             displacement: part(&outcome.pull.displacement, &grid),
             inside: part(&outcome.pull.inside, &grid),
         };
         let ct = part(ct, &grid);
-        Ok(Self { outcome, ct: Cow::Owned(ct), labels: Cow::Owned(labels), image, pull: Cow::Owned(pull) })
+        Ok(Self { outcome, ct: Cow::Owned(ct), labels, image, pull: Cow::Owned(pull) })
     }
 
     /// Writes everything but the record.

@@ -88,7 +88,7 @@ pub fn tissue_scale(mr: &Volume<f32>) -> Result<TissueScale> {
     let count = |v: f32| if v < 0.0 { 0.0 } else { 1.0 };
     let ratio = |sum: f32, n: f32| if n > 1e-3 { sum / n } else { 0.0 };
     let patient = Counted { image: &inside, value: count };
-    let mean = gaussian_ratio(&Counted { image: &inside, value }, &patient, BIAS_MM, ratio);
+    let mean = gaussian_ratio(&Counted { image: &inside, value }, &patient, BIAS_MM, |_| false, ratio);
     let of = |l: usize| match body.data()[l] {
         true => (DARKEST + MEAN * inside.data()[l] / mean.data()[l].max(f32::MIN_POSITIVE)).min(BRIGHTEST),
         false => OUTSIDE,

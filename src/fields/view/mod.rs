@@ -10,6 +10,7 @@ use crate::volume::morphology::dilate;
 use crate::volume::{Mask, Volume};
 use nalgebra::Point3;
 use ndarray::Axis;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -124,12 +125,17 @@ impl View {
         if blank != [[0; 2]; 3] {
             let grid = ct.grid();
             let unknown = unknown.get_or_insert_with(|| Volume::filled(grid.clone(), false));
-            for (l, u) in unknown.data_mut().iter_mut().enumerate() {
-                let at = grid.voxel(l);
-                // A slice beside blank ones may hold a part of them.
-                let beyond = |n: usize, blank: usize| blank > 0 && n <= blank;
-                *u |= (0..3).any(|a| beyond(at[a], blank[a][0]) || beyond(grid.size()[a] - 1 - at[a], blank[a][1]));
-            }
+            // A slice beside blank ones may hold a part of them.
+            let reaches = |n: usize, blank: usize| blank > 0 && n <= blank;
+            let beyond = |a: usize, n: usize| reaches(n, blank[a][0]) || reaches(grid.size()[a] - 1 - n, blank[a][1]);
+            let [ni, nj, _] = grid.size();
+            unknown.data_mut().par_chunks_mut(ni).enumerate().for_each(|(row, unknown)| {
+                if beyond(1, row % nj) || beyond(2, row / nj) {
+                    unknown.fill(true);
+                } else if blank[0] != [0; 2] {
+                    unknown.iter_mut().enumerate().for_each(|(i, u)| *u |= beyond(0, i));
+                }
+            });
         }
         let measured = unknown.map(|unknown| unknown.map(|u| !u));
         if let Some(mask) = &measured {

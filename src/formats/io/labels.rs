@@ -11,7 +11,7 @@ use super::values::{Contents, Meaning, Values};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Grid;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::{LabelMap, LabelSpans, Volume};
 use crate::warning::Warning;
 use quick_xml::escape::escape;
 use std::collections::BTreeMap;
@@ -297,23 +297,43 @@ fn list(labels: &[u16]) -> String {
 /// [`Error::Write`] when the file cannot be written, [`Error::Usage`] when its extension is unknown.
 pub fn write_labels(path: impl AsRef<Path>, map: &LabelMap, options: &WriteOptions) -> Result<()> {
     let labels = map.volume.data();
-    let small = labels.iter().all(|&l| l <= u16::from(u8::MAX));
-    let values = if small { Values::Bytes(labels) } else { Values::Words(labels) };
-    let extension = (!map.names.is_empty()).then(|| table(map));
+    let values = if small(labels) { Values::Bytes(labels) } else { Values::Words(labels) };
+    written(path.as_ref(), map.volume.grid(), values, &map.names, options)
+}
+
+/// As [`write_labels`], of labels that are held in spans.
+///
+/// # Errors
+/// As [`write_labels`].
+pub fn write_label_spans(path: impl AsRef<Path>, map: &LabelSpans, options: &WriteOptions) -> Result<()> {
+    let labels = &map.volume;
+    let values = if small(labels.held()) { Values::ByteSpans(labels) } else { Values::WordSpans(labels) };
+    written(path.as_ref(), labels.grid(), values, &map.names, options)
+}
+
+/// Whether a byte holds each label.
+fn small(labels: &[u16]) -> bool {
+    labels.iter().all(|&l| l <= u16::from(u8::MAX))
+}
+
+fn written(
+    path: &Path,
+    grid: &Grid,
+    values: Values<'_>,
+    names: &BTreeMap<u16, String>,
+    options: &WriteOptions,
+) -> Result<()> {
+    let extension = (!names.is_empty()).then(|| table(names));
     let description = &options.description;
-    write(
-        path.as_ref(),
-        &Contents { grid: map.volume.grid(), values, meaning: Meaning::Labels, description, extension },
-        options.gzip_level,
-    )
+    write(path, &Contents { grid, values, meaning: Meaning::Labels, description, extension }, options.gzip_level)
 }
 
 /// A CaretExtension with the label table, as TotalSegmentator writes it.
-fn table(map: &LabelMap) -> String {
+fn table(names: &BTreeMap<u16, String>) -> String {
     let mut xml = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?> <CaretExtension> <VolumeInformation Index=\"0\"> <LabelTable>\n",
     );
-    for (label, name) in &map.names {
+    for (label, name) in names {
         // Successive golden angles of hue keep neighbours apart.
         let hue = (f64::from(*label) * 0.618_033_988_75).fract() * 6.0;
         let channel = |shift: f64| (((hue + shift) % 6.0 - 3.0).abs() - 1.0).clamp(0.0, 1.0);

@@ -68,7 +68,7 @@ pub use image::{Stored, WriteOptions, read_dose, read_image, read_scan, write_im
 pub use json::{json, read_json, write_json};
 pub use labels::{
     check_labels, read_bones, read_label_map, read_label_map_on, read_label_names, read_labels, read_organs,
-    read_structures, write_labels,
+    read_structures, write_label_spans, write_labels,
 };
 pub use landmarks::{read_bone_landmarks, read_landmarks};
 pub use organs::add_organs;

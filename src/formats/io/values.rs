@@ -35,6 +35,10 @@ pub(super) enum Values<'a> {
     Float(&'a [f32]),
     /// As float32.
     Spans(&'a Spans<f32>),
+    /// As uint8; the caller has checked the range.
+    ByteSpans(&'a Spans<u16>),
+    /// As uint16.
+    WordSpans(&'a Spans<u16>),
     /// Rounded to int16; the caller has checked the range.
     Rounded(&'a [f32]),
     /// 1 and 0 as uint8.
@@ -53,8 +57,8 @@ impl Values<'_> {
         match self {
             Self::Float(_) | Self::Spans(_) | Self::Vectors(_) => Element::F32,
             Self::Rounded(_) => Element::I16,
-            Self::Mask(_) | Self::Bytes(_) => Element::U8,
-            Self::Words(_) => Element::U16,
+            Self::Mask(_) | Self::Bytes(_) | Self::ByteSpans(_) => Element::U8,
+            Self::Words(_) | Self::WordSpans(_) => Element::U16,
         }
     }
 
@@ -68,6 +72,7 @@ impl Values<'_> {
         match self {
             Self::Float(v) | Self::Rounded(v) => v.len(),
             Self::Spans(v) => v.grid().len(),
+            Self::ByteSpans(v) | Self::WordSpans(v) => v.grid().len(),
             Self::Mask(v) => v.len(),
             Self::Bytes(v) | Self::Words(v) => v.len(),
             Self::Vectors(v) => 3 * v.len(),
@@ -78,11 +83,9 @@ impl Values<'_> {
     pub(super) fn fill(&self, layout: Layout, range: Range<usize>, out: &mut Vec<u8>) {
         match self {
             Self::Float(v) => append(out, &v[range], |x| x.to_le_bytes()),
-            Self::Spans(v) => {
-                let mut values = vec![0.0; range.len()];
-                v.copy_to(range.start, &mut values);
-                append(out, &values, |x| x.to_le_bytes());
-            }
+            Self::Spans(v) => append(out, &copied(v, range), |x| x.to_le_bytes()),
+            Self::ByteSpans(v) => append(out, &copied(v, range), |x| [*x as u8]),
+            Self::WordSpans(v) => append(out, &copied(v, range), |x| x.to_le_bytes()),
             Self::Rounded(v) => append(out, &v[range], |x| (x.round_ties_even() as i16).to_le_bytes()),
             Self::Mask(v) => append(out, &v[range], |x| [u8::from(*x)]),
             Self::Bytes(v) => append(out, &v[range], |x| [*x as u8]),
@@ -100,6 +103,13 @@ impl Values<'_> {
             },
         }
     }
+}
+
+/// The values of the voxels `range` in storage.
+fn copied<T: Copy + Default + Send + Sync>(spans: &Spans<T>, range: Range<usize>) -> Vec<T> {
+    let mut values = vec![T::default(); range.len()];
+    spans.copy_to(range.start, &mut values);
+    values
 }
 
 /// Appends the bytes of values, each made by `bytes`.

@@ -51,7 +51,8 @@ impl Surface {
                 triangles.push(t);
             }
         }
-        let mut surface = Self { vertices, areas, triangles, nodes: Vec::new() };
+        let nodes = Vec::with_capacity(nodes_over(triangles.len()));
+        let mut surface = Self { vertices, areas, triangles, nodes };
         surface.build(0, surface.triangles.len());
         Some(surface)
     }
@@ -180,6 +181,12 @@ fn from_nearest(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Vector3<f64> {
     ap - ab * (vb / sum) - ac * (vc / sum)
 }
 
+/// Nodes of the tree over so many triangles.
+fn nodes_over(triangles: usize) -> usize {
+    let half = triangles / 2;
+    if triangles <= LEAF { 1 } else { 1 + nodes_over(half) + nodes_over(triangles - half) }
+}
+
 /// Vertices, one per crossed cell, and the quadrilaterals between them.
 struct Net {
     /// Cell of each vertex: its lowest corner in voxels, from -1.
@@ -187,6 +194,19 @@ struct Net {
     /// Start positions, continuous voxel index.
     at: Vec<Vector3<f64>>,
     quads: Vec<[u32; 4]>,
+}
+
+/// The neighbours of all vertices, one vertex after the other.
+struct Neighbours {
+    /// Where those of each vertex begin, and the end.
+    ends: Vec<u32>,
+    all: Vec<u32>,
+}
+
+impl Neighbours {
+    fn of(&self, vertex: usize) -> &[u32] {
+        &self.all[self.ends[vertex] as usize..self.ends[vertex + 1] as usize]
+    }
 }
 
 impl Net {
@@ -235,22 +255,37 @@ impl Net {
         Some(net)
     }
 
+    /// The vertices around each vertex, in the order of the quadrilaterals.
+    fn neighbours(&self) -> Neighbours {
+        let pairs = || self.quads.iter().flat_map(|q| (0..4).map(|n| (q[n] as usize, q[(n + 1) % 4] as usize)));
+        let mut ends = vec![0u32; self.at.len() + 1];
+        pairs().for_each(|(a, b)| {
+            ends[a + 1] += 1;
+            ends[b + 1] += 1;
+        });
+        (1..ends.len()).for_each(|n| ends[n] += ends[n - 1]);
+        let mut all = vec![NONE; 8 * self.quads.len()];
+        let mut next = ends.clone();
+        let mut put = |at: usize, neighbour: usize| {
+            all[next[at] as usize] = neighbour as u32;
+            next[at] += 1;
+        };
+        pairs().for_each(|(a, b)| {
+            put(a, b);
+            put(b, a);
+        });
+        Neighbours { ends, all }
+    }
+
     /// Vertices in the world, smoothed inside their cells.
     fn smoothed(&self, grid: &Grid) -> Vec<Point3<f64>> {
         // Smoothing acts in millimetres, so that thick slices do not pull.
         let scale = Vector3::from(grid.spacing());
         let mut at: Vec<Vector3<f64>> = self.at.iter().map(|p| p.component_mul(&scale)).collect();
-        let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); at.len()];
-        for q in &self.quads {
-            for n in 0..4 {
-                let (a, b) = (q[n], q[(n + 1) % 4]);
-                neighbours[a as usize].push(b);
-                neighbours[b as usize].push(a);
-            }
-        }
+        let neighbours = self.neighbours();
         for step in STEPS.into_iter().cycle().take(2 * ROUNDS) {
             let moved = (0..at.len()).map(|n| {
-                let near = &neighbours[n];
+                let near = neighbours.of(n);
                 let mean = near.iter().map(|m| at[*m as usize]).sum::<Vector3<f64>>() / near.len().max(1) as f64;
                 let to = at[n] + (mean - at[n]) * step;
                 let cell = Vector3::from(self.cells[n].map(f64::from));

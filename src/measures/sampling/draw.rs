@@ -116,14 +116,14 @@ mod tests {
     use super::super::{PosePosterior, PosedBone, SampledPatient, Strain};
     use super::*;
     use crate::geometry::Grid;
-    use crate::volume::{LabelMap, Mask};
+    use crate::volume::{LabelMap, Mask, Spans};
     use nalgebra::Point3;
 
     /// A ball of tissue around a ball of bone, of which the map says 1 mm everywhere, or nothing.
     struct Ball {
         bones: LabelMap,
         body: Mask,
-        map: Volume<f32>,
+        map: Spans<f32>,
         push: Volume<[f32; 3]>,
         posterior: PosePosterior,
         strain: Strain,
@@ -148,7 +148,7 @@ mod tests {
                     volume: core.map(|b| if *b { 3 } else { 0 }),
                     names: [(3, "bone".to_owned())].into(),
                 },
-                map: body.map(|b| if *b { told } else { -1.0 }),
+                map: Spans::of_volume(&body.map(|b| if *b { told } else { -1.0 })),
                 body,
                 push: Volume::filled(grid, [4.0, 0.0, 0.0]),
                 posterior: PosePosterior::new(vec![bone], None),

@@ -7,7 +7,7 @@ use super::strain::Strain;
 use crate::error::Result;
 use crate::geometry::{Grid, Rigid};
 use crate::volume::distance::squared_distance;
-use crate::volume::{LabelMap, Mask, Volume, gaussian, trilinear_vector};
+use crate::volume::{LabelMap, Mask, Spans, Volume, gaussian, trilinear_vector};
 use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -38,7 +38,7 @@ pub struct SampledPatient<'a> {
     /// Inside of the skin, on the planning grid.
     pub body: &'a Mask,
     /// The map of uncertainty, mm, on the planning grid; below 0 where nothing is known.
-    pub uncertainty: &'a Volume<f32>,
+    pub uncertainty: &'a Spans<f32>,
     /// The most that counts of it, and what counts where nothing is known, mm.
     pub most_mm: f64,
     /// Planning to fraction on the planning grid, LPS mm.
@@ -133,7 +133,8 @@ impl NodeCells {
             for z in ranges[2][k].clone() {
                 for y in ranges[1][j].clone() {
                     let row = fine.linear([0, y, z]);
-                    for l in ranges[0][i].clone().map(|x| row + x) {
+                    for x in ranges[0][i].clone() {
+                        let l = row + x;
                         all += 1;
                         let bone = place[usize::from(patient.bones.volume.data()[l])];
                         if bone != u16::MAX && !bones.contains(&bone) {
@@ -141,7 +142,7 @@ impl NodeCells {
                         }
                         if patient.body.data()[l] {
                             inside += 1;
-                            let told = f64::from(patient.uncertainty.data()[l]);
+                            let told = f64::from(patient.uncertainty.at([x, y, z]));
                             let told = if told < 0.0 { patient.most_mm } else { told * patient.strain.factor };
                             sum += told.min(patient.most_mm);
                         }

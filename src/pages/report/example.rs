@@ -134,7 +134,7 @@ pub(super) fn scene(layout: Layout) -> (Case, Outcome, Run) {
         body,
         pull,
         planning_on_fraction,
-        bones_on_fraction,
+        bones_on_fraction: bones_on_fraction.into(),
         jacobian: map,
         jacobian_report,
         rigidity: rigidity::evaluate(&push, &bones, &rigid),

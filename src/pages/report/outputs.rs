@@ -48,7 +48,9 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
     files.add(
         "bones_on_fraction.nii.gz",
         "bone labels on the fraction grid, names in the header extension",
-        move |path| io::write_labels(path, &outcome.bones_on_fraction, &options("bone labels on the fraction grid")),
+        move |path| {
+            io::write_label_spans(path, &outcome.bones_on_fraction, &options("bone labels on the fraction grid"))
+        },
     );
     files.add(
         "jacobian.nii.gz",
@@ -80,12 +82,7 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
     if let Some((map, _)) = &outcome.uncertainty {
         let what = "estimated error on the planning grid, mm: about two thirds of the errors lie below it; -1 outside the patient";
         files.add("uncertainty.nii.gz", what, move |path| {
-            io::write_image(
-                path,
-                map,
-                Stored::Float32,
-                &options("estimated error, mm: about two thirds of the errors lie below"),
-            )
+            io::write_map(path, map, &options("estimated error, mm: about two thirds of the errors lie below"))
         });
     }
     if let Some(posterior) = &outcome.posterior {

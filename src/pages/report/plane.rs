@@ -289,6 +289,11 @@ pub(super) fn nearest<T: Copy>(volume: &Volume<T>, p: &Point3<f64>) -> Option<T>
     volume.grid().voxel_at(p).map(|voxel| *volume.at(voxel))
 }
 
+/// The same of a map that is held in spans.
+pub(super) fn nearest_held(map: &Spans<f32>, p: &Point3<f64>) -> Option<f32> {
+    map.grid().voxel_at(p).map(|voxel| map.at(voxel))
+}
+
 /// Value of the cell (named by its lowest-index corner) that holds a world position; `None` outside the image.
 pub(super) fn cell_at(map: &Spans<f32>, p: &Point3<f64>) -> Option<f32> {
     let grid = map.grid();

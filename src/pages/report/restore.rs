@@ -25,7 +25,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
     let mask = |stem: &str| Ok::<Mask, Error>(read_image(file(stem)?)?.value.map(|v| *v != 0.0));
     let map = |stem: &str| Ok::<Volume<f32>, Error>(read_image(file(stem)?)?.value);
     let uncertainty = match report.uncertainty {
-        Some(numbers) => Some((map("uncertainty")?, numbers)),
+        Some(numbers) => Some((Spans::of_volume(&map("uncertainty")?), numbers)),
         None => None,
     };
     let bones_on_fraction = read_labels(file("bones_on_fraction")?, None)?.value;
@@ -43,7 +43,7 @@ pub fn restore(folder: &Path, report: &Report, planning: &PlanningScan) -> Resul
             inside: mask("inside_planning")?,
         },
         planning_on_fraction: map("planning_on_fraction")?,
-        bones_on_fraction,
+        bones_on_fraction: bones_on_fraction.into(),
         jacobian: Spans::of_volume(&map("jacobian")?),
         jacobian_report: report.jacobian.clone(),
         rigidity: report.rigidity.clone(),

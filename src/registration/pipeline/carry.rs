@@ -5,42 +5,40 @@ use super::couch::{Couch, common_shift};
 use super::elements::bone_of_label;
 use super::field_warnings::field_warnings;
 use super::fraction::Fraction;
-use super::guides::{self, Compared, GuidedField};
+use super::guides::{self, Compared, GuidePair, GuidedField};
 use super::kind::MisledTissue;
 use super::matching::couch_match;
 use super::moved::{Moved, bones_alone, elements, soft_tissue};
 use super::outcome::CARRYING;
-use super::planning::Resting;
+use super::planning::{Judging, Resting};
 use super::{Case, FractionKind, Outcome, PlanningScan, VolumeReached};
 use crate::body;
 use crate::body::mr::DARKEST;
-use crate::chainmail::{Propagation, VolumeChange};
+use crate::chainmail::{LinkReport, Propagation, Pruning, VolumeChange};
 use crate::config::Config;
 use crate::error::Result;
 use crate::evaluate;
+use crate::evaluate::agreement::Agreement;
 use crate::evaluate::contact::ContactReport;
+use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::{Landmark, LandmarkReport};
 use crate::evaluate::rigidity::BoneRigidity;
-use crate::field::{self, PullField, PushField, Resampling};
+use crate::evaluate::uncertainty::UncertaintyReport;
+use crate::field::{self, ConsistencyReport, InverseReport, PullField, PushField, Resampling};
 use crate::findings;
 use crate::fit::FitResult;
 use crate::geometry::Grid;
 use crate::refine::{Guides, Images, Kind, Misled, Scan, Shading, translated};
 use crate::runtime::Runtime;
+use crate::sampling::PosePosterior;
 use crate::skeleton::Skeleton;
-use crate::volume::{LabelMap, Mask, Spans, Volume};
+use crate::volume::{LabelMap, LabelSpans, Mask, Spans, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
 
 /// HU of what lies outside the planning scan when it is shown on the fraction grid.
 pub(super) const OUTSIDE_HU: f32 = -1000.0;
-
-/// What carrying the motion gives.
-pub(super) struct Carried {
-    pub(super) outcome: Outcome,
-    pub(super) shown: Shown,
-}
 
 /// What images told of soft tissue, where they pulled.
 #[derive(Default)]
@@ -147,102 +145,167 @@ pub(super) struct Fitted {
 }
 
 /// What a motion is carried through, and to where.
-#[derive(Clone, Copy)]
 pub(super) struct Through<'a> {
     /// The planning side.
     pub(super) scan: &'a PlanningScan,
-    /// What was made of it beforehand.
-    pub(super) resting: &'a Resting,
-    /// Landmarks that evaluate the result.
-    pub(super) landmarks: &'a [Landmark],
     /// The grid that the planning CT is carried onto.
     pub(super) target: &'a Grid,
     /// The patient in the fraction CT, where both images refine soft tissue.
-    pub(super) fraction: Option<&'a Fraction<'a>>,
+    pub(super) fraction: Option<Fraction<'a>>,
 }
 
 impl<'a> Through<'a> {
     /// Of a case, onto the grid of its fraction.
-    pub(super) fn of(case: &'a Case, resting: &'a Resting, fraction: Option<&'a Fraction<'a>>) -> Self {
-        let (landmarks, target) = (case.fraction.landmarks.as_slice(), case.fraction.ct.grid());
-        Self { scan: &case.planning, resting, landmarks, target, fraction }
+    pub(super) fn of(case: &'a Case, fraction: Option<Fraction<'a>>) -> Self {
+        Self { scan: &case.planning, target: case.fraction.ct.grid(), fraction }
     }
 }
 
-/// Carries the motion to every voxel of the planning grid, and the planning CT onto the target: one line per stage.
+/// A motion that was carried to every voxel, before it is judged.
+pub(super) struct Carried {
+    pub(super) fitted: Fitted,
+    /// Planning to fraction, and back.
+    pub(super) push: PushField,
+    pub(super) pull: PullField,
+    pub(super) couch: CouchMatch,
+    pub(super) kind: Option<FractionKind>,
+    pub(super) shown: Shown,
+    /// What was said before the motion was carried.
+    pub(super) warnings: Vec<Warning>,
+    common_shift: Vector3<f64>,
+    by: Judging,
+    guides: Vec<GuidePair>,
+    pruning: Option<Pruning>,
+    links: LinkReport,
+    inverse: InverseReport,
+    consistency: ConsistencyReport,
+    regions: Option<LabelMap>,
+}
+
+/// What is told of a motion by the images that it joins, where there are two.
+#[derive(Default)]
+pub(super) struct Told {
+    pub(super) uncertainty: Option<(Spans<f32>, UncertaintyReport)>,
+    pub(super) posterior: Option<PosePosterior>,
+    pub(super) agreement: Option<Agreement>,
+}
+
+/// Carries the motion to every voxel of the planning grid and of the target: one line per stage.
 ///
 /// All of it happens in a frame that the couch has brought along: what nothing else moves follows the couch.
 pub(super) fn carry_out(
     through: Through<'_>,
+    mut resting: Resting,
     fitted: Fitted,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Carried> {
-    let Through { scan, resting, target, fraction, .. } = through;
+    let Through { scan, target, fraction } = through;
+    let guides = fraction.as_ref().map(|f| f.guides.clone()).unwrap_or_default();
     let Fitted { skeleton, body, fit } = &fitted;
     let couch = Couch::of(fit, scan.ct.grid(), config.chainmail.variant.carry);
     let transforms = couch.transforms(&fit.transforms);
-    let moved = Moved { scan, skeleton, body, transforms: &transforms, resting, config };
+    let moved = Moved { scan, skeleton, body, transforms: &transforms, resting: &resting, config };
     let propagated = runtime.stage(CARRYING, || propagated(&moved, fraction.map(|f| f.shifted(&couch)), runtime))?;
-    let links = runtime.stage("check links", || moved.links(&propagated.propagation));
-    let mut push = propagated.propagation.push;
-    let (mut pull, mut inverse) = runtime.stage("invert", || moved.inverted(&push, &couch.grid(target)))?;
+    let Propagated { propagation, regions, mut shown, kind } = propagated;
+    let links = runtime.stage("check links", || moved.links(&propagation));
+    let Propagation { mut push, pruning, .. } = propagation;
+    resting.elements_done();
+    let moved = Moved { scan, skeleton, body, transforms: &transforms, resting: &resting, config };
+    let (mut pull, inverse) = runtime.stage("invert", || moved.inverted(&push, &couch.grid(target)))?;
     let consistency = runtime.stage("make consistent", || moved.agree(&mut push, &mut pull));
     let (push, pull) = (couch.push(push), couch.pull(pull));
-    let carried = runtime.stage("resample", || resampled(scan, &push, &pull, config))?;
-    let judged = runtime.stage("evaluate", || Judged::of(through, &fitted, &push));
-    inverse.multiple = judged.multiple.count();
-    let mut shown = propagated.shown;
     shown.alone = shown.alone.map(|alone| couch.added(alone));
     shown.first = shown.first.map(|first| couch.added(first));
-    let pairs = fraction.map_or(&[][..], |f| &f.guides);
-    let (first, images) = (shown.first.as_ref(), &shown.beside);
-    let guides = GuidedField::all(first, &push.displacement, &judged.jacobian, pairs, images);
     let common_shift = common_shift(fit, scan.ct.grid());
     let grids = [scan.ct.grid(), target];
-    let matched = couch_match(&config.couch, skeleton, &scan.bones, fit, grids, &common_shift);
-    let volume_changes = reached(&scan.bones, &judged.jacobian, config);
-    let found = [
-        propagated.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
-        field_warnings(&push, &judged.jacobian_report, &inverse),
-        contact::warnings(&judged.contact, coarsest(scan.ct.grid())),
-        volume_changes.iter().filter_map(missed).collect(),
-        guides::warnings(&guides, coarsest(scan.ct.grid()).max(coarsest(target))),
-        judged.of_landmarks(through.landmarks, &push, &matched.shift()),
-    ];
-    let outcome = Outcome {
-        pose: fitted.fit.pose,
-        common_shift,
-        bone_fits: fitted.fit.bones,
-        weighed: Default::default(),
-        skeleton: fitted.skeleton,
-        body: fitted.body,
+    let couch = couch_match(&config.couch, skeleton, &scan.bones, fit, grids, &common_shift);
+    let by = resting.judging();
+    Ok(Carried {
+        fitted,
         push,
         pull,
-        planning_on_fraction: carried.0,
-        bones_on_fraction: carried.1,
-        jacobian: judged.jacobian,
-        jacobian_report: judged.jacobian_report,
-        rigidity: judged.rigidity,
-        contact: judged.contact,
-        skin_contact: judged.skin_contact,
-        volume_changes,
+        couch,
+        kind,
+        shown,
+        warnings,
+        common_shift,
+        by,
         guides,
-        kind: propagated.kind,
-        uncertainty: None,
-        posterior: None,
-        agreement: None,
-        pruning: propagated.propagation.pruning,
+        pruning,
         links,
         inverse,
         consistency,
-        landmarks: judged.residuals.map(|report| report.with_shift(&matched.shift())),
-        regions: propagated.regions,
-        couch: matched,
-        warnings: warnings.into_iter().chain(found.into_iter().flatten()).collect(),
-    };
-    Ok(Carried { outcome, shown })
+        regions,
+    })
+}
+
+impl Carried {
+    /// The outcome: the motion is judged, and the planning side shown on the fraction's grid. What was `told` of the images comes
+    /// before, since it needs more memory.
+    ///
+    /// # Errors
+    /// As [`field::warp_image`].
+    pub(super) fn outcome(
+        mut self,
+        scan: &PlanningScan,
+        landmarks: &[Landmark],
+        told: Told,
+        config: &Config,
+        runtime: &Runtime,
+    ) -> Result<Outcome> {
+        let target = self.pull.displacement.grid().clone();
+        let (fitted, push, by) = (&self.fitted, &self.push, self.by);
+        let judged = runtime.stage("evaluate", || Judged::of(scan, (landmarks, &target), by, fitted, push));
+        self.inverse.multiple = judged.multiple;
+        let (first, images) = (self.shown.first.as_ref(), &self.shown.beside);
+        let guides = GuidedField::all(first, &push.displacement, &judged.jacobian, &self.guides, images);
+        let volume_changes = reached(&scan.bones, &judged.jacobian, config);
+        let coarsest = [scan.ct.grid(), &target].map(coarsest);
+        let shift = self.couch.shift();
+        let found = [
+            self.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
+            field_warnings(push, &judged.jacobian_report, &self.inverse),
+            contact::warnings(&judged.contact, coarsest[0]),
+            volume_changes.iter().filter_map(missed).collect(),
+            guides::warnings(&guides, coarsest[0].max(coarsest[1])),
+            judged.of_landmarks(landmarks, push, &shift),
+        ];
+        let carried = runtime.stage("resample", || resampled(scan, push, &self.pull, config))?;
+        let Self { fitted, .. } = self;
+        Ok(Outcome {
+            pose: fitted.fit.pose,
+            common_shift: self.common_shift,
+            couch: self.couch,
+            bone_fits: fitted.fit.bones,
+            weighed: Default::default(),
+            skeleton: fitted.skeleton,
+            body: fitted.body,
+            push: self.push,
+            pull: self.pull,
+            planning_on_fraction: carried.0,
+            bones_on_fraction: carried.1,
+            jacobian: judged.jacobian,
+            jacobian_report: judged.jacobian_report,
+            rigidity: judged.rigidity,
+            contact: judged.contact,
+            skin_contact: judged.skin_contact,
+            volume_changes,
+            guides,
+            kind: self.kind,
+            uncertainty: told.uncertainty,
+            posterior: told.posterior,
+            agreement: told.agreement,
+            pruning: self.pruning,
+            links: self.links,
+            inverse: self.inverse,
+            consistency: self.consistency,
+            landmarks: judged.residuals.map(|report| report.with_shift(&shift)),
+            regions: self.regions,
+            warnings: self.warnings.into_iter().chain(found.into_iter().flatten()).collect(),
+        })
+    }
 }
 
 /// The largest edge of a voxel, mm.
@@ -256,12 +319,14 @@ fn resampled(
     push: &PushField,
     pull: &PullField,
     config: &Config,
-) -> Result<(Volume<f32>, LabelMap)> {
+) -> Result<(Volume<f32>, LabelSpans)> {
+    // Labels first: while they are made they take the memory that the image takes then.
+    let labels = field::warp_labels(pull, &scan.bones)?.into();
     let image = match config.resampling {
         Resampling::PullBack => field::warp_image(pull, &scan.ct, OUTSIDE_HU)?,
         Resampling::FiveTetrahedra => field::scatter_image(push, &scan.ct, pull.displacement.grid(), OUTSIDE_HU)?.0,
     };
-    Ok((image, field::warp_labels(pull, &scan.bones)?))
+    Ok((image, labels))
 }
 
 /// What is measured of a field.
@@ -270,24 +335,30 @@ struct Judged {
     jacobian_report: JacobianReport,
     rigidity: Vec<BoneRigidity>,
     residuals: Option<LandmarkReport>,
-    /// Fraction voxels with more than one place in planning.
-    multiple: Mask,
+    /// Number of fraction voxels with more than one place in planning.
+    multiple: usize,
     contact: ContactReport,
     skin_contact: Option<Mask>,
 }
 
 impl Judged {
-    fn of(through: Through<'_>, fitted: &Fitted, push: &PushField) -> Self {
-        let Through { scan, resting, landmarks, target, .. } = through;
+    fn of(
+        scan: &PlanningScan,
+        (landmarks, target): (&[Landmark], &Grid),
+        by: Judging,
+        fitted: &Fitted,
+        push: &PushField,
+    ) -> Self {
         let Fitted { skeleton, body, fit } = fitted;
+        let Judging { bones, cells, jumps } = by;
         let figures = || {
-            let (jacobian, report) = evaluate::jacobian::evaluate(push, &resting.cells);
+            let (jacobian, report) = evaluate::jacobian::evaluate(push, &cells);
             let rigidity = evaluate::rigidity::evaluate(push, &scan.bones, &skeleton.labels_and_names());
             let residuals = (!landmarks.is_empty()).then(|| evaluate::landmark::evaluate(push, landmarks));
-            let multiple = field::multiple_preimages(push, &jacobian, target, resting.jumps.as_ref());
+            let multiple = field::multiple_preimages(push, &jacobian, target, jumps.as_ref()).count();
             (jacobian, report, rigidity, residuals, multiple)
         };
-        let meeting = || contact::measure(&resting.bones, &fit.transforms, push, body, target);
+        let meeting = || contact::measure(&bones, &fit.transforms, push, body, target);
         // Both have parts that one thread does alone.
         let (figures, (contact, skin_contact)) = rayon::join(figures, meeting);
         let (jacobian, jacobian_report, rigidity, residuals, multiple) = figures;

@@ -46,13 +46,13 @@ pub fn measure(case: &Case, third: Option<&FractionScan>, config: &Config, runti
     let before = processor_seconds();
     let start = Instant::now();
     let planning = Planning::new(&case.planning, config, runtime)?;
-    let outcome = register_fraction(case, &planning, config, runtime)?.0;
+    let outcome = register_fraction(case, planning.clone(), config, runtime)?.0;
     let seconds = start.elapsed().as_secs_f64();
     let spent = processor_seconds_since(before);
     let (folded, stages) = (outcome.jacobian_report.body.folded, runtime.times());
     let error_mm = match third {
         None => outcome.landmarks.map(|l| l.after).unwrap_or_default(),
-        Some(third) => Summary::of(&around((case, &planning), outcome, third, config, runtime)?),
+        Some(third) => Summary::of(&around((case, planning), outcome, third, config, runtime)?),
     };
     Ok(CurvePoint { seconds, processor_seconds: spent, error_mm, folded, stages })
 }
@@ -63,7 +63,7 @@ const POINTS: usize = 20_000;
 /// Distances between the ends of both ways to the third scan, mm, from a case and its prepared planning side. The fraction has
 /// planning's bones as `first` carries them.
 fn around(
-    (case, prepared): (&Case, &Planning),
+    (case, prepared): (&Case, Planning),
     first: Outcome,
     third: &FractionScan,
     config: &Config,
@@ -78,7 +78,7 @@ fn around(
     let points = soft.iter().step_by((soft.len() / POINTS).max(1)).map(|n| grid.centre(grid.voxel(*n)));
     // Each field is let go before the next registration.
     let there: Vec<_> = points.filter_map(|x| Some((x, push_point(&first.push, &x)?))).collect();
-    let fraction = PlanningScan::new(case.fraction.ct.clone(), first.bones_on_fraction);
+    let fraction = PlanningScan::new(case.fraction.ct.clone(), first.bones_on_fraction.to_map());
     drop(first.push);
     let on = Case { planning: fraction.into(), fraction: third.clone() };
     let on = register(&on, config, runtime)?.push;

@@ -47,15 +47,15 @@ impl<'a> Fraction<'a> {
     }
 
     /// In the frame that the couch has brought along.
-    pub(super) fn shifted(&self, couch: &Couch) -> Fraction<'static> {
-        let ct = couch.volume(Volume::clone(&self.ct));
+    pub(super) fn shifted(self, couch: &Couch) -> Fraction<'static> {
+        let ct = couch.volume(self.ct.into_owned());
         let pair = |(planning, fraction): &GuidePair| {
             (planning.clone(), Outline { inside: couch.volume(fraction.inside.clone()), ..fraction.clone() })
         };
         Fraction {
             ct: Cow::Owned(ct),
-            body: couch.volume(self.body.clone()),
-            view: self.view.clone(),
+            body: couch.volume(self.body),
+            view: self.view,
             mr: self.mr,
             guides: self.guides.iter().map(pair).collect(),
         }

@@ -13,7 +13,7 @@ use crate::field::{ConsistencyReport, InverseReport, PullField, PushField};
 use crate::fit::{BoneFit, DeterminedBy, Weighed};
 use crate::sampling::PosePosterior;
 use crate::skeleton::{Bone, Pose, Skeleton};
-use crate::volume::{LabelMap, Mask, Spans, Volume};
+use crate::volume::{LabelMap, LabelSpans, Mask, Spans, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -79,7 +79,7 @@ pub struct Outcome {
     /// The planning CT on the fraction grid; -1000 HU where nothing maps.
     pub planning_on_fraction: Volume<f32>,
     /// The bone labels on the fraction grid.
-    pub bones_on_fraction: LabelMap,
+    pub bones_on_fraction: LabelSpans,
     /// Jacobian map of the push field on the planning grid; -1 folded, 1 where not computed.
     pub jacobian: Spans<f32>,
     /// Jacobian characteristics.
@@ -97,7 +97,7 @@ pub struct Outcome {
     /// What kind of image the fraction is; `None` where images took no part in soft tissue.
     pub kind: Option<FractionKind>,
     /// Uncertainty on the planning grid, mm, [`crate::evaluate::uncertainty::UNKNOWN`] outside the patient; when the settings ask for it and a fraction was registered.
-    pub uncertainty: Option<(Volume<f32>, UncertaintyReport)>,
+    pub uncertainty: Option<(Spans<f32>, UncertaintyReport)>,
     /// What the fit leaves open of the bones; where a map of uncertainty was made.
     pub posterior: Option<PosePosterior>,
     /// How far the images agree before, with the couch shift and after; where a fraction was registered.

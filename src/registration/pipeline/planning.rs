@@ -25,8 +25,10 @@ use crate::skeleton::{self, Skeleton};
 use crate::volume::morphology::{dilate, erode};
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
+use std::sync::Arc;
 
 /// What every way to move the bones begins with: the skeleton and the patient.
+#[derive(Clone)]
 pub(super) struct Patient {
     pub(super) skeleton: Skeleton,
     /// Inside of the skin in the planning CT.
@@ -69,27 +71,27 @@ impl Patient {
     }
 }
 
-/// What bones and tissue are before anything moves.
+/// What bones and tissue are before anything moves. Clones share it all: a registration lets go of each part once it is done with
+/// it, and the last one to do so frees its memory.
+#[derive(Clone)]
 pub(super) struct Resting {
     /// The bones' surfaces.
-    pub(super) bones: RestingBones,
+    pub(super) bones: Arc<RestingBones>,
     /// The chain mail; `None` where another model carries the motion.
-    pub(super) chain_mail: Option<ChainMail>,
+    pub(super) chain_mail: Option<Arc<ChainMail>>,
     /// What its elements show in the planning CT.
-    pub(super) samples: PlanningSamples,
+    pub(super) samples: Arc<PlanningSamples>,
     /// Lung, where it takes part.
     pub(super) lung: Option<Mask>,
     /// What slides along its border, and the same where the field jumps there.
     pub(super) sliding: Option<Mask>,
     pub(super) jumps: Option<Mask>,
-    /// The voxels of tissue, which count.
-    pub(super) tissue: Mask,
     /// The voxels near bones that touch and near where the field jumps.
     pub(super) beside_contact: Mask,
     /// What the cells between them hold.
-    pub(super) cells: CellKinds,
+    pub(super) cells: Arc<CellKinds>,
     /// The planning side of the uncertainty; `None` where no map of it is asked for.
-    pub(super) side: Option<PlanningSide>,
+    pub(super) side: Option<Arc<PlanningSide>>,
 }
 
 /// Nearer than this to where the field jumps a voxel's way there and back does not count, mm: readers interpolate across.
@@ -132,14 +134,13 @@ impl Resting {
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &planning.ct);
                 let rigid = skeleton.labels_and_names();
-                let cells = CellKinds::with_region(
+                CellKinds::with_region(
                     &tissue,
                     &planning.bones,
                     &rigid,
                     &config.sliding.pairs(&rigid),
                     [sliding.as_ref(), jumps.as_ref()],
-                );
-                (tissue, cells)
+                )
             };
             let chain_mail = || wanted.then(chain_mail).transpose();
             let contact = || {
@@ -155,31 +156,50 @@ impl Resting {
                 })
             };
             let bones = || rayon::join(bones, contact);
-            let (((bones, beside_contact), side), ((tissue, cells), chain_mail)) =
+            let (((bones, beside_contact), side), (cells, chain_mail)) =
                 rayon::join(|| rayon::join(bones, side), || rayon::join(cells, chain_mail));
             Ok(Self {
-                bones,
-                chain_mail: chain_mail?,
-                samples: PlanningSamples::default(),
-                tissue,
+                bones: bones.into(),
+                chain_mail: chain_mail?.map(Arc::new),
+                samples: Arc::default(),
                 lung,
                 sliding,
                 jumps,
                 beside_contact: beside_contact?,
-                cells,
-                side: side?,
+                cells: cells.into(),
+                side: side?.map(Arc::new),
             })
         })
     }
 }
 
-/// The planning side of a registration. Results are the same bits whether fractions share one or each has its own.
+impl Resting {
+    /// Lets go of what elements are made from.
+    pub(super) fn elements_done(&mut self) {
+        (self.chain_mail, self.samples) = (None, Arc::default());
+    }
+
+    /// What fields are judged by; lets go of the rest.
+    pub(super) fn judging(self) -> Judging {
+        Judging { bones: self.bones, cells: self.cells, jumps: self.jumps }
+    }
+}
+
+/// What fields are judged by: of [`Resting`].
+pub(super) struct Judging {
+    pub(super) bones: Arc<RestingBones>,
+    pub(super) cells: Arc<CellKinds>,
+    pub(super) jumps: Option<Mask>,
+}
+
+/// The planning side of a registration. Results are the same bits whether fractions share one or each has its own. Clones share it.
+#[derive(Clone)]
 pub struct Planning {
     pub(super) patient: Patient,
     /// Of the whole scan; a region of interest has its own.
     pub(super) resting: Option<Resting>,
     /// Each bone's look in the planning CT; `None` where the settings let landmarks alone place the bones.
-    pub(super) samples: Option<BoneSamples>,
+    pub(super) samples: Option<Arc<BoneSamples>>,
 }
 
 impl Planning {
@@ -200,7 +220,7 @@ impl Planning {
         let (patient, samples) = Patient::new_beside(planning, config, runtime, draw)?;
         let resting = || Resting::new(planning, &patient.skeleton, &patient.body, true, config, runtime);
         let resting = (!config.region.is_some()).then(resting).transpose()?;
-        Ok(Self { patient, resting, samples })
+        Ok(Self { patient, resting, samples: samples.map(Arc::new) })
     }
 }
 

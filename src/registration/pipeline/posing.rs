@@ -1,6 +1,6 @@
 //! Many postures of one patient: what does not depend on the posture is made once.
 
-use super::carry::{Carried, Fitted, Through, carry_out};
+use super::carry::{Fitted, Through, Told, carry_out};
 use super::contact;
 use super::planning::{Patient, Resting};
 use super::register::fit_warnings;
@@ -97,10 +97,9 @@ impl Posing {
         let fit = given(&self.patient.skeleton, &known(&self.patient.skeleton, motion)?)?;
         let warnings = fit_warnings(&fit);
         let fitted = Fitted { skeleton: self.patient.skeleton.clone(), body: self.patient.body.clone(), fit };
-        let through =
-            Through { scan: &self.planning, resting: &self.resting, landmarks, target: &self.target, fraction: None };
-        let Carried { outcome, .. } = carry_out(through, fitted, warnings, config, runtime)?;
-        Ok(outcome)
+        let through = Through { scan: &self.planning, target: &self.target, fraction: None };
+        let carried = carry_out(through, self.resting.clone(), fitted, warnings, config, runtime)?;
+        carried.outcome(&self.planning, landmarks, Told::default(), config, runtime)
     }
 
     /// Why bones in contact are implausible; nothing where they are not.

@@ -1,6 +1,6 @@
 //! The registration: one call per stage.
 
-use super::carry::{Carried, Fitted, Through, carry_out};
+use super::carry::{Carried, Fitted, Through, Told, carry_out};
 use super::checks::{check_fraction, check_labels};
 use super::elements::images_pull;
 use super::fraction::Fraction;
@@ -8,10 +8,11 @@ use super::guides;
 use super::planning::{Patient, Planning, Resting, check_planning, skeleton_of};
 use super::region::cut;
 use super::{Case, FractionKind, Outcome, uncertainty};
-use crate::body::mr::{self, TissueScale};
+use crate::body::mr;
 use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
 use crate::evaluate::agreement;
+use crate::evaluate::uncertainty::{PlanningSide, UncertaintyReport};
 use crate::findings;
 use crate::fit::{
     BoneFit, BoneSamples, DeterminedBy, FitResult, FitStart, GivenMotion, Weighed, contradictions, fit_pose_weighed,
@@ -20,8 +21,9 @@ use crate::fit::{
 use crate::runtime::Runtime;
 use crate::skeleton::Skeleton;
 use crate::view::View;
+use crate::volume::{Spans, Volume, Window};
 use crate::warning::Warning;
-use std::borrow::Cow;
+use std::sync::Arc;
 
 /// Registers a case. With a region of interest the outcome lies on the grids of that part; [`register_fraction`] returns the part.
 ///
@@ -29,85 +31,83 @@ use std::borrow::Cow;
 /// [`Error::Input`] when the inputs do not fit each other, [`Error::Registration`] when the images share no anatomy.
 pub fn register(case: &Case, config: &Config, runtime: &Runtime) -> Result<Outcome> {
     check_fraction(&case.fraction.ct, config)?;
-    Ok(register_fraction(case, &Planning::new(&case.planning, config, runtime)?, config, runtime)?.0)
+    Ok(register_fraction(case, Planning::new(&case.planning, config, runtime)?, config, runtime)?.0)
 }
 
 /// Registers a case whose planning side was prepared with the same settings, alone or for another fraction; where they name a
-/// region, also returns the part of the case that was registered: everything lies on its grids.
+/// region, also returns the part of the case that was registered: everything lies on its grids. What no clone of the planning side
+/// needs any more is freed on the way.
 ///
 /// # Errors
 /// As [`register`].
 pub fn register_fraction(
     case: &Case,
-    planning: &Planning,
+    planning: Planning,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<(Outcome, Option<Case>)> {
     let odd = check_fraction(&case.fraction.ct, config)?;
-    let Patient { skeleton, body, warnings } = &planning.patient;
-    let (guides, left_out) = guides::paired(case, skeleton, config)?;
+    let Planning { patient: Patient { skeleton, body, warnings }, resting, samples } = planning;
+    let (guides, left_out) = guides::paired(case, &skeleton, config)?;
     let (placed, unlike) = match &case.fraction.bones {
-        None => placed(case, skeleton)?,
-        Some(_) => runtime.stage("lay labels on each other", || placed(case, skeleton))?,
+        None => placed(case, &skeleton)?,
+        Some(_) => runtime.stage("lay labels on each other", || placed(case, &skeleton))?,
     };
-    let drawn;
-    let samples = match (&planning.samples, &placed) {
+    let samples = match (samples, &placed) {
         // The settings would let landmarks alone place the bones, and there are none.
         (None, None) => {
-            drawn = BoneSamples::new(skeleton, &case.planning.ct, &case.planning.bones, &config.fit_options());
-            Some(&drawn)
+            let options = config.fit_options();
+            Some(BoneSamples::new(&skeleton, &case.planning.ct, &case.planning.bones, &options).into())
         }
-        (samples, _) => samples.as_ref(),
+        (samples, _) => samples,
     };
     // Grey values of an MR are brought to a scale on which air is told from the patient.
     let tissue = (config.fraction.modality == Modality::Mr).then(|| mr::tissue_scale(&case.fraction.ct)).transpose()?;
-    let (view, grey) = match &tissue {
-        Some(TissueScale { image, range }) => (View::of_ends(image), Some(*range)),
-        None => (View::of(&case.fraction.ct), None),
+    let (known, report, grey) = {
+        let (image, grey) = tissue.as_ref().map_or((&case.fraction.ct, None), |mr| (&mr.image, Some(mr.range)));
+        let view = if grey.is_some() { View::of_ends(image) } else { View::of(image) };
+        (view.known(image), view.report, grey)
     };
-    let known = view.known(tissue.as_ref().map_or(&case.fraction.ct, |mr| &mr.image));
-    let fit = || match (samples, &placed) {
+    let fit = || match (&samples, &placed) {
         (Some(samples), start) => {
             let start = match (start, case.fraction.start) {
                 (Some(placed), _) => FitStart::Placed(placed),
                 (None, Some(common)) => FitStart::Near(common),
                 (None, None) => FitStart::Search,
             };
-            fit_pose_weighed(skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
+            fit_pose_weighed(&skeleton, samples, &known, start, &config.fit_options(), runtime.progress())
         }
-        (None, Some(known)) => Ok((given(skeleton, known)?, Weighed::default())),
+        (None, Some(known)) => Ok((given(&skeleton, known)?, Weighed::default())),
         (None, None) => Err(Error::Internal("neither image nor landmarks place the bones".into())),
     };
     // An MR is shown and told of as one whether it pulls or not.
     let seen = || {
         (images_pull(config) || config.across() || !guides.is_empty())
-            .then(|| Fraction::new(Cow::Borrowed(&known), view.report.clone(), grey, config))
+            .then(|| Fraction::new(known.clone(), report.clone(), grey, config))
     };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
     let ((fit, weighed), mut fraction) = (fit?, fraction.transpose()?);
+    drop((samples, known));
     fraction.iter_mut().for_each(|fraction| fraction.guides.clone_from(&guides));
     let mislabelled = match (&placed, &case.fraction.bones) {
-        (Some(placed), Some(_)) => contradictions(skeleton, placed, &fit.transforms),
+        (Some(placed), Some(_)) => contradictions(&skeleton, placed, &fit.transforms),
         _ => Vec::new(),
     };
-    let warnings = [warnings, &odd, &left_out, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled]
+    let warnings = [&warnings, &odd, &left_out, &unlike, &fit.warnings, &fit_warnings(&fit), &mislabelled]
         .map(|w| w.as_slice())
         .concat();
     if config.region.is_some() {
-        let (part, body) = cut(case, skeleton, body, &fit, &config.region)?;
+        let (part, body) = cut(case, &skeleton, &body, &fit, &config.region)?;
         let fraction = fraction.map(|whole| whole.part(part.fraction.ct.grid()));
-        let resting = Resting::new(&part.planning, skeleton, &body, true, config, runtime)?;
-        let moved = Fitted { skeleton: skeleton.clone(), body, fit };
-        let ready = Ready { case: &part, resting: &resting, fraction: fraction.as_ref() };
-        let outcome = carried(ready, moved, warnings, config, runtime)?;
+        let resting = Resting::new(&part.planning, &skeleton, &body, true, config, runtime)?;
+        let ready = Ready { case: &part, resting, fraction };
+        let outcome = carried(ready, Fitted { skeleton, body, fit }, warnings, config, runtime)?;
         return Ok((Outcome { weighed, ..outcome }, Some(part)));
     }
-    let resting = planning.resting.as_ref();
     let resting = resting.ok_or_else(|| Error::Internal("the planning side was prepared for a region".into()))?;
-    let moved = Fitted { skeleton: skeleton.clone(), body: body.clone(), fit };
-    let ready = Ready { case, resting, fraction: fraction.as_ref() };
-    let outcome = carried(ready, moved, warnings, config, runtime)?;
+    let ready = Ready { case, resting, fraction };
+    let outcome = carried(ready, Fitted { skeleton, body, fit }, warnings, config, runtime)?;
     Ok((Outcome { weighed, ..outcome }, None))
 }
 
@@ -127,56 +127,69 @@ fn placed(case: &Case, skeleton: &Skeleton) -> Result<(Option<Vec<Option<GivenMo
 /// A case with what was made of both its sides before the bones' motion is carried out.
 struct Ready<'a> {
     case: &'a Case,
-    resting: &'a Resting,
+    resting: Resting,
     /// The patient in the fraction CT, where it is known.
-    fraction: Option<&'a Fraction<'a>>,
+    fraction: Option<Fraction<'a>>,
 }
 
 /// Carries the bones' motion out, by the images too where the patient in the fraction CT is given, with a map of how far the result may be trusted.
 fn carried(
     ready: Ready<'_>,
-    moved: Fitted,
+    mut moved: Fitted,
     warnings: Vec<Warning>,
     config: &Config,
     runtime: &Runtime,
 ) -> Result<Outcome> {
     let Ready { case, resting, fraction } = ready;
-    let through = Through::of(case, resting, fraction.filter(|f| images_pull(config) || !f.guides.is_empty()));
-    let mut moved = moved;
+    // What is needed of the fraction when its part in soft tissue is over.
+    let seen = fraction.as_ref().map(|f| f.ct.clone());
+    let mr = fraction.as_ref().and_then(|f| Some((f.mr?, f.view.clone())));
+    let through = Through::of(case, fraction.filter(|f| images_pull(config) || !f.guides.is_empty()));
     let open = moved.fit.open.take();
-    let Carried { mut outcome, shown } = carry_out(through, moved, warnings, config, runtime)?;
-    if let (None, Some(Fraction { mr: Some(mr), view, .. })) = (&outcome.kind, fraction) {
-        let kind = FractionKind { view: view.clone(), grey: None, corrected: false, misled: None, mr: Some(*mr) };
-        outcome.warnings.extend(kind.warnings());
-        outcome.kind = Some(kind);
+    let weighing =
+        resting.side.clone().map(|side| Weighing { side, window: config.refine.window(resting.lung.is_some()) });
+    let mut carried = carry_out(through, resting, moved, warnings, config, runtime)?;
+    let mut told = Told::default();
+    if let (None, Some((mr, view))) = (&carried.kind, mr) {
+        carried.kind = Some(FractionKind { view, grey: None, corrected: false, misled: None, mr: Some(mr) });
     }
-    if let Some(side) = &resting.side {
-        let seen = fraction.map_or(&case.fraction.ct, |f| &f.ct);
-        let map = runtime.stage("uncertainty", || {
-            let window = config.refine.window(resting.lung.is_some());
-            let of = |ct| uncertainty::side(ct, &case.planning.bones, &outcome.skeleton, &outcome.body, window);
-            let translated = shown.translated.as_ref().map(of).transpose()?;
-            let (bones_alone, misled) = (shown.alone.as_ref(), shown.misled.as_ref());
-            let images = uncertainty::Shown { fraction: seen, bones_alone, misled };
-            uncertainty::of(&case.planning, &outcome, translated.as_ref().unwrap_or(side), &resting.tissue, images)
-        })?;
-        outcome.uncertainty = Some(map);
-        outcome.posterior = Some(uncertainty::posterior(&outcome, open.as_ref()));
+    let fraction = seen.as_deref().unwrap_or(&case.fraction.ct);
+    if let Some(weighing) = weighing {
+        told.uncertainty = Some(runtime.stage("uncertainty", || weighing.of(case, &carried, fraction))?);
+        told.posterior = Some(uncertainty::posterior(&carried.fitted, open.as_ref()));
     }
     // One modality's grey values are no function of another's in every window.
-    if config.across() {
-        return Ok(outcome);
+    if !config.across() {
+        let compared = agreement::Images {
+            pull: &carried.pull.displacement,
+            planning: &case.planning.ct,
+            fraction,
+            body: &carried.fitted.body,
+            bones: Some(&case.planning.bones),
+            couch: carried.couch.shift(),
+        };
+        told.agreement = Some(runtime.stage("compare images", || agreement::evaluate(&compared)));
     }
-    let compared = agreement::Images {
-        pull: &outcome.pull.displacement,
-        planning: &case.planning.ct,
-        fraction: fraction.map_or(&case.fraction.ct, |f| &f.ct),
-        body: &outcome.body,
-        bones: Some(&case.planning.bones),
-        couch: outcome.couch.shift(),
-    };
-    outcome.agreement = Some(runtime.stage("compare images", || agreement::evaluate(&compared)));
-    Ok(outcome)
+    drop(seen);
+    carried.outcome(&case.planning, &case.fraction.landmarks, told, config, runtime)
+}
+
+/// What a map of uncertainty is made from before there is a fraction.
+struct Weighing {
+    side: Arc<PlanningSide>,
+    window: Window,
+}
+
+impl Weighing {
+    /// The map of a motion that a fraction shows.
+    fn of(self, case: &Case, carried: &Carried, seen: &Volume<f32>) -> Result<(Spans<f32>, UncertaintyReport)> {
+        let Carried { fitted, shown, .. } = carried;
+        let of = |ct| uncertainty::side(ct, &case.planning.bones, &fitted.skeleton, &fitted.body, self.window);
+        let translated = shown.translated.as_ref().map(of).transpose()?;
+        let (bones_alone, misled) = (shown.alone.as_ref(), shown.misled.as_ref());
+        let images = uncertainty::Shown { fraction: seen, bones_alone, misled };
+        uncertainty::of(&case.planning, carried, translated.as_ref().unwrap_or(&self.side), images)
+    }
 }
 
 /// Judges the inputs of a case by themselves and against each other, as [`register`] does before its long work; nothing is

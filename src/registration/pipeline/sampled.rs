@@ -25,8 +25,8 @@ pub fn correlation(outcome: &Outcome) -> Correlation {
 
 /// How much a registration deforms soft tissue of which something is known.
 fn strain(planning: &PlanningScan, outcome: &Outcome) -> Strain {
-    let bone = planning.bones.volume.data();
-    let known = |l: usize| outcome.uncertainty.as_ref().is_none_or(|(map, _)| map.data()[l] >= 0.0);
+    let (grid, bone) = (planning.bones.volume.grid(), planning.bones.volume.data());
+    let known = |l: usize| outcome.uncertainty.as_ref().is_none_or(|(map, _)| map.at(grid.voxel(l)) >= 0.0);
     let usual = if other(outcome) { Strain::USUAL_OTHER } else { Strain::USUAL_CT };
     Strain::of(&outcome.jacobian.to_volume(), usual, |l| outcome.body.data()[l] && bone[l] == 0 && known(l))
 }

@@ -1,6 +1,6 @@
 //! One stage of a study: the same bone motion, carried by another model.
 
-use super::carry::{Fitted, Through, carry_out};
+use super::carry::{Fitted, Through, Told, carry_out};
 use super::elements::images_pull;
 use super::fraction::Fraction;
 use super::planning::{Patient, Resting};
@@ -35,6 +35,7 @@ pub fn carry_again(case: &Case, fit: &FitResult, seen: bool, config: &Config, ru
     let fraction = wanted.then(|| runtime.stage("find the patient in the fraction", find)).transpose()?;
     let resting = Resting::new(&case.planning, &skeleton, &body, false, config, runtime)?;
     let fitted = Fitted { skeleton, body, fit: fit.clone() };
-    let through = Through::of(case, &resting, fraction.as_ref());
-    Ok(carry_out(through, fitted, warnings, config, runtime)?.outcome)
+    let through = Through::of(case, fraction);
+    let carried = carry_out(through, resting, fitted, warnings, config, runtime)?;
+    carried.outcome(&case.planning, &case.fraction.landmarks, Told::default(), config, runtime)
 }

@@ -1,14 +1,15 @@
 //! How far a registration may be trusted, place by place.
 
+use super::PlanningScan;
+use super::carry::{Carried, Fitted};
 use super::elements::bone_of_label;
-use super::{Outcome, PlanningScan};
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
 use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy, FitCurvature};
 use crate::sampling::{PosePosterior, PosedBone};
 use crate::skeleton::{Bone, Skeleton};
-use crate::volume::{LabelMap, Mask, Volume, Window};
+use crate::volume::{LabelMap, Mask, Spans, Volume, Window};
 use crate::warning::Warning;
 use std::collections::BTreeMap;
 
@@ -40,30 +41,31 @@ pub(super) struct Shown<'a> {
 /// The map of a registration.
 pub(super) fn of(
     planning: &PlanningScan,
-    outcome: &Outcome,
+    carried: &Carried,
     side: &PlanningSide,
-    tissue: &Mask,
     images: Shown<'_>,
-) -> Result<(Volume<f32>, UncertaintyReport)> {
-    let bone_mm = bone_mm(&outcome.skeleton.bones, &outcome.bone_fits);
+) -> Result<(Spans<f32>, UncertaintyReport)> {
+    let Carried { fitted, push, warnings, .. } = carried;
+    let bone_mm = bone_mm(&fitted.skeleton.bones, &fitted.fit.bones);
     uncertainty::map(&Evidence {
         side,
         fraction: images.fraction,
-        body: &outcome.body,
-        tissue,
+        body: &fitted.body,
+        planning: &planning.ct,
         bones: &planning.bones,
         bone_mm: &bone_mm,
-        push: &outcome.push,
-        doubt: doubt(&outcome.warnings),
+        push,
+        doubt: doubt(warnings),
         bones_alone: images.bones_alone,
         misled: images.misled,
     })
 }
 
 /// What the fit leaves open of the bones, as far as the map says; `open` is the curvature where it ended, if an image took part.
-pub(super) fn posterior(outcome: &Outcome, open: Option<&FitCurvature>) -> PosePosterior {
-    let known = bone_mm(&outcome.skeleton.bones, &outcome.bone_fits);
-    let fits = outcome.skeleton.bones.iter().zip(&outcome.bone_fits).enumerate();
+pub(super) fn posterior(fitted: &Fitted, open: Option<&FitCurvature>) -> PosePosterior {
+    let (bones, fits) = (&fitted.skeleton.bones, &fitted.fit.bones);
+    let known = bone_mm(bones, fits);
+    let fits = bones.iter().zip(fits).enumerate();
     let bone = |(n, (bone, fit)): (usize, (&Bone, &BoneFit))| {
         let centre = open.and_then(|open| open.centres.get(n)).unwrap_or(&bone.centroid);
         let radius = open.and_then(|open| open.radii.get(n)).copied();

@@ -177,7 +177,7 @@ impl Session {
         runtime: &Runtime,
         mut each: impl FnMut(Registered) -> Result<()> + Send,
     ) -> Result<()> {
-        let mut planning = None;
+        let mut planning: Option<Planning> = None;
         let mut next = self.ahead.take();
         let mut n = 0;
         while let Some(Ahead { name, read }) = next {
@@ -189,12 +189,14 @@ impl Session {
             }
             let (fraction, of_fraction) = runtime.stage("read the fraction", || read)?;
             check_fraction(&fraction.ct, &self.config)?;
-            let planning = match &planning {
+            let prepared = match planning.take() {
                 Some(planning) => planning,
-                None => planning.insert(Planning::new(&self.scan, &self.config, runtime)?),
+                None => Planning::new(&self.scan, &self.config, runtime)?,
             };
+            // The last fraction lets go of the planning side on its way.
+            planning = (!self.fractions.as_slice().is_empty()).then(|| prepared.clone());
             let case = Case { planning: Arc::clone(&self.scan), fraction };
-            let (outcome, part) = register_fraction(&case, planning, &self.config, runtime)?;
+            let (outcome, part) = register_fraction(&case, prepared, &self.config, runtime)?;
             let mut provenance = self.provenance.clone();
             provenance.extend(of_fraction);
             if self.clinic.is_none() && !self.same_frame {

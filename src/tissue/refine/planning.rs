@@ -29,8 +29,8 @@ pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vect
 /// A CT in the window inside the patient; outside the window's lower edge.
 pub(super) struct Windowed {
     image: Volume<f32>,
-    /// Whether it has values that are no number.
-    holes: bool,
+    /// Which of its planes have values that are no number; empty where none has.
+    holes: Vec<bool>,
 }
 
 /// Least share of a blur that must be known.
@@ -42,7 +42,11 @@ impl Windowed {
     pub(super) fn new(ct: &Volume<f32>, body: &Mask, window: Window) -> Self {
         let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
         let data: Vec<f32> = ct.data().par_iter().zip(body.data()).map(at).collect();
-        let holes = data.par_iter().any(|v| v.is_nan());
+        let plane = ct.grid().strides()[2].max(1);
+        let mut holes: Vec<bool> = data.par_chunks(plane).map(|plane| plane.iter().any(|v| v.is_nan())).collect();
+        if !holes.contains(&true) {
+            holes.clear();
+        }
         Self { image: Volume::new(ct.grid().clone(), data).expect("one value per voxel"), holes }
     }
 
@@ -58,7 +62,7 @@ impl Windowed {
 
     /// Blurred by `sigma` mm over its known values; no number where too few of them are near.
     pub(super) fn blurred(&self, sigma: f64) -> Volume<f32> {
-        if !self.holes {
+        if self.holes.is_empty() {
             return gaussian(&self.image, sigma);
         }
         let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
@@ -68,6 +72,7 @@ impl Windowed {
             &Counted { image: &self.image, value },
             &Counted { image: &self.image, value: known },
             sigma,
+            |k| !self.holes[k],
             mean,
         )
     }

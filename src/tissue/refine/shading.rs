@@ -171,7 +171,13 @@ fn smooth(grid: &Grid, pairs: &[Pair], values: impl Iterator<Item = f64>, weight
     }
     // A little of nothing everywhere: far from all pairs the mean holds.
     let (sum, count) = [sum, count].map(|v| Volume::new(grid.clone(), v).expect("one value per voxel")).into();
-    gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&count), WIDE_MM, |sum, count| sum / (count + 1e-4))
+    gaussian_ratio(
+        &Counted::whole(&sum),
+        &Counted::whole(&count),
+        WIDE_MM,
+        |_| false,
+        |sum, count| sum / (count + 1e-4),
+    )
 }
 
 /// The value of the nearest place of a coarse volume's hull, trilinear.

@@ -50,7 +50,8 @@ pub(super) fn ways(push: &PushField, pull: &PullField, spared: &Mask, least: f64
     let along: Vector3<f64> = fraction.inverse_step() * planning.step().column(0);
     let (u, computed, spared) = (push.displacement.data(), push.computed.data(), spared.data());
     let of_plane = |&k: &usize| {
-        let mut ways = Ways::default();
+        let counted = computed[nx * ny * k..][..nx * ny].iter().filter(|c| **c).count();
+        let mut ways = Ways { lengths: Vec::with_capacity(counted), far: Vec::new() };
         for j in 0..ny {
             let row = planning.linear([0, j, k]);
             let start = fraction.index(&planning.centre([0, j, k]));

@@ -3,7 +3,7 @@
 
 use crate::error::Result;
 use crate::geometry::Grid;
-use crate::volume::{Volume, trilinear};
+use crate::volume::{Spans, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -205,6 +205,11 @@ impl PageGrid {
     /// The labels of a map on the scan's grid.
     pub fn labels(&self, map: &Volume<u16>) -> Vec<i32> {
         self.each(|voxel| self.place(voxel).map_or(0, |n| i32::from(map.data()[n])))
+    }
+
+    /// The same of labels that are held in spans.
+    pub fn labels_held(&self, map: &Spans<u16>) -> Vec<i32> {
+        self.each(|voxel| self.place(voxel).map_or(0, |n| i32::from(map.at(map.grid().voxel(n)))))
     }
 
     /// The labels of a map on any grid, moved by `shift`.

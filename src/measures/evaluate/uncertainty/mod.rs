@@ -15,13 +15,15 @@ mod side;
 
 pub use side::PlanningSide;
 
+use super::jacobian::TISSUE_HU;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::stats::Summary;
-use crate::volume::{LabelMap, Mask, Volume, axis_pairs};
+use crate::volume::{LabelMap, Mask, Spans, Volume, axis_pairs};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// What the map says in short.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -46,8 +48,8 @@ pub struct Evidence<'a> {
     pub fraction: &'a Volume<f32>,
     /// The patient in the planning CT.
     pub body: &'a Mask,
-    /// Voxels that count as tissue, on the planning grid.
-    pub tissue: &'a Mask,
+    /// The planning CT, HU: what of the patient is denser than [`TISSUE_HU`] counts as tissue.
+    pub planning: &'a Volume<f32>,
     /// Bone labels.
     pub bones: &'a LabelMap,
     /// Standard deviation of each bone's position, mm, by its label.
@@ -81,7 +83,7 @@ const AT_BONE_MM: f64 = 5.0;
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
-pub fn map(e: &Evidence<'_>) -> Result<(Volume<f32>, UncertaintyReport)> {
+pub fn map(e: &Evidence<'_>) -> Result<(Spans<f32>, UncertaintyReport)> {
     let side = e.side;
     let seen = e.bones_alone.map(|alone| seen::seen(e, alone)).transpose()?;
     let bone_mm = |label: u16| e.bone_mm.get(&label).copied().unwrap_or(0.0);
@@ -114,38 +116,39 @@ struct Plane {
 /// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient nothing is known.
 ///
 /// Trilinear: between rows of the coarse grid first, so that a voxel costs one step along its row.
-fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, UncertaintyReport) {
+fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Spans<f32>, UncertaintyReport) {
     let (grid, nodes) = (e.body.grid(), &e.side.grid);
-    let ([ni, nj, nk], size) = (grid.size(), nodes.size());
+    let ([ni, nj, _], size) = (grid.size(), nodes.size());
     let axes = axis_pairs(nodes, grid);
     let mut bone_mm = vec![None; usize::from(u16::MAX) + 1];
     e.bone_mm.iter().for_each(|(label, mm)| bone_mm[usize::from(*label)] = Some(*mm as f32));
     let row = |j: usize, k: usize| &coarse[nodes.linear([0, j, k])..][..size[0]];
     let mix = |a: f32, b: f32, t: f64| a * (1.0 - t as f32) + b * t as f32;
     let nearest = |(low, high, way): (usize, usize, f64)| if way < 0.5 { low } else { high };
-    let mut out = vec![UNKNOWN; grid.len()];
-    let mut planes: Vec<Plane> = Vec::new();
-    planes.resize_with(nk, Plane::default);
-    out.par_chunks_mut(ni * nj).zip(&mut planes).enumerate().for_each_init(Vec::new, |line, (k, (out, plane))| {
-        for (j, out) in out.chunks_mut(ni).enumerate() {
+    let spans: Vec<_> = e.body.data().par_chunks(ni).map(patient).collect();
+    let (map, planes) = Spans::by_planes(grid.clone(), UNKNOWN, &spans, Vec::new, |line, k, mut rest| {
+        let mut plane = Plane { values: Vec::with_capacity(rest.len()), ..Plane::default() };
+        for (j, span) in spans[nj * k..nj * (k + 1)].iter().enumerate().filter(|(_, span)| !span.is_empty()) {
             let first = grid.linear([0, j, k]);
-            let body = &e.body.data()[first..][..ni];
-            if !body.contains(&true) {
-                continue;
-            }
             let ((j0, j1, tj), (k0, k1, tk)) = (axes[1][j], axes[2][k]);
             let (a, b, c, d) = (row(j0, k0), row(j1, k0), row(j0, k1), row(j1, k1));
             line.clear();
             line.extend((0..size[0]).map(|n| mix(mix(a[n], b[n], tj), mix(c[n], d[n], tj), tk)));
             let heard = &speaks[nodes.linear([0, nearest(axes[1][j]), nearest(axes[2][k])])..][..size[0]];
-            for (i, value) in out.iter_mut().enumerate().filter(|(i, _)| body[*i]) {
+            let out;
+            (out, rest) = rest.split_at_mut(span.len());
+            for (value, i) in out.iter_mut().zip(span.clone()) {
+                if !e.body.data()[first + i] {
+                    *value = UNKNOWN;
+                    continue;
+                }
                 if let Some(mm) = bone_mm[usize::from(e.bones.volume.data()[first + i])] {
                     *value = told(mm);
                     continue;
                 }
                 let (low, high, way) = axes[0][i];
                 *value = told(mix(line[low], line[high], way));
-                if e.tissue.data()[first + i] {
+                if e.planning.data()[first + i] > TISSUE_HU {
                     plane.values.push(*value);
                     plane.silent += usize::from(!heard[nearest(axes[0][i])]);
                     plane.above += usize::from(*value > 2.0);
@@ -153,9 +156,15 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Volume<f32>, Unce
                 }
             }
         }
+        plane
     });
-    let map = Volume::new(grid.clone(), out).expect("one value per voxel");
     (map, report(&planes, grid.voxel_volume()))
+}
+
+/// From the first to the last voxel of a row of the patient.
+fn patient(row: &[bool]) -> Range<usize> {
+    let first = row.iter().position(|set| *set);
+    first.map_or(0..0, |first| first..row.iter().rposition(|set| *set).map_or(first, |last| last + 1))
 }
 
 fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {
@@ -185,22 +194,22 @@ mod tests {
 
     /// A box of tissue with stripes in its left half and nothing in its right half; a bone in the middle. The fraction is the
     /// same, shifted by `error` beyond what the field says, and shows only z < 60.
-    fn scene(error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
+    fn scene(error: f64, images: bool) -> (Spans<f32>, UncertaintyReport) {
         beside(0.25, error, images)
     }
 
     /// The same, where the bone is known to so many mm.
-    fn beside(bone_mm: f64, error: f64, images: bool) -> (Volume<f32>, UncertaintyReport) {
+    fn beside(bone_mm: f64, error: f64, images: bool) -> (Spans<f32>, UncertaintyReport) {
         doubted(bone_mm, error, images, 1.0)
     }
 
     /// The same of a run that is doubted as a whole by this factor.
-    fn doubted(bone_mm: f64, error: f64, images: bool, doubt: f64) -> (Volume<f32>, UncertaintyReport) {
+    fn doubted(bone_mm: f64, error: f64, images: bool, doubt: f64) -> (Spans<f32>, UncertaintyReport) {
         among(&BTreeMap::from([(5, bone_mm)]), error, images, doubt)
     }
 
     /// The same with these bones: 5 in the middle, 6 above it where it is named.
-    fn among(bone_mm: &BTreeMap<u16, f64>, error: f64, images: bool, doubt: f64) -> (Volume<f32>, UncertaintyReport) {
+    fn among(bone_mm: &BTreeMap<u16, f64>, error: f64, images: bool, doubt: f64) -> (Spans<f32>, UncertaintyReport) {
         let grid = Grid::axis_aligned([40, 30, 40], [3.0, 3.0, 2.0], [0.0; 3]).unwrap();
         let seen = Grid::axis_aligned([50, 40, 31], [3.0, 3.0, 2.0], [-12.0, -12.0, 0.0]).unwrap();
         let inside = |p: &Point3<f64>| p.x > 6.0 && p.x < 110.0 && p.y > 6.0 && p.y < 80.0;
@@ -228,7 +237,7 @@ mod tests {
             side: &side,
             fraction: &fraction,
             body: &body,
-            tissue: &body,
+            planning: &planning,
             bones: &bones,
             bone_mm,
             push: &push,
@@ -242,7 +251,7 @@ mod tests {
     #[test]
     fn mismatch_raises_it_and_views_and_bones_keep_their_own() {
         let ((good, report), (bad, _)) = (scene(0.0, true), scene(2.0, true));
-        let at = |m: &Volume<f32>, v: [usize; 3]| *m.at(v);
+        let at = |m: &Spans<f32>, v: [usize; 3]| m.at(v);
         let stripes = [10, 20, 12];
         // A grey value offset alone is no mismatch: 0.5 (1.1 * 0.1^2)^(1/3), and a little for partial volume.
         assert!((0.11..0.4).contains(&at(&good, stripes)), "{}", at(&good, stripes));
@@ -307,7 +316,7 @@ mod tests {
             side: &side,
             fraction: &planning,
             body: &all,
-            tissue: &all,
+            planning: &planning,
             bones: &bones,
             bone_mm: &BTreeMap::from([(1, 0.1)]),
             push: &push,

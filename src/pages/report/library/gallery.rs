@@ -191,7 +191,7 @@ mod tests {
         assert_eq!(gallery.shown().unwrap().len(), 3);
         assert_eq!(gallery.thumbnails.len(), 1);
         // Of a moved posture some outline is orange where planning has none.
-        gallery.add("posture_002", &outcome.planning_on_fraction, &outcome.bones_on_fraction).unwrap();
+        gallery.add("posture_002", &outcome.planning_on_fraction, &outcome.bones_on_fraction.to_map()).unwrap();
         let canvas = &gallery.views[0].overlay;
         let orange = (0..canvas.width() * canvas.height())
             .map(|n| canvas.pixel(n % canvas.width(), n / canvas.width()))

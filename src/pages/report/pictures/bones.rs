@@ -4,7 +4,7 @@ use super::super::canvas::{Canvas, Rgb};
 use super::super::plane::Plane;
 use super::PictureScene;
 use super::legend::Legend;
-use crate::volume::Volume;
+use crate::geometry::Grid;
 use nalgebra::Vector3;
 
 /// Planning's bones where they were.
@@ -24,14 +24,10 @@ pub(super) fn outlines(scene: &PictureScene<'_>, plane: &Plane, picture: &mut Ca
 
 /// The same with planning's bones moved by `shift` before.
 pub(super) fn outlines_at(scene: &PictureScene<'_>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas) {
-    outline(&scene.case.planning.bones.volume, plane, shift, picture, BonePen { colour: BEFORE, width: WIDTHS[0] });
-    outline(
-        &scene.outcome.bones_on_fraction.volume,
-        plane,
-        &Vector3::zeros(),
-        picture,
-        BonePen { colour: AFTER, width: WIDTHS[1] },
-    );
+    let (before, after) = (&scene.case.planning.bones.volume, &scene.outcome.bones_on_fraction.volume);
+    let [thick, thin] = [(BEFORE, WIDTHS[0]), (AFTER, WIDTHS[1])].map(|(colour, width)| BonePen { colour, width });
+    outline(before.grid(), |voxel| *before.at(voxel), plane, shift, picture, thick);
+    outline(after.grid(), |voxel| after.at(voxel), plane, &Vector3::zeros(), picture, thin);
 }
 
 /// What the lines mean.
@@ -50,13 +46,20 @@ struct BonePen {
 
 /// The borders between labels, with corners cut: from the middles between unequal neighbours of a
 /// lattice.
-fn outline(labels: &Volume<u16>, plane: &Plane, shift: &Vector3<f64>, picture: &mut Canvas, pen: BonePen) {
-    let spacing = labels.grid().spacing().into_iter().fold(f64::INFINITY, f64::min).max(FINEST_MM);
+fn outline(
+    grid: &Grid,
+    at: impl Fn([usize; 3]) -> u16,
+    plane: &Plane,
+    shift: &Vector3<f64>,
+    picture: &mut Canvas,
+    pen: BonePen,
+) {
+    let spacing = grid.spacing().into_iter().fold(f64::INFINITY, f64::min).max(FINEST_MM);
     let step = spacing * plane.scale;
     let [wide, high] = [plane.width, plane.height].map(|n| (n as f64 / step) as usize + 1);
     let label = |n: usize| {
         let p = plane.world((n % wide) as f64 * step, (n / wide) as f64 * step) - shift;
-        labels.grid().voxel_at(&p).map_or(0, |voxel| *labels.at(voxel))
+        grid.voxel_at(&p).map_or(0, &at)
     };
     let own: Vec<u16> = (0..wide * high).map(label).collect();
     for j in 0..high.saturating_sub(1) {
@@ -90,6 +93,7 @@ fn outline(labels: &Volume<u16>, plane: &Plane, shift: &Vector3<f64>, picture: &
 mod tests {
     use super::super::super::example;
     use super::*;
+    use crate::volume::Volume;
 
     #[test]
     fn bones_are_outlined_where_they_were_and_where_they_are() {
@@ -119,7 +123,7 @@ mod tests {
         };
         // Where a bone stays, the line of before lies below that of after.
         for (map, colour, share) in
-            [(&outcome.bones_on_fraction.volume, AFTER, 0.9), (&case.planning.bones.volume, BEFORE, 0.5)]
+            [(&outcome.bones_on_fraction.to_map().volume, AFTER, 0.9), (&case.planning.bones.volume, BEFORE, 0.5)]
         {
             let (border, hit) = near(map, colour);
             assert!(border > 50 && hit as f64 >= share * border as f64, "{border} {hit}");

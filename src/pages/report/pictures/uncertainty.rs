@@ -2,11 +2,11 @@
 
 use super::super::canvas::{Rgb, mix};
 use super::super::colour::{grey, heat, tone};
-use super::super::plane::nearest;
+use super::super::plane::{nearest, nearest_held};
 use super::displacement::short;
 use super::legend::sheet;
 use super::{PictureScene, Plate};
-use crate::volume::Volume;
+use crate::volume::Spans;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -25,8 +25,8 @@ const MARKS_MM: [f64; 4] = [0.0, 2.0, 3.0, TOP_MM];
 const COVER: [f64; 2] = [0.15, 0.8];
 
 /// Upper end of the scale for the map, and its greatest value, mm.
-pub(in crate::report) fn scale(map: &Volume<f32>) -> [f64; 2] {
-    let greatest = map.data().par_iter().copied().reduce(|| 0.0, f32::max);
+pub(in crate::report) fn scale(map: &Spans<f32>) -> [f64; 2] {
+    let greatest = map.held().par_iter().copied().reduce(|| 0.0, f32::max);
     [TOP_MM, f64::from(greatest)]
 }
 
@@ -37,13 +37,13 @@ fn over(mm: f64, tone: f64) -> Rgb {
 }
 
 /// The map in the planes of the planning CT.
-pub(super) fn draw(scene: &PictureScene<'_>, map: &Volume<f32>) -> Plate {
+pub(super) fn draw(scene: &PictureScene<'_>, map: &Spans<f32>) -> Plate {
     let [_, greatest] = scale(map);
     let colour = |p: Point3<f64>, hu: f32| {
         if !nearest(&scene.outcome.body, &p).unwrap_or(false) {
             return BACKDROP;
         }
-        match nearest(map, &p) {
+        match nearest_held(map, &p) {
             Some(mm) if mm >= 0.0 => over(f64::from(mm), tone(f64::from(hu))),
             _ => NOT_KNOWN,
         }
@@ -70,6 +70,7 @@ pub(super) fn draw(scene: &PictureScene<'_>, map: &Volume<f32>) -> Plate {
 mod tests {
     use super::super::super::example;
     use super::*;
+    use crate::volume::Volume;
 
     #[test]
     fn the_scale_is_one_for_all_runs_and_the_greatest_is_told() {
@@ -79,7 +80,7 @@ mod tests {
             n if n < 500 => -1.0,
             _ => 0.7,
         });
-        let [top, greatest] = scale(&map);
+        let [top, greatest] = scale(&Spans::of_volume(&map));
         assert!((top - 6.0).abs() < 1e-6 && (greatest - 25.0).abs() < 1e-9, "{top} {greatest}");
     }
 
@@ -89,7 +90,7 @@ mod tests {
         let grid = outcome.jacobian.grid().clone();
         let map = Volume::from_fn(grid.clone(), |l| if grid.centre(grid.voxel(l)).x > 0.0 { 2.8 } else { 0.2 });
         let scene = PictureScene::new(&case, &outcome);
-        let plate = draw(&scene, &map);
+        let plate = draw(&scene, &Spans::of_volume(&map));
         let axial = &scene.planning[0];
         let left = (super::super::super::plane::WIDTH - axial.width) / 2;
         let pixel = |x: f64| {

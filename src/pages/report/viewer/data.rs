@@ -1,7 +1,7 @@
 //! What the page's script needs of a run: volumes, packed, and what is told of places.
 
 use super::super::pictures::uncertainty;
-use super::super::plane::{cell_at, nearest};
+use super::super::plane::{cell_at, nearest, nearest_held};
 use super::places::{ViewerPlace, bones, landmarks, places, start};
 use super::structures;
 use crate::error::Result;
@@ -119,7 +119,7 @@ fn embed_on(
         ("deformed", Box::new(|| page.hu(&outcome.planning_on_fraction))),
         ("planning", Box::new(|| page.hu_between(&case.planning.ct, &shift))),
         ("bones_before", Box::new(|| page.labels_moved(&case.planning.bones.volume, &shift))),
-        ("bones_after", Box::new(|| page.labels(&outcome.bones_on_fraction.volume))),
+        ("bones_after", Box::new(|| page.labels_held(&outcome.bones_on_fraction.volume))),
     ];
     let (volumes, (maps, top)) = rayon::join(
         || {
@@ -190,7 +190,7 @@ fn maps(
         }
         let [x, y, z] = v.map(|c| count(f64::from(c), steps.displacement));
         let j = cell_at(&outcome.jacobian, &from).map_or(1.0, f64::from);
-        let mm = unsure.and_then(|map| nearest(map, &from)).filter(|mm| *mm >= 0.0);
+        let mm = unsure.and_then(|map| nearest_held(map, &from)).filter(|mm| *mm >= 0.0);
         [
             x,
             y,

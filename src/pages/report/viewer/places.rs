@@ -107,8 +107,13 @@ fn middle_voxel(mask: &Mask) -> Option<Point3<f64>> {
 /// The greatest uncertainty that is known, mm, and where.
 fn least_certain(outcome: &Outcome) -> Option<(f32, Point3<f64>)> {
     let (map, _) = outcome.uncertainty.as_ref()?;
-    let (n, mm) = map.data().iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
-    let at = pushed(outcome, &map.grid().centre(map.grid().voxel(n)))?;
+    let [_, nj, nk] = map.grid().size();
+    let of_row = |row: usize| {
+        let (span, values) = map.row(row);
+        span.zip(values).map(move |(i, mm)| ([i, row % nj, row / nj], mm))
+    };
+    let (voxel, mm) = (0..nj * nk).flat_map(of_row).max_by(|a, b| a.1.total_cmp(b.1))?;
+    let at = pushed(outcome, &map.grid().centre(voxel))?;
     (*mm > 0.0).then_some((*mm, at))
 }
 

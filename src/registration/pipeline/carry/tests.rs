@@ -36,9 +36,11 @@ fn a_patient_moved_as_a_whole_is_found_where_he_lies() {
         mr: None,
         guides: Vec::new(),
     };
-    let through = Through { scan: &scan, resting: &resting, landmarks: &[], target: ct.grid(), fraction: Some(&there) };
+    let through = Through { scan: &scan, target: ct.grid(), fraction: Some(there) };
     let fitted = Fitted { skeleton: small::skeleton(), body: small::body(), fit: small::fit([whole; 2], whole) };
-    let Carried { outcome, shown } = carry_out(through, fitted, Vec::new(), &config, &runtime).unwrap();
+    let mut carried = carry_out(through, resting, fitted, Vec::new(), &config, &runtime).unwrap();
+    let shown = std::mem::take(&mut carried.shown);
+    let outcome = carried.outcome(&scan, &[], Told::default(), &config, &runtime).unwrap();
     let (push, pull) = (&outcome.push.displacement, &outcome.pull.displacement);
     assert!(off(push, &shift, |_| true) < 0.02 && off(pull, &-shift, |_| true) < 0.02);
     // So it is by the bones alone: what images tell is measured against that, in the fraction's frame.
@@ -91,12 +93,12 @@ fn the_patient_is_found_again_in_grey_values_that_were_corrected() {
     };
     let ct = Volume::from_fn(grid.clone(), shaded);
     let there = Fraction { ct: Cow::Borrowed(&ct), body, view: ViewReport::default(), mr: None, guides: Vec::new() };
-    let through = Through { scan: &scan, resting: &resting, landmarks: &[], target: &grid, fraction: Some(&there) };
+    let through = Through { scan: &scan, target: &grid, fraction: Some(there) };
     let still = Rigid::identity();
     let fitted = Fitted { skeleton: small::skeleton(), body: small::body(), fit: small::fit([still; 2], still) };
-    let Carried { outcome, .. } = carry_out(through, fitted, Vec::new(), &config, &runtime).unwrap();
-    let kind = outcome.kind.unwrap();
+    let carried = carry_out(through, resting, fitted, Vec::new(), &config, &runtime).unwrap();
+    let kind = carried.kind.unwrap();
     assert!(kind.corrected, "{:?}", kind.grey);
-    let moved = off(&outcome.push.displacement, &Vector3::zeros(), |_| true);
+    let moved = off(&carried.push.displacement, &Vector3::zeros(), |_| true);
     assert!(moved < 1.0, "{moved} mm");
 }

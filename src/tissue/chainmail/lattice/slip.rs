@@ -104,7 +104,7 @@ impl Slip {
         let (share, known): (Volume<f32>, Volume<f32>) = (volume(share), volume(known));
         let edge = grid.mean_edge();
         let ratio = |sum: f32, known: f32| if known > 1e-3 { sum / known } else { 0.0 };
-        let smooth = gaussian_ratio(&Counted::whole(&share), &Counted::whole(&known), SMOOTH * edge, ratio);
+        let smooth = gaussian_ratio(&Counted::whole(&share), &Counted::whole(&known), SMOOTH * edge, |_| false, ratio);
         let (size, strides) = (grid.size(), grid.strides());
         let turn = grid.inverse_step().transpose();
         let normal = (0..grid.len()).into_par_iter().map(|n| {
