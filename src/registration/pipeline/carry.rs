@@ -257,19 +257,20 @@ impl Carried {
     ) -> Result<Outcome> {
         let target = self.pull.displacement.grid().clone();
         let (fitted, push, by) = (&self.fitted, &self.push, self.by);
+        let drawn_mm = by.drawn_mm;
         let judged = runtime.stage("evaluate", || Judged::of(scan, (landmarks, &target), by, fitted, push));
         self.inverse.multiple = judged.multiple;
         let (first, images) = (self.shown.first.as_ref(), &self.shown.beside);
         let guides = GuidedField::all(first, &push.displacement, &judged.jacobian, &self.guides, images);
         let volume_changes = reached(&scan.bones, &judged.jacobian, config);
-        let coarsest = [scan.ct.grid(), &target].map(coarsest);
+        let coarsest = coarsest(scan.ct.grid()).max(coarsest(&target));
         let shift = self.couch.shift();
         let found = [
             self.kind.as_ref().map(FractionKind::warnings).unwrap_or_default(),
             field_warnings(push, &judged.jacobian_report, &self.inverse),
-            contact::warnings(&judged.contact, coarsest[0]),
+            contact::warnings(&judged.contact, drawn_mm),
             volume_changes.iter().filter_map(missed).collect(),
-            guides::warnings(&guides, coarsest[0].max(coarsest[1])),
+            guides::warnings(&guides, coarsest),
             judged.of_landmarks(landmarks, push, &shift),
         ];
         let carried = runtime.stage("resample", || resampled(scan, push, &self.pull, config))?;
@@ -350,7 +351,7 @@ impl Judged {
         push: &PushField,
     ) -> Self {
         let Fitted { skeleton, body, fit } = fitted;
-        let Judging { bones, cells, jumps } = by;
+        let Judging { bones, cells, jumps, .. } = by;
         let figures = || {
             let (jacobian, report) = evaluate::jacobian::evaluate(push, &cells);
             let rigidity = evaluate::rigidity::evaluate(push, &scan.bones, &skeleton.labels_and_names());

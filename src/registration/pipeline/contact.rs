@@ -41,12 +41,12 @@ pub(super) fn measure(
     (report, skin)
 }
 
-/// Overlaps deeper than this are warned of, mm. `voxel` is the planning grid's largest voxel edge, mm.
+/// Overlaps deeper than this are warned of, mm. `voxel` is the longest edge of the voxels that the labels were drawn on, mm.
 pub(super) fn least_depth(voxel: f64) -> f64 {
     DEPTH_MM.max(0.5 * voxel)
 }
 
-/// What of it deserves a warning. `voxel` is the planning grid's largest voxel edge, mm.
+/// What of it deserves a warning. `voxel` is the longest edge of the voxels that the labels were drawn on, mm.
 pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
     let mut out = Vec::new();
     let limit = least_depth(voxel);

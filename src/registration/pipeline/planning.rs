@@ -77,6 +77,8 @@ impl Patient {
 pub(super) struct Resting {
     /// The bones' surfaces.
     pub(super) bones: Arc<RestingBones>,
+    /// The longest edge of the voxels that the labels were drawn on, mm.
+    pub(super) drawn_mm: f64,
     /// The chain mail; `None` where another model carries the motion.
     pub(super) chain_mail: Option<Arc<ChainMail>>,
     /// What its elements show in the planning CT.
@@ -130,7 +132,10 @@ impl Resting {
             let window = config.refine.window(lung.is_some());
             let side =
                 || mapped.then(|| uncertainty::side(&planning.ct, &planning.bones, skeleton, body, window)).transpose();
-            let bones = || contact::resting(&planning.bones, skeleton);
+            let bones = || {
+                let drawn = planning.bones.drawn_spacing().into_iter().fold(0.0, f64::max);
+                (contact::resting(&planning.bones, skeleton), drawn)
+            };
             let cells = || {
                 let tissue = evaluate::jacobian::tissue(body, &planning.ct);
                 let rigid = skeleton.labels_and_names();
@@ -156,10 +161,11 @@ impl Resting {
                 })
             };
             let bones = || rayon::join(bones, contact);
-            let (((bones, beside_contact), side), (cells, chain_mail)) =
+            let ((((bones, drawn_mm), beside_contact), side), (cells, chain_mail)) =
                 rayon::join(|| rayon::join(bones, side), || rayon::join(cells, chain_mail));
             Ok(Self {
                 bones: bones.into(),
+                drawn_mm,
                 chain_mail: chain_mail?.map(Arc::new),
                 samples: Arc::default(),
                 lung,
@@ -181,13 +187,14 @@ impl Resting {
 
     /// What fields are judged by; lets go of the rest.
     pub(super) fn judging(self) -> Judging {
-        Judging { bones: self.bones, cells: self.cells, jumps: self.jumps }
+        Judging { bones: self.bones, drawn_mm: self.drawn_mm, cells: self.cells, jumps: self.jumps }
     }
 }
 
 /// What fields are judged by: of [`Resting`].
 pub(super) struct Judging {
     pub(super) bones: Arc<RestingBones>,
+    pub(super) drawn_mm: f64,
     pub(super) cells: Arc<CellKinds>,
     pub(super) jumps: Option<Mask>,
 }

@@ -104,7 +104,7 @@ impl Posing {
 
     /// Why bones in contact are implausible; nothing where they are not.
     pub fn why_of_bones(&self, contact: &ContactReport, limits: &Limits) -> Vec<String> {
-        let voxel = self.planning.ct.grid().spacing().into_iter().fold(0.0, f64::max);
+        let voxel = self.resting.drawn_mm;
         let deepest = limits.overlap_mm.unwrap_or_else(|| contact::least_depth(voxel));
         let deep = contact.overlaps.iter().filter(|o| o.depth_mm > deepest);
         let mut why: Vec<String> =
