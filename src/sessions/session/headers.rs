@@ -38,9 +38,9 @@ pub fn judge(side: &PlanningSources, fractions: &[FractionSources], config: &Con
     for one in fractions {
         let fraction = grid_of(&one.ct)?;
         check_size("fraction CT", &fraction)?;
-        expected = expected.max(memory_estimate(&planning, &fraction, config));
+        expected = expected.max(memory_estimate(&planning, &fraction, fractions.len() > 1, config));
     }
-    Ok(if fractions.is_empty() { memory_estimate(&planning, &planning, config) } else { expected })
+    Ok(if fractions.is_empty() { memory_estimate(&planning, &planning, false, config) } else { expected })
 }
 
 /// What made the planning scan: what a DICOM series says of itself, else what is `told`, else a CT.
