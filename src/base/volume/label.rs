@@ -69,7 +69,8 @@ impl LabelMap {
     }
 
     /// Edges of the voxels that the labels were drawn on, as far as they show, mm: on a finer grid nearest neighbours repeat planes,
-    /// each as often as the others or once more. That is no more than [`MOST_REPEATS`] times; else these are the grid's edges.
+    /// each as often as the others or once more. Planes that are alike more than four times are a shape, and the grid's
+    /// edges count.
     pub fn drawn_spacing(&self) -> [f64; 3] {
         let (grid, changes) = (self.volume.grid(), self.changes());
         std::array::from_fn(|a| {

@@ -122,9 +122,9 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
         };
         let spans: Vec<_> = volume.data().par_chunks(ni).map(span).collect();
         let fill = |(): &mut (), k: usize, mut plane: &mut [T]| {
-            for row in nj * k..nj * (k + 1) {
-                let (to, rest) = plane.split_at_mut(spans[row].len());
-                to.copy_from_slice(&volume.data()[ni * row..][spans[row].clone()]);
+            for (row, span) in spans.iter().enumerate().skip(nj * k).take(nj) {
+                let (to, rest) = plane.split_at_mut(span.len());
+                to.copy_from_slice(&volume.data()[ni * row..][span.clone()]);
                 plane = rest;
             }
         };

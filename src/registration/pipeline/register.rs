@@ -156,7 +156,8 @@ fn carried(
     let fraction = seen.as_deref().unwrap_or(&case.fraction.ct);
     if let Some(weighing) = weighing {
         told.uncertainty = Some(runtime.stage("uncertainty", || weighing.of(case, &carried, fraction))?);
-        told.posterior = Some(uncertainty::posterior(&carried.fitted, open.as_ref()));
+        let fitted = &carried.fitted;
+        told.posterior = Some(uncertainty::posterior(&fitted.skeleton.bones, &fitted.fit.bones, open.as_ref()));
     }
     // One modality's grey values are no function of another's in every window.
     if !config.across() {
@@ -187,8 +188,15 @@ impl Weighing {
         let of = |ct| uncertainty::side(ct, &case.planning.bones, &fitted.skeleton, &fitted.body, self.window);
         let translated = shown.translated.as_ref().map(of).transpose()?;
         let (bones_alone, misled) = (shown.alone.as_ref(), shown.misled.as_ref());
+        let found = uncertainty::Found {
+            bones: &fitted.skeleton.bones,
+            fits: &fitted.fit.bones,
+            body: &fitted.body,
+            push: &carried.push,
+            warnings: &carried.warnings,
+        };
         let images = uncertainty::Shown { fraction: seen, bones_alone, misled };
-        uncertainty::of(&case.planning, carried, translated.as_ref().unwrap_or(&self.side), images)
+        uncertainty::of(&case.planning, &found, translated.as_ref().unwrap_or(&self.side), images)
     }
 }
 

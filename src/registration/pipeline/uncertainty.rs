@@ -1,10 +1,10 @@
 //! How far a registration may be trusted, place by place.
 
 use super::PlanningScan;
-use super::carry::{Carried, Fitted};
 use super::elements::bone_of_label;
 use crate::error::Result;
 use crate::evaluate::uncertainty::{self, Evidence, PlanningSide, UncertaintyReport};
+use crate::field::PushField;
 use crate::findings;
 use crate::fit::{BoneFit, DeterminedBy, FitCurvature};
 use crate::sampling::{PosePosterior, PosedBone};
@@ -28,6 +28,17 @@ pub(super) fn side(
     PlanningSide::new(planning, body, bones, window, |l| bone_of_label[usize::from(l)].is_some())
 }
 
+/// A motion as the map sees it.
+pub(super) struct Found<'a> {
+    pub(super) bones: &'a [Bone],
+    pub(super) fits: &'a [BoneFit],
+    /// The patient in the planning CT.
+    pub(super) body: &'a Mask,
+    pub(super) push: &'a PushField,
+    /// What was said of the fit.
+    pub(super) warnings: &'a [Warning],
+}
+
 /// What a fraction's image told of soft tissue.
 pub(super) struct Shown<'a> {
     /// HU.
@@ -41,29 +52,27 @@ pub(super) struct Shown<'a> {
 /// The map of a registration.
 pub(super) fn of(
     planning: &PlanningScan,
-    carried: &Carried,
+    found: &Found<'_>,
     side: &PlanningSide,
     images: Shown<'_>,
 ) -> Result<(Spans<f32>, UncertaintyReport)> {
-    let Carried { fitted, push, warnings, .. } = carried;
-    let bone_mm = bone_mm(&fitted.skeleton.bones, &fitted.fit.bones);
+    let bone_mm = bone_mm(found.bones, found.fits);
     uncertainty::map(&Evidence {
         side,
         fraction: images.fraction,
-        body: &fitted.body,
+        body: found.body,
         planning: &planning.ct,
         bones: &planning.bones,
         bone_mm: &bone_mm,
-        push,
-        doubt: doubt(warnings),
+        push: found.push,
+        doubt: doubt(found.warnings),
         bones_alone: images.bones_alone,
         misled: images.misled,
     })
 }
 
 /// What the fit leaves open of the bones, as far as the map says; `open` is the curvature where it ended, if an image took part.
-pub(super) fn posterior(fitted: &Fitted, open: Option<&FitCurvature>) -> PosePosterior {
-    let (bones, fits) = (&fitted.skeleton.bones, &fitted.fit.bones);
+pub(super) fn posterior(bones: &[Bone], fits: &[BoneFit], open: Option<&FitCurvature>) -> PosePosterior {
     let known = bone_mm(bones, fits);
     let fits = bones.iter().zip(fits).enumerate();
     let bone = |(n, (bone, fit)): (usize, (&Bone, &BoneFit))| {
