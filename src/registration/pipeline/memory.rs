@@ -6,7 +6,7 @@ use crate::geometry::Grid;
 
 /// Bytes per planning voxel where most is held: CT 4, labels 2, patient and where bones touch 2, push field 12 and its mask 1; of the
 /// patient alone Jacobian and uncertainty. What comes and goes before is less.
-const PLANNING: f64 = 23.0;
+const PLANNING: f64 = 24.0;
 /// Bytes per fraction voxel then: CT 4, what of it was measured 4 and, when that is gone, planning CT 4, pull field 12 and its mask
 /// 1.
 const FRACTION: f64 = 22.0;
@@ -17,7 +17,7 @@ const ELEMENT: f64 = 170.0;
 /// Bytes per element of the chain mail's links at rest: 155 for a soft one.
 const RESTING: f64 = 160.0;
 /// Bytes of everything else. A small scan that the patient fills takes 0.1 GB more.
-const REST: f64 = 200e6;
+const REST: f64 = 120e6;
 
 /// Estimated peak resident memory of a registration, bytes, alone or of one that `more` fractions follow; docs/performance.md has
 /// it beside measured peaks.
