@@ -1,8 +1,10 @@
 //! Rank 2: values on a grid, as flat arrays with `i` fastest.
 
+mod blocks;
 pub mod components;
 pub mod contour;
 pub mod distance;
+pub mod extent;
 pub mod interpolation;
 pub mod label;
 pub mod morphology;
@@ -13,6 +15,7 @@ mod smooth;
 mod spans;
 mod window;
 
+pub use blocks::{COARSE_MM, block_means, block_within, blocks, blur_after};
 pub use interpolation::{Surrounding, axis_pairs, cubic, place, trilinear, trilinear_vector};
 pub use label::{LabelMap, LabelSpans};
 pub use outline::{AROUND_MM, Outline};

@@ -1,6 +1,7 @@
 //! Values in one span of each row of a grid and one value everywhere else: maps of the patient keep no memory for the air around.
 
 use super::Volume;
+use super::extent::extent;
 use crate::geometry::Grid;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -115,11 +116,7 @@ impl<T: Copy + Default + Send + Sync> Spans<T> {
         T: PartialEq,
     {
         let [ni, nj, _] = volume.grid().size();
-        let other = |v: &T| *v != beyond;
-        let span = |row: &[T]| {
-            let first = row.iter().position(other);
-            first.map_or(0..0, |first| first..row.iter().rposition(other).map_or(first, |last| last + 1))
-        };
+        let span = |row: &[T]| extent(row, |part| part.iter().any(|v| *v != beyond));
         let spans: Vec<_> = volume.data().par_chunks(ni).map(span).collect();
         let fill = |(): &mut (), k: usize, mut plane: &mut [T]| {
             for (row, span) in spans.iter().enumerate().skip(nj * k).take(nj) {

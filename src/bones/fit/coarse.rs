@@ -1,8 +1,7 @@
 //! Images as the search and descriptors see them: means of blocks, and which of them were measured.
 
 use crate::geometry::Grid;
-use crate::volume::Volume;
-use nalgebra::Vector3;
+use crate::volume::{Volume, blocks};
 use rayon::prelude::*;
 
 /// Width of a block, mm.
@@ -22,14 +21,6 @@ pub struct Coarse {
 /// Voxels of a grid that make a block about so wide (mm), along each axis.
 pub fn block(grid: &Grid, width_mm: f64) -> [usize; 3] {
     grid.spacing().map(|s| ((width_mm / s).round() as usize).max(1))
-}
-
-/// The grid of the blocks' middles.
-pub fn blocks(fine: &Grid, block: [usize; 3]) -> Grid {
-    let size = std::array::from_fn(|a| fine.size()[a].div_ceil(block[a]));
-    let shift = Vector3::from(block.map(|b| 0.5 * (b as f64 - 1.0)));
-    let spacing = std::array::from_fn(|a| fine.spacing()[a] * block[a] as f64);
-    Grid::new(size, spacing, fine.world(&shift), *fine.direction()).expect("blocks of a legal grid make a legal grid")
 }
 
 /// For each block what `of` makes of the positions of its voxels.

@@ -4,10 +4,10 @@
 //! reconstruction, a cut field of view, a fill value. Blurring is normalised over tissue, so that neither padding
 //! nor the image's edge bleeds into bone.
 
-use crate::geometry::Grid;
-use crate::volume::{Counted, Volume, cubic, gaussian_ratio, interpolation};
+use crate::volume::{
+    COARSE_MM, Counted, Volume, block_means, block_within, blur_after, cubic, gaussian_ratio, interpolation,
+};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 /// Below this HU a voxel is air or padding.
 const AIR_HU: f32 = -600.0;
@@ -26,10 +26,9 @@ pub struct Tissue {
 /// A voxel of nothing but tissue.
 const ALL: u8 = u8::MAX;
 
-/// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them ...
+/// Blocks of voxels this wide, as a share of the blur's sigma, are averaged first: the blur hides them. Blocks of fine voxels are
+/// as wide as sigma, up to [`COARSE_MM`].
 const BLOCK: f64 = 0.5;
-/// ... and of fine voxels blocks as wide as sigma, up to this, mm: as wide as voxels are elsewhere.
-const COARSE_MM: f64 = 1.5;
 
 impl Tissue {
     /// Whether a voxel is air or padding.
@@ -40,11 +39,8 @@ impl Tissue {
     /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
         let widest = (BLOCK * sigma).max(sigma.min(COARSE_MM));
-        let block = ct.grid().spacing().map(|s| ((widest / s).floor() as usize).max(1));
-        // What the blocks have blurred already (variance of a box) is not blurred again.
-        let widest =
-            (0..3).map(|a| (ct.grid().spacing()[a] * block[a] as f64).powi(2) - ct.grid().spacing()[a].powi(2));
-        let rest = (sigma * sigma - widest.fold(0.0, f64::max) / 12.0).max(0.0).sqrt();
+        let block = block_within(ct.grid(), widest);
+        let rest = blur_after(ct.grid(), block, sigma);
         let normalised = |hu: f32, share: f32| if share > 1e-3 { hu / share } else { AIR_HU };
         if block == [1; 3] {
             let value = gaussian_ratio(
@@ -56,7 +52,7 @@ impl Tissue {
             );
             return Self { value, valid: ct.map(|v| if *v > AIR_HU { ALL } else { 0 }) };
         }
-        let (sum, share) = averaged(ct, block);
+        let [sum, share] = block_means(ct, block, |_, v| [hu(v), amount(v)]);
         let value = gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&share), rest, |_| false, normalised);
         Self { value, valid: share.map(|s| (s * f32::from(ALL) + 0.5) as u8) }
     }
@@ -113,41 +109,6 @@ fn amount(v: f32) -> f32 {
     if v > AIR_HU { 1.0 } else { 0.0 }
 }
 
-/// Block means of tissue HU (0 in air) and of the share of tissue, on the grid of the blocks' centres.
-fn averaged(ct: &Volume<f32>, block: [usize; 3]) -> (Volume<f32>, Volume<f32>) {
-    let fine = ct.grid();
-    let size: [usize; 3] = std::array::from_fn(|a| fine.size()[a].div_ceil(block[a]));
-    let shift = Vector3::from(block.map(|b| 0.5 * (b as f64 - 1.0)));
-    let spacing = std::array::from_fn(|a| fine.spacing()[a] * block[a] as f64);
-    let grid = Grid::new(size, spacing, fine.world(&shift), *fine.direction())
-        .expect("blocks of a legal grid make a legal grid");
-    let plane = size[0] * size[1];
-    let (mut sum, mut share) = (vec![0f32; grid.len()], vec![0f32; grid.len()]);
-    let of_plane = |tally: &mut Vec<[f32; 3]>, k: usize, (sum, share): (&mut [f32], &mut [f32])| {
-        tally.clear();
-        tally.resize(plane, [0.0; 3]);
-        for fk in k * block[2]..((k + 1) * block[2]).min(fine.size()[2]) {
-            for fj in 0..fine.size()[1] {
-                let start = fine.linear([0, fj, fk]);
-                let blocks = &mut tally[size[0] * (fj / block[1])..];
-                for (block, voxels) in blocks.iter_mut().zip(ct.data()[start..start + fine.size()[0]].chunks(block[0]))
-                {
-                    for &v in voxels {
-                        *block = [block[0] + hu(v), block[1] + amount(v), block[2] + 1.0];
-                    }
-                }
-            }
-        }
-        for ((s, m), [hu, share, all]) in sum.iter_mut().zip(share).zip(tally) {
-            (*s, *m) = (*hu / *all, *share / *all);
-        }
-    };
-    let planes = sum.par_chunks_mut(plane).zip(share.par_chunks_mut(plane)).enumerate();
-    planes.for_each_init(Vec::new, |tally, (k, out)| of_plane(tally, k, out));
-    let volume = |data| Volume::new(grid.clone(), data).expect("one value per block");
-    (volume(sum), volume(share))
-}
-
 /// A ramp from 0 at the outermost voxel centres to 1 a voxel further in.
 #[inline(always)]
 fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
@@ -166,6 +127,7 @@ fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Grid;
 
     /// Tissue of 40 HU beyond the plane between voxels 7 and 8 along i, air before it.
     fn half() -> Volume<f32> {

@@ -1,15 +1,13 @@
 //! The patient in a CT of fine voxels: found on coarser ones, with the skin where the fine ones have it.
 
 use crate::geometry::Grid;
-use crate::volume::{Mask, Volume};
+use crate::volume::{COARSE_MM, Mask, Volume};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Voxels finer than this along any axis show no more of the patient than coarser ones, mm ...
+/// Voxels finer than this along any axis show no more of the patient than ones of [`COARSE_MM`], mm.
 const FINE_MM: f64 = 0.75;
-/// ... of this spacing.
-const COARSE_MM: f64 = 1.5;
 /// Between these shares of coarse voxels that are patient, the fine voxel itself decides.
 const EDGE: Range<f32> = 0.25..0.75;
 

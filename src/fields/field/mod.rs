@@ -8,7 +8,6 @@
 
 mod chain;
 mod consistency;
-mod extent;
 mod format;
 mod inverse;
 mod mesh;

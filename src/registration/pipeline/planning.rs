@@ -177,9 +177,7 @@ impl Resting {
             })
         })
     }
-}
 
-impl Resting {
     /// Lets go of what elements are made from.
     pub(super) fn elements_done(&mut self) {
         (self.chain_mail, self.samples) = (None, Arc::default());

@@ -2,7 +2,10 @@
 
 use crate::chainmail::Lattice;
 use crate::geometry::Grid;
-use crate::volume::{Counted, Mask, Volume, Window, cubic, gaussian, gaussian_ratio, trilinear};
+use crate::volume::{
+    COARSE_MM, Counted, Mask, Volume, Window, block_means, block_within, blur_after, cubic, gaussian, gaussian_ratio,
+    trilinear,
+};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -26,10 +29,13 @@ pub(super) fn sample(image: &Volume<f32>, at: &Point3<f64>) -> Option<(f64, Vect
     Some((value, image.grid().inverse_step().transpose() * slope))
 }
 
-/// A CT in the window inside the patient; outside the window's lower edge.
+/// A CT in the window inside the patient; outside the window's lower edge. Fine voxels are averaged in blocks first.
 pub(super) struct Windowed {
     image: Volume<f32>,
-    /// Which of its planes have values that are no number; empty where none has.
+    /// The CT's own grid, and how many of its voxels make one of the image.
+    own: Grid,
+    block: [usize; 3],
+    /// Which of the image's planes have values that are no number.
     holes: Vec<bool>,
 }
 
@@ -40,18 +46,31 @@ const LEAST_KNOWN: f32 = 0.7;
 impl Windowed {
     /// What is no number stays none.
     pub(super) fn new(ct: &Volume<f32>, body: &Mask, window: Window) -> Self {
-        let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
-        let data: Vec<f32> = ct.data().par_iter().zip(body.data()).map(at).collect();
-        let plane = ct.grid().strides()[2].max(1);
-        let mut holes: Vec<bool> = data.par_chunks(plane).map(|plane| plane.iter().any(|v| v.is_nan())).collect();
-        if !holes.contains(&true) {
-            holes.clear();
-        }
-        Self { image: Volume::new(ct.grid().clone(), data).expect("one value per voxel"), holes }
+        let own = ct.grid().clone();
+        let block = block_within(&own, COARSE_MM);
+        let image = if block == [1; 3] {
+            let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
+            let data: Vec<f32> = ct.data().par_iter().zip(body.data()).map(at).collect();
+            Volume::new(own.clone(), data).expect("one value per voxel")
+        } else {
+            let known = |l: usize, v: f32| match body.data()[l] {
+                _ if v.is_nan() => [0.0, 0.0],
+                true => [window.of(v), 1.0],
+                false => [window.low, 1.0],
+            };
+            let [mut image, share] = block_means(ct, block, known);
+            let mean = |(v, share): (&mut f32, &f32)| *v = if *share > LEAST_KNOWN { *v / share } else { f32::NAN };
+            image.data_mut().par_iter_mut().zip(share.data()).for_each(mean);
+            image
+        };
+        let plane = image.grid().strides()[2];
+        let holes: Vec<bool> = image.data().par_chunks(plane).map(|plane| plane.iter().any(|v| v.is_nan())).collect();
+        Self { image, own, block, holes }
     }
 
+    /// The grid of the CT.
     pub(super) fn grid(&self) -> &Grid {
-        self.image.grid()
+        &self.own
     }
 
     /// HU at a world position, where it is known.
@@ -62,7 +81,8 @@ impl Windowed {
 
     /// Blurred by `sigma` mm over its known values; no number where too few of them are near.
     pub(super) fn blurred(&self, sigma: f64) -> Volume<f32> {
-        if self.holes.is_empty() {
+        let sigma = blur_after(&self.own, self.block, sigma);
+        if !self.holes.contains(&true) {
             return gaussian(&self.image, sigma);
         }
         let known = |v: f32| if v.is_nan() { 0.0 } else { 1.0 };
@@ -140,5 +160,26 @@ mod tests {
         // At 19 hardly more than half of the blur is known, at 17 nine tenths.
         assert!(at(19).is_nan() && at(25).is_nan(), "{} {}", at(19), at(25));
         assert!((at(17) - 40.0).abs() < 1e-3 && (at(5) - 40.0).abs() < 1e-3, "{} {}", at(17), at(5));
+    }
+
+    #[test]
+    fn fine_voxels_show_what_they_hold_where_they_hold_it() {
+        let grid = Grid::axis_aligned([60, 61, 20], [0.5, 0.7, 2.0], [3.0, -5.0, 8.0]).unwrap();
+        let slope = |p: &Point3<f64>| 2.0 * p.x - 1.5 * p.y + p.z;
+        let hole = |p: &Point3<f64>| p.x > 24.0;
+        let body = Volume::filled(grid.clone(), true);
+        let ct = Volume::from_fn(grid.clone(), |l| {
+            let p = grid.centre(grid.voxel(l));
+            if hole(&p) { f32::NAN } else { slope(&p) as f32 }
+        });
+        let shown = Windowed::new(&ct, &body, Window { low: -250.0, high: 300.0, thin: 0.0 });
+        assert_eq!(shown.image.grid().spacing(), [1.5, 1.4, 2.0]);
+        let blurred = shown.blurred(1.5);
+        for p in [Point3::new(12.3, 10.1, 25.0), Point3::new(15.0, 20.0, 30.7)] {
+            assert!((shown.at(&p).unwrap() - slope(&p)).abs() < 1e-3, "{p}");
+            let (value, gradient) = sample(&blurred, &p).unwrap();
+            assert!((value - slope(&p)).abs() < 1e-3 && (gradient - Vector3::new(2.0, -1.5, 1.0)).norm() < 1e-3, "{p}");
+        }
+        assert_eq!(shown.at(&Point3::new(27.0, 10.0, 25.0)), None);
     }
 }

@@ -1,12 +1,12 @@
 //! What a bone looks like with its surroundings, turned.
 
-use super::super::coarse::{BLOCK_MM, Coarse, block, blocks, of_blocks};
+use super::super::coarse::{BLOCK_MM, Coarse, block, of_blocks};
 use super::super::shape::{Descriptor, Shapes, Undescribed};
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::morphology::dilate;
 use crate::volume::ranges::{RANGES, memberships};
-use crate::volume::{LabelMap, Mask, Volume, trilinear};
+use crate::volume::{LabelMap, Mask, Volume, blocks, trilinear};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 

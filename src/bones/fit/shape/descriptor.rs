@@ -1,10 +1,10 @@
 //! MIND-SSC (Heinrich et al. 2013): how alike the neighbours of a place are to each other, in twelve channels. It does not ask
 //! which grey values tissues have, so that images of two modalities can be compared.
 
-use super::super::coarse::{Coarse, block, blocks, of_blocks};
+use super::super::coarse::{Coarse, block, of_blocks};
 use super::super::tissue::Tissue;
 use crate::geometry::Grid;
-use crate::volume::Volume;
+use crate::volume::{Volume, blocks};
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 

@@ -1,8 +1,8 @@
 //! Where a push field is anything at all: beyond, it moves nothing and holds no tissue, and what comes to lie there is what was there.
 
 use super::super::PushField;
-use super::super::extent::{extent, union};
 use crate::geometry::vectorised;
+use crate::volume::extent::{extent, union};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::ops::Range;

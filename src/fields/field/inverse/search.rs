@@ -1,7 +1,6 @@
 //! The search for the pre-images of a slab of fraction voxels.
 
 use super::super::PushField;
-use super::super::extent::{extent, union};
 use super::super::in_steps;
 use super::super::mesh::tetrahedra::{Drop, FieldMesh};
 use super::bones::MovedBones;
@@ -9,6 +8,7 @@ use super::newton::newton;
 use super::pre_image::{Continued, InvertOptions, solve};
 use super::reach::Reach;
 use crate::geometry::{Grid, LANES, Wide, vectorised};
+use crate::volume::extent::{extent, union};
 use crate::volume::interpolation::lanes::{NOWHERE, Sampler};
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;

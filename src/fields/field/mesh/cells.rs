@@ -4,9 +4,9 @@
 //! every cell: that costs less than sorting cells by their way.
 
 use super::super::PushField;
-use super::super::extent::{extent, union};
 use crate::geometry::wide_vector::{WideVector, cross, dot, minus, plus};
 use crate::geometry::{LANES, Wide, vectorised};
+use crate::volume::extent::{extent, union};
 use crate::volume::{Mask, Spans, Volume};
 use nalgebra::Matrix3;
 use rayon::prelude::*;

@@ -19,11 +19,11 @@ use super::jacobian::TISSUE_HU;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::stats::Summary;
+use crate::volume::extent::extent;
 use crate::volume::{LabelMap, Mask, Spans, Volume, axis_pairs};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 /// What the map says in short.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -125,7 +125,7 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Spans<f32>, Uncer
     let row = |j: usize, k: usize| &coarse[nodes.linear([0, j, k])..][..size[0]];
     let mix = |a: f32, b: f32, t: f64| a * (1.0 - t as f32) + b * t as f32;
     let nearest = |(low, high, way): (usize, usize, f64)| if way < 0.5 { low } else { high };
-    let spans: Vec<_> = e.body.data().par_chunks(ni).map(patient).collect();
+    let spans: Vec<_> = e.body.data().par_chunks(ni).map(|row| extent(row, |part| part.contains(&true))).collect();
     let (map, planes) = Spans::by_planes(grid.clone(), UNKNOWN, &spans, Vec::new, |line, k, mut rest| {
         let mut plane = Plane { values: Vec::with_capacity(rest.len()), ..Plane::default() };
         for (j, span) in spans[nj * k..nj * (k + 1)].iter().enumerate().filter(|(_, span)| !span.is_empty()) {
@@ -159,12 +159,6 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Spans<f32>, Uncer
         plane
     });
     (map, report(&planes, grid.voxel_volume()))
-}
-
-/// From the first to the last voxel of a row of the patient.
-fn patient(row: &[bool]) -> Range<usize> {
-    let first = row.iter().position(|set| *set);
-    first.map_or(0..0, |first| first..row.iter().rposition(|set| *set).map_or(first, |last| last + 1))
 }
 
 fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {

@@ -7,7 +7,7 @@ const BLOCK: usize = 32;
 
 /// From the first to the last value of a row of which `any` says that it is something.
 #[inline(always)]
-pub(super) fn extent<T>(row: &[T], any: impl Fn(&[T]) -> bool) -> Range<usize> {
+pub fn extent<T>(row: &[T], any: impl Fn(&[T]) -> bool) -> Range<usize> {
     // Whole blocks of nothing are passed over at once.
     let before = (row.chunks(BLOCK).take_while(|chunk| !any(chunk)).count() * BLOCK).min(row.len());
     let something = |value: &T| any(std::slice::from_ref(value));
@@ -19,7 +19,7 @@ pub(super) fn extent<T>(row: &[T], any: impl Fn(&[T]) -> bool) -> Range<usize> {
 
 /// What two ranges span, of which any may be empty.
 #[inline(always)]
-pub(super) fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
+pub fn union(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
     match (a.is_empty(), b.is_empty()) {
         (true, _) => b.clone(),
         (_, true) => a.clone(),
