@@ -1,6 +1,6 @@
 //! Planning bone points with their HU: what the fit compares with the fraction CT.
 
-use super::tissue::Tissue;
+use super::tissue::{EDGE_MM, Tissue};
 use crate::geometry::Grid;
 use crate::skeleton::Skeleton;
 use crate::volume::LabelMap;
@@ -40,8 +40,8 @@ impl Samples {
 /// Storage positions of each bone's voxels and shell, in storage order; bones in the order of the skeleton.
 ///
 /// Shell voxels belong to the first bone of the skeleton that reaches them; another bone's voxels are never taken.
-/// The image's outermost voxels are left out, as those of the fraction are (see [`Tissue::visibility`]): what lies beyond
-/// them is unknown to planning and blurs into the fraction's.
+/// Voxels at the image's ends are left out, as those of the fraction are (see [`Tissue::visibility`]): what lies beyond is unknown
+/// to planning and blurs into the fraction's.
 pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<Vec<u32>> {
     let grid = labels.volume.grid();
     let size = grid.size();
@@ -96,20 +96,22 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<
             }
         }
     }
+    let inner = |l: u32, margin: [usize; 3]| !outermost(grid.voxel(l as usize), size, margin);
+    let margins = [spacing.map(|s| ((EDGE_MM / s).ceil() as usize).max(1)), [1; 3]];
     for list in &mut out {
-        let inner = |l: &u32| !outermost(grid.voxel(*l as usize), size);
         // A sliver that lies there with more than half of itself has nothing else.
-        if 2 * list.iter().filter(|l| inner(l)).count() >= list.len() {
-            list.retain(inner);
+        let kept = margins.iter().find(|margin| 2 * list.iter().filter(|l| inner(**l, **margin)).count() >= list.len());
+        if let Some(margin) = kept {
+            list.retain(|l| inner(*l, *margin));
         }
         list.sort_unstable();
     }
     out
 }
 
-/// Whether a voxel is the first or last along an axis that has more than two.
-fn outermost(at: [usize; 3], size: [usize; 3]) -> bool {
-    (0..3).any(|a| size[a] > 2 && (at[a] == 0 || at[a] + 1 == size[a]))
+/// Whether a voxel is among the first or last along an axis that has more than two.
+fn outermost(at: [usize; 3], size: [usize; 3], margin: [usize; 3]) -> bool {
+    (0..3).any(|a| size[a] > 2 && (at[a] < margin[a] || at[a] + margin[a] >= size[a]))
 }
 
 /// At most about `most` of the candidates (storage positions on `grid`), those in tissue; chosen by a hash of their

@@ -4,6 +4,7 @@
 //! reconstruction, a cut field of view, a fill value. Blurring is normalised over tissue, so that neither padding
 //! nor the image's edge bleeds into bone.
 
+use crate::geometry::Grid;
 use crate::volume::{
     COARSE_MM, Counted, Volume, block_means, block_within, blur_after, cubic, gaussian_ratio, interpolation,
 };
@@ -22,6 +23,10 @@ pub struct Tissue {
     /// Share of tissue: [`ALL`] in tissue, 0 in air.
     pub valid: Volume<u8>,
 }
+
+/// How far from an image's end its voxels are blurred with what lies beyond and nobody knows, mm: the reach of the finest blur.
+/// Where only the outermost voxel was left out, a clavicle at the end of slices of 1.5 mm erred by 0.76 mm for 0.12.
+pub(super) const EDGE_MM: f64 = 2.4;
 
 /// A voxel of nothing but tissue.
 const ALL: u8 = u8::MAX;
@@ -65,10 +70,10 @@ impl Tissue {
     }
 
     /// Visibility of a continuous index and its derivative per index step: 1 in tissue, 0 in air and outside, with a
-    /// ramp over the outermost voxel of the image and over the surface of the tissue.
+    /// ramp over the outermost voxel ([`EDGE_MM`] of fine ones) of the image and over the surface of the tissue.
     #[inline(always)]
     pub fn visibility(&self, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        let (edge, edge_slope) = ramp(self.valid.grid().size(), index);
+        let (edge, edge_slope) = ramp(self.valid.grid(), index);
         if edge <= 0.0 {
             return (0.0, Vector3::zeros());
         }
@@ -109,16 +114,18 @@ fn amount(v: f32) -> f32 {
     if v > AIR_HU { 1.0 } else { 0.0 }
 }
 
-/// A ramp from 0 at the outermost voxel centres to 1 a voxel further in.
+/// A ramp from 0 at the outermost voxel centres to 1 a voxel or [`EDGE_MM`] further in.
 #[inline(always)]
-fn ramp(size: [usize; 3], index: &Vector3<f64>) -> (f64, Vector3<f64>) {
+fn ramp(grid: &Grid, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    let (size, spacing) = (grid.size(), grid.spacing());
     let mut w = [1.0; 3];
     let mut d = [0.0; 3];
     for a in 0..3 {
         let last = (size[a] - 1) as f64;
-        let (low, high) = (index[a], last - index[a]);
+        let slope = (spacing[a] / EDGE_MM).min(1.0);
+        let (low, high) = (slope * index[a], slope * (last - index[a]));
         if low < 1.0 || high < 1.0 {
-            (w[a], d[a]) = if low < high { (low.clamp(0.0, 1.0), 1.0) } else { (high.clamp(0.0, 1.0), -1.0) };
+            (w[a], d[a]) = if low < high { (low.clamp(0.0, 1.0), slope) } else { (high.clamp(0.0, 1.0), -slope) };
         }
     }
     (w[0] * w[1] * w[2], Vector3::new(d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2]))
@@ -146,6 +153,26 @@ mod tests {
             }
             assert_eq!(tissue.at(&Point3::new(4.0, 5.0, 5.0)), None, "{sigma}");
         }
+    }
+
+    #[test]
+    fn what_is_wholly_visible_is_blurred_as_if_the_image_went_on() {
+        // A slanted plate of bone in slices of 1 mm, which end at z = 10 in one image.
+        let tissue = |first: usize| {
+            let grid = Grid::axis_aligned([40, 12, 40 - first], [1.0; 3], [0.0, 0.0, first as f64]).unwrap();
+            let plate = |p: Point3<f64>| if (p.x - p.z).abs() < 4.0 { 800.0 } else { 40.0 };
+            Tissue::blurred(&Volume::from_fn(grid.clone(), |l| plate(grid.centre(grid.voxel(l))) as f32), 0.8)
+        };
+        let (whole, cut) = (tissue(0), tissue(10));
+        let (mut wholly, mut partly) = (0.0f64, 0.0f64);
+        for (x, z) in (5..25).flat_map(|x| (40..64).map(move |z| (f64::from(x) + 0.3, f64::from(z) / 4.0))) {
+            let p = Point3::new(x, 6.0, z);
+            let (weight, _) = cut.visibility(&cut.value.grid().index_within(&p));
+            let Some(error) = whole.at(&p).zip(cut.at(&p)).map(|(w, c)| (w - c).abs()) else { continue };
+            let worst = if weight < 1.0 { &mut partly } else { &mut wholly };
+            *worst = worst.max(error);
+        }
+        assert!(wholly < 10.0 && partly > 50.0, "{wholly} {partly}");
     }
 
     #[test]

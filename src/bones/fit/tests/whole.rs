@@ -54,7 +54,11 @@ struct Scene {
 
 impl Scene {
     fn new() -> Self {
-        let grid = Grid::axis_aligned([72, 88, 62], [1.5, 1.5, 2.0], [-54.0, -56.0, -20.0]).unwrap();
+        Self::on(Grid::axis_aligned([72, 88, 62], [1.5, 1.5, 2.0], [-54.0, -56.0, -20.0]).unwrap())
+    }
+
+    /// Planning on a grid.
+    fn on(grid: Grid) -> Self {
         let planning = Volume::from_fn(grid.clone(), |l| mean(&grid, l, hu) as f32);
         let volume = Volume::from_fn(grid.clone(), |l| block(&grid.centre(grid.voxel(l))).map_or(0, |n| n as u16 + 1));
         let names = NECK.iter().enumerate().map(|(n, name)| (n as u16 + 1, (*name).to_owned())).collect();
@@ -281,4 +285,18 @@ fn a_fit_that_comes_to_a_known_place_is_told_before_its_last_pass() {
     assert!(!fitter.same(&other, &known));
     let [there, here] = [other.cost(), known.passed.as_ref().map(|p| p.cost)].map(Option::unwrap);
     assert!(there > 0.5 * here && here < 0.0, "{there} {here}");
+}
+
+#[test]
+fn what_the_end_of_thin_slices_blurs_is_no_sample_unless_there_is_hardly_anything_else() {
+    // The lowest block and its shell reach up to 10 mm or so: most of it is shown, or little more than two slices of it.
+    for (end, left_out) in [(-1.0, 2.4), (7.0, 1.0)] {
+        let cut = Grid::axis_aligned([72, 88, 90], [1.5, 1.5, 1.0], [-54.0, -56.0, end]).unwrap();
+        let samples = Scene::on(cut).samples;
+        for level in FitOptions::default().levels {
+            let points = &samples.at(level).unwrap().bones[0].points;
+            let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+            assert!((end + left_out - 1e-9..end + left_out + 1.0).contains(&lowest), "{end}: {lowest}");
+        }
+    }
 }
