@@ -84,10 +84,8 @@ mod tests {
             if at[0] < 2 {
                 assert!((mean.data()[l] - slope(&coarse.centre(at))).abs() < 1e-4, "{at:?}");
             } else {
-                assert_eq!(
-                    mean.data()[l],
-                    [6, 13].map(|n| image.data()[n + 14 * at[1] + 28 * at[2]]).iter().sum::<f32>() / 2.0
-                );
+                let left = [6, 13].map(|n| image.data()[n + 14 * at[1] + 28 * at[2]]);
+                assert!((mean.data()[l] - (left[0] + left[1]) / 2.0).abs() < 1e-4, "{at:?}");
             }
         }
         assert!(odd.data().iter().all(|share| (0.0..=1.0).contains(share)));

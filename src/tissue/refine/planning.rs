@@ -173,7 +173,7 @@ mod tests {
             if hole(&p) { f32::NAN } else { slope(&p) as f32 }
         });
         let shown = Windowed::new(&ct, &body, Window { low: -250.0, high: 300.0, thin: 0.0 });
-        assert_eq!(shown.image.grid().spacing(), [1.5, 1.4, 2.0]);
+        assert_eq!(shown.image.grid().size(), [20, 31, 20]);
         let blurred = shown.blurred(1.5);
         for p in [Point3::new(12.3, 10.1, 25.0), Point3::new(15.0, 20.0, 30.7)] {
             assert!((shown.at(&p).unwrap() - slope(&p)).abs() < 1e-3, "{p}");
