@@ -97,12 +97,15 @@ pub fn candidates(skeleton: &Skeleton, labels: &LabelMap, shell_mm: f64) -> Vec<
         }
     }
     let inner = |l: u32, margin: [usize; 3]| !outermost(grid.voxel(l as usize), size, margin);
-    let margins = [spacing.map(|s| ((EDGE_MM / s).ceil() as usize).max(1)), [1; 3]];
+    let margins = [([1; 3], 2), (spacing.map(|s| ((EDGE_MM / s).ceil() as usize).max(1)), 5)];
     for list in &mut out {
-        // A sliver that lies there with more than half of itself has nothing else.
-        let kept = margins.iter().find(|margin| 2 * list.iter().filter(|l| inner(**l, **margin)).count() >= list.len());
-        if let Some(margin) = kept {
-            list.retain(|l| inner(*l, *margin));
+        // A sliver of which less than half would be left, or less than a fifth without all that is blurred, has nothing else.
+        let all = list.len();
+        for (margin, least) in margins {
+            if least * list.iter().filter(|l| inner(**l, margin)).count() < all {
+                break;
+            }
+            list.retain(|l| inner(*l, margin));
         }
         list.sort_unstable();
     }
