@@ -134,7 +134,6 @@ fn ramp(grid: &Grid, index: &Vector3<f64>) -> (f64, Vector3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Grid;
 
     /// Tissue of 40 HU beyond the plane between voxels 7 and 8 along i, air before it.
     fn half() -> Volume<f32> {

@@ -48,15 +48,14 @@ impl Windowed {
     pub(super) fn new(ct: &Volume<f32>, body: &Mask, window: Window) -> Self {
         let own = ct.grid().clone();
         let block = block_within(&own, COARSE_MM);
+        let shown = |v: f32, inside: bool| if inside || v.is_nan() { window.of(v) } else { window.low };
         let image = if block == [1; 3] {
-            let at = |(v, inside): (&f32, &bool)| if *inside || v.is_nan() { window.of(*v) } else { window.low };
-            let data: Vec<f32> = ct.data().par_iter().zip(body.data()).map(at).collect();
+            let data = ct.data().par_iter().zip(body.data()).map(|(v, inside)| shown(*v, *inside)).collect();
             Volume::new(own.clone(), data).expect("one value per voxel")
         } else {
-            let known = |l: usize, v: f32| match body.data()[l] {
-                _ if v.is_nan() => [0.0, 0.0],
-                true => [window.of(v), 1.0],
-                false => [window.low, 1.0],
+            let known = |l: usize, v: f32| match shown(v, body.data()[l]) {
+                hu if hu.is_nan() => [0.0, 0.0],
+                hu => [hu, 1.0],
             };
             let [mut image, share] = block_means(ct, block, known);
             let mean = |(v, share): (&mut f32, &f32)| *v = if *share > LEAST_KNOWN { *v / share } else { f32::NAN };
