@@ -6,6 +6,7 @@ use super::outline::{self, OutlineCouch};
 use super::shape::{Bounds, Shape, V3};
 use super::solid::{BoneSolid, Fill, Gather, Solid, SolidRole, SolidTissue};
 use super::texture::smoothstep;
+use super::voxel::Voxel;
 use super::{head_bones, head_tissue, spine, trunk_bones, trunk_tissue};
 use nalgebra::Point3;
 
@@ -52,6 +53,19 @@ enum Depth {
     Air,
     Skin,
     Inside,
+}
+
+/// What is seen of the patient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Seen {
+    /// Share of patient.
+    pub(super) cover: f64,
+    /// HU of that share.
+    pub(super) hu: f64,
+    /// Label of the bone in the middle, 0 outside bone.
+    pub(super) label: u16,
+    /// Signed distance of the middle to the nearest bone, mm; infinite far from all.
+    to_bone: f64,
 }
 
 /// What is at a point.
@@ -141,9 +155,9 @@ impl Anatomy {
     /// HU and bone label at a point of the planning space, with the couch in its planning place.
     pub fn sample(&self, point: &Point3<f64>) -> Sample {
         let p = point.coords;
-        let (cover, inner, label) = self.patient(&p);
+        let Seen { cover, hu, label, .. } = self.patient(&p);
         let outer = if cover < 1.0 { self.couch_hu(&p) } else { 0.0 };
-        Sample { hu: outer + (inner - outer) * cover, label }
+        Sample { hu: outer + (hu - outer) * cover, label }
     }
 
     /// Signed distance to the skin, mm, negative inside; exact only within 15 mm of it.
@@ -167,9 +181,9 @@ impl Anatomy {
         self.skin_cells.cell(&drawn_at(p)).is_none_or(|c| self.depth[c] == Depth::Air)
     }
 
-    /// Share of patient at a point, HU of that share, and bone label.
-    pub(super) fn patient(&self, p: &V3) -> (f64, f64, u16) {
-        const NOTHING: (f64, f64, u16) = (0.0, -1000.0, 0);
+    /// The patient at a point.
+    pub(super) fn patient(&self, p: &V3) -> Seen {
+        const NOTHING: Seen = Seen { cover: 0.0, hu: -1000.0, label: 0, to_bone: f64::INFINITY };
         let p = &drawn_at(p);
         let Some(cell) = self.skin_cells.cell(p) else { return NOTHING };
         let (cover, skin) = match self.depth[cell] {
@@ -186,15 +200,32 @@ impl Anatomy {
         // From the top layer down, until nothing shows through.
         let near = self.near_drawn(p);
         let mut paint = Paint { hu: 0.0, through: 1.0 };
-        let mut label = 0;
+        let (mut label, mut to_bone) = (0, f64::INFINITY);
         if let Some((bone, d)) = near.nearest() {
             paint.layer(self.cover(d), || self.bones[usize::from(bone)].hu(p, -d, -near.tooth));
             label = if d < 0.0 { bone + 1 } else { 0 };
+            to_bone = d;
         }
         self.paint_tissues(cell, p, &mut paint);
         paint.layer(skin, || 8.0);
         paint.layer(1.0, || Fill::Fat.hu(p, 0.0));
-        (cover, paint.hu, label)
+        Seen { cover, hu: paint.hu, label, to_bone }
+    }
+
+    /// The patient over a voxel: `middle` and `place`, its middle and where a place about it lies, in the planning space.
+    pub(super) fn over(&self, voxel: &Voxel, middle: &V3, place: impl Fn(&V3) -> V3) -> Seen {
+        let seen = self.patient(middle);
+        let places = voxel.places(seen.to_bone);
+        if places.is_empty() {
+            return seen;
+        }
+        let (mut cover, mut hu) = (0.0, 0.0);
+        for part in places.iter().map(|offset| self.patient(&place(offset))) {
+            cover += part.cover;
+            hu += part.cover * part.hu;
+        }
+        let hu = if cover > 0.0 { hu / cover } else { seen.hu };
+        Seen { cover: cover / places.len() as f64, hu, ..seen }
     }
 
     /// Share covered by a part whose surface is `d` mm away.

@@ -32,6 +32,7 @@ mod synthetic;
 mod texture;
 mod trunk_bones;
 mod trunk_tissue;
+mod voxel;
 
 pub use anatomy::{Anatomy, Sample};
 pub use breathing::{Breathing, BreathingMotion, BreathingOptions, Part};

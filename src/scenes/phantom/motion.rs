@@ -164,6 +164,11 @@ impl TrueMotion {
         PreImage { point, residual: (image - target).norm(), image, inverse }
     }
 
+    /// The rotation of the neighbourhood of a planning point, planning to fraction; a bone's own in bone.
+    pub(super) fn turn(&self, p: &V3) -> UnitQuaternion<f64> {
+        self.local(p).rigid.rotation
+    }
+
     fn local(&self, p: &V3) -> Local {
         let near = self.anatomy.near_bones(p);
         if let Some((bone, _)) = near.bones().iter().find(|b| b.1 <= 0.0) {

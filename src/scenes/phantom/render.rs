@@ -1,10 +1,11 @@
 //! Images of the phantom: planning CT with labels, fraction CT through the inverse of the true motion.
 
-use super::anatomy::Anatomy;
+use super::anatomy::{Anatomy, Seen};
 use super::motion::{INVERSE_TOLERANCE, PreImage, TrueMotion};
 use super::options::PhantomOptions;
 use super::shape::V3;
 use super::texture::{stored, voxel_noise};
+use super::voxel::Voxel;
 use crate::error::Result;
 use crate::field::PushField;
 use crate::geometry::Grid;
@@ -22,6 +23,7 @@ pub(super) struct PlanningRender {
 /// Draws the anatomy on the planning grid.
 pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions) -> Result<PlanningRender> {
     let slice = grid.strides()[2];
+    let whole = Voxel::new(grid.spacing(), options.edge_mm);
     let mut ct = vec![0.0f32; grid.len()];
     let mut labels = vec![0u16; grid.len()];
     let mut body = vec![false; grid.len()];
@@ -30,10 +32,10 @@ pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions)
         for n in 0..slice {
             let voxel = k * slice + n;
             let p = grid.centre(grid.voxel(voxel)).coords;
-            let (cover, inner, label) = anatomy.patient(&p);
+            let Seen { cover, hu, label, .. } = anatomy.over(&whole, &p, |offset| p + offset);
             let outer = if cover < 1.0 { anatomy.couch_hu(&p) } else { 0.0 };
             let noise = options.planning_noise_hu * voxel_noise(options.seed, voxel);
-            ct[n] = stored(outer + (inner - outer) * cover + noise);
+            ct[n] = stored(outer + (hu - outer) * cover + noise);
             labels[n] = label;
             body[n] = cover >= 0.5;
         }
@@ -49,6 +51,7 @@ pub(super) fn planning(anatomy: &Anatomy, grid: &Grid, options: &PhantomOptions)
 /// [`INVERSE_TOLERANCE`].
 pub(super) fn fraction(motion: &TrueMotion, grid: &Grid, options: &PhantomOptions) -> Result<(Volume<f32>, usize)> {
     let [ni, nj, _] = grid.size();
+    let whole = Voxel::new(grid.spacing(), options.edge_mm);
     let couch_shift = V3::from(options.couch_shift_mm) + V3::from(options.scanner_shift_mm);
     let mut ct = vec![0.0f32; grid.len()];
     let unfound = ct.par_chunks_mut(ni * nj).enumerate().map(|(k, slice)| {
@@ -61,8 +64,10 @@ pub(super) fn fraction(motion: &TrueMotion, grid: &Grid, options: &PhantomOption
                 let (cover, inner) = match before {
                     Some(x) => {
                         unfound += usize::from(x.residual > INVERSE_TOLERANCE);
-                        let (cover, inner, _) = motion.anatomy().patient(&x.point.coords);
-                        (cover, inner)
+                        let back = std::cell::OnceCell::new();
+                        let turned = |o: &V3| back.get_or_init(|| motion.turn(&x.point.coords).inverse()) * o;
+                        let seen = motion.anatomy().over(&whole, &x.point.coords, |o| x.point.coords + turned(o));
+                        (seen.cover, seen.hu)
                     }
                     None => (0.0, 0.0),
                 };

@@ -13,6 +13,7 @@ pub use options::BreathingOptions;
 
 use super::shape::V3;
 use super::texture::{stored, voxel_noise};
+use super::voxel::Voxel;
 use crate::error::Result;
 use crate::evaluate::landmark::Landmark;
 use crate::field::PushField;
@@ -62,13 +63,16 @@ impl Breathing {
         options.check()?;
         let (grid, fraction_grid) = (options.planning_grid()?, options.fraction_grid()?);
         let (scene, motion) = (ChestScene::new(options.edge_mm), BreathingMotion::new(options));
+        let voxel = Voxel::new(options.spacing_mm, options.edge_mm);
         let at_rest = |p: &V3| scene.sample(p, |_| (*p, 1.0));
         let samples: Vec<(f32, u16, bool)> = (0..grid.len())
             .into_par_iter()
             .map(|n| {
-                let s = at_rest(&grid.centre(grid.voxel(n)).coords);
+                let x = grid.centre(grid.voxel(n)).coords;
+                let s = at_rest(&x);
+                let hu = scene.over(&voxel, &x, |offset| at_rest(&(x + offset)).hu).unwrap_or(s.hu);
                 let noise = options.planning_noise_hu * voxel_noise(options.seed, n);
-                (stored(s.hu + noise), s.label, s.cover >= 0.5)
+                (stored(hu + noise), s.label, s.cover >= 0.5)
             })
             .collect();
         let names = scene.bones().iter().map(|b| b.name.clone());
@@ -78,15 +82,20 @@ impl Breathing {
         };
         let body = Volume::new(grid.clone(), samples.iter().map(|s| s.2).collect())?;
         let planning = Volume::new(grid.clone(), samples.iter().map(|s| s.0).collect())?;
+        let back = motion.setup().inverse();
         let fraction = Volume::from_fn(fraction_grid.clone(), |n| {
-            let y = fraction_grid.centre(fraction_grid.voxel(n));
-            let rest = motion.setup().inverse() * y;
-            let before = |part: Part| {
-                let was = motion.pull_as(part, &y);
-                (was.coords, if options.keep_mass { motion.jacobian_as(part, &was) } else { 1.0 })
+            let middle = fraction_grid.centre(fraction_grid.voxel(n));
+            let at = |offset: &V3| {
+                let y = middle + offset;
+                let before = |part: Part| {
+                    let was = motion.pull_as(part, &y);
+                    (was.coords, if options.keep_mass { motion.jacobian_as(part, &was) } else { 1.0 })
+                };
+                scene.sample(&(back * y).coords, before).hu
             };
             let noise = options.fraction_noise_hu * voxel_noise(options.seed.wrapping_add(1), n);
-            stored(scene.sample(&rest.coords, before).hu + noise)
+            let hu = scene.over(&voxel, &(back * middle).coords, at).unwrap_or_else(|| at(&V3::zeros()));
+            stored(hu + noise)
         });
         let landmarks = landmarks(&scene, &motion);
         let organs = organs(&body, &motion);

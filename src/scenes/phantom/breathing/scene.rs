@@ -6,6 +6,7 @@ use super::super::cells::Cells;
 use super::super::shape::{Section, Shape, V3};
 use super::super::solid::{BoneSolid, Fill, Solid};
 use super::super::texture::{self, smoothstep};
+use super::super::voxel::Voxel;
 use super::motion::{Inner, Part, TUBES, Tube, widening};
 
 /// How far from a bone its distance is still known, mm.
@@ -164,6 +165,12 @@ impl ChestScene {
             hu += inside * tube.inner(&was).map_or(40.0, |at| self.organ(tube, &at, &was, growth));
         }
         ChestSample { hu: -1000.0 + (hu + 1000.0) * cover, cover, label }
+    }
+
+    /// Mean HU of a voxel whose middle is at `p` at rest, from the HU at places about it; none where its middle tells all.
+    pub(super) fn over(&self, voxel: &Voxel, p: &V3, at: impl Fn(&V3) -> f64) -> Option<f64> {
+        let places = voxel.places(self.bone(p)?.1);
+        (!places.is_empty()).then(|| places.iter().map(at).sum::<f64>() / places.len() as f64)
     }
 
     /// Share covered by a part whose surface is `d` mm away.
