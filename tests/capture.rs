@@ -55,6 +55,34 @@ fn a_fraction_forty_millimetres_and_fifteen_degrees_off_is_found() {
     }
 }
 
+/// Landmarks on one bone start the others from its motion. They once kept it while their neighbours moved on: of a real neck jaw
+/// or clavicle were lost by 9 mm.
+#[test]
+fn landmarks_on_one_bone_lose_no_other() {
+    let phantom = fine();
+    let runtime = Runtime::silent().expect("threads start");
+    let mut case: Case = phantom.clone().into();
+    let alone = register(&case, &bones_alone(), &runtime).expect("the bones are found");
+    for name in ["skull", "humerus_left"] {
+        let bone = phantom.skeleton.bones.iter().position(|b| b.name == name).expect("the phantom has it");
+        let centre = phantom.skeleton.bones[bone].centroid;
+        let asides = [Vector3::zeros(), Vector3::x() * 20.0, Vector3::y() * 20.0, Vector3::z() * 20.0];
+        let mark = |(n, aside): (usize, Vector3<f64>)| BoneLandmark {
+            bone: name.into(),
+            name: format!("p{n}"),
+            planning: centre + aside,
+            fraction: phantom.transforms[bone] * (centre + aside),
+        };
+        case.fraction.bone_landmarks = asides.into_iter().enumerate().map(mark).collect();
+        let led = register(&case, &bones_alone(), &runtime).expect("the bones are found");
+        for (a, b) in alone.bone_fits.iter().zip(&led.bone_fits) {
+            let centre = phantom.skeleton.bones.iter().find(|bone| bone.name == a.name).expect("a bone").centroid;
+            let apart = (a.transform * centre - b.transform * centre).norm();
+            assert!(a.determined_by == b.determined_by && apart < 0.1, "{name} leads {} off by {apart} mm", a.name);
+        }
+    }
+}
+
 /// Arms that hang in planning and are raised beside the head in the fraction: air lies where they were, and the rest is found.
 #[test]
 fn a_patient_who_raised_both_arms_is_found() {

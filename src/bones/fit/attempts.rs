@@ -59,7 +59,10 @@ pub fn fit_pose_weighed(
     progress.step(0, steps, "couch shift");
     let levels = Levels::new(samples, fraction, options);
     let level = levels.at(BoneSamples::START)?;
-    let fitter = Fitter::new(skeleton, options, &level, shapes(samples, fraction, options));
+    let mut fitter = Fitter::new(skeleton, options, &level, shapes(samples, fraction, options));
+    if let FitStart::Placed(known) = &start {
+        fitter.given = known.iter().map(Option::is_some).collect();
+    }
     let attempts = Attempts { fitter, level: &level, levels, samples, fraction, options, progress };
     let bones = skeleton.bones.len();
     let common = |found: Starts| -> Vec<Start> {
@@ -73,7 +76,7 @@ pub fn fit_pose_weighed(
         FitStart::Placed(known) => {
             let placed = given(skeleton, known)?;
             let transforms = placed.transforms;
-            vec![Start { common: placed.common, share: 1.0, transforms, guess: Guess::Each }]
+            vec![Start { common: placed.common, share: 1.0, transforms, guess: Guess::Given }]
         }
         FitStart::Near(known) => {
             let (found, odd) = near_motions(known, all, image, options.measure)?;

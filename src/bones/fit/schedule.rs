@@ -58,6 +58,8 @@ pub(super) struct Fitter<'a> {
     nothing: Samples,
     /// Descriptors of both images, where these are compared too.
     pub(super) shapes: Option<Shapes<'a>>,
+    /// Bones whose motion is given as a start; none elsewhere.
+    pub(super) given: Vec<bool>,
 }
 
 fn no_levels() -> Error {
@@ -81,7 +83,7 @@ impl<'a> Fitter<'a> {
         }
         let nothing = Samples::default();
         let points = level.drawn.bones.iter().map(|s| s.points.as_slice()).collect();
-        Self { skeleton, options, centres, points, radii, nothing, shapes }
+        Self { skeleton, options, centres, points, radii, nothing, shapes, given: Vec::new() }
     }
 
     /// The fit from a start.
@@ -185,9 +187,13 @@ impl<'a> Fitter<'a> {
 
     /// One bone after the other, each starting from a neighbour that is already placed and held to it by their joint.
     ///
-    /// With a common guess bones take over their neighbour's motion; else each starts where it is.
+    /// With a common guess bones take over their neighbour's motion, as do those that are not given; else each starts where it is.
     fn outwards(&self, level: &Level<'_>, transforms: &mut [Rigid], guess: Guess) -> Result<()> {
-        let fresh = guess == Guess::Common;
+        let fresh = |bone: usize| match guess {
+            Guess::Common => true,
+            Guess::Given => !self.given.get(bone).is_some_and(|given| *given),
+            Guess::Each | Guess::Searched => false,
+        };
         let n = transforms.len();
         let now = self.evaluate(level, transforms);
         let shown = |b: usize, e: &Evaluation| match guess {
@@ -201,11 +207,11 @@ impl<'a> Fitter<'a> {
         let neighbours = |b: usize| neighbours(self.skeleton, b);
         let mut next = Some((root, root));
         while let Some((bone, from)) = next {
-            if fresh {
+            if fresh(bone) {
                 transforms[bone] = transforms[from];
             }
             let links = || neighbours(bone).filter(|&o| placed[o]).map(|o| self.link(bone, o, transforms[o])).collect();
-            if let Some(found) = self.place(level, bone, transforms[bone], links, fresh)? {
+            if let Some(found) = self.place(level, bone, transforms[bone], links, fresh(bone))? {
                 transforms[bone] = found;
             }
             placed[bone] = true;
@@ -214,7 +220,7 @@ impl<'a> Fitter<'a> {
                 .filter(|&b| !placed[b])
                 .filter_map(|b| neighbours(b).find(|&o| placed[o]).map(|o| (b, o)))
                 .map(|(b, o)| {
-                    let t = if fresh { transforms[o] } else { transforms[b] };
+                    let t = if fresh(b) { transforms[o] } else { transforms[b] };
                     let p = PoseProblem {
                         bodies: vec![self.body(level, b, t)],
                         links: Vec::new(),

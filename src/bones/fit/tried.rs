@@ -72,6 +72,8 @@ pub(super) enum Guess {
     Common,
     /// Each has a guess of its own.
     Each,
+    /// Some are given; the others take over their neighbour's.
+    Given,
     /// Each has one, of those in view. The rim of a large bone that is not in view must not lead.
     Searched,
 }
