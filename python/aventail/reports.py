@@ -342,6 +342,7 @@ class Agreement(TypedDict):
 
     bones: TissueAgreement | None
     soft_tissue: TissueAgreement | None
+    alone: str
 
 
 class OutlineAgreement(TypedDict):
@@ -478,10 +479,11 @@ class Similarity(TypedDict):
 
 
 class MeanShift(TypedDict):
-    """The mean displacement of a field, LPS mm; ``of`` says over what."""
+    """One shift of the whole scan, LPS mm; ``of`` says what it is, ``alone`` is ``couch`` or ``mean``."""
 
     mm: list[float]
     of: str
+    alone: str
 
 
 class Assessment(TypedDict):

@@ -113,6 +113,7 @@ pub(crate) fn evaluate(
         let pair = runtime.stage("read and invert the field", || pair([push, pull], &all, &mut provenance))?;
         let rigid = bones.as_ref().map(rigid).unwrap_or_default();
         let sliding = bone_tree::SlidingOptions::default().pairs(&rigid);
+        let spine = bone_tree::labels_of_spine(&rigid);
         let landmarks =
             landmarks.map(|marks| session::landmarks(marks, &mut provenance)).transpose()?.unwrap_or_default();
         let subject = Subject {
@@ -122,6 +123,7 @@ pub(crate) fn evaluate(
             mask: mask.as_ref(),
             bones: bones.as_ref(),
             rigid: &rigid,
+            spine: &spine,
             sliding: &sliding,
             structures: own.as_ref(),
             structures_fraction: other.as_ref(),

@@ -67,6 +67,16 @@ pub const C1: u8 = 25;
 /// Level of the skull.
 pub const SKULL: u8 = 26;
 
+/// Whether a bone of this name is of the spine, the skull on it.
+pub fn is_of_spine(name: &str) -> bool {
+    matches!(Kind::of(name), Some(Kind::Spine(_)))
+}
+
+/// Labels of the bones (label and name) of the spine.
+pub fn labels_of_spine(bones: &[(u16, String)]) -> Vec<u16> {
+    bones.iter().filter(|(_, name)| is_of_spine(name)).map(|(label, _)| *label).collect()
+}
+
 impl Kind {
     /// The bone of a TotalSegmentator name; `None` for anything that is not a bone of the skeleton.
     pub fn of(name: &str) -> Option<Self> {

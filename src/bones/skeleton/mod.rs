@@ -13,6 +13,7 @@ mod spine;
 #[cfg(test)]
 mod tests;
 
+pub use anatomy::{is_of_spine, labels_of_spine};
 pub use build::{Built, build};
 pub use limits::Excess;
 pub use order::in_order;

@@ -293,6 +293,7 @@ fn one(
             .extend(share.and_then(|(what, share)| outside_field(what, name, share.amount_percent, WORTH)));
     }
     let sliding = skeleton::SlidingOptions::default().pairs(&inputs.rigid);
+    let spine = skeleton::labels_of_spine(&inputs.rigid);
     let subject = Subject {
         pair: &pair,
         planning: inputs.planning.as_ref(),
@@ -300,6 +301,7 @@ fn one(
         mask: inputs.mask.as_ref(),
         bones: inputs.bones.as_ref(),
         rigid: &inputs.rigid,
+        spine: &spine,
         sliding: &sliding,
         structures: inputs.structures.as_ref(),
         structures_fraction: inputs.structures_fraction.as_ref(),

@@ -7,7 +7,7 @@
 use super::pair::{displacement, inner, nearest};
 use crate::geometry::Grid;
 use crate::volume::region::part;
-use crate::volume::{LabelMap, Mask, Volume, trilinear};
+use crate::volume::{Mask, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,27 @@ pub struct TissueAgreement {
     pub worse_percent: f64,
 }
 
+/// The one shift that a registration is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Alone {
+    /// The couch shift, matched on bones.
+    #[default]
+    Couch,
+    /// The mean displacement of a field where no bones are known.
+    Mean,
+}
+
+impl Alone {
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Couch => "couch shift",
+            Self::Mean => "mean shift",
+        }
+    }
+}
+
 /// Agreement of the images in the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Agreement {
@@ -48,6 +69,9 @@ pub struct Agreement {
     pub bones: Option<TissueAgreement>,
     /// Away from bones; `None` where too little can be compared.
     pub soft_tissue: Option<TissueAgreement>,
+    /// The shift of `couch`.
+    #[serde(default)]
+    pub alone: Alone,
 }
 
 /// What is compared, in the fraction's frame.
@@ -60,10 +84,12 @@ pub struct Images<'a> {
     pub fraction: &'a Volume<f32>,
     /// The patient, in planning.
     pub body: &'a Mask,
-    /// Bones in planning.
-    pub bones: Option<&'a LabelMap>,
-    /// Couch shift, planning to fraction, LPS mm.
+    /// Labels in planning, and which of them are bones: a map may hold organs and muscles, too.
+    pub bones: Option<(&'a Volume<u16>, &'a [u16])>,
+    /// One shift of the whole, planning to fraction, LPS mm.
     pub couch: Vector3<f64>,
+    /// Which shift it is.
+    pub alone: Alone,
 }
 
 /// Values at one place: the fraction, and planning as scanned, shifted and registered; no number where there is none.
@@ -91,7 +117,8 @@ pub fn evaluate(images: &Images<'_>) -> Agreement {
         let centre = |l: usize| places[l].patient && if bone { places[l].bone } else { !near[l] };
         of_tissue(places, grid, &counts, &centre, CONTRAST_HU[usize::from(!bone)])
     };
-    Agreement { bones: images.bones.and_then(|_| tissue(true)), soft_tissue: tissue(false) }
+    let bones = images.bones.and_then(|_| tissue(true));
+    Agreement { bones, soft_tissue: tissue(false), alone: images.alone }
 }
 
 impl Images<'_> {
@@ -106,7 +133,7 @@ impl Images<'_> {
         let shifts = [Vector3::zeros(), -self.couch, v];
         let fraction = mean(self.fraction, &y, grid);
         let planning = shifts.map(|by| mean(self.planning, &(y + by), grid));
-        let bone = self.bones.is_some_and(|bones| nearest(&bones.volume, &x) > 0);
+        let bone = self.bones.is_some_and(|(labels, bones)| bones.contains(&nearest(labels, &x)));
         Place { fraction, planning, patient: fraction.is_finite() && planning[2].is_finite(), bone }
     }
 }
@@ -221,7 +248,6 @@ fn boxed<const N: usize>(mut values: Vec<[f64; N]>, grid: &Grid, reach: usize) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     fn grid() -> Grid {
         Grid::axis_aligned([40, 36, 30], [3.0; 3], [-60.0, 20.0, 0.0]).unwrap()
@@ -250,16 +276,17 @@ mod tests {
         let planning = Volume::from_fn(grid.clone(), |l| hu(&at(l)) as f32);
         let fraction = Volume::from_fn(grid.clone(), |l| shown(hu(&(at(l) - Vector3::from(moved))), l) as f32);
         let pull = Volume::filled(grid.clone(), found.map(|c| -c as f32));
-        let labels = Volume::from_fn(grid.clone(), |l| u16::from(bone(&at(l))));
-        let bones = LabelMap { volume: labels, names: BTreeMap::from([(1, "skull".to_owned())]) };
+        // Beside the bone lies an organ with a label of its own.
+        let labels = Volume::from_fn(grid.clone(), |l| u16::from(bone(&at(l))) + 9 * u16::from(at(l).x > 30.0));
         let body = Volume::filled(grid.clone(), true);
         evaluate(&Images {
             pull: &pull,
             planning: &planning,
             fraction: &fraction,
             body: &body,
-            bones: Some(&bones),
+            bones: Some((&labels, &[1])),
             couch: couch.into(),
+            alone: Alone::Couch,
         })
     }
 

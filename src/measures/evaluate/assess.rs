@@ -1,6 +1,6 @@
 //! Everything that can be measured of a field with what is given.
 
-use super::agreement::{self, Agreement};
+use super::agreement::{self, Agreement, Alone};
 use super::consistency::{self, Consistency};
 use super::contour::{self, ContourMetrics};
 use super::jacobian::tissue;
@@ -8,6 +8,7 @@ use super::landmark::{self, Landmark, LandmarkReport};
 use super::pair::{Direction, FieldPair, nearest, on_grid, per_voxel};
 use super::regularity::{self, Regularity};
 use super::rigidity::{self, BoneRigidity};
+use super::setup::{self, MeanShift, MovedBones};
 use super::similarity::{self, SimilarityReport};
 use super::verdict::{Limits, Verdict};
 use crate::body;
@@ -35,6 +36,8 @@ pub struct Subject<'a> {
     pub bones: Option<&'a LabelMap>,
     /// Label and name of each bone that moves rigidly.
     pub rigid: &'a [(u16, String)],
+    /// Labels of those of the spine, on which a couch shift is matched.
+    pub spine: &'a [u16],
     /// Pairs of labels of bones that slide on each other, with the reach of each interface in mm.
     pub sliding: &'a [([u16; 2], f64)],
     /// Structures in the planning frame.
@@ -52,7 +55,7 @@ pub struct Subject<'a> {
 pub struct Assessment {
     /// Regularity of each given field, on its own grid and in its own direction.
     pub regularity: Vec<(Direction, Regularity)>,
-    /// What one shift of the whole scan explains of the field. Earlier reports lack it.
+    /// The one shift of the whole scan that landmarks and images are compared with. Earlier reports lack it.
     #[serde(default)]
     pub shift: Option<MeanShift>,
     /// Landmark residuals.
@@ -76,15 +79,6 @@ pub struct Assessment {
     pub verdicts: Vec<Verdict>,
     /// Where regularity and consistency were measured, in words.
     pub measured_in: String,
-}
-
-/// The one shift that is nearest to a field: its mean, planning to fraction.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct MeanShift {
-    /// LPS mm.
-    pub mm: Vector3<f64>,
-    /// What it is the mean of, in words.
-    pub of: String,
 }
 
 /// What pictures need of an assessment, beside its numbers.
@@ -129,12 +123,6 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     });
     let transitivity = runtime
         .stage("transitivity", || subject.triangle.map(|[bc, ac]| consistency::transitivity(push, bc, ac, &mask_push)));
-    let shift = mean_shift(subject, push, &mask_push);
-    let landmarks = (!subject.landmarks.is_empty()).then(|| landmark::evaluate(&pair.push, subject.landmarks));
-    let landmarks = landmarks.map(|l| match &shift {
-        Some(shift) => l.with_shift(&shift.mm),
-        None => l,
-    });
     let rigidity = match subject.bones {
         Some(bones) => runtime.stage("rigidity", || {
             let grid = bones.volume.grid();
@@ -143,6 +131,14 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         })?,
         None => Vec::new(),
     };
+    let moved =
+        subject.bones.map(|labels| MovedBones { labels, rigid: subject.rigid, spine: subject.spine, moved: &rigidity });
+    let shift = setup::shift(moved, push, &mask_push, subject.fraction.map_or(pull.grid(), Volume::grid));
+    let landmarks = (!subject.landmarks.is_empty()).then(|| landmark::evaluate(&pair.push, subject.landmarks));
+    let landmarks = landmarks.map(|l| match &shift {
+        Some(shift) => l.with_shift(&shift.mm),
+        None => l,
+    });
     let (contours, mapped) = match (subject.structures, subject.structures_fraction) {
         (Some(a), Some(b)) => runtime.stage("contours", || {
             let grid = b.volume.grid();
@@ -158,10 +154,11 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     };
     let agreement = match (subject.planning, subject.fraction) {
         (Some(planning), Some(fraction)) if shows_air(fraction) => Some(runtime.stage("compare images", || {
-            let couch = shift.as_ref().map_or_else(Vector3::zeros, |s| s.mm);
+            let (couch, alone) = shift.as_ref().map_or((Vector3::zeros(), Alone::Mean), |s| (s.mm, s.alone));
             let body = same_grid(patient.as_ref().unwrap_or(&mask), planning.grid());
-            let bones = subject.bones;
-            agreement::evaluate(&agreement::Images { pull, planning, fraction, body: &body, bones, couch })
+            let labels: Vec<u16> = subject.rigid.iter().map(|(label, _)| *label).collect();
+            let bones = subject.bones.map(|map| (&map.volume, &labels[..]));
+            agreement::evaluate(&agreement::Images { pull, planning, fraction, body: &body, bones, couch, alone })
         })),
         _ => None,
     };
@@ -181,24 +178,6 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     };
     assessment.verdicts = verdicts(&assessment, pair, limits);
     Ok((assessment, Maps { jacobian: map, measured: mask, structures: mapped }))
-}
-
-/// The mean displacement of the bones, which a couch shift moves as one, or of all that is measured where no bones are given.
-fn mean_shift(subject: &Subject<'_>, push: &Volume<[f32; 3]>, mask: &Mask) -> Option<MeanShift> {
-    let grid = push.grid();
-    let mean = |counts: &(dyn Fn(usize) -> bool + Sync)| {
-        let all = (0..grid.len()).filter(|l| counts(*l));
-        let (sum, n) = all.fold((Vector3::zeros(), 0usize), |(sum, n), l| {
-            (sum + Vector3::from(push.data()[l].map(f64::from)), n + 1)
-        });
-        (n > 0).then(|| sum / n as f64)
-    };
-    let of_bones = subject.bones.and_then(|b| mean(&|l| nearest(&b.volume, &grid.centre(grid.voxel(l))) > 0));
-    let (mm, of) = match of_bones {
-        Some(mm) => (mm, "the bones"),
-        None => (mean(&|l| mask.data()[l])?, "everything that is measured"),
-    };
-    Some(MeanShift { mm, of: of.into() })
 }
 
 /// Whether an image has values of air, as CTs in HU do and MR images do not.

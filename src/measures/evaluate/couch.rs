@@ -4,7 +4,7 @@
 //! what is left whether to treat or to set up again. Bones move rigidly, so the least squares over all their points
 //! follow from their moments, without sampling (Kabsch, Acta Cryst. A32 (1976) 922, with each bone's weight 1).
 
-use crate::geometry::Rigid;
+use crate::geometry::{Grid, Rigid};
 use crate::volume::LabelMap;
 use crate::volume::region::box_problem;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -30,6 +30,34 @@ impl CouchOptions {
         }
         box_problem("couch.box_mm", &self.box_mm?)
     }
+}
+
+/// Bones of the spine whose centre is so near the middle are matched, mm along the body: three or four vertebrae to each side.
+const NEAR_MM: f64 = 60.0;
+/// So many at least, however far they lie.
+const FEWEST: usize = 3;
+/// Why these are matched, in words.
+pub const NEAR_MIDDLE: &str = "bones of the spine nearest the middle of what both scans show";
+
+/// Height in planning of the middle of what both scans show, mm; `motion`: of the whole, planning to fraction.
+pub fn middle(planning: &Grid, fraction: &Grid, motion: &Rigid) -> f64 {
+    let back = motion.inverse();
+    let range = |points: &mut dyn Iterator<Item = f64>| {
+        points.fold([f64::MAX, f64::MIN], |[low, high], z| [low.min(z), high.max(z)])
+    };
+    let [low, high] = range(&mut planning.corners().map(|c| c.z).into_iter());
+    let [from, to] = range(&mut fraction.corners().map(|c| (back * c).z).into_iter());
+    // Scans that show nothing in common have no middle: planning's own.
+    if from >= high || to <= low { f64::midpoint(low, high) } else { f64::midpoint(low.max(from), high.min(to)) }
+}
+
+/// Positions of the bones of the spine nearest the middle, nearest first; `heights`: of the centre of each that can be matched, mm.
+pub fn near_middle(heights: &[Option<f64>], middle: f64) -> Vec<usize> {
+    let off = |(n, z): (usize, &Option<f64>)| z.map(|z| ((z - middle).abs(), n));
+    let mut near: Vec<(f64, usize)> = heights.iter().enumerate().filter_map(off).collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let taken = near.iter().filter(|(off, _)| *off <= NEAR_MM).count().max(FEWEST).min(near.len());
+    near[..taken].iter().map(|n| n.1).collect()
 }
 
 /// A rigid body by its moments.
@@ -215,7 +243,6 @@ fn apart(bone: &CouchBone<'_>, other: &Rigid) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Grid;
     use crate::volume::Volume;
 
     /// Two bones of unlike size and shape, and every point of them.

@@ -16,14 +16,16 @@ pub mod landmark;
 mod pair;
 pub mod regularity;
 pub mod rigidity;
+mod setup;
 pub mod similarity;
 mod surface;
 pub mod uncertainty;
 pub mod verdict;
 
-pub use assess::{Assessment, Maps, MeanShift, Subject, assess};
+pub use assess::{Assessment, Maps, Subject, assess};
 pub use cell::CellKinds;
 pub use pair::{Direction, FieldPair};
+pub use setup::MeanShift;
 pub use surface::Surface;
 
 use crate::stats::percentile;

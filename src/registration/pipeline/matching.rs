@@ -2,17 +2,12 @@
 
 use super::outcome::is_placed;
 use crate::error::{Error, Result};
-use crate::evaluate::couch::{CouchBone, CouchMatch, CouchOptions, moments};
-use crate::fit::FitResult;
+use crate::evaluate::couch::{CouchBone, CouchMatch, CouchOptions, NEAR_MIDDLE, middle, moments, near_middle};
+use crate::fit::{BoneFit, FitResult};
 use crate::geometry::Grid;
-use crate::skeleton::{Skeleton, anatomy::Kind};
+use crate::skeleton::{Bone, Skeleton, is_of_spine};
 use crate::volume::LabelMap;
 use nalgebra::Vector3;
-
-/// Bones of the spine whose centre is so near the middle are matched, mm along the body: three or four vertebrae to each side.
-const NEAR_MM: f64 = 60.0;
-/// So many at least, however far they lie.
-const FEWEST: usize = 3;
 
 /// Refuses names that are no bone of the planning scan.
 ///
@@ -51,25 +46,13 @@ pub(super) fn couch_match(
     common: &Vector3<f64>,
 ) -> CouchMatch {
     let shapes = moments(bones, options.box_mm);
-    let (chosen, why) = chosen(options, skeleton, fit, middle(planning, fraction, fit));
+    let (chosen, why) = chosen(options, skeleton, fit, middle(planning, fraction, &fit.common));
     let fitted = skeleton.bones.iter().zip(&fit.transforms).zip(chosen);
     let shaped = fitted.filter_map(|((bone, motion), matched)| {
         let moments = *shapes.get(&bone.label)?;
         Some(CouchBone { name: &bone.name, moments, motion: *motion, matched })
     });
     CouchMatch::of(&shaped.collect::<Vec<_>>(), why, *common)
-}
-
-/// Height in planning of the middle of what both scans show, mm.
-fn middle(planning: &Grid, fraction: &Grid, fit: &FitResult) -> f64 {
-    let back = fit.common.inverse();
-    let range = |points: &mut dyn Iterator<Item = f64>| {
-        points.fold([f64::MAX, f64::MIN], |[low, high], z| [low.min(z), high.max(z)])
-    };
-    let [low, high] = range(&mut planning.corners().map(|c| c.z).into_iter());
-    let [from, to] = range(&mut fraction.corners().map(|c| (back * c).z).into_iter());
-    // Scans that show nothing in common have no middle: planning's own.
-    if from >= high || to <= low { f64::midpoint(low, high) } else { f64::midpoint(low.max(from), high.min(to)) }
 }
 
 /// Which bones are matched, and why, in words.
@@ -87,15 +70,10 @@ fn chosen(options: &CouchOptions, skeleton: &Skeleton, fit: &FitResult, middle: 
         let named = all.map(|(bone, _)| options.bones.contains(&bone.name)).collect();
         return (named, "the given bones".into());
     }
-    let mut near: Vec<(f64, usize)> = all
-        .clone()
-        .enumerate()
-        .filter(|(_, (bone, fit))| matches!(Kind::of(&bone.name), Some(Kind::Spine(_))) && is_placed(fit))
-        .map(|(n, (bone, _))| ((bone.centroid.z - middle).abs(), n))
-        .collect();
-    near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let taken = near.iter().filter(|(off, _)| *off <= NEAR_MM).count().max(FEWEST).min(near.len());
-    if taken == 0 {
+    let height =
+        |(bone, fit): (&Bone, &BoneFit)| (is_of_spine(&bone.name) && is_placed(fit)).then_some(bone.centroid.z);
+    let near = near_middle(&all.clone().map(height).collect::<Vec<_>>(), middle);
+    if near.is_empty() {
         let placed: Vec<bool> = all.map(|(_, fit)| is_placed(fit)).collect();
         let why = if placed.contains(&true) {
             "all placed bones: none is of the spine"
@@ -104,7 +82,5 @@ fn chosen(options: &CouchOptions, skeleton: &Skeleton, fit: &FitResult, middle: 
         };
         return (placed, why.into());
     }
-    let taken: Vec<usize> = near[..taken].iter().map(|n| n.1).collect();
-    let why = "bones of the spine nearest the middle of what both scans show";
-    ((0..skeleton.bones.len()).map(|n| taken.contains(&n)).collect(), why.into())
+    ((0..skeleton.bones.len()).map(|n| near.contains(&n)).collect(), NEAR_MIDDLE.into())
 }

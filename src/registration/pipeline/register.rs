@@ -161,13 +161,15 @@ fn carried(
     }
     // One modality's grey values are no function of another's in every window.
     if !config.across() {
+        let labels: Vec<u16> = carried.fitted.skeleton.bones.iter().map(|b| b.label).collect();
         let compared = agreement::Images {
             pull: &carried.pull.displacement,
             planning: &case.planning.ct,
             fraction,
             body: &carried.fitted.body,
-            bones: Some(&case.planning.bones),
+            bones: Some((&case.planning.bones.volume, &labels[..])),
             couch: carried.couch.shift(),
+            alone: agreement::Alone::Couch,
         };
         told.agreement = Some(runtime.stage("compare images", || agreement::evaluate(&compared)));
     }
@@ -228,8 +230,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > SHOULD_BE_FOUND {
             let message = format!(
                 "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but {} of its contrast is \
-                 found where the joint holds it, too little to place it (voxels of 2.5 mm and more do that to thin \
-                 bones, too)",
+                 found where the joint holds it, too little to place it",
                 bone.name,
                 100.0 * bone.visible,
                 bone.similarity_after.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share)),

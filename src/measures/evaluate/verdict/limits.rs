@@ -186,8 +186,9 @@ impl Limits {
             let mut mean = figure("local correlation", tissue.after, "").at_least(least);
             let told = |value: Option<f64>| value.map_or("unknown".to_owned(), |v| format!("{v:.2}"));
             let [before, couch] = [tissue.before, tissue.couch].map(told);
-            mean.reason.push_str(&format!("; {before} as scanned, {couch} with the couch shift alone"));
-            let worse = figure("worse than with the couch shift", tissue.worse_percent, "%");
+            let shift = agreement.alone.name();
+            mean.reason.push_str(&format!("; {before} as scanned, {couch} with the {shift} alone"));
+            let worse = figure(&format!("worse than with the {shift}"), tissue.worse_percent, "%");
             Some([mean, worse.at_most(self.image_worse_percent)])
         };
         all.into_iter().filter_map(of).flatten().collect()

@@ -140,7 +140,7 @@ fn fusions(
     if let Some(shift) = field.assessment.shift.as_ref().filter(|s| s.mm.norm() >= LEAST_SHIFT_MM) {
         let mm = shift.mm;
         let caption = format!(
-            "Planning CT moved as a whole by the mean displacement of {} ({:.1}, {:.1}, {:.1} mm): what is coloured here is left for the \
+            "Planning CT moved as a whole by the {} ({:.1}, {:.1}, {:.1} mm): what is coloured here is left for the \
              deformation.",
             shift.of, mm.x, mm.y, mm.z
         );
