@@ -21,7 +21,7 @@ Writes to OUT:
   body.nii.gz, computed.nii.gz, inside_planning.nii.gz
                               masks: the patient; tissue whose motion was computed; fraction voxels
                               that the planning scan covers
-  uncertainty.nii.gz          error, mm, planning grid: two thirds of errors are smaller;
+  uncertainty.nii.gz          estimated error, mm, planning grid (docs/validation.md);
                               -1 outside the patient or unknown
   skin_contact.nii.gz         fraction voxels where skin passes through skin, if there are any
   regions.nii.gz              with `output.regions = true`: the bone that each voxel follows

@@ -91,7 +91,7 @@ pub(super) const PANELS: [(&str, &str, &[Parameter]); 3] = [
             output(
                 "uncertainty",
                 "Uncertainty, mm",
-                "Estimated error in mm on the planning grid: about two thirds of the errors are smaller; -1 where unknown",
+                "Estimated error in mm on the planning grid: on posed CTs two thirds of errors were smaller; -1 where unknown",
                 Tag::Image,
             ),
             output(

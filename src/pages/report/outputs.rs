@@ -80,9 +80,9 @@ pub(super) fn write_outputs(out: &Path, outcome: &Outcome, config: &Config) -> R
         files.add("skin_contact.nii.gz", what, move |path| io::write_mask(path, skin, &options(what)));
     }
     if let Some((map, _)) = &outcome.uncertainty {
-        let what = "estimated error on the planning grid, mm: about two thirds of the errors lie below it; -1 outside the patient";
+        let what = "estimated error on the planning grid, mm: on posed CTs two thirds of errors lay below it; -1 outside the patient or unknown";
         files.add("uncertainty.nii.gz", what, move |path| {
-            io::write_map(path, map, &options("estimated error, mm: about two thirds of the errors lie below"))
+            io::write_map(path, map, &options("estimated error, mm: on posed CTs two thirds of errors lay below"))
         });
     }
     if let Some(posterior) = &outcome.posterior {

@@ -64,7 +64,7 @@ pub fn terminal_table(report: &Report) -> String {
     rows.push((
         "consistency",
         format!(
-            "inverse-consistency error {:.3} mm mean, {:.2} mm worst away from bone contact and sliding surfaces",
+            "inverse-consistency error {:.3} mm mean, {:.2} mm worst beyond 10 mm from bone contact, off sliding surfaces",
             back.mean, back.max
         ),
     ));
@@ -169,7 +169,7 @@ fn agreement(images: &Agreement) -> String {
 fn couch(couch: &CouchMatch) -> Option<String> {
     let worst = couch.worst()?;
     Some(format!(
-        "patient lies {} mm by {} {}; leaves {:.1} ({}), {:.1} turned {:.1} deg",
+        "patient lies {} mm by {} {}; leaves {:.1} rms ({}), {:.1} turned {:.1} deg",
         couch.towards(),
         couch.on.len(),
         if couch.on.len() == 1 { "bone" } else { "bones" },

@@ -22,7 +22,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     let back = &outcome.consistency.there_and_back_mm;
     if back.n > 0 {
         all.push(limits.consistency(
-            "inverse consistency away from bone contact and sliding surfaces",
+            "inverse consistency beyond 10 mm from bone contact, off sliding surfaces",
             back.p95,
             voxel,
         ));

@@ -15,8 +15,9 @@ impl Limits {
     }
 
     fn in_tissue(&self, direction: &str, jacobian: &JacobianReport, cell_ml: f64) -> Verdict {
-        let (folded, cells) = (jacobian.body.folded, jacobian.body.cells);
-        let (ml, percent) = (folded as f64 * cell_ml, jacobian.body.folded_percent);
+        // A share of all tissue, so that it does not hang on what is taken for contact or interface.
+        let (folded, cells) = (jacobian.body.folded, jacobian.all.cells.max(jacobian.body.cells));
+        let (ml, percent) = (folded as f64 * cell_ml, 100.0 * folded as f64 / cells.max(1) as f64);
         let within = |n: usize| percent <= self.folded_percent[n] && ml <= self.folded_ml[n];
         let mark = if folded == 0 || within(0) {
             Mark::Pass

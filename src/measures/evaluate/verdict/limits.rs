@@ -72,16 +72,18 @@ fn or_voxel([strict, loose]: [f64; 2], voxel_mm: f64) -> [f64; 2] {
 impl Limits {
     /// Mean and greatest residual of landmarks; `voxel_mm`: largest voxel edge of both scans.
     pub fn landmarks(&self, after: &Summary, voxel_mm: f64) -> [Verdict; 2] {
-        let figure = |what: &str, value| Figure {
+        let figure = |what: &str, value, source| Figure {
             name: format!("landmarks, {what} residual"),
             value,
             unit: "mm",
-            source: TG132,
+            source,
             remedy: "look at the landmarks that are farthest off; check that both positions show the same point",
         };
         [
-            figure("mean", after.mean).at_most(or_voxel(self.landmark_mean_mm, voxel_mm)),
-            figure("greatest", after.max).at_most([self.landmark_greatest_mm, f64::INFINITY]),
+            figure("mean", after.mean, "after AAPM TG-132; on the mean: ours")
+                .at_most(or_voxel(self.landmark_mean_mm, voxel_mm)),
+            figure("greatest", after.max, "AAPM TG-132, of test data")
+                .at_most([self.landmark_greatest_mm, f64::INFINITY]),
         ]
     }
 
@@ -104,7 +106,7 @@ impl Limits {
     pub fn consistency(&self, what: &str, p95_mm: f64, voxel_mm: f64) -> Verdict {
         let name = format!("{what}, 95th percentile");
         let remedy = "do not carry dose or contours back and forth where the two fields differ";
-        let figure = Figure { name, value: p95_mm, unit: "mm", source: TG132, remedy };
+        let figure = Figure { name, value: p95_mm, unit: "mm", source: "after AAPM TG-132; percentile: ours", remedy };
         figure.at_most(or_voxel(self.consistency_mm, voxel_mm))
     }
 

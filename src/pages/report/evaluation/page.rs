@@ -138,6 +138,7 @@ fn missing(field: &Assessed) -> Vec<&'static str> {
         (a.landmarks.as_ref().is_some_and(|l| l.after.n > 0), "target registration error (--landmarks)"),
         (!a.contours.is_empty(), "agreement of contours (--labels-planning, --labels-fraction)"),
         (!a.rigidity.is_empty(), "rigidity of bones (--bones)"),
+        (a.agreement.is_some(), "agreement of the images (--planning, --fraction in HU)"),
     ];
     known.into_iter().filter(|(known, _)| !known).map(|(_, what)| what).collect()
 }

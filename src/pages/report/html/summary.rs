@@ -76,8 +76,9 @@ fn matched(report: &Report) -> String {
     };
     let left = couch.worst().map_or(String::new(), |worst| {
         format!(
-            "; leaves {:.1} mm there at most, {:.1} mm with a rotation of {:.1}\u{b0}",
+            "; leaves up to {:.1} mm rms there ({}), {:.1} mm with a rotation of {:.1}\u{b0}",
             worst.shift_mm,
+            worst.bone,
             worst.rotation_mm,
             couch.angle_deg()
         )
@@ -166,6 +167,8 @@ pub(super) fn missing(report: &Report) -> Vec<&'static str> {
         (landmarks, "target registration error (no landmarks)"),
         (false, "agreement of contours (see aventail evaluate)"),
         (report.uncertainty.is_some(), "uncertainty"),
+        (report.agreement.is_some(), "agreement of the images (two kinds of grey values)"),
+        (false, "curl (see aventail evaluate)"),
     ];
     known.into_iter().filter(|(known, _)| !known).map(|(_, what)| what).collect()
 }

@@ -88,15 +88,16 @@ pub(super) fn bones(report: &Report) -> Markup {
     let on_paper = printed(&motion, BONES_ON_PAPER);
     html! {
         p.note {
-            "Motion is the displacement of a bone's centre, from planning to fraction; left by couch is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Uncertainty is one standard "
-            "deviation in the worst direction, from the curvature of the cost. Similarity: 1 best, 0 none; before is with the mean "
+            "Motion is the displacement of a bone's centre, from planning to fraction; left by couch is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Scatter is how far noise "
+            "would move a bone of these samples, one standard deviation in the worst direction, from the curvature of the cost; real errors are often two to four times as large, "
+            "and more where a bone's own image is doubtful. Similarity: 1 best, 0 none; before is with the mean "
             "motion alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
         table {
             thead {
                 tr {
                     th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Left by couch" br; "mm" } th.n { "Rotation" br; "deg" }
-                    th.n { "Uncertainty" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
+                    th.n { "Scatter" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
                 }
             }
             tbody {
@@ -132,7 +133,8 @@ fn left(report: &Report, bone: &str) -> String {
 /// A bone without a finite standard deviation is not determined.
 fn uncertainty(bone: &BoneFit) -> String {
     if bone.position_sd_mm.is_finite() && bone.rotation_sd_deg.is_finite() {
-        format!("{:.2} / {:.2}", bone.position_sd_mm, bone.rotation_sd_deg)
+        let told = |v: f64| if v < 0.01 { "<0.01".to_owned() } else { format!("{v:.2}") };
+        format!("{} / {}", told(bone.position_sd_mm), told(bone.rotation_sd_deg))
     } else {
         "open".to_owned()
     }
@@ -211,9 +213,9 @@ pub(super) fn trust(report: &Report) -> Markup {
     html! {
         div {
             p.note {
-                "One standard deviation: about two thirds of errors should be smaller. Estimated, not measured: on CTs with known truth it "
-                "ranks places roughly (Spearman 0.5 to 0.6); 65 to 87 % of errors lie below it and 99 % below three times as much "
-                "(docs/validation.md)."
+                "Estimated, not measured: it tells where to look first (Spearman 0.5 to 0.6), and is no interval. On the four posed CTs that it was "
+                "tuned on, 66 to 87 % of errors lie below it and 99 % below three times as much; on phantoms, whose tissue also moves "
+                "where no image shows it, 34 to 52 % and 86 to 94 %; in a breathing chest without --organs 30 % and 79 % (docs/validation.md)."
             }
             table {
                 thead { tr { th { "Soft tissue" } th {} } }
@@ -388,8 +390,8 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Inverse-consistency error (planning to fraction and back) away from bone contact and sliding surfaces, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
-                    tr { td { "Of those, beyond the limit (before soft tissue was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
+                    tr { td { "Inverse-consistency error (planning to fraction and back) beyond 10 mm from bone contact, off sliding surfaces, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
+                    tr { td { "Of those, beyond the limit that soft tissue is moved to (consistency.limit_mm; before it was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
                     tr { td { "Voxels inverted, of all in the fraction's grid (shares are of these)" } td.n { (count(r.n)) " of " (count(inverse.voxels)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
                     tr { td { "Not converged, in tissue" } td.n { (share(inverse.unconverged_tissue)) } }

@@ -58,7 +58,7 @@ pub(super) fn draw(scene: &PictureScene<'_>, map: &Spans<f32>) -> Plate {
     Plate {
         file: "uncertainty.png",
         title: "Uncertainty",
-        caption: "Estimated error, mm, on the planning CT: about two thirds of the errors are smaller. TG-132's 2 and 3 mm are marked; the scale ends at 6. From the disagreement between \
+        caption: "Estimated error, mm, on the planning CT: on posed CTs two thirds of errors were smaller. TG-132's 2 and 3 mm are marked; the scale ends at 6. From the disagreement between \
                   bones alone and bones with images, and from what of the images still differs; where images say nothing, from \
                   the distance to the nearest bone. Grey: not known."
             .to_owned(),
