@@ -24,7 +24,7 @@ use crate::pipeline::Posing;
 use crate::progress::Silent;
 use crate::report::{About, Gallery, Manifest, OutputFile, PostureRecord, RECORD, Rejected, library_page};
 use crate::runtime::Runtime;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use make::Maker;
 use sources::{Sources, without_volumes};
 use std::fmt::Write as _;
@@ -169,7 +169,10 @@ fn finish(
 fn told(warnings: &[Warning]) -> String {
     let few = warnings.iter().take(SHOWN).map(|w| format!("  warning ({}): {}\n", w.code, harmless(&w.message)));
     let more = warnings.len().saturating_sub(SHOWN);
-    let rest = (more > 0).then(|| format!("  {more} more warnings of the planning side are on the page\n"));
+    let rest = (more > 0).then(|| {
+        let more = counted(more, "more warning of the planning side is", "more warnings of the planning side are");
+        format!("  {more} on the page\n")
+    });
     few.chain(rest).collect()
 }
 

@@ -6,7 +6,7 @@ use crate::findings;
 use crate::geometry::{Grid, Rigid};
 use crate::skeleton::{self, Skeleton};
 use crate::volume::{LabelMap, Mask};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 
 /// Bones that overlap by more than this are warned of, mm, and by more than half of the largest voxel edge: a label's
 /// surface is not known better than that on either bone.
@@ -59,9 +59,8 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
     if !deep.is_empty() {
         let list = deep.join(", ");
         let message = format!(
-            "{} pairs of bones overlap by more than {limit:.1} mm after their motion: {list}; check their labels and \
-             their fit in the fusion images",
-            deep.len()
+            "{} by more than {limit:.1} mm after their motion: {list}; check their labels and their fit in the fusion images",
+            counted(deep.len(), "pair of bones overlaps", "pairs of bones overlap")
         );
         out.push(Warning::new(findings::BONES_OVERLAP, message));
     }
@@ -73,14 +72,16 @@ pub(super) fn warnings(report: &ContactReport, voxel: f64) -> Vec<Warning> {
         .collect();
     if !wide.is_empty() {
         let list = wide.join(", ");
-        let message = format!("{} joints come apart beyond their range: {list}; check labels and fit", wide.len());
+        let joints = counted(wide.len(), "joint comes apart beyond its range", "joints come apart beyond their range");
+        let message = format!("{joints}: {list}; check labels and fit");
         out.push(Warning::new(findings::BONES_APART, message));
     }
     if report.skin_voxels > 0 {
         let message = format!(
-            "skin passes through skin in {:.2} ml of the fraction ({} voxels); see \
+            "skin passes through skin in {:.2} ml of the fraction ({}); see \
              skin_contact.nii.gz, and do not trust dose or contours there",
-            report.skin_ml, report.skin_voxels
+            report.skin_ml,
+            counted(report.skin_voxels, "voxel", "voxels")
         );
         out.push(Warning::new(findings::SKIN_MEETS_SKIN, message));
     }

@@ -3,7 +3,7 @@
 use crate::evaluate::jacobian::JacobianReport;
 use crate::field::{InverseReport, PushField};
 use crate::findings;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 
 /// Findings about the field.
 pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, inverse: &InverseReport) -> Vec<Warning> {
@@ -12,8 +12,9 @@ pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, invers
         out.push(Warning::new(
             findings::FOLDED,
             format!(
-                "{} of {} tissue cells outside bone contact and sliding interfaces are folded; see the Jacobian map",
-                jacobian.body.folded, jacobian.body.cells
+                "of {} tissue cells outside bone contact and sliding interfaces {} folded; see the Jacobian map",
+                jacobian.body.cells,
+                counted(jacobian.body.folded, "is", "are")
             ),
         ));
     }
@@ -21,8 +22,9 @@ pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, invers
         out.push(Warning::new(
             findings::BONES_MEET,
             format!(
-                "{} of {} cells between touching bones are folded: rigid bones slide or collide there",
-                jacobian.contact.folded, jacobian.contact.cells
+                "of {} cells between touching bones {} folded: rigid bones slide or collide there",
+                jacobian.contact.cells,
+                counted(jacobian.contact.folded, "is", "are")
             ),
         ));
     }
@@ -30,8 +32,9 @@ pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, invers
         out.push(Warning::new(
             findings::SLIDING,
             format!(
-                "{} of {} cells of declared sliding interfaces are folded: motion may be discontinuous there",
-                jacobian.interface.folded, jacobian.interface.cells
+                "of {} cells of declared sliding interfaces {} folded: motion may be discontinuous there",
+                jacobian.interface.cells,
+                counted(jacobian.interface.folded, "is", "are")
             ),
         ));
     }
@@ -39,9 +42,15 @@ pub(super) fn field_warnings(push: &PushField, jacobian: &JacobianReport, invers
         out.push(Warning::new(
             findings::INVERSE,
             format!(
-                "{} tissue voxels of the fraction CT have no exact pre-image (largest residual {:.2} mm); {} of them, missed by more \
-                 than a voxel, show nothing of the planning scan",
-                inverse.unconverged_tissue, inverse.unconverged_max_mm, inverse.strayed
+                "{} no exact pre-image (largest residual {:.2} mm); {} of them, missed by more than a voxel, \
+                 show nothing of the planning scan",
+                counted(
+                    inverse.unconverged_tissue,
+                    "tissue voxel of the fraction has",
+                    "tissue voxels of the fraction have"
+                ),
+                inverse.unconverged_max_mm,
+                inverse.strayed
             ),
         ));
     }

@@ -9,7 +9,7 @@ use crate::findings;
 use crate::refine::{DOUBTED_MM, UNBELIEVED_MM, depth_in};
 use crate::skeleton::Skeleton;
 use crate::volume::{Mask, Outline, Spans, Volume, Window, trilinear, trilinear_vector};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -262,7 +262,10 @@ pub(super) fn warnings(reached: &[GuideReached], voxel: f64) -> Vec<Warning> {
             Some(_) => {}
         }
         if *folded > 0 {
-            let message = format!("{name}: the field folds in {folded} cells within {BESIDE_MM:.0} mm of its surface");
+            let message = format!(
+                "{name}: the field folds in {} within {BESIDE_MM:.0} mm of its surface",
+                counted(*folded, "cell", "cells")
+            );
             out.push(Warning::new(findings::GUIDE_FOLDS, message));
         }
     }

@@ -3,7 +3,7 @@
 use crate::evaluate::landmark::{Landmark, LandmarkReport, LandmarkResidual};
 use crate::field::PushField;
 use crate::findings;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use nalgebra::Vector3;
 
 /// A landmark is worse off than under the couch shift alone when it is so much farther off, mm: less is picking.
@@ -27,16 +27,20 @@ pub(super) fn warnings(
     if !outside.is_empty() {
         out.push(Warning::new(
             findings::LANDMARKS_OUTSIDE,
-            format!("{} landmarks lie where no displacement was computed: {}", outside.len(), outside.join(", ")),
+            format!(
+                "{} where no displacement was computed: {}",
+                counted(outside.len(), "landmark lies", "landmarks lie"),
+                outside.join(", ")
+            ),
         ));
     }
     if !worse.is_empty() {
         out.push(Warning::new(
             findings::LANDMARKS_WORSE,
             format!(
-                "{} of {} landmarks are farther off than under the couch shift alone: {}",
-                worse.len(),
-                landmarks.len(),
+                "of {} {} farther off than under the couch shift alone: {}",
+                counted(landmarks.len(), "landmark", "landmarks"),
+                counted(worse.len(), "is", "are"),
                 worse.join(", ")
             ),
         ));

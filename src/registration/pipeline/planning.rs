@@ -24,7 +24,7 @@ use crate::runtime::Runtime;
 use crate::skeleton::{self, Skeleton};
 use crate::volume::morphology::{dilate, erode};
 use crate::volume::{Mask, Volume};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use std::sync::Arc;
 
 /// What every way to move the bones begins with: the skeleton and the patient.
@@ -260,7 +260,14 @@ pub(super) fn skeleton_of(planning: &PlanningScan, config: &Config) -> Result<(S
         let list = ignored.join(", ");
         warnings.push(Warning::new(
             findings::LABELS_IGNORED,
-            format!("{} labels are no bones of the skeleton and were ignored: {list}", ignored.len()),
+            format!(
+                "{}: {list}",
+                counted(
+                    ignored.len(),
+                    "label is no bone of the skeleton and was ignored",
+                    "labels are no bones of the skeleton and were ignored"
+                )
+            ),
         ));
     }
     Ok((planning.skeleton.clone().unwrap_or(built.skeleton), warnings))
