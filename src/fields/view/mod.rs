@@ -79,9 +79,12 @@ impl ViewReport {
         } else if let Some(padding) = self.padding {
             words.push(format!("padded with {padding}"));
         }
-        let blank: usize = self.blank.as_flattened().iter().sum();
-        if blank > 0 {
-            words.push(format!("{blank} blank slices"));
+        for (ends, what) in self.blank.iter().zip(["column", "row", "slice"]).rev() {
+            match ends[0] + ends[1] {
+                0 => {}
+                1 => words.push(format!("1 blank {what} at the edge")),
+                n => words.push(format!("{n} blank {what}s at the edges")),
+            }
         }
         words
     }

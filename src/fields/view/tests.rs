@@ -82,6 +82,11 @@ fn blank_ends_and_padding_by_value_are_no_measurement() {
     let view = View::of(&ct);
     assert_eq!(view.report.blank, [[0, 0], [0, 0], [2, 1]]);
     assert!((view.report.measured_percent - 75.0).abs() < 1e-9);
+    assert_eq!(view.report.words(), ["3 blank slices at the edges"]);
+    let side = ViewReport { blank: [[1, 0], [0, 0], [0, 0]], ..ViewReport::default() };
+    assert_eq!(side.words(), ["1 blank column at the edge"], "a column is no slice");
+    let all = ViewReport { blank: [[0, 0], [1, 2], [0, 1]], ..ViewReport::default() };
+    assert_eq!(all.words(), ["1 blank slice at the edge", "3 blank rows at the edges"]);
     // A band along one side.
     let band = Volume::from_fn(grid(), |l| if grid().voxel(l)[0] < 12 { -2000.0 } else { tissue(l) });
     let view = View::of(&band);
