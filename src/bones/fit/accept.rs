@@ -97,7 +97,7 @@ impl Placed {
                     "this short view shows too little bone: of the large ones the image places {bone} alone, and explains \
                      {percent:.0} % of the bone contrast in view; at wrong places it was up to 70 %"
                 ),
-                "give a fraction CT that shows two bones or more; or place the bones with a rigid motion (--start) or landmarks on \
+                "give a fraction that shows two bones or more; or place the bones with a rigid motion (--start) or landmarks on \
                  bones (--bone-landmarks)",
             ));
         }
@@ -145,7 +145,7 @@ pub(super) fn accept(
         let lost = |b: &&BoneFit| b.determined_by != DeterminedBy::Image && b.visible > 0.3;
         let names: Vec<&str> = fit.bones.iter().filter(lost).map(|b| b.name.as_str()).collect();
         let message = format!(
-            "the fraction CT places only {:.0} % by volume of the bones in view; the others follow their joints: {}. Look \
+            "the fraction places only {:.0} % by volume of the bones in view; the others follow their joints: {}. Look \
              at them in the fusion images before anything else",
             100.0 * found,
             names.join(", ")
@@ -172,7 +172,7 @@ pub(super) fn not_found(
     let (drawn, fine) = finer.ok_or_else(|| Error::Internal("a level of the fit has no samples".into()))?;
     let own = as_they_are(&drawn.all, &fine, &fit.common, options.measure);
     let problem = format!(
-        "of the bones that should be in view, only {:.0} % by volume are found in the fraction CT ({} of {} bones)",
+        "of the bones that should be in view, only {:.0} % by volume are found in the fraction ({} of {} bones)",
         100.0 * found.max(0.0),
         fit.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).count(),
         fit.bones.len()

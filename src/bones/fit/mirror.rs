@@ -135,7 +135,7 @@ impl Twins {
     /// Both shares in words.
     fn both(self) -> String {
         format!(
-            "the planning CT's bones explain {:.0} % of the fraction CT's bone contrast as they are, and {:.0} % mirrored \
+            "the planning CT's bones explain {:.0} % of the fraction's bone contrast as they are, and {:.0} % mirrored \
              left to right",
             100.0 * self.own,
             100.0 * self.mirrored
@@ -150,7 +150,7 @@ impl Twins {
         if 1.0 - self.mirrored < self.sure * (1.0 - self.own) {
             return Err(Error::failed(
                 findings::FRACTION_MIRRORED,
-                format!("the fraction CT looks like the mirror image of the planning CT: {}", self.both()),
+                format!("the fraction looks like the mirror image of the planning CT: {}", self.both()),
                 "look at the heart, the liver or a marked side in both scans: where one is mirrored, write the file anew from \
                  its DICOM series or correct the sign of its x axis; where neither is, the bones were found at a wrong place: \
                  give --start or --bone-landmarks",

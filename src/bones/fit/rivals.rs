@@ -84,7 +84,7 @@ impl Fitter<'_> {
         let here = probable.first().copied().filter(|p| *p < SURE)?;
         let (rival, there) = others.iter().zip(&probable[1..]).min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
         let message = format!(
-            "the fraction CT shows {height:.0} mm of the bones; {:.0} mm away, at another level of the spine, they fit with {:.0} % \
+            "the fraction shows {height:.0} mm of the bones; {:.0} mm away, at another level of the spine, they fit with {:.0} % \
              of the evidence: the result is right with a probability of {:.0} %, that place with {:.0} %; check the levels in the \
              fusion images, or place a vertebra with --bone-landmarks",
             self.apart(&best.fit.transforms, &rival.fit.transforms),

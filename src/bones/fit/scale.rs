@@ -164,7 +164,7 @@ impl Scale {
             let beyond = (0..3).map(|a| (names[a], self.of(a)[which])).filter(|(_, s)| (s - 1.0).abs() > least);
             let axes: Vec<String> = beyond.map(|(name, s)| format!("{name} by about {s:.2}")).collect();
             (!axes.is_empty())
-                .then(|| format!("the fraction CT shows the planning CT's bones at another scale: {}", axes.join(", ")))
+                .then(|| format!("the fraction shows the planning CT's bones at another scale: {}", axes.join(", ")))
         };
         let remedy = "bones keep their size: compare voxel spacing and slice thickness of both files with their DICOM \
                       series, and correct the one that is wrong";

@@ -381,11 +381,11 @@ impl<'a> Together<'a> {
         Err(Error::failed(
             findings::BONES_NOT_FOUND,
             format!(
-                "the bones of the planning CT explain only {:.0} % of the fraction CT's bone contrast at the best position found (at least {:.0} % are needed)",
+                "the bones of the planning CT explain only {:.0} % of the fraction's bone contrast at the best position found (at least {:.0} % are needed)",
                 100.0 * best,
                 100.0 * LEAST_EXPLAINED
             ),
-            "check that both CTs show the same patient and a common body region, in HU; a rigid motion (--start) or landmarks \
+            "check that both scans show the same patient and a common body region, in HU; a rigid motion (--start) or landmarks \
              on bones (--bone-landmarks) can place the bones",
         ))
     }

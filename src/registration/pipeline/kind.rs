@@ -88,7 +88,7 @@ impl FractionKind {
         if self.corrected {
             let message = format!(
                 "the fraction is {self}: its soft tissue was compared after shading was taken out by planning's grey values; \
-                 on test cases bones err by about 0.6 mm where those of a CT err by 0.05, soft tissue by two to three times as much as in a \
+                 on test cases bones err by about 0.6 mm where those of a CT err by 0.05, soft tissue by 2.5 to 3.5 times as much as in a \
                  CT; do not compute dose on its HU"
             );
             out.push(Warning::new(findings::SHADED_FRACTION, message));

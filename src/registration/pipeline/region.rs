@@ -47,7 +47,7 @@ pub(super) fn cut(
     let [low, high] = moved.iter().fold(start, |[l, h], (_, p)| [l.inf(&p.coords), h.sup(&p.coords)]);
     let there =
         voxels_of_box(case.fraction.ct.grid(), [Point3::from(low), Point3::from(high)], fade).ok_or_else(|| {
-            Error::usage("the region comes to lie outside the fraction CT", "choose a region that both scans show")
+            Error::usage("the region comes to lie outside the fraction", "choose a region that both scans show")
         })?;
     let around = grown(&kept, fade, case.planning.ct.grid());
     let inside = |p: &Point3<f64>| grid.contains(&grid.index(p));

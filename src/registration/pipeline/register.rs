@@ -229,8 +229,8 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > SHOULD_BE_FOUND {
             let message = format!(
-                "{} follows its joint: {:.0} % of it should be visible in the fraction CT, but {} of its contrast is \
-                 found where the joint holds it, too little to place it",
+                "{} follows its joint: {:.0} % of it should be of use in the fraction, but {} of its contrast is found \
+                 where the joint holds it, too little to place it",
                 bone.name,
                 100.0 * bone.visible,
                 bone.similarity_after.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share)),
@@ -274,7 +274,8 @@ fn unlike(bones: &[BoneFit]) -> Option<Warning> {
         .collect();
     (!odd.is_empty()).then(|| {
         let message = format!(
-            "the image explains less of the contrast of {} than of the other bones ({:.0} %): their labels may hold parts of other bones,              or they have changed; they may err by more than their reported deviation",
+            "the image explains less of the contrast of {} than of the other bones ({:.0} %): their labels may \
+             hold parts of other bones, or they have changed; they may err by more than their reported deviation",
             odd.join(", "),
             100.0 * (1.0 - middle)
         );
@@ -359,6 +360,7 @@ mod tests {
             code == "bone-unlike" && message.contains("vertebrae_C4 (88 %)") && message.contains("(98 %)"),
             "{message}"
         );
+        assert!(!message.contains("  "), "{message}");
         // A clean image, a noisy one, too few bones, a cut one.
         assert!(of_all(left(&[0.003, 0.002, 0.018, 0.003, 0.002, 0.003])).is_empty());
         assert!(of_all(left(&[0.21, 0.25, 0.30, 0.45, 0.22, 0.20])).is_empty());
@@ -379,6 +381,7 @@ mod tests {
         let [(code, message)] = &told(seen(0.92, DeterminedBy::Joint))[..] else { panic!("one warning") };
         assert!(code == "bone-not-explained" && message.contains("hyoid follows its joint: 92 %"), "{code}: {message}");
         assert!(message.contains("31 % of its contrast is found where the joint holds it"), "{message}");
+        assert!(!message.contains("CT") && !message.contains("2.5 mm"), "an MR is no CT: {message}");
         // Out of view it follows its joint, as it must.
         assert_eq!(told(seen(0.2, DeterminedBy::Joint)), []);
         assert_eq!(told(seen(0.92, DeterminedBy::Image)), []);

@@ -229,7 +229,7 @@ pub(super) fn colours(overlay: Overlay, legend: &mut Legend<'_>) {
         return;
     }
     legend.swatch(BLUE, "planning CT");
-    legend.swatch(ORANGE, "fraction CT");
+    legend.swatch(ORANGE, "fraction");
     legend.swatch([170; 3], "both agree");
 }
 
