@@ -112,15 +112,23 @@ fn table(parts: &[DoseReport]) -> String {
                 "energy: {:.6e} J in, {:.6e} J mapped, {:.3e} J outside the target grid; relative error {:.1e}",
                 b.source_j, b.mapped_j, b.outside_j, b.relative_error
             ));
-            line(format!("mass: {:.1} g in, {:.1} g mapped", b.source_g, b.mapped_g));
+            line(format!(
+                "mass: {:.1} g in, {:.1} g mapped; the other {:.1} g leave the target grid",
+                b.source_g,
+                b.mapped_g,
+                b.source_g - b.mapped_g
+            ));
         }
         if let Some(i) = &part.inversion {
             let r = &i.residual_mm;
             let (mean, worst) = (r.mean, r.max.max(i.unconverged_max_mm));
             let none = i.unconverged;
-            line(format!(
-                "field inverted: at its voxels {mean:.1e} mm off on the mean, {worst:.1e} mm at worst, {none} unconverged"
-            ));
+            let what = if part.by_given {
+                "the dose went through the given field; its inverse, for checks alone, is"
+            } else {
+                "the dose went through the inverse of the given field, which is"
+            };
+            line(format!("{what} {mean:.1e} mm off on the mean, {worst:.1e} mm at worst, {none} voxels unconverged"));
         }
         let outside = &part.outside;
         if outside.volume_percent > 0.0 {

@@ -7,7 +7,7 @@ use crate::field::{InverseReport, Outside, digital_folds};
 use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::Volume;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use serde::{Deserialize, Serialize};
 
 /// How dose is carried.
@@ -31,6 +31,8 @@ pub struct DoseReport {
     pub balance: Option<EnergyBalance>,
     /// The inversion, when the field was given the other way only.
     pub inversion: Option<InverseReport>,
+    /// Whether the dose went through a field that was given; then an inversion serves checks alone.
+    pub by_given: bool,
     /// What lies outside the given field, where that is the identity: of the dose, if the field lies in its frame, else of the
     /// result.
     pub outside: Outside,
@@ -92,11 +94,17 @@ pub fn map_dose(
         warnings.push(Warning::new(findings::OUTSIDE_FIELD, message));
     }
     let inversion = pair.inversion;
-    Ok((mapped, DoseReport { direction, method: method.clone(), balance, inversion, outside, caution, warnings }))
+    let (method, by_given) = (method.clone(), pair.given.contains(&used(direction, method)));
+    Ok((mapped, DoseReport { direction, method, balance, inversion, by_given, outside, caution, warnings }))
 }
 
 /// Less of the dose outside a field is not worth a word, percent.
 const WORTH: f64 = 0.05;
+
+/// The field that a dose goes through: interpolation looks from the target back to where the dose is.
+fn used(direction: Direction, method: &DoseMethod) -> Direction {
+    if *method == DoseMethod::Interpolate { direction.reversed() } else { direction }
+}
 
 /// What lies outside the field that was given, and whose dose that is. A direction that was made by inversion reaches
 /// wherever it is asked for and tells nothing.
@@ -107,7 +115,7 @@ fn outside(
     direction: Direction,
     method: &DoseMethod,
 ) -> (Outside, &'static str) {
-    let used = if *method == DoseMethod::Interpolate { direction.reversed() } else { direction };
+    let used = used(direction, method);
     let field = if pair.given.contains(&used) { used } else { used.reversed() };
     let grid = match field {
         Direction::PlanningToFraction => pair.push.displacement.grid(),
@@ -124,17 +132,18 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
     let mut all = Vec::new();
     if caution.folded_or_outside > 0 {
         let message = format!(
-            "{} voxels in steep dose (more than 1 % of the maximum per mm) lie where the field folds or leaves the images: \
-             their dose is not to be trusted",
-            caution.folded_or_outside
+            "{} in steep dose (more than 1 % of the maximum per mm) where the field folds or leaves the images: \
+             the dose there is not to be trusted",
+            counted(caution.folded_or_outside, "voxel lies", "voxels lie")
         );
         all.push(Warning::new(findings::FOLDS_IN_STEEP_DOSE, message));
     }
     if caution.uncertain > 0 {
         let message = format!(
-            "in {} voxels the inverse-consistency error may change the dose by over 1 % of its maximum; \
+            "in {} the inverse-consistency error may change the dose by over 1 % of its maximum; \
              greatest change {:.2} Gy",
-            caution.uncertain, caution.greatest_gy
+            counted(caution.uncertain, "voxel", "voxels"),
+            caution.greatest_gy
         );
         all.push(Warning::new(findings::UNCERTAIN_FIELD_IN_STEEP_DOSE, message));
     }
@@ -191,6 +200,22 @@ mod tests {
                 assert!((moved - mm).abs() < 1e-3, "{direction:?} {method:?}: {moved}");
             }
         }
+    }
+
+    #[test]
+    fn whether_a_dose_goes_through_the_given_field_is_told() {
+        let dose = cube(5);
+        let (water, grid) = (dose.map(|_| 0.0), dose.grid());
+        let push = Volume::filled(grid.clone(), [4.0, 0.0, 0.0]);
+        let pair = FieldPair::new(Some(push), None, Some(grid), Some(grid)).unwrap().unwrap();
+        let by_given = |direction, method| {
+            let report = map_dose(&dose, &pair, direction, grid, &method, Some(&water)).unwrap().1;
+            assert!(report.inversion.is_some());
+            report.by_given
+        };
+        let there = [DoseMethod::Interpolate, energy_mass()].map(|m| by_given(Direction::PlanningToFraction, m));
+        let back = [DoseMethod::Interpolate, energy_mass()].map(|m| by_given(Direction::FractionToPlanning, m));
+        assert_eq!((there, back), ([false, true], [true, false]));
     }
 
     #[test]
