@@ -1,6 +1,7 @@
 //! `aventail phantom`: phantoms as files, with everything that is true about them.
 
 mod dicom;
+mod told;
 
 use super::args::{QuietArgs, ThreadArgs};
 use super::{record, run_folder};
@@ -17,10 +18,11 @@ use crate::phantom::{
 use crate::provenance::InputFile;
 use crate::report::write_bone_transforms;
 use crate::runtime::Runtime;
-use crate::volume::{LabelMap, Volume};
+use crate::volume::Volume;
 use clap::{Args, ValueEnum};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use told::text;
 
 /// Tells what was written, with checksums.
 const RECORD: &str = "phantom.json";
@@ -164,7 +166,7 @@ fn chest(
         }
         Ok::<_, Error>(())
     })?;
-    Ok(text(&args.out, &chest.bones, chest.landmarks.len(), [&chest.planning, &fraction.image]))
+    Ok(text(&args.out, &chest.bones, chest.landmarks.len(), [&chest.planning, &fraction.image], true))
 }
 
 /// Makes head, neck and shoulders with their fractions and writes them.
@@ -194,17 +196,7 @@ fn patient(
         let write = || write_fraction(&made, &fraction, ("fraction_2", 2), set.as_ref(), &second_folder);
         runtime.stage("write", write)?;
     }
-    Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image]))
-}
-
-/// What was made, and how to register it.
-fn text(out: &Path, bones: &LabelMap, landmarks: usize, [planning, fraction]: [&Volume<f32>; 2]) -> String {
-    let (planning, fraction) = (planning.grid().size(), fraction.grid().size());
-    let out = out.display();
-    format!(
-        "{} bones, {landmarks} landmarks, planning {planning:?} voxels, fraction {fraction:?} voxels\nRegister it with\n  aventail register --planning {out}/planning_ct.nii.gz --bones {out}/bones.nii.gz --fraction {out}/fraction_ct.nii.gz --landmarks {out}/landmarks.csv --out {out}/result",
-        bones.names.len()
-    )
+    Ok(text(&args.out, &phantom.bones, phantom.landmarks.len(), [&phantom.planning, &fraction.image], false))
 }
 
 /// Names of what will be written.
