@@ -1,6 +1,8 @@
 //! An inspection as text for the terminal.
 
+use super::super::field::{FieldFrames, frames_of};
 use super::{Content, Inspection, Label, Range, geometry_source};
+use crate::warning::counted;
 use std::fmt::{Display, Formatter, Result};
 
 impl Display for Inspection {
@@ -20,7 +22,7 @@ impl Display for Inspection {
             std::array::from_fn::<_, 3, _>(|a| format!("{:.1}", g.size()[a] as f64 * g.spacing()[a])).join(" x ");
         writeln!(f, "{}", self.path.display())?;
         let mut row = |name: &str, value: String| writeln!(f, "  {name:<12} {value}");
-        row("content", self.content.summary())?;
+        row("content", self.content.summary(&h.description))?;
         row("size", format!("{size} voxels of {spacing} mm = {extent} mm"))?;
         row(
             "origin",
@@ -60,11 +62,15 @@ impl Display for Inspection {
 }
 
 impl Content {
-    fn summary(&self) -> String {
+    /// In a few words; the header's text may tell a field's direction, which its format does not.
+    fn summary(&self, description: &str) -> String {
         match self {
             Self::Image { values, .. } => format!("image, {values}"),
-            Self::Labels { labels, .. } => format!("label map, {} labels", labels.len()),
-            Self::Field { .. } => "displacement field; its format does not record the direction".into(),
+            Self::Labels { labels, .. } => format!("label map, {}", counted(labels.len(), "label", "labels")),
+            Self::Field { .. } => match frames_of(description) {
+                Some(FieldFrames { from, to }) => format!("displacement field, {from} to {to} by its description"),
+                None => "displacement field; its format does not record the direction".into(),
+            },
             Self::Other { reason, values } => format!("no image and no field: {reason}; {values}"),
         }
     }
@@ -92,7 +98,8 @@ impl Content {
                     writeln!(f, "  {label:>5}  {name:<width$} {voxels:>10} {volume_ml:>8.2} ml")?;
                 }
                 if *absent > 0 {
-                    writeln!(f, "  {absent} more names in the header have no voxels")?;
+                    let names = counted(*absent, "more name in the header has", "more names in the header have");
+                    writeln!(f, "  {names} no voxels")?;
                 }
                 Ok(())
             }

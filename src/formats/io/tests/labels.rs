@@ -126,6 +126,13 @@ fn inspection_tells_orientation_labels_and_grids() {
     assert_eq!((length.greatest, components[2].mean), (5.0, -4.0));
     let grids = inspect::compare_grids(&files);
     assert!(grids[0].contains("lies on the grid") && grids[1].contains("NOT on the grid"), "{grids:?}");
+    assert!(files[1].to_string().contains("its format does not record the direction"), "{}", files[1]);
+    let description = crate::io::direction("planning", "fraction", FieldFormat::of(&field).unwrap());
+    let options = WriteOptions { description, ..WriteOptions::default() };
+    write_field(&field, &vectors, FieldFormat::of(&field).unwrap(), &options).unwrap();
+    let told = inspect::inspect(&field).unwrap().to_string();
+    assert!(told.contains("displacement field, planning to fraction by its description"), "{told}");
+    assert!(!told.contains("does not record"), "{told}");
     let text = files[0].to_string();
     assert!(text.contains("skull") && text.contains("axes run to left, posterior, superior"), "{text}");
     assert!(serde_json::to_string(&files[0]).unwrap().contains("\"kind\":\"labels\""));
