@@ -77,7 +77,7 @@ pub struct RegisterArgs {
     #[command(flatten)]
     pub organs: OrganArgs,
     /// Landmarks known in both images (CSV): they measure the error and are never used for the
-    /// registration. Give one file for each fraction, in their order
+    /// registration. Repeat the option for each fraction, in their order
     #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
     /// Landmarks on bones, at least three per bone (CSV with a column `bone`): they place the
@@ -86,7 +86,7 @@ pub struct RegisterArgs {
     pub bone_landmarks: Option<PathBuf>,
     /// Bone labels of the fraction, with the same names as in planning (label map, structure set,
     /// or `auto` for TotalSegmentator). A bone labelled in both scans is first placed by its
-    /// surface, then fitted to the image. Give one file for each fraction, in their order
+    /// surface, then fitted to the image. Repeat the option for each fraction, in their order
     #[arg(long, value_name = "FILE|auto", conflicts_with = "bone_landmarks")]
     pub fraction_bones: Vec<PathBuf>,
     /// Names of the labels in --fraction-bones (JSON), if a label map has none
@@ -100,7 +100,7 @@ pub struct RegisterArgs {
     /// structures of one scan alone, are not used
     #[arg(long, value_name = "FILE")]
     pub guide: Option<PathBuf>,
-    /// The same structures outlined in the fraction; give one file for each fraction, in their
+    /// The same structures outlined in the fraction; repeat the option for each fraction, in their
     /// order
     #[arg(long, value_name = "FILE")]
     pub fraction_guide: Vec<PathBuf>,
