@@ -106,3 +106,54 @@ fn the_page_is_the_table() {
     let written = fs::read_to_string(&path).unwrap_or_default();
     assert!(written == page(), "docs/refusals.md is not what the table says; write it anew as this file's head tells");
 }
+
+/// String literals of the sources with blanks inside a sentence: a line that was broken without a backslash.
+fn holes(stream: TokenStream, found: &mut Vec<String>) {
+    for token in stream {
+        match token {
+            TokenTree::Group(group) => holes(group.stream(), found),
+            TokenTree::Literal(literal) => {
+                let text = literal.to_string();
+                let mut pieces = text.split("  ");
+                let mut before = pieces.next().unwrap_or_default();
+                for piece in pieces {
+                    let word = piece.trim_start_matches(' ').starts_with(|c: char| c.is_ascii_lowercase());
+                    if before.ends_with([',', ';']) && word {
+                        found.push(text.clone());
+                    }
+                    // Of a long run of blanks the words before it count.
+                    before = if piece.is_empty() { before } else { piece };
+                }
+            }
+            TokenTree::Ident(_) | TokenTree::Punct(_) => {}
+        }
+    }
+}
+
+fn sources(folder: &Path, files: &mut Vec<std::path::PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            sources(&path, files);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+#[test]
+fn sentences_have_no_holes() {
+    let of = |text: &str| {
+        let mut found = Vec::new();
+        holes(TokenStream::from_str(text).unwrap(), &mut found);
+        found.len()
+    };
+    assert_eq!(of(r#"f("other bones,              or they")"#), 1);
+    assert_eq!(of("f(\"other bones, \\\n      or they; a  b, c\")"), 0);
+    let (mut files, mut found) = (Vec::new(), Vec::new());
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut files);
+    for path in files {
+        holes(TokenStream::from_str(&fs::read_to_string(&path).unwrap()).unwrap(), &mut found);
+    }
+    assert!(found.is_empty(), "{found:#?}");
+}

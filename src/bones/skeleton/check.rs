@@ -4,7 +4,7 @@ use super::anatomy::{Kind, SKULL, level_name};
 use super::shape::{Shape, pieces};
 use crate::findings;
 use crate::volume::LabelMap;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
@@ -25,8 +25,9 @@ pub(super) fn warnings(labels: &LabelMap, shapes: &[Shape]) -> Vec<Warning> {
         Warning::new(
             findings::SMALL_BONE,
             format!(
-                "{} has only {} voxels ({volume:.0} mm^3): its pose will mostly follow its joint.",
-                s.name, s.voxels
+                "{} has only {} ({volume:.0} mm^3): its pose will mostly follow its joint.",
+                s.name,
+                counted(s.voxels, "voxel", "voxels")
             ),
         )
     }));

@@ -6,7 +6,7 @@ use super::args::JsonArgs;
 use crate::error::{Error, Result};
 use crate::io::merge::{Merged, Merging};
 use crate::io::{WriteOptions, check_files, check_place, json, read_grid, write_labels};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use clap::{Args, Subcommand};
 use inputs::LabelSources;
 use serde::Serialize;
@@ -155,7 +155,7 @@ impl LabelsTold<'_> {
         for w in self.warnings {
             line(format!("warning ({}): {}", w.code, w.message));
         }
-        line(format!("{} structures in {}", self.merged.structures.len(), self.out));
+        line(format!("{} in {}", counted(self.merged.structures.len(), "structure", "structures"), self.out));
         text
     }
 }

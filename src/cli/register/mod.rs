@@ -23,6 +23,7 @@ use crate::session::{
     Beside, BonesBy, DrawnSamples, FractionSources, Registered, Request, Session, Source, within_memory,
 };
 use crate::volume::region::RegionOptions;
+use crate::warning::counted;
 use index::Index;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -139,7 +140,7 @@ impl Estimate {
         if json {
             return io::json(self);
         }
-        let threads = if self.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", self.threads) };
+        let threads = counted(self.threads, "thread", "threads");
         Ok(format!("about {:.1} GB of memory on {threads}", self.memory_bytes as f64 / 1e9))
     }
 }

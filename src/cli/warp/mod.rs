@@ -25,7 +25,7 @@ use crate::runtime::Runtime;
 use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
 use crate::volume::{LabelMap, Volume};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use args::{Files, InterpolationName, VolumeKind};
 use nalgebra::Point3;
 use report::WarpReport;
@@ -415,7 +415,7 @@ fn scalar(
                 .notes
                 .push("HU + 1000 scaled by the tissue's volume before over after: no mass is made or lost".into());
             if done.folded > 0 {
-                let message = format!("{} voxels where the field folds were not scaled", done.folded);
+                let message = format!("not scaled where the field folds: {}", counted(done.folded, "voxel", "voxels"));
                 report.warnings.push(Warning::new(findings::NOT_SCALED, message));
             }
         }

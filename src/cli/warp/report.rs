@@ -5,7 +5,7 @@ use crate::field::{Chain, ChainReport, Link, Motion, outside_field};
 use crate::findings;
 use crate::geometry::Grid;
 use crate::session::fields::{self, Known};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -63,8 +63,10 @@ impl WarpReport {
         self.out = out.display().to_string();
         if mapped.unsolved > 0 && self.kind != "points" {
             let message = format!(
-                "{} of {} places have no exact pre-image (folds or gaps of the field), residual up to {:.3} mm",
-                mapped.unsolved, mapped.points, mapped.unsolved_max_mm
+                "of {} {} no exact pre-image (folds or gaps of the field), residual up to {:.3} mm",
+                counted(mapped.points, "place", "places"),
+                counted(mapped.unsolved, "has", "have"),
+                mapped.unsolved_max_mm
             );
             self.warnings.push(Warning::new(findings::NO_INVERSE, message));
         }

@@ -6,7 +6,7 @@ use crate::geometry::Grid;
 use crate::io::dicom::BoneNames;
 use crate::skeleton::anatomy::Kind;
 use crate::volume::{LabelMap, Volume};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -203,9 +203,15 @@ impl Merged {
     pub fn warnings(&self) -> Vec<Warning> {
         let told = |o: &&Overlap| {
             let left = if o.nothing_left { "; nothing of it is left" } else { "" };
+            let them = if o.voxels == 1 { "it" } else { "them" };
             let message = format!(
-                "{} and {} have {} voxels ({:.2} ml) in common: {} keeps them, {} loses them{left}",
-                o.kept_by, o.lost_by, o.voxels, o.volume_ml, o.kept_by, o.lost_by
+                "{} and {} have {} ({:.2} ml) in common: {} keeps {them}, {} loses {them}{left}",
+                o.kept_by,
+                o.lost_by,
+                counted(o.voxels, "voxel", "voxels"),
+                o.volume_ml,
+                o.kept_by,
+                o.lost_by
             );
             Warning::new(findings::LABELS_OVERLAP, message)
         };

@@ -5,7 +5,7 @@ use super::segmentator::{Segmentator, licence};
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::checksum::sha256_file;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use serde::{Deserialize, Serialize};
 
 /// What no task finds in an MR.
@@ -116,8 +116,8 @@ impl LabelsRecord {
         let made = Warning::new(
             findings::BONES_AUTO,
             format!(
-                "{file}: {} bones labelled by TotalSegmentator {}, which nobody has looked at: see them in a viewer. {}{}",
-                self.bones.len(),
+                "{file}: {} labelled by TotalSegmentator {}, which nobody has looked at: see them in a viewer. {}{}",
+                counted(self.bones.len(), "bone", "bones"),
                 self.totalsegmentator,
                 if self.is_mr { ABSENT_IN_MR } else { "" },
                 self.licence

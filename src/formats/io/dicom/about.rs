@@ -3,6 +3,7 @@
 use super::image::describe_series;
 use super::is_dicom_path;
 use super::series::Patient;
+use crate::warning::counted;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -59,7 +60,7 @@ impl fmt::Display for About {
         }
         words.push(format!("study of {}", or_none(&self.study_date)));
         let number = self.number.map_or("without number".into(), |n| n.to_string());
-        words.push(format!("series {number} of {}, {} slices", or_none(&self.date), self.slices));
+        words.push(format!("series {number} of {}, {}", or_none(&self.date), counted(self.slices, "slice", "slices")));
         if !self.description.is_empty() {
             words.push(self.description.clone());
         }

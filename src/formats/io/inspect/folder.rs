@@ -7,6 +7,7 @@ use super::super::folder::PARTS;
 use super::super::held::{REPORTS, at_work, is_inside};
 use crate::error::{Error, Result};
 use crate::findings;
+use crate::warning::counted;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -195,7 +196,12 @@ impl Display for FolderCheck {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         writeln!(f, "{}", self.folder.display())?;
         let what = if self.folder.is_file() { "the record of a run" } else { "the folder of a run" };
-        writeln!(f, "  {:<12} {what}; {} files are as its report says", "content", self.unchanged.len())?;
+        writeln!(
+            f,
+            "  {:<12} {what}; {} as its report says",
+            "content",
+            counted(self.unchanged.len(), "file is", "files are")
+        )?;
         if !self.unknown.is_empty() {
             writeln!(f, "  {:<12} no checksum: {}", "unknown", self.unknown.join(", "))?;
         }

@@ -5,6 +5,7 @@ use super::super::plane::Region;
 use crate::geometry::Grid;
 use crate::pipeline::{Case, Outcome};
 use crate::volume::{LabelMap, Mask, trilinear_vector};
+use crate::warning::counted;
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use std::cmp::Reverse;
@@ -82,7 +83,7 @@ fn folds(case: &Case, outcome: &Outcome) -> Vec<ViewerPlace> {
         let names: Vec<&str> = bones.iter().map(name).collect();
         let what =
             if names.is_empty() { "field folds".into() } else { format!("field folds between {}", names.join(", ")) };
-        let more = if cells == 1 { "1 cell".into() } else { format!("{cells} cells") };
+        let more = counted(cells, "cell", "cells");
         Some(ViewerPlace { what, more, at: pushed(outcome, &p)? })
     };
     found.into_iter().take(MOST).filter_map(place).collect()

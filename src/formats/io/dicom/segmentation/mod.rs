@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::geometry::Grid;
 use crate::volume::{LabelMap, Volume};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use dicom_dictionary_std::{tags, uids};
 use lattice::{Among, Lattice, Told, lattice};
 use segments::segments;
@@ -194,8 +194,10 @@ fn labels(what: &str, header: &Header, stored: &Stored, names: &BTreeMap<u16, St
         return Ok(labels);
     }
     let name = |n: &u16| names.get(n).map_or("", String::as_str);
-    let all: Vec<String> =
-        overlaps.iter().map(|((a, b), count)| format!("{} and {} ({count} voxels)", name(a), name(b))).collect();
+    let all: Vec<String> = overlaps
+        .iter()
+        .map(|((a, b), count)| format!("{} and {} ({})", name(a), name(b), counted(*count, "voxel", "voxels")))
+        .collect();
     let problem = format!("segments overlap, and a label map has one label for each voxel: {}", some_names(&all));
     let remedy = "export segments that overlap as segmentations of their own, or as contours";
     Err(Error::refused(findings::SEGMENTS_OVERLAP, what, problem, remedy))
