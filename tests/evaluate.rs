@@ -151,6 +151,30 @@ fn contours_under_the_identity_agree_with_themselves() {
     assert!(a["verdicts"].as_array().unwrap().iter().all(|t| t["verdict"] == "pass"));
 }
 
+/// Without planning CT, mask and bones nothing tells tissue from air: nothing is said of tissue, nor of bone contact.
+#[test]
+fn a_field_alone_is_measured_everywhere_and_no_rule_fails() {
+    let still = still("beside.mha", read_image(&phantom().planning).unwrap().value.grid());
+    let out = folder().join("alone");
+    let mut command = aventail();
+    command.args(["evaluate", "--quiet", "--out"]).arg(&out).arg("--compare").arg(truth()).arg(&still);
+    command.assert().success();
+    for field in json(&out.join("evaluation.json"))["fields"].as_array().unwrap() {
+        let a = &field["assessment"];
+        assert_eq!((a["domain"].as_str(), a["bones_known"].as_bool()), (Some("grid"), Some(false)));
+        for v in a["verdicts"].as_array().unwrap() {
+            assert!(v["verdict"] != "fail" && v["name"].as_str().unwrap().contains("whole grid, air included"), "{v}");
+            assert!(
+                !v["name"].as_str().unwrap().contains("tissue") && !v["reason"].to_string().contains("tissue"),
+                "{v}"
+            );
+        }
+    }
+    let text = fs::read_to_string(out.join("evaluation.md")).unwrap();
+    assert!(text.contains("| folded cells of bone contact, cells | \u{2013} | \u{2013} |"), "{text}");
+    assert!(!fs::read_to_string(out.join("evaluation.csv")).unwrap().contains("NaN"));
+}
+
 #[test]
 fn what_cannot_be_measured_is_refused() {
     let f = phantom();
@@ -224,6 +248,10 @@ fn dose_goes_there_and_back_and_adds_up() {
     let dose = dose();
     let there = folder().join("dose_on_fraction.nii.gz");
     let mut map = run_dose("map", &there);
+    let one_way = |command: &mut Command| {
+        let out = command.assert().success().get_output().stdout.clone();
+        String::from_utf8(out).unwrap()
+    };
     map.arg("--dose").arg(&dose).args(["--to", "fraction", "--method", "energy-mass", "--json", "--grid"]);
     map.arg(&f.fraction).arg("--ct").arg(&f.planning).arg("--planning-to-fraction").arg(truth()).assert().success();
     let report = json(&folder().join("dose_on_fraction.json"));
@@ -239,7 +267,8 @@ fn dose_goes_there_and_back_and_adds_up() {
     // Without a page none is left of the run before.
     let mut bare = run_dose("map", &there);
     bare.arg("--dose").arg(&dose).args(["--to", "fraction", "--no-page", "--grid"]).arg(&f.fraction);
-    bare.arg("--planning-to-fraction").arg(truth()).assert().success();
+    let told = one_way(bare.arg("--planning-to-fraction").arg(truth()));
+    assert!(told.contains("the dose went through the inverse of the given field"), "{told}");
     assert!(!folder().join("dose_on_fraction.html").exists());
     assert_eq!(json(&folder().join("dose_on_fraction.json"))["outputs"].as_array().unwrap().len(), 1);
     // There and back is the planned dose, but for resampling at 5 mm.

@@ -118,7 +118,10 @@ class BoneRigidity(TypedDict):
 
 
 class JacobianStats(TypedDict):
-    """Statistics of the Jacobian determinant (volume after / before) over some of the cells."""
+    """Statistics of the Jacobian determinant (volume after / before) over some of the cells.
+
+    Where ``cells`` is 0 the figures say nothing.
+    """
 
     cells: int
     folded: int
@@ -188,6 +191,22 @@ class VolumeReached(TypedDict):
     reached: float | None
 
 
+class SoftTissue(TypedDict):
+    """Uncertainty over soft tissue, mm.
+
+    ``median`` and ``p95`` are of all soft tissue, where what is unknown counts as more than all that
+    is known: ``None`` is above 30 mm. The others are of what is known.
+    """
+
+    n: int
+    mean: float
+    std: float
+    median: float | None
+    p95: float | None
+    min: float
+    max: float
+
+
 class Uncertainty(TypedDict):
     """Summary of the uncertainty map.
 
@@ -196,7 +215,7 @@ class Uncertainty(TypedDict):
     more than 2 mm or unknown.
     """
 
-    soft_tissue_mm: Summary
+    soft_tissue_mm: SoftTissue
     without_images_percent: float
     unknown_percent: float
     above_2mm_ml: float
@@ -283,10 +302,13 @@ class LandmarkReport(_LandmarkReport, total=False):
 
 
 class Verdict(TypedDict):
-    """A judged value: its limits, the verdict, the reason, and what to do about it."""
+    """A judged value: its limits, the verdict, the reason, and what to do about it.
+
+    ``value`` is ``None`` where it is unknown.
+    """
 
     name: str
-    value: float
+    value: float | None
     unit: str
     limit: str
     source: str
@@ -490,7 +512,8 @@ class Assessment(TypedDict):
     """The measures of a field; those whose inputs were not given are ``None`` or empty.
 
     ``regularity`` has pairs of a direction and its measures. ``inverse_consistency`` has two
-    entries: starting in planning, and starting in the fraction.
+    entries: starting in planning, and starting in the fraction. ``domain`` says where: ``tissue``,
+    ``mask`` or ``grid`` (the whole grid, air included).
     """
 
     regularity: list[list[Any]]
@@ -505,6 +528,8 @@ class Assessment(TypedDict):
     agreement: Agreement | None
     verdicts: list[Verdict]
     measured_in: str
+    domain: Literal["tissue", "mask", "grid"]
+    bones_known: bool
 
 
 class Outside(TypedDict):
@@ -542,12 +567,17 @@ class Caution(TypedDict):
 
 
 class DoseReport(TypedDict):
-    """Checks of a mapped dose."""
+    """Checks of a mapped dose.
+
+    ``by_given`` tells whether the dose went through a field that was given; an ``inversion`` then
+    serves checks alone.
+    """
 
     direction: str
     method: Any
     balance: Balance | None
     inversion: Inverse | None
+    by_given: bool
     outside: Outside
     caution: Caution
     warnings: list[Warned]

@@ -10,7 +10,7 @@ use super::regularity::{self, Regularity};
 use super::rigidity::{self, BoneRigidity};
 use super::setup::{self, MeanShift, MovedBones};
 use super::similarity::{self, SimilarityReport};
-use super::verdict::{Limits, Verdict};
+use super::verdict::{Domain, Limits, Verdict};
 use crate::body;
 use crate::error::Result;
 use crate::field::{InverseReport, PullField, PushField, warp_labels};
@@ -79,6 +79,16 @@ pub struct Assessment {
     pub verdicts: Vec<Verdict>,
     /// Where regularity and consistency were measured, in words.
     pub measured_in: String,
+    /// What that is to the rules. Earlier reports lack it.
+    #[serde(default)]
+    pub domain: Domain,
+    /// Whether bones were given: without them no cell is known to lie between two. Earlier reports lack it.
+    #[serde(default = "yes")]
+    pub bones_known: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// What pictures need of an assessment, beside its numbers.
@@ -98,7 +108,8 @@ pub struct Maps {
 /// When the planning CT holds no patient, or no structure of planning and fraction has the same name.
 pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Result<(Assessment, Maps)> {
     let pair = subject.pair;
-    let Domain { mask, patient, slides, told: measured_in } = runtime.stage("find the tissue", || domain(subject))?;
+    let Place { mask, patient, slides, told: measured_in, domain } =
+        runtime.stage("find the tissue", || place(subject))?;
     let (push, pull) = (&pair.push.displacement, &pair.pull.displacement);
     let mask_push = same_grid(&mask, push.grid());
     let mask_pull = carried(&mask, pull);
@@ -115,6 +126,9 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
                 Direction::FractionToPlanning,
                 regular(subject, &field, &mask_pull, slides.as_ref(), Some(pull)).0,
             ));
+        }
+        for (_, r) in &mut all {
+            r.histograms.iter_mut().take(1).for_each(|h| h.name = domain.name().to_owned());
         }
         (all, map)
     });
@@ -175,6 +189,8 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         agreement,
         verdicts: Vec::new(),
         measured_in,
+        domain,
+        bones_known: subject.bones.is_some(),
     };
     assessment.verdicts = verdicts(&assessment, pair, limits);
     Ok((assessment, Maps { jacobian: map, measured: mask, structures: mapped }))
@@ -189,7 +205,7 @@ fn shows_air(image: &Volume<f32>) -> bool {
 const AIR_HU: f32 = -500.0;
 
 /// Where to measure, on a grid of the planning frame.
-struct Domain {
+struct Place {
     mask: Mask,
     /// Inside of the skin with all cavities, where no mask is given and a planning CT is.
     patient: Option<Mask>,
@@ -197,11 +213,13 @@ struct Domain {
     slides: Option<Mask>,
     /// In words.
     told: String,
+    domain: Domain,
 }
 
-fn domain(subject: &Subject<'_>) -> Result<Domain> {
+fn place(subject: &Subject<'_>) -> Result<Place> {
     if let Some(mask) = subject.mask {
-        return Ok(Domain { mask: mask.clone(), patient: None, slides: None, told: "the given mask".into() });
+        let told = "the given mask".into();
+        return Ok(Place { mask: mask.clone(), patient: None, slides: None, told, domain: Domain::Mask });
     }
     match subject.planning {
         Some(ct) => {
@@ -212,12 +230,13 @@ fn domain(subject: &Subject<'_>) -> Result<Domain> {
             let organs = subject.structures.or(subject.bones).filter(|map| map.volume.grid().matches(ct.grid(), 1e-3));
             let organs = organs.filter(|map| body::organs_labelled(map, &names));
             let slides = organs.and_then(|organs| body::slides(body::lung(ct, &body).as_ref(), organs, &names));
-            Ok(Domain { mask: tissue(&body, ct), patient: Some(body), slides, told })
+            Ok(Place { mask: tissue(&body, ct), patient: Some(body), slides, told, domain: Domain::Tissue })
         }
         None => {
             let grid = subject.pair.push.displacement.grid().clone();
             let told = "the whole grid: neither mask nor planning CT was given".into();
-            Ok(Domain { mask: Volume::filled(grid, true), patient: None, slides: None, told })
+            let mask = Volume::filled(grid, true);
+            Ok(Place { mask, patient: None, slides: None, told, domain: Domain::Grid })
         }
     }
 }
@@ -294,15 +313,15 @@ fn verdicts(a: &Assessment, pair: &FieldPair, limits: &Limits) -> Vec<Verdict> {
             Direction::PlanningToFraction => grids[0],
             Direction::FractionToPlanning => grids[1],
         };
-        all.extend(limits.folds(name, &r.jacobian, grid.voxel_volume() / 1000.0));
-        all.push(limits.jumps(name, r.jacobian.jumps_above_10));
-        all.push(limits.curl(name, r.curl.magnitude.max));
+        all.extend(limits.folds(name, &r.jacobian, grid.voxel_volume() / 1000.0, a.domain));
+        all.push(a.domain.judged(limits.jumps(name, r.jacobian.jumps_above_10)));
+        all.push(a.domain.judged(limits.curl(name, r.curl.magnitude.max)));
     }
     let two = if a.inversion.is_some() { "own inversion" } else { "both fields" };
     let [there, back] = a.inverse_consistency.map(|c| c.distance_mm.p95);
-    all.push(limits.consistency(&format!("inverse consistency ({two})"), there.max(back), voxel));
+    all.push(a.domain.judged(limits.consistency(&format!("inverse consistency ({two})"), there.max(back), voxel)));
     if let Some(t) = &a.transitivity {
-        all.push(limits.consistency("transitivity", t.distance_mm.p95, voxel));
+        all.push(a.domain.judged(limits.consistency("transitivity", t.distance_mm.p95, voxel)));
     }
     if let Some(images) = &a.agreement {
         all.extend(limits.images(images));

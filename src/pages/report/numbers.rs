@@ -19,7 +19,7 @@ use crate::pipeline::{Case, FractionKind, GuideReached, Outcome, VolumeReached, 
 use crate::provenance::InputFile;
 use crate::runtime::{StageTime, peak_memory};
 use crate::skeleton::Pose;
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -255,7 +255,7 @@ pub(super) fn first_words(text: &str, letters: usize) -> Option<&str> {
 
 /// A number of threads in words.
 pub(super) fn threads(n: usize) -> String {
-    if n == 1 { "1 thread".to_owned() } else { format!("{n} threads") }
+    counted(n, "thread", "threads")
 }
 
 /// A count with its thousands set apart by thin spaces, as `2 118 297`.

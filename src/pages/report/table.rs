@@ -5,11 +5,11 @@ use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
-use crate::evaluate::verdict::{Verdict, against, overall};
+use crate::evaluate::verdict::{Verdict, against, measured, overall};
 use crate::findings::{Finding, Told};
 use crate::fit::DeterminedBy;
 use crate::pipeline::{GuideReached, OutlineAgreement};
-use crate::warning::Warning;
+use crate::warning::{Warning, counted};
 use std::fmt::Write;
 
 /// The figures that matter as a text table of one screen.
@@ -56,8 +56,11 @@ pub fn terminal_table(report: &Report) -> String {
     rows.push((
         "inverse",
         format!(
-            "{:.3} mm mean, {:.3} mm worst; {} tissue voxels unconverged, {} folded over",
-            inverse.residual_mm.mean, inverse.residual_mm.max, inverse.unconverged_tissue, inverse.multiple
+            "{:.3} mm mean, {:.3} mm worst; {} unconverged, {} folded over",
+            inverse.residual_mm.mean,
+            inverse.residual_mm.max,
+            counted(inverse.unconverged_tissue, "tissue voxel", "tissue voxels"),
+            inverse.multiple
         ),
     ));
     let back = &report.consistency.there_and_back_mm;
@@ -89,6 +92,10 @@ fn jacobian(j: &JacobianReport) -> Vec<(&'static str, String)> {
             j.body.mean, j.body.min, j.body.max, j.body.folded, j.body.cells, j.body.folded_percent
         ),
     ));
+    if j.body.cells == 0 {
+        // No cells have no mean.
+        rows = vec![("jacobian", "no tissue cell outside contact and interfaces".to_owned())];
+    }
     if j.contact.cells + j.interface.cells + j.folded_outside > 0 {
         rows.push((
             "",
@@ -99,7 +106,8 @@ fn jacobian(j: &JacobianReport) -> Vec<(&'static str, String)> {
         ));
     }
     if j.across > 0 {
-        let told = format!("{} more cells reach across where lung or organs slide: the field jumps there", j.across);
+        let told = counted(j.across, "more cell reaches", "more cells reach");
+        let told = format!("{told} across where lung or organs slide: the field jumps there");
         rows.push(("", told));
     }
     rows
@@ -109,12 +117,12 @@ fn landmarks(l: &LandmarkReport) -> String {
     let outside = l.before.n - l.after.n;
     let lost = if outside > 0 { format!(", {outside} outside the planning scan") } else { String::new() };
     format!(
-        "{:.2} -> {}{:.2} mm mean, {:.2} mm worst, {} points{lost}",
+        "{:.2} -> {}{:.2} mm mean, {:.2} mm worst, {}{lost}",
         l.before.mean,
         l.shifted.as_ref().map_or(String::new(), |s| format!("{:.2} (couch shift) -> ", s.mean)),
         l.after.mean,
         l.after.max,
-        l.after.n
+        counted(l.after.n, "point", "points")
     )
 }
 
@@ -169,10 +177,9 @@ fn agreement(images: &Agreement) -> String {
 fn couch(couch: &CouchMatch) -> Option<String> {
     let worst = couch.worst()?;
     Some(format!(
-        "patient lies {} mm by {} {}; leaves {:.1} rms ({}), {:.1} turned {:.1} deg",
+        "patient lies {} mm by {}; leaves {:.1} rms ({}), {:.1} turned {:.1} deg",
         couch.towards(),
-        couch.on.len(),
-        if couch.on.len() == 1 { "bone" } else { "bones" },
+        counted(couch.on.len(), "bone", "bones"),
         worst.shift_mm,
         worst.bone,
         worst.rotation_mm,
@@ -188,7 +195,8 @@ pub(super) fn verdict(verdicts: &[Verdict]) -> String {
     let reasons = against(verdicts);
     let mut text = overall(verdicts).name().to_uppercase();
     if reasons.is_empty() {
-        write!(text, " ({} rules)", verdicts.len()).expect("writing to a string does not fail");
+        write!(text, " ({})", counted(measured(verdicts).count(), "rule", "rules"))
+            .expect("writing to a string does not fail");
     } else {
         let named: Vec<&str> = reasons.iter().take(NAMED).map(|v| v.name.as_str()).collect();
         let more = reasons.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
@@ -200,7 +208,7 @@ pub(super) fn verdict(verdicts: &[Verdict]) -> String {
 fn bones(report: &Report) -> String {
     let by = |way: DeterminedBy| report.bones.iter().filter(|b| b.determined_by == way).count();
     let most = report.moves_most().map_or(String::new(), |(bone, mm)| {
-        format!("; {} moves most, {mm:.1} mm apart from the couch shift", bone.name)
+        format!("; {}'s centre moves most, {mm:.1} mm apart from the couch shift", bone.name)
     });
     let given = match by(DeterminedBy::Given) {
         0 => format!("{} found in the image", by(DeterminedBy::Image)),
@@ -226,6 +234,6 @@ mod tests {
                 && text.contains("verdict"),
             "{text}"
         );
-        assert!(text.contains("bone contact"), "{text}");
+        assert!(text.contains("bone contact") && text.contains("skull's centre moves most"), "{text}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Case, Outcome};
 use crate::evaluate::rigidity::BoneRigidity;
-use crate::evaluate::verdict::{Limits, Verdict, of_warnings};
+use crate::evaluate::verdict::{Domain, Limits, Verdict, of_warnings};
 
 /// The rules of [`crate::evaluate::verdict`] on what a run has measured and warned of: those that fail, those to be
 /// reviewed, and those that pass.
@@ -17,7 +17,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     if let Some(bone) = least_rigid(&outcome.rigidity) {
         all.push(limits.rigidity(&bone.name, bone.rms_mm));
     }
-    all.extend(limits.folds(direction, jacobian, grids[0].voxel_volume() / 1000.0));
+    all.extend(limits.folds(direction, jacobian, grids[0].voxel_volume() / 1000.0, Domain::Tissue));
     all.push(limits.jumps(direction, jacobian.jumps_above_10));
     let back = &outcome.consistency.there_and_back_mm;
     if back.n > 0 {
@@ -27,7 +27,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
             voxel,
         ));
     }
-    all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.voxels));
+    all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.tissue()));
     if let Some((_, u)) = &outcome.uncertainty {
         all.push(limits.uncertainty(u.soft_tissue_mm.p95, u.above_2mm_ml));
     }

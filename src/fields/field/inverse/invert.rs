@@ -43,6 +43,13 @@ pub struct InverseReport {
     pub voxels: usize,
 }
 
+impl InverseReport {
+    /// Fraction voxels that show patient tissue, whether their pre-image is exact or not.
+    pub fn tissue(&self) -> usize {
+        self.residual_mm.n + self.unconverged_tissue
+    }
+}
+
 /// Spacing of the scattered guess, mm.
 const GUESS_MM: f64 = 6.0;
 /// Voxels of a guess over everything that a field reaches.

@@ -18,7 +18,7 @@ pub use side::PlanningSide;
 use super::jacobian::TISSUE_HU;
 use crate::error::Result;
 use crate::field::PushField;
-use crate::stats::Summary;
+use crate::stats::{Bins, Summary};
 use crate::volume::extent::extent;
 use crate::volume::{LabelMap, Mask, Spans, Volume, axis_pairs};
 use rayon::prelude::*;
@@ -28,8 +28,8 @@ use std::collections::BTreeMap;
 /// What the map says in short.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct UncertaintyReport {
-    /// Uncertainty over soft tissue (body above -500 HU, no bone), mm.
-    pub soft_tissue_mm: Summary,
+    /// Uncertainty over soft tissue (body above -500 HU, no bone).
+    pub soft_tissue_mm: SoftTissue,
     /// Share of soft tissue where no image speaks, percent.
     pub without_images_percent: f64,
     /// Share of soft tissue of which nothing is known, percent: further off than bones tell.
@@ -37,6 +37,55 @@ pub struct UncertaintyReport {
     pub unknown_percent: f64,
     /// Soft tissue with more than 2 mm or unknown, ml: beyond what AAPM TG-132 asks of a registration.
     pub above_2mm_ml: f64,
+}
+
+/// Uncertainty over soft tissue, mm. Median and percentile are of all of it, and what is unknown counts as larger than all
+/// that is known; the other figures are of what is known.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct SoftTissue {
+    /// Number of voxels that are known.
+    pub n: usize,
+    /// Mean of what is known.
+    pub mean: f64,
+    /// Standard deviation of what is known.
+    pub std: f64,
+    /// Median of all; none (`null`) where it is unknown: above [`LIMIT_MM`].
+    pub median: Option<f64>,
+    /// 95th percentile of all; none (`null`) where it is unknown: above [`LIMIT_MM`].
+    pub p95: Option<f64>,
+    /// Smallest value.
+    pub min: f64,
+    /// Largest value of what is known.
+    pub max: f64,
+}
+
+impl SoftTissue {
+    /// Of what is known, beside so many voxels of which nothing is.
+    fn of(known: &[&[f32]], unknown: usize) -> Self {
+        let s = Summary::of_singles(known);
+        let [median, p95] = if unknown == 0 {
+            [Some(s.median), Some(s.p95)]
+        } else {
+            [50.0, 95.0].map(|p| among_all(known, s.n, unknown, p))
+        };
+        Self { n: s.n, mean: s.mean, std: s.std, median, p95, min: s.min, max: s.max }
+    }
+}
+
+/// The `p`-th percentile of `n` known values and of unknown ones, which are larger; none where it falls among these.
+fn among_all(known: &[&[f32]], n: usize, unknown: usize, p: f64) -> Option<f64> {
+    let place = p / 100.0 * (n + unknown - 1) as f64;
+    let (low, high) = (place.floor() as usize, place.ceil() as usize);
+    let all = |_: f32| true;
+    (high < n).then(|| {
+        let [low, high] = Bins::of(known, all).ranks([low, high], known, all).map(f64::from);
+        low + (high - low) * place.fract()
+    })
+}
+
+/// A figure of the uncertainty in mm, with these digits; `> 30` where it is unknown.
+pub fn in_mm(mm: Option<f64>, digits: usize) -> String {
+    mm.map_or_else(|| format!("> {LIMIT_MM:.0}"), |mm| format!("{mm:.digits$}"))
 }
 
 /// What the map is made from; all in the planning frame but `fraction`.
@@ -173,7 +222,7 @@ fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
         unknown_percent: 100.0 * unknown as f64 / soft.max(1) as f64,
         above_2mm_ml: (above + unknown) as f64 * voxel_mm3 / 1000.0,
-        soft_tissue_mm: Summary::of_singles(&known),
+        soft_tissue_mm: SoftTissue::of(&known, unknown),
     }
 }
 
@@ -286,6 +335,31 @@ mod tests {
             let ratio = unsure.at(at) / sure.at(at);
             assert!((ratio - factor).abs() < 1e-3, "{at:?}: {ratio}");
         }
+    }
+
+    /// Of 100 voxels the five worst are unknown, then six, then all.
+    #[test]
+    fn what_is_unknown_counts_as_more_than_all_that_is_known() {
+        let of = |known: usize| {
+            let plane = Plane {
+                values: (0..100).map(|n| if n < known { n as f32 / 10.0 } else { UNKNOWN }).collect(),
+                unknown: 100 - known,
+                ..Plane::default()
+            };
+            report(&[plane], 1.0)
+        };
+        let (five, six, all) = (of(95), of(94), of(0));
+        assert_eq!(five.soft_tissue_mm.p95, None, "between the last known one and an unknown one");
+        assert_eq!((six.soft_tissue_mm.p95, all.soft_tissue_mm.p95, all.soft_tissue_mm.median), (None, None, None));
+        assert!((of(100).soft_tissue_mm.p95.unwrap() - 9.405).abs() < 1e-6);
+        assert!((of(96).soft_tissue_mm.p95.unwrap() - 9.405).abs() < 1e-6, "of all, not of the 96 that are known");
+        assert!(
+            (six.soft_tissue_mm.median.unwrap() - 4.95).abs() < 1e-6 && (six.soft_tissue_mm.max - 9.3).abs() < 1e-6
+        );
+        assert_eq!((in_mm(None, 1), in_mm(Some(2.345), 1)), ("> 30".to_owned(), "2.3".to_owned()));
+        let written = serde_json::to_value(six).unwrap();
+        assert!(written["soft_tissue_mm"]["p95"].is_null());
+        assert_eq!(serde_json::from_value::<UncertaintyReport>(written).unwrap(), six);
     }
 
     #[test]

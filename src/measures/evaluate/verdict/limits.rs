@@ -2,7 +2,9 @@
 
 use super::{Figure, Mark, TG132, Verdict};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
+use crate::evaluate::uncertainty::in_mm;
 use crate::stats::Summary;
+use crate::warning::counted;
 use serde::{Deserialize, Serialize};
 
 /// What passes, what is reviewed and what fails: pairs hold up to where a figure passes and up to where it is reviewed.
@@ -26,7 +28,7 @@ pub struct Limits {
     pub folded_ml: [f64; 2],
     /// Folded volume in bone contact and sliding interfaces, percent of the tissue; beyond it is reviewed.
     pub folded_contact_percent: f64,
-    /// Tissue voxels of the fraction without an exact pre-image, percent of its voxels; beyond it is reviewed.
+    /// Tissue voxels of the fraction without an exact pre-image, percent of its tissue; beyond it is reviewed.
     pub no_inverse_percent: f64,
     /// Departure of a bone from rigid motion, root mean square, mm.
     pub rigidity_mm: [f64; 2],
@@ -110,9 +112,9 @@ impl Limits {
         figure.at_most(or_voxel(self.consistency_mm, voxel_mm))
     }
 
-    /// Tissue voxels of the fraction that no point of planning is found for, as a share of so many voxels of its grid.
-    pub fn no_inverse(&self, tissue: usize, voxels: usize) -> Verdict {
-        let percent = 100.0 * tissue as f64 / voxels.max(1) as f64;
+    /// Tissue voxels of the fraction that no exact point of planning is found for, as a share of so many tissue voxels.
+    pub fn no_inverse(&self, without: usize, tissue: usize) -> Verdict {
+        let percent = 100.0 * without as f64 / tissue.max(1) as f64;
         let figure = Figure {
             name: "tissue without exact pre-image".into(),
             value: percent,
@@ -121,7 +123,8 @@ impl Limits {
             remedy: "do not trust what is shown or mapped there: the field has no inverse",
         };
         let mut verdict = figure.at_most([self.no_inverse_percent, f64::INFINITY]);
-        verdict.reason.push_str(&format!("; {tissue} voxels of tissue, in a grid of {voxels}"));
+        let voxels = counted(tissue, "tissue voxel", "tissue voxels");
+        verdict.reason.push_str(&format!("; {without} of {voxels}"));
         verdict
     }
 
@@ -136,7 +139,10 @@ impl Limits {
     pub fn jumps(&self, direction: &str, count: usize) -> Verdict {
         let (mark, reason) = match count {
             0 => (Mark::Pass, "none".to_owned()),
-            n => (Mark::Review, format!("{n} pairs of neighbours differ by more than 10: errors of the field")),
+            n => {
+                let pairs = counted(n, "pair of neighbours differs", "pairs of neighbours differ");
+                (Mark::Review, format!("{pairs} by more than 10: errors of the field"))
+            }
         };
         let figure = Figure {
             name: format!("Jacobian jumps above 10, {direction}"),
@@ -155,16 +161,20 @@ impl Limits {
         Figure { name, value: greatest, unit: "", source: "Schreibmann 2012", remedy }.at_most(self.curl)
     }
 
-    /// 95th percentile of the uncertainty of soft tissue, mm; `above_2mm_ml`: soft tissue with more than 2 mm or unknown.
-    pub fn uncertainty(&self, p95_mm: f64, above_2mm_ml: f64) -> Verdict {
+    /// 95th percentile of the uncertainty of soft tissue, mm, none where it is unknown; `above_2mm_ml`: soft tissue with
+    /// more than 2 mm or unknown.
+    pub fn uncertainty(&self, p95_mm: Option<f64>, above_2mm_ml: f64) -> Verdict {
         let figure = Figure {
             name: "uncertainty of soft tissue, 95th percentile".into(),
-            value: p95_mm,
+            value: p95_mm.unwrap_or(f64::INFINITY),
             unit: "mm",
             source: "docs/metrics.md; TG-132's 2 to 3 mm",
             remedy: "use contours and dose only where the map of uncertainty is low",
         };
         let mut verdict = figure.at_most([self.uncertainty_mm, f64::INFINITY]);
+        if p95_mm.is_none() {
+            verdict.reason = format!("{} mm: beyond {} mm", in_mm(None, 1), self.uncertainty_mm);
+        }
         verdict.reason.push_str(&format!("; {above_2mm_ml:.0} ml have more than 2 mm or are not known"));
         verdict
     }
@@ -257,7 +267,11 @@ mod tests {
         assert_eq!(marks(&|v| limits.consistency("there and back", v, 1.0), [2.0, 2.9, 3.1]), all);
         assert_eq!(marks(&|v| limits.rigidity("C1", v), [1.0, 1.9, 2.1]), all);
         assert_eq!(marks(&|v| limits.curl("push", v), [5.0, 9.9, 10.1]), all);
-        assert_eq!(marks(&|v| limits.uncertainty(v, 0.0), [3.0, 3.1, 99.0]), [pass, review, review]);
+        assert_eq!(marks(&|v| limits.uncertainty(Some(v), 0.0), [3.0, 3.1, 99.0]), [pass, review, review]);
+        let unknown = limits.uncertainty(None, 900.0);
+        assert!(unknown.verdict == review && unknown.reason.starts_with("> 30 mm: beyond 3 mm; 900 ml"), "{unknown:?}");
+        let again: Verdict = serde_json::from_str(&serde_json::to_string(&unknown).unwrap()).unwrap();
+        assert!(again.value.is_nan() && again.reason == unknown.reason, "a report can be read again");
         // A figure that could not be measured does not pass.
         assert_eq!(limits.curl("push", f64::NAN).verdict, fail);
         assert_eq!([0, 1].map(|n| limits.jumps("push", n).verdict), [pass, review]);
@@ -276,6 +290,7 @@ mod tests {
         let verdict = Limits::default().no_inverse(50, 1000);
         assert!((verdict.value - 5.0).abs() < 1e-12, "{verdict:?}");
         assert_eq!(verdict.verdict, Mark::Review);
+        assert!(verdict.reason.ends_with("50 of 1000 tissue voxels"), "{verdict:?}");
         assert_eq!(Limits::default().no_inverse(1, 10_000).verdict, Mark::Pass);
         assert!(Limits::default().no_inverse(0, 0).value.abs() < 1e-12);
     }

@@ -4,14 +4,16 @@
 //! Phys. 44 (2017) e43) gives a range, a figure passes beyond the stricter end, is reviewed inside the range and fails
 //! beyond the looser end. A physicist decides; no verdict accepts a registration.
 
+mod domain;
 mod folds;
 mod limits;
 mod warned;
 
+pub use domain::Domain;
 pub use limits::Limits;
 pub use warned::of_warnings;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// How a figure stands to its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -41,7 +43,8 @@ impl Mark {
 pub struct Verdict {
     /// What was measured, and where.
     pub name: String,
-    /// Its value.
+    /// Its value; no number (`null` in JSON) where it is unknown.
+    #[serde(deserialize_with = "number_or_null")]
     pub value: f64,
     /// Unit of the value; empty for a ratio.
     pub unit: String,
@@ -57,6 +60,11 @@ pub struct Verdict {
     pub remedy: String,
 }
 
+/// JSON has no infinite value and none that is no number: it has `null`.
+fn number_or_null<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
+}
+
 /// The worst of all verdicts; a pass where there are none.
 pub fn overall(verdicts: &[Verdict]) -> Mark {
     verdicts.iter().map(|v| v.verdict).max().unwrap_or(Mark::Pass)
@@ -67,6 +75,11 @@ pub fn against(verdicts: &[Verdict]) -> Vec<&Verdict> {
     let mut all: Vec<&Verdict> = verdicts.iter().filter(|v| v.verdict > Mark::Pass).collect();
     all.sort_by_key(|v| std::cmp::Reverse(v.verdict));
     all
+}
+
+/// Those of measured figures: a warning is a verdict only where it is given, and no rule that could pass.
+pub fn measured(verdicts: &[Verdict]) -> impl Iterator<Item = &Verdict> {
+    verdicts.iter().filter(|v| !warned::is_warning(v))
 }
 
 /// Name of the source of most limits.

@@ -16,6 +16,14 @@ pub fn of_warnings(warnings: &[Warning]) -> Vec<Verdict> {
     codes.into_iter().filter_map(|code| of_code(code, warnings)).collect()
 }
 
+/// What the name of a warning's verdict begins with.
+const WARNING: &str = "warning: ";
+
+/// Whether a verdict is that of a warning.
+pub(super) fn is_warning(verdict: &Verdict) -> bool {
+    verdict.name.starts_with(WARNING)
+}
+
 fn of_code(code: &str, warnings: &[Warning]) -> Option<Verdict> {
     let finding = Finding::of(code)?;
     let let_through = finding.told == Told::Refused;
@@ -28,7 +36,7 @@ fn of_code(code: &str, warnings: &[Warning]) -> Option<Verdict> {
     let more = if of_kind.len() > 1 { format!(" (and {} more)", of_kind.len() - 1) } else { String::new() };
     let (mark, limit) = if let_through { (Mark::Fail, "refused, unless let through") } else { (Mark::Review, "none") };
     Some(Verdict {
-        name: format!("warning: {code}"),
+        name: format!("{WARNING}{code}"),
         value: of_kind.len() as f64,
         unit: if of_kind.len() == 1 { "warning" } else { "warnings" }.into(),
         limit: limit.into(),
@@ -56,5 +64,6 @@ mod tests {
         assert_eq!(told, [("warning: label-doubtful", Mark::Review), ("warning: labels-off-bone", Mark::Fail)]);
         assert!(all[0].reason.contains("skull") && all[0].reason.contains("1 more") && !all[0].remedy.is_empty());
         assert_eq!(all[1].reason, "they lie 8 mm aside");
+        assert_eq!(super::super::measured(&all).count(), 0, "a warning is no rule that passes where it is not given");
     }
 }

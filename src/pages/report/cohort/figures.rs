@@ -1,7 +1,7 @@
 //! The figures by which runs of a cohort are compared.
 
 use super::super::numbers::Report;
-use crate::fit::DeterminedBy;
+use crate::fit::{BoneFit, DeterminedBy};
 
 /// Which way a figure is worse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,9 +29,9 @@ pub(super) struct FigureOfRuns {
 }
 
 impl FigureOfRuns {
-    /// The figure of a run; nothing where the run has none or it is no number.
+    /// The figure of a run; nothing where the run has none or it is no number, infinite where it is more than can be told.
     pub(super) fn of(&self, report: &Report) -> Option<f64> {
-        (self.of)(report).filter(|v| v.is_finite())
+        (self.of)(report).filter(|v| !v.is_nan())
     }
 }
 
@@ -89,18 +89,16 @@ pub(super) const KINDS: [FigureOfRuns; 18] = [
     },
     FigureOfRuns {
         key: "least_similarity",
-        title: "least similarity of a bone",
+        title: "least similarity of a bone found in the image",
         unit: "",
         worse: Worse::Low,
         least: 0.05,
-        of: |r| {
-            least(r.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).filter_map(|b| b.similarity_after))
-        },
+        of: |r| least(r.bones.iter().filter(found).filter_map(|b| b.similarity_after)),
         ..PLAIN
     },
     FigureOfRuns {
         key: "largest_bone_motion_mm",
-        title: "largest motion of a bone",
+        title: "largest motion of a bone found or given",
         digits: 1,
         worse: Worse::Unlike,
         least: 5.0,
@@ -110,9 +108,9 @@ pub(super) const KINDS: [FigureOfRuns; 18] = [
     },
     FigureOfRuns {
         key: "bone_position_sd_mm",
-        title: "SD of a bone's position",
+        title: "greatest SD of the position of a bone found in the image",
         least: 0.2,
-        of: |r| most(r.bones.iter().filter(|b| b.determined_by == DeterminedBy::Image).map(|b| b.position_sd_mm)),
+        of: |r| most(r.bones.iter().filter(found).map(|b| b.position_sd_mm).filter(|sd| sd.is_finite())),
         ..PLAIN
     },
     FigureOfRuns {
@@ -177,14 +175,14 @@ pub(super) const KINDS: [FigureOfRuns; 18] = [
         title: "uncertainty, median",
         least: 0.2,
         course: true,
-        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.median),
+        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.median.unwrap_or(f64::INFINITY)),
         ..PLAIN
     },
     FigureOfRuns {
         key: "uncertainty_p95_mm",
         title: "uncertainty, 95th percentile",
         least: 0.5,
-        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.p95),
+        of: |r| r.uncertainty.map(|u| u.soft_tissue_mm.p95.unwrap_or(f64::INFINITY)),
         ..PLAIN
     },
     FigureOfRuns {
@@ -206,6 +204,11 @@ pub(super) const KINDS: [FigureOfRuns; 18] = [
         ..PLAIN
     },
 ];
+
+/// Whether a bone was found in the image: what follows its joint has neither similarity nor deviation of its own.
+fn found(bone: &&BoneFit) -> bool {
+    bone.determined_by == DeterminedBy::Image
+}
 
 fn most(values: impl Iterator<Item = f64>) -> Option<f64> {
     values.max_by(f64::total_cmp)

@@ -158,7 +158,7 @@ impl Fractions {
                     tr {
                         th { "After registration" } th { "Fraction" } th { "Verdict" }
                         @for k in kinds { th.n { (k.title) @if !k.unit.is_empty() { br; (k.unit) } } }
-                        th { "Moves most, apart from the couch shift" } th.n { "Warnings" }
+                        th { "Moves most: its centre, apart from the couch shift" } th.n { "Warnings" }
                     }
                 }
                 tbody { @for f in &self.fractions { (line(f, kinds)) } }

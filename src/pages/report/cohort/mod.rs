@@ -76,6 +76,11 @@ impl Member {
         }
     }
 
+    /// Codes that its own report warns of, or of what the summary alone found of it.
+    fn codes(&self, by_summary: bool) -> impl Iterator<Item = &String> {
+        self.warnings.iter().filter(move |code| (**code == findings::PLANNING_DIFFERS.code) == by_summary)
+    }
+
     fn figure(&self, key: &str) -> Option<f64> {
         self.figures.get(key).copied().flatten()
     }
@@ -253,7 +258,12 @@ mod tests {
         assert_eq!(cohort.runs.iter().filter(|m| told(m)).count(), 2);
         assert!(cohort.runs.iter().all(|m| told(m) == (m.patient == "P1")));
         assert!(cohort.terminal_text().contains("P1: its runs use 2 planning CTs"));
+        // The runs' own warnings are counted apart from what the summary found.
+        let own = report.warnings.len().min(1) * 5;
+        assert!(cohort.terminal_text().contains(&format!("{own} with warnings of their own")));
+        assert!(cohort.terminal_text().contains("the summary itself finds something of 2: planning-differs"));
         let page = page::page(&cohort);
+        assert!(!page.contains("Every run warns of <code>planning-differs"));
         assert!(page.find("2 planning CTs").unwrap() < page.find("<table").unwrap());
         assert!(String::from_utf8(text::csv(&cohort).unwrap()).unwrap().contains("planning-differs"));
     }

@@ -14,7 +14,9 @@ pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     let upper = *values.get(values.len() / 2)?;
-    Some(if values.len() % 2 == 1 { upper } else { (values[values.len() / 2 - 1] + upper) / 2.0 })
+    let lower = values[(values.len() - 1) / 2];
+    // Between a number and what is more than can be told, the number is a median, too.
+    Some(if upper.is_finite() { f64::midpoint(lower, upper) } else { lower })
 }
 
 /// Whether each value stands apart: by its distance from the median in median absolute deviations, on the side that is worse, and by more than
@@ -73,5 +75,9 @@ mod tests {
         assert_eq!(median([3.0, 1.0, 2.0].into_iter()), Some(2.0));
         assert_eq!(median([4.0, 1.0, 2.0, 3.0].into_iter()), Some(2.5));
         assert_eq!(median(std::iter::empty()), None);
+        let more = f64::INFINITY;
+        assert_eq!([median([1.0, more].into_iter()), median([more, 1.0, more].into_iter())], [Some(1.0), Some(more)]);
+        assert_eq!(which(&[1.0, 1.1, 0.9, more, 1.05], Worse::High, 0.5), [3], "more than can be told stands apart");
+        assert!(which(&[more, more, more, 0.9, 1.05], Worse::High, 0.5).is_empty());
     }
 }

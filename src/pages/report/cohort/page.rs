@@ -5,7 +5,7 @@ use super::super::numbers::utc;
 use super::super::viewer::policy;
 use super::doses;
 use super::figures::{FigureOfRuns, KINDS};
-use super::text::{counts, stand_out, value, why};
+use super::text::{counts, plain, stand_out, value, why};
 use super::{Cohort, Member};
 use crate::evaluate::verdict::Mark;
 use maud::{DOCTYPE, Markup, html};
@@ -100,16 +100,22 @@ fn runs(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
     // Said once: they tell one run from another as little as the planning CT does.
     let mut common: Vec<&String> = cohort.runs.first().iter().flat_map(|m| &m.warnings).collect();
     common.retain(|w| cohort.runs.len() > 1 && cohort.runs.iter().all(|m| m.warnings.contains(w)));
+    let of_all = |by_summary: bool| -> Vec<&String> {
+        let own = cohort.runs.first().into_iter().flat_map(|m| m.codes(by_summary));
+        own.filter(|code| common.contains(code)).collect()
+    };
     html! {
-        @if !common.is_empty() {
-            p.note { "Every run warns of " @for (n, w) in common.iter().enumerate() { @if n > 0 { ", " } code { (w) } } "." }
+        @for (said, codes) in [("Every run warns of ", of_all(false)), ("The summary finds of every run ", of_all(true))] {
+            @if !codes.is_empty() {
+                p.note { (said) @for (n, w) in codes.iter().enumerate() { @if n > 0 { ", " } code { (w) } } "." }
+            }
         }
         div.scrolled { table.runs {
             thead {
                 tr {
                     th { "Patient" } th { "Fraction" } th { "Verdict" }
                     @for k in shown { th.n { (k.title) @if !k.unit.is_empty() { br; (k.unit) } } }
-                    th { "Warnings" }
+                    th { "Warnings, and what the summary finds" }
                 }
             }
             tbody {
@@ -137,7 +143,7 @@ fn runs(cohort: &Cohort, shown: &[&FigureOfRuns]) -> Markup {
 }
 
 pub(super) fn number(kind: &FigureOfRuns, v: Option<f64>) -> String {
-    v.map_or("\u{2013}".into(), |v| format!("{v:.*}", kind.digits))
+    v.map_or("\u{2013}".into(), |v| plain(kind, v))
 }
 
 /// A small picture of each figure that has a course, patient by patient.
@@ -169,12 +175,12 @@ pub(super) fn course<'a>(
 ) -> Markup {
     let patient: Vec<&Member> = patient.into_iter().collect();
     let all = || all.iter().filter_map(|m| m.figure(kind.key));
-    let (low, high) = all().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+    let (low, high) = all().filter(|v| v.is_finite()).fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
     // Differences that matter to nobody are no slopes.
     let high = high.max(low + kind.least);
     let last = patient.len().saturating_sub(1).max(1) as f64;
     let x = |n: usize| RIM + (SIZE[0] - 2.0 * RIM) * if patient.len() == 1 { 0.5 } else { n as f64 / last };
-    let y = |v: f64| SIZE[1] - RIM - (SIZE[1] - 2.0 * RIM) * (v - low) / (high - low).max(1e-12);
+    let y = |v: f64| SIZE[1] - RIM - (SIZE[1] - 2.0 * RIM) * (v.min(high) - low) / (high - low).max(1e-12);
     let points: Vec<(f64, f64, &Member)> =
         patient.iter().enumerate().filter_map(|(n, m)| Some((x(n), y(m.figure(kind.key)?), *m))).collect();
     let line = points.iter().map(|(x, y, _)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ");

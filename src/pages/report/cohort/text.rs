@@ -3,8 +3,11 @@
 use super::super::numbers::first_words;
 use super::figures::{FigureOfRuns, KINDS};
 use super::{Cohort, Member};
+use crate::evaluate::uncertainty::in_mm;
 use crate::evaluate::verdict::Mark;
 use crate::io::Sheet;
+use crate::warning::counted;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io;
 
@@ -28,7 +31,12 @@ pub(super) fn csv(cohort: &Cohort) -> io::Result<Vec<u8>> {
 /// A figure with its unit.
 pub(super) fn value(kind: &FigureOfRuns, v: f64) -> String {
     let space = if kind.unit.is_empty() { "" } else { " " };
-    format!("{v:.*}{space}{}", kind.digits, kind.unit)
+    format!("{}{space}{}", plain(kind, v), kind.unit)
+}
+
+/// A figure without its unit; what is infinite is an uncertainty above what is told.
+pub(super) fn plain(kind: &FigureOfRuns, v: f64) -> String {
+    in_mm(Some(v).filter(|v| v.is_finite()), kind.digits)
 }
 
 /// What of a run stands apart, beside the median of the cohort.
@@ -36,7 +44,7 @@ fn apart(cohort: &Cohort, m: &Member) -> String {
     let kinds = KINDS.iter().filter(|kind| m.stand_apart.contains(&kind.key));
     let told = kinds.filter_map(|kind| {
         let (v, median) = (m.figure(kind.key)?, cohort.medians.get(kind.key).copied().flatten()?);
-        Some(format!("{} {} (median {median:.*})", kind.title, value(kind, v), kind.digits))
+        Some(format!("{} {} (median {})", kind.title, value(kind, v), plain(kind, median)))
     });
     told.collect::<Vec<_>>().join("; ")
 }
@@ -77,16 +85,21 @@ pub(super) fn of_verdicts<'a>(runs: impl Iterator<Item = &'a Member> + Clone) ->
 
 /// How many runs of how many patients.
 pub(super) fn counts(cohort: &Cohort) -> String {
-    let plural = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-    let warned = cohort.runs.iter().filter(|m| !m.warnings.is_empty()).count();
+    let warned = cohort.runs.iter().filter(|m| m.codes(false).next().is_some()).count();
+    let found: Vec<&Member> = cohort.runs.iter().filter(|m| m.codes(true).next().is_some()).collect();
     let odd = cohort.runs.iter().filter(|m| !m.stand_apart.is_empty()).count();
     let of = |mark: Mark| cohort.runs.iter().filter(|m| m.verdict == Some(mark)).count();
     let (failed, review) = (of(Mark::Fail), of(Mark::Review));
     let mut text = format!(
-        "{} of {}; {failed} fail, {review} to review, {warned} with warnings, {odd} with figures that stand apart",
-        plural(cohort.runs.len(), "run"),
-        plural(cohort.patients().count(), "patient"),
+        "{} of {}; {failed} fail, {review} to review, {warned} with warnings of their own, {odd} with figures that stand apart",
+        counted(cohort.runs.len(), "run", "runs"),
+        counted(cohort.patients().count(), "patient", "patients"),
     );
+    if !found.is_empty() {
+        let codes: BTreeSet<&str> = found.iter().flat_map(|m| m.codes(true)).map(String::as_str).collect();
+        let codes = codes.into_iter().collect::<Vec<_>>().join(", ");
+        let _ = write!(text, "; the summary itself finds something of {}: {codes}", found.len());
+    }
     if !cohort.unfinished.is_empty() {
         let _ = write!(text, "; {} unfinished", cohort.unfinished.len());
     }
@@ -100,7 +113,7 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
         let (low, high) = (values().min_by(f64::total_cmp), values().max_by(f64::total_cmp));
         if let (Some(low), Some(high), Some(Some(median))) = (low, high, cohort.medians.get(kind.key)) {
             let [low, median, high] = [low, *median, high].map(|v| value(kind, v));
-            let _ = writeln!(text, "  {:<28} {median} median, {low} to {high}", kind.title);
+            let _ = writeln!(text, "  {:<40} {median} median, {low} to {high}", kind.title);
         }
     }
     for m in stand_out(cohort) {

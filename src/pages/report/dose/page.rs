@@ -103,7 +103,7 @@ impl DosePage<'_> {
                     @for (n, table) in self.tables.iter().enumerate() {
                         div.screen[n >= TABLES_ON_PAPER] { (self.table(table)) }
                     }
-                    (more(self.tables.len(), TABLES_ON_PAPER, "tables", "the CSV file beside this page"))
+                    (more(self.tables.len(), TABLES_ON_PAPER, ["table", "tables"], "the CSV file beside this page"))
                     div.end {
                         h2 { "Provenance" }
                         (inputs(self.inputs, "the JSON file beside this page"))
@@ -144,7 +144,7 @@ impl DosePage<'_> {
                     }
                 }
             }
-            (more(table.rows.len(), most, "lines", "the CSV file beside this page"))
+            (more(table.rows.len(), most, ["line", "lines"], "the CSV file beside this page"))
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::EvaluationReport;
 use crate::evaluate::Assessment;
 use crate::evaluate::jacobian::JacobianStats;
+use crate::evaluate::regularity::Regularity;
 use crate::stats::Summary;
 
 /// One number.
@@ -14,7 +15,7 @@ pub struct Figure {
     pub item: String,
     /// What it is.
     pub metric: &'static str,
-    /// Its value.
+    /// Its value; no number where it is not known.
     pub value: f64,
     /// Its unit; empty for a ratio.
     pub unit: &'static str,
@@ -45,12 +46,14 @@ impl List {
     }
 
     fn jacobian(&mut self, part: &'static str, item: &str, j: &JacobianStats) {
-        self.add(part, item, "Jacobian, mean", j.mean, "");
-        self.add(part, item, "Jacobian, 1st percentile", j.p1, "");
-        self.add(part, item, "Jacobian, 99th percentile", j.p99, "");
-        self.add(part, item, "Jacobian above 2", j.above_2_percent, "%");
-        self.add(part, item, "Jacobian below 1/2", j.below_half_percent, "%");
-        self.add(part, item, "folded cells", j.folded_percent, "%");
+        // No cells have no figures.
+        let of = |v: f64| if j.cells > 0 { v } else { f64::NAN };
+        self.add(part, item, "Jacobian, mean", of(j.mean), "");
+        self.add(part, item, "Jacobian, 1st percentile", of(j.p1), "");
+        self.add(part, item, "Jacobian, 99th percentile", of(j.p99), "");
+        self.add(part, item, "Jacobian above 2", of(j.above_2_percent), "%");
+        self.add(part, item, "Jacobian below 1/2", of(j.below_half_percent), "%");
+        self.add(part, item, "folded cells", of(j.folded_percent), "%");
     }
 }
 
@@ -83,27 +86,7 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
     }
     bones(&mut list, a);
     for (direction, r) in &a.regularity {
-        let name = direction.name();
-        list.add("regularity", name, "displacement, mean", r.displacement_mm.mean, "mm");
-        list.add("regularity", name, "displacement, greatest", r.displacement_mm.max, "mm");
-        list.jacobian("regularity", name, &r.jacobian.body);
-        list.add("regularity", name, "least positive Jacobian", r.jacobian.body.min, "");
-        list.add("regularity", name, "greatest Jacobian", r.jacobian.body.max, "");
-        list.add(
-            "regularity",
-            name,
-            "folded cells, contact and interfaces included",
-            r.jacobian.all.folded as f64,
-            "cells",
-        );
-        list.add("regularity", name, "digitally folded cells", r.folds.folded as f64, "cells");
-        list.add("regularity", name, "digitally folded volume", r.folds.folded_ml, "ml");
-        list.add("regularity", name, "folded cells of bone contact", r.folds.folded_contact as f64, "cells");
-        list.add("regularity", name, "folded cells of sliding interfaces", r.folds.folded_interface as f64, "cells");
-        list.add("regularity", name, "Jacobian jumps above 10", r.jacobian.jumps_above_10 as f64, "pairs");
-        list.add("regularity", name, "curl, mean", r.curl.magnitude.mean, "");
-        list.add("regularity", name, "curl, 95th percentile", r.curl.magnitude.p95, "");
-        list.add("regularity", name, "curl, greatest", r.curl.magnitude.max, "");
+        regularity(&mut list, direction.name(), r, a.bones_known);
     }
     if let Some((_, r)) = a.regularity.first() {
         r.structures.iter().for_each(|(name, j)| list.jacobian("structures", name, j));
@@ -129,6 +112,31 @@ pub fn figures(a: &Assessment) -> Vec<Figure> {
         }
     }
     list.0
+}
+
+/// Of one direction. Cells between bones are counted where bones are known; the digital count of ten tetrahedra is a
+/// stricter one, and bears its name.
+fn regularity(list: &mut List, name: &str, r: &Regularity, bones_known: bool) {
+    let mut add = |metric, value, unit| list.add("regularity", name, metric, value, unit);
+    add("displacement, mean", r.displacement_mm.mean, "mm");
+    add("displacement, greatest", r.displacement_mm.max, "mm");
+    list.jacobian("regularity", name, &r.jacobian.body);
+    let of_bones = |n: usize| if bones_known { n as f64 } else { f64::NAN };
+    let of_body = |v: f64| if r.jacobian.body.cells > 0 { v } else { f64::NAN };
+    let mut add = |metric, value, unit| list.add("regularity", name, metric, value, unit);
+    add("least positive Jacobian", of_body(r.jacobian.body.min), "");
+    add("greatest Jacobian", of_body(r.jacobian.body.max), "");
+    add("folded cells, contact and interfaces included", r.jacobian.all.folded as f64, "cells");
+    add("folded cells of bone contact", of_bones(r.jacobian.contact.folded), "cells");
+    add("folded cells of sliding interfaces", of_bones(r.jacobian.interface.folded), "cells");
+    add("digitally folded cells", r.folds.folded as f64, "cells");
+    add("digitally folded volume", r.folds.folded_ml, "ml");
+    add("digitally folded cells of bone contact", of_bones(r.folds.folded_contact), "cells");
+    add("digitally folded cells of sliding interfaces", of_bones(r.folds.folded_interface), "cells");
+    add("Jacobian jumps above 10", r.jacobian.jumps_above_10 as f64, "pairs");
+    add("curl, mean", r.curl.magnitude.mean, "");
+    add("curl, 95th percentile", r.curl.magnitude.p95, "");
+    add("curl, greatest", r.curl.magnitude.max, "");
 }
 
 fn bones(list: &mut List, a: &Assessment) {
@@ -179,6 +187,7 @@ pub(super) fn rows(report: &EvaluationReport, part: &str) -> Vec<FigureRow> {
 pub(super) fn number(value: f64, unit: &str) -> String {
     let size = value.abs();
     match unit {
+        _ if !value.is_finite() => "\u{2013}".into(),
         "cells" | "voxels" | "pairs" | "points" | "warning" | "warnings" => format!("{value:.0}"),
         _ if size == 0.0 => "0".into(),
         _ if size < 0.001 => format!("{value:.1e}"),
@@ -190,6 +199,22 @@ pub(super) fn number(value: f64, unit: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// One count of each kind has its own name, and what is not known is no number.
+    #[test]
+    fn folds_between_bones_are_counted_as_the_verdict_counts_them() {
+        let mut r = Regularity::default();
+        (r.jacobian.all.folded, r.jacobian.contact.folded, r.folds.folded_contact) = (209, 205, 227);
+        let told = |known: bool| {
+            let mut list = List(Vec::new());
+            regularity(&mut list, "there", &r, known);
+            let of =
+                |metric: &str| list.0.iter().find(|f| f.metric == metric).map(|f| number(f.value, f.unit)).unwrap();
+            ["folded cells of bone contact", "digitally folded cells of bone contact", "Jacobian, mean"].map(of)
+        };
+        assert_eq!(told(true), ["205", "227", "\u{2013}"]);
+        assert_eq!(told(false), ["\u{2013}"; 3]);
+    }
 
     #[test]
     fn numbers_have_the_digits_they_deserve() {

@@ -42,7 +42,7 @@ pub(super) fn page(report: &EvaluationReport, pictures: &[EvaluationPicture]) ->
                             (verdict(&field.assessment.verdicts, &missing(field)))
                         }
                     }
-                    (more(names.len(), FIELDS_ON_PAPER, "fields", "evaluation.json"))
+                    (more(names.len(), FIELDS_ON_PAPER, ["field", "fields"], "evaluation.json"))
                     (review())
                     (warnings(&report.warnings, "evaluation.json"))
                     h2 { "Verdicts" }
@@ -177,7 +177,7 @@ fn side_by_side(report: &EvaluationReport, names: &[&str]) -> Markup {
                 }
             }
         }
-        (more(rows.len(), most, "rules", "evaluation.md"))
+        (more(rows.len(), most, ["rule", "rules"], "evaluation.md"))
     }
 }
 
@@ -211,7 +211,7 @@ fn table(report: &EvaluationReport, part: &str, heading: &str, names: &[&str]) -
                     }
                 }
             }
-            (more(items.len(), most, "with smaller errors", "evaluation.md"))
+            (more(items.len(), most, ["with a smaller error", "with smaller errors"], "evaluation.md"))
         }
     }
 }
@@ -232,7 +232,7 @@ fn items(report: &EvaluationReport, part: &str) -> (Vec<(String, bool)>, usize) 
             items.push((f.item.clone(), f64::INFINITY));
             items.len() - 1
         });
-        if f.metric == metric {
+        if f.metric == metric && !f.value.is_nan() {
             let known = items[at].1;
             items[at].1 = if known.is_infinite() { sign * f.value } else { known.max(sign * f.value) };
         }

@@ -52,7 +52,7 @@ pub(super) fn draw(which: usize, field: &Assessed, drawable: &Drawable<'_>) -> R
         (s.fraction, &drawable.maps.structures, s.structures_fraction)
     {
         let canvas = contours(fraction, &mapped.volume, &reference.volume);
-        let caption = "Outlines on the fraction CT: mapped from planning blue, drawn on the fraction orange.";
+        let caption = "Outlines on the fraction: mapped from planning blue, drawn on the fraction orange.";
         all.push(encoded(which, "contours", format!("{name}: contours"), caption.into(), &canvas)?);
     }
     if let Some(landmarks) = field.assessment.landmarks.as_ref().filter(|l| l.after.n > 0) {
@@ -134,7 +134,7 @@ fn fusions(
     let name = &field.name;
     let mut all = Vec::new();
     if which == 0 {
-        let caption = "Planning CT (blue) over the fraction CT (orange), both where the scanners put them.";
+        let caption = "Planning CT (blue) over the fraction (orange), both where the scanners put them.";
         all.push(encoded(which, "before", "Before".into(), caption.into(), &fusion(scans, |y| *y))?);
     }
     if let Some(shift) = field.assessment.shift.as_ref().filter(|s| s.mm.norm() >= LEAST_SHIFT_MM) {
@@ -147,7 +147,7 @@ fn fusions(
         all.push(encoded(which, "shift", format!("{name}: one shift alone"), caption, &fusion(scans, |y| y - mm))?);
     }
     let after = fusion(scans, |y| y + trilinear_vector(pull, &pull.grid().index(y)).unwrap_or_default());
-    let caption = "Planning CT mapped by the field (blue) over the fraction CT (orange); grey where both agree.";
+    let caption = "Planning CT mapped by the field (blue) over the fraction (orange); grey where both agree.";
     all.push(encoded(which, "fusion", format!("{name}: after"), caption.into(), &after)?);
     Ok(all)
 }
@@ -161,7 +161,7 @@ fn fusion(Scans { planning, fraction }: Scans<'_>, from: impl Fn(&Point3<f64>) -
     });
     sheet(&rows, 1, |legend| {
         legend.swatch(BLUE, "planning CT");
-        legend.swatch(ORANGE, "fraction CT");
+        legend.swatch(ORANGE, "fraction");
         legend.swatch([170; 3], "both agree");
     })
 }

@@ -3,6 +3,7 @@
 use super::super::table::verdict;
 use super::EvaluationReport;
 use super::figures::{PARTS, figures, number, rows};
+use crate::evaluate::verdict::measured;
 use crate::io::Sheet;
 use std::fmt::Write;
 
@@ -12,11 +13,12 @@ pub(super) fn csv(report: &EvaluationReport) -> Result<Vec<u8>, csv::Error> {
     table.write_record(["field", "part", "item", "metric", "value", "unit", "limit", "source", "verdict", "reason"])?;
     for field in &report.fields {
         for f in figures(&field.assessment) {
-            let value = f.value.to_string();
+            // What is not known stays empty.
+            let value = if f.value.is_finite() { f.value.to_string() } else { String::new() };
             table.write_record([&field.name, f.part, &f.item, f.metric, &value, f.unit, "", "", "", ""])?;
         }
         for v in &field.assessment.verdicts {
-            let value = v.value.to_string();
+            let value = if v.value.is_finite() { v.value.to_string() } else { String::new() };
             table.write_record([
                 &field.name,
                 "verdicts",
@@ -107,7 +109,7 @@ pub fn terminal_table(report: &EvaluationReport) -> String {
     for field in &report.fields {
         writeln!(out, "{}", field.name).expect("writing to a string does not fail");
         let verdicts = &field.assessment.verdicts;
-        let shown = |mark: &str| verdicts.iter().filter(|c| c.verdict.name() == mark).count();
+        let shown = |mark: &str| measured(verdicts).filter(|c| c.verdict.name() == mark).count();
         writeln!(out, "  verdict {}", verdict(verdicts)).expect("writing to a string does not fail");
         for c in verdicts {
             let value = number(c.value, &c.unit);

@@ -153,7 +153,7 @@ fn colour_key(report: &Report) -> Markup {
     html! {
         p.key {
             span { i style="background: var(--blue)" {} "planning CT blue" }
-            span { i style="background: var(--orange)" {} "fraction CT orange" }
+            span { i style="background: var(--orange)" {} "fraction orange" }
             span { i style="background: #9aa0a8" {} "equal content grey" }
         }
     }
@@ -202,7 +202,7 @@ pub(in crate::report) fn warnings(all: &[Warning], file: &str) -> Markup {
                     } }
                 }
             }
-            (paper::more(missing, 0, "warnings", file))
+            (paper::more(missing, 0, ["warning", "warnings"], file))
         }
     }
 }
@@ -243,7 +243,7 @@ pub(in crate::report) fn inputs(inputs: &[InputFile], file: &str) -> Markup {
                 }
             }
         }
-        (paper::more(inputs.len(), INPUTS_ON_PAPER, "files", file))
+        (paper::more(inputs.len(), INPUTS_ON_PAPER, ["file", "files"], file))
     }
 }
 
@@ -281,6 +281,10 @@ fn limits() -> Markup {
 mod tests {
     use super::super::{draw, example};
     use super::*;
+    use crate::evaluate::jacobian::JacobianStats;
+    use crate::evaluate::uncertainty::{SoftTissue, UncertaintyReport};
+    use crate::evaluate::verdict::of_warnings;
+    use crate::findings;
     use crate::fit::{Hypothesis, Place};
     use crate::geometry::Rigid;
 
@@ -362,6 +366,36 @@ mod tests {
         }
         assert!(page.find("<img").unwrap() < page.find("<table").unwrap(), "pictures come before tables");
         assert!(!page.to_lowercase().contains("approved"));
+    }
+
+    #[test]
+    fn what_is_unknown_and_what_is_empty_has_no_figure() {
+        let (case, outcome, run) = example::small();
+        let mut report = Report::new(&case, &outcome, &run);
+        let known = SoftTissue { n: 9, mean: 8.0, median: Some(4.5), max: 29.92, ..SoftTissue::default() };
+        let unknown = UncertaintyReport { soft_tissue_mm: known, unknown_percent: 40.0, ..Default::default() };
+        report.uncertainty = Some(unknown);
+        report.jacobian.contact = JacobianStats::default();
+        let page = page(&report, &[], None, None);
+        assert!(page.contains("95th percentile</td><td class=\"n\">&gt; 30 mm"), "{page}");
+        assert!(page.contains("Mean, greatest of what is known</td><td class=\"n\">8.00, 29.92 mm"), "{page}");
+        let row = page.split("Bone contact</span>").nth(1).unwrap().split("</tr>").next().unwrap();
+        assert_eq!(row.matches("\u{2013}").count(), 8, "no cell has no mean: {row}");
+        assert!(page.contains("Inside 1 bone every") || page.contains("Inside 2 bones every"), "{page}");
+        assert!(page.contains("so does the true motion of a jaw") && !page.contains("cannot overlap"));
+        assert!(page.contains("In view,<br>of use"));
+        let read: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
+        assert_eq!(read.uncertainty, Some(unknown));
+    }
+
+    #[test]
+    fn warnings_are_no_rules_that_pass() {
+        let (case, outcome, run) = example::small();
+        let mut report = Report::new(&case, &outcome, &run);
+        let rules = report.verdicts.len();
+        report.verdicts.extend(of_warnings(&[Warning::new(findings::LABEL_DOUBTFUL, "skull")]));
+        let page = page(&report, &[], None, None);
+        assert!(page.contains(&format!(" of {rules} rules pass; 1 warning counts beside them")), "{page}");
     }
 
     #[test]

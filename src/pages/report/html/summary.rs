@@ -5,8 +5,10 @@ use super::verdict::identity;
 use crate::config::InputRole;
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::landmark::LandmarkReport;
+use crate::evaluate::uncertainty::in_mm;
 use crate::fit::DeterminedBy;
 use crate::geometry::Grid;
+use crate::warning::counted;
 use maud::{Markup, html};
 use std::path::Path;
 
@@ -138,23 +140,23 @@ pub(super) fn cards(report: &Report) -> Markup {
     html! {
         div.cards {
             @if let Some(l) = &report.landmarks {
-                (card("Landmarks after, mean", mm(l.after.mean, 2), &format!("before {:.2}; {}worst after {:.2} mm, {} points", l.before.mean, shifted(l), l.after.max, l.after.n)))
+                (card("Landmarks after, mean", mm(l.after.mean, 2), &format!("before {:.2}; {}worst after {:.2} mm, {}", l.before.mean, shifted(l), l.after.max, counted(l.after.n, "point", "points"))))
             } @else {
                 (card("Landmarks", html! { "none" }, "no landmarks were given"))
             }
             @if given > 0 {
                 (card("Bones given their motion", html! { (given) small { " of " (report.bones.len()) } }, "no image took part; the others follow their joints"))
             } @else {
-                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} at least partly in view; what is not found follows its joint")))
+                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} with a part in view that the fit can use; what is not found follows its joint")))
             }
             @if let Some(images) = &report.agreement {
                 (card("Images agree at bones / in soft tissue", html! { (correlation(images.bones)) " / " (correlation(images.soft_tissue)) }, &before(images)))
             }
             (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
             @if let Some(u) = &report.uncertainty {
-                (card("Uncertainty of soft tissue, 95th percentile", mm(u.soft_tissue_mm.p95, 1), &format!("{:.0} ml have more than 2 mm or are not known", u.above_2mm_ml)))
+                (card("Uncertainty of soft tissue, 95th percentile", html! { (in_mm(u.soft_tissue_mm.p95, 1)) small { " mm" } }, &format!("{:.0} ml have more than 2 mm or are not known", u.above_2mm_ml)))
             } @else {
-                (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} tissue voxels unconverged, {} folded over", inverse.residual_mm.max, count(inverse.unconverged_tissue), count(inverse.multiple))))
+                (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} unconverged, {} folded over", inverse.residual_mm.max, counted(inverse.unconverged_tissue, "tissue voxel", "tissue voxels"), count(inverse.multiple))))
             }
         }
     }

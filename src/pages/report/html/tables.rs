@@ -6,9 +6,11 @@ use super::paper::{more, printed};
 use crate::evaluate::contact::LISTED_MM;
 use crate::evaluate::jacobian::JacobianStats;
 use crate::evaluate::landmark::LandmarkResidual;
+use crate::evaluate::uncertainty::in_mm;
 use crate::fit::{BoneFit, DeterminedBy};
 use crate::geometry::rotation_angle_deg;
 use crate::pipeline::OutlineAgreement;
+use crate::warning::counted;
 use maud::{Markup, html};
 
 /// Lines of each table that are printed.
@@ -91,12 +93,12 @@ pub(super) fn bones(report: &Report) -> Markup {
             "Motion is the displacement of a bone's centre, from planning to fraction; left by couch is the root mean square distance of its points with the couch shift alone, and with its rotation too (bones that the shift is matched on are marked). Scatter is how far noise "
             "would move a bone of these samples, one standard deviation in the worst direction, from the curvature of the cost; real errors are often two to four times as large, "
             "and more where a bone's own image is doubtful. Similarity: 1 best, 0 none; before is with the mean "
-            "motion alone. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
+            "motion alone. In view, of use: share of the bone that the fit can use; what lies near an end of the fraction is no evidence. Beyond range: how far the joint has left its soft range, in rotation and in shift. Rigid: root mean square departure of the field from rigid motion."
         }
         table {
             thead {
                 tr {
-                    th { "Bone" } th { "Placed by" } th { "In view" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Left by couch" br; "mm" } th.n { "Rotation" br; "deg" }
+                    th { "Bone" } th { "Placed by" } th { "In view," br; "of use" } th.n { "Similarity" } th.n { "Motion" br; "mm" } th.n { "Left by couch" br; "mm" } th.n { "Rotation" br; "deg" }
                     th.n { "Scatter" br; "mm / deg" } th.n { "Beyond" br; "range" } th.n { "Rigid" br; "mm" } th { "Stopped because" }
                 }
             }
@@ -118,7 +120,7 @@ pub(super) fn bones(report: &Report) -> Markup {
                 }
             }
         }
-        (more(report.bones.len(), BONES_ON_PAPER, "bones, which move least on their own", "report.json"))
+        (more(report.bones.len(), BONES_ON_PAPER, ["bone, which moves least on its own", "bones, which move least on their own"], "report.json"))
     }
 }
 
@@ -189,7 +191,7 @@ pub(super) fn landmarks(report: &Report) -> Markup {
                 }
             }
         } }
-        (more(l.each.len(), LANDMARKS_ON_PAPER, "landmarks with smaller residuals", "landmarks.csv"))
+        (more(l.each.len(), LANDMARKS_ON_PAPER, ["landmark with a smaller residual", "landmarks with smaller residuals"], "landmarks.csv"))
     }
 }
 
@@ -220,8 +222,9 @@ pub(super) fn trust(report: &Report) -> Markup {
             table {
                 thead { tr { th { "Soft tissue" } th {} } }
                 tbody {
-                    tr { td { "Median, mean" } td.n { (format!("{:.2}, {:.2} mm", s.median, s.mean)) } }
-                    tr { td { "95 %, greatest" } td.n { (format!("{:.2}, {:.2} mm", s.p95, s.max)) } }
+                    tr { td { "Median" } td.n { (in_mm(s.median, 2)) " mm" } }
+                    tr { td { "95th percentile" } td.n { (in_mm(s.p95, 2)) " mm" } }
+                    tr { td { "Mean, greatest of what is known" } td.n { (format!("{:.2}, {:.2} mm", s.mean, s.max)) } }
                     tr { td { "Above 2 mm or not known" } td.n { (format!("{:.1} ml", u.above_2mm_ml)) } }
                     tr { td { "Images say nothing" } td.n { (format!("{:.1} %", u.without_images_percent)) } }
                     @if u.unknown_percent > 0.0 {
@@ -245,7 +248,7 @@ pub(super) fn volumes(report: &Report) -> Markup {
                     }
                 }
             }
-            (more(report.volume_changes.len(), ORGANS_ON_PAPER, "organs", "report.json"))
+            (more(report.volume_changes.len(), ORGANS_ON_PAPER, ["organ", "organs"], "report.json"))
         }
     }
 }
@@ -272,7 +275,7 @@ pub(super) fn guides(report: &Report) -> Markup {
                     }
                 }
             }
-            (more(report.guides.len(), ORGANS_ON_PAPER, "guides", "report.json"))
+            (more(report.guides.len(), ORGANS_ON_PAPER, ["guide", "guides"], "report.json"))
         }
     }
 }
@@ -286,7 +289,7 @@ pub(super) fn contact(report: &Report) -> Markup {
     let opening: Vec<_> = c.joints.iter().filter(|j| j.growth_mm() > SHOWN_GROWTH_MM).collect();
     html! {
         p.note {
-            "Bones cannot overlap: if they do after their motion, a label, a joint or the fit is wrong by that much. Depth is what exceeds the overlap in the "
+            "Bones do not overlap. Labels do, and so does the true motion of a jaw, by some tenths of a millimetre to one; where it is more, look at label, joint and fit. Depth is what exceeds the overlap in the "
             "planning CT, from " (format!("{LISTED_MM} mm")) " on; a gap is the least distance of two surfaces. Labels are known to about half a voxel."
         }
         div.pair {
@@ -315,10 +318,10 @@ pub(super) fn contact(report: &Report) -> Markup {
                 }
             }
         }
-        (more(c.overlaps.len().max(opening.len()), PAIRS_ON_PAPER, "pairs", "report.json"))
+        (more(c.overlaps.len().max(opening.len()), PAIRS_ON_PAPER, ["pair", "pairs"], "report.json"))
         p {
             @if c.skin_voxels == 0 { "Skin passes through skin nowhere." }
-            @else { "Skin passes through skin in " (format!("{:.2} ml", c.skin_ml)) " (" (count(c.skin_voxels)) " fraction voxels, skin_contact.nii.gz)." }
+            @else { "Skin passes through skin in " (format!("{:.2} ml", c.skin_ml)) " (" (count(c.skin_voxels)) (form(c.skin_voxels, " fraction voxel", " fraction voxels")) ", skin_contact.nii.gz)." }
         }
     }
 }
@@ -350,19 +353,24 @@ pub(super) fn jacobian(report: &Report) -> Markup {
                 @for (n, (name, s)) in shown.iter().enumerate() { (row_of_cells(name, s, n >= CELLS_ON_PAPER)) }
             }
         }
-        (more(shown.len(), CELLS_ON_PAPER, "bones", "report.json"))
+        (more(shown.len(), CELLS_ON_PAPER, ["bone", "bones"], "report.json"))
         p {
-            @if !rigid.is_empty() { "Inside " (rigid.len()) " bones every Jacobian is 1 within 0.001. " }
+            @if !rigid.is_empty() { "Inside " (counted(rigid.len(), "bone", "bones")) " every Jacobian is 1 within 0.001. " }
             @if j.folded_outside > 0 {
-                (count(j.folded_outside)) " more cells of the written field fold outside tissue, in air and beyond the patient. "
+                (count(j.folded_outside)) (form(j.folded_outside, " more cell of the written field folds", " more cells of the written field fold")) " outside tissue, in air and beyond the patient. "
             }
             @if j.across > 0 {
-                (count(j.across)) " more cells reach across a surface along which lung or organs slide: the field jumps there, and no figure counts them. "
+                (count(j.across)) (form(j.across, " more cell reaches", " more cells reach")) " across a surface along which lung or organs slide: the field jumps there, and no figure counts it. "
             }
-            (count(j.digital_folded)) " soft-tissue cells fail the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
-            (count(j.jumps_above_10)) " pairs of neighbouring cells differ by more than 10."
+            (count(j.digital_folded)) (form(j.digital_folded, " soft-tissue cell fails", " soft-tissue cells fail")) " the stricter digital criterion (any of 10 tetrahedra not positive; Liu et al., Int. J. Comput. Vis. 2024). "
+            (count(j.jumps_above_10)) (form(j.jumps_above_10, " pair of neighbouring cells differs", " pairs of neighbouring cells differ")) " by more than 10."
         }
     }
+}
+
+/// The form of a word that a number asks for.
+fn form<'a>(n: usize, one: &'a str, many: &'a str) -> &'a str {
+    if n == 1 { one } else { many }
 }
 
 fn jacobian_row(name: &str, s: &JacobianStats) -> Markup {
@@ -373,8 +381,10 @@ fn row_of_cells(name: &str, s: &JacobianStats, on_screen_alone: bool) -> Markup 
     html! {
         tr.screen[on_screen_alone] {
             td { span.short { (name) } } td.n { (count(s.cells)) } td.n { (count(s.folded)) }
-            @for v in [s.folded_percent, s.above_2_percent, s.below_half_percent] { td.n { (format!("{v:.3}")) } }
-            @for v in [s.mean, s.max, s.min, s.p1, s.p99] { td.n { (format!("{v:.3}")) } }
+            @for v in [s.folded_percent, s.above_2_percent, s.below_half_percent, s.mean, s.max, s.min, s.p1, s.p99] {
+                // No cells have no figures.
+                td.n { (number((s.cells > 0).then_some(v), 3)) }
+            }
         }
     }
 }

@@ -2,9 +2,10 @@
 
 use super::super::numbers::first_words;
 use super::paper::more;
-use crate::evaluate::verdict::{Mark, Verdict, against, overall};
+use crate::evaluate::verdict::{Mark, Verdict, against, measured, overall};
 use crate::io::dicom::About;
 use crate::provenance::InputFile;
+use crate::warning::counted;
 use maud::{Markup, html};
 
 /// Reasons that the first screen tells; the table has all.
@@ -17,7 +18,8 @@ const LETTERS: usize = 260;
 /// The overall verdict with what speaks against a pass; `missing` names what was not measured.
 pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Markup {
     let (mark, reasons) = (overall(verdicts), against(verdicts));
-    let passed = verdicts.iter().filter(|v| v.verdict == Mark::Pass).count();
+    let passed = measured(verdicts).filter(|v| v.verdict == Mark::Pass).count();
+    let (of, warned) = (measured(verdicts).count(), verdicts.len() - measured(verdicts).count());
     let head = match mark {
         Mark::Pass => "No measured figure speaks against it",
         Mark::Review => "Look at it before you use it",
@@ -39,7 +41,8 @@ pub(in crate::report) fn verdict(verdicts: &[Verdict], missing: &[&str]) -> Mark
                 }
             }
             p.note {
-                (passed) " of " (verdicts.len()) " rules pass"
+                (passed) " of " (counted(of, "rule passes", "rules pass"))
+                @if warned > 0 { "; " (counted(warned, "warning counts", "warnings count")) " beside them" }
                 @if !missing.is_empty() { "; not measured here: " (missing.join(", ")) }
                 ". The rules and their limits are in the table below; a person decides."
             }
@@ -90,7 +93,7 @@ pub(in crate::report) fn table(verdicts: &[Verdict], on_paper: usize) -> Markup 
                 }
             }
         }
-        (more(all.len(), on_paper, "rules", "on the screen"))
+        (more(all.len(), on_paper, ["rule", "rules"], "on the screen"))
     }
 }
 

@@ -54,6 +54,18 @@ impl Legend<'_> {
         self.text(text);
     }
 
+    /// A square of stripes in two colours and its meaning.
+    pub(in crate::report) fn hatched(&mut self, [ground, stripe]: [Rgb; 2], text: &str) {
+        let (x, y) = (self.x, self.y);
+        self.swatch(ground, text);
+        for across in 0..24 {
+            for down in (0..24).filter(|down| (across + down) / 6 % 2 == 1) {
+                let at = [x + 1.0 + f64::from(across), y - 12.0 + f64::from(down)];
+                self.canvas.rectangle(at, [at[0] + 1.0, at[1] + 1.0], stripe);
+            }
+        }
+    }
+
     /// A title, a bar of `width` pixels with `colour` of shares 0 to 1, and labelled ticks at shares.
     pub(in crate::report) fn bar(
         &mut self,

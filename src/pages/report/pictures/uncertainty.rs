@@ -14,8 +14,10 @@ use rayon::prelude::*;
 const BACKDROP: Rgb = [198, 203, 210];
 /// Brightness of soft tissue, for the legend.
 const LEGEND_TONE: f64 = 0.4;
-/// Patient of whom nothing is known.
-const NOT_KNOWN: Rgb = [120, 120, 128];
+/// Patient of whom nothing is known: hatched in two colours, of which neither the scale nor a CT has the green.
+const NOT_KNOWN: [Rgb; 2] = [[255, 255, 255], [0, 140, 60]];
+/// Width of a stripe of it, mm.
+const STRIPE_MM: f64 = 4.0;
 /// Upper end of the scale, mm: twice the looser of the limits that are marked. One scale for all runs, so that one map can be
 /// set beside another, and a far-off corner does not darken the rest.
 const TOP_MM: f64 = 6.0;
@@ -36,6 +38,11 @@ fn over(mm: f64, tone: f64) -> Rgb {
     mix(grey(0.25 + 0.75 * tone), heat(mm / TOP_MM), cover)
 }
 
+/// Which of two stripes a place lies in, by its distance across them in widths of one: in every plane they run aslant.
+fn stripe(across: f64) -> usize {
+    usize::from(across.rem_euclid(2.0) >= 1.0)
+}
+
 /// The map in the planes of the planning CT.
 pub(super) fn draw(scene: &PictureScene<'_>, map: &Spans<f32>) -> Plate {
     let [_, greatest] = scale(map);
@@ -45,22 +52,22 @@ pub(super) fn draw(scene: &PictureScene<'_>, map: &Spans<f32>) -> Plate {
         }
         match nearest_held(map, &p) {
             Some(mm) if mm >= 0.0 => over(f64::from(mm), tone(f64::from(hu))),
-            _ => NOT_KNOWN,
+            _ => NOT_KNOWN[stripe((p.x + p.y + p.z) / STRIPE_MM)],
         }
     };
     let rows = scene.planning_rows(colour, BACKDROP);
     let ticks: Vec<_> = MARKS_MM.iter().map(|mm| (mm / TOP_MM, short(*mm))).collect();
     let canvas = sheet(&rows, 1, |legend| {
-        legend.bar("mm", 420.0, |share| over(share * TOP_MM, LEGEND_TONE), &ticks);
-        legend.swatch(NOT_KNOWN, "not known");
-        legend.text(&format!("greatest {greatest:.1} mm"));
+        legend.bar("mm", 330.0, |share| over(share * TOP_MM, LEGEND_TONE), &ticks);
+        legend.hatched(NOT_KNOWN, "unknown, > 30 mm");
+        legend.text(&format!("greatest known {greatest:.1} mm"));
     });
     Plate {
         file: "uncertainty.png",
         title: "Uncertainty",
         caption: "Estimated error, mm, on the planning CT: on posed CTs two thirds of errors were smaller. TG-132's 2 and 3 mm are marked; the scale ends at 6. From the disagreement between \
                   bones alone and bones with images, and from what of the images still differs; where images say nothing, from \
-                  the distance to the nearest bone. Grey: not known."
+                  the distance to the nearest bone. Green and white stripes: unknown, above 30 mm."
             .to_owned(),
         canvas,
     }
@@ -101,6 +108,19 @@ mod tests {
             let pixel = pixel(x).map(i32::from);
             pixel.iter().max().unwrap() - pixel.iter().min().unwrap()
         };
+        // What is not known looks like nothing on the scale, nor like a CT, whatever its brightness.
+        let apart = |a: Rgb, b: Rgb| a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+        for step in 0..=100 {
+            let of_scale = over(TOP_MM * f64::from(step) / 100.0, LEGEND_TONE);
+            assert!(NOT_KNOWN.iter().all(|colour| apart(*colour, of_scale) > 60), "{of_scale:?}");
+            assert!(apart(NOT_KNOWN[1], grey(f64::from(step) / 100.0)) > 60);
+        }
+        assert_eq!([0.5, 1.5, 2.5, -0.5].map(stripe), [0, 1, 0, 1]);
+        let (width, height) = (plate.canvas.width(), plate.canvas.height());
+        let far = Volume::filled(grid, 29.9);
+        let legend = draw(&scene, &Spans::of_volume(&far)).canvas;
+        let edge = (height - 40..height - 10).flat_map(|y| (width - 12..width).map(move |x| (x, y)));
+        assert!(edge.into_iter().all(|(x, y)| legend.pixel(x, y) == [255; 3]), "the legend ends before the picture");
         assert!(tint(40.0) > 80 && tint(-40.0) < 40, "{:?} {:?}", pixel(40.0), pixel(-40.0));
         assert_eq!(pixel(110.0), BACKDROP);
     }
