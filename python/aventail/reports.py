@@ -207,6 +207,14 @@ class SoftTissue(TypedDict):
     max: float
 
 
+class Lung(TypedDict):
+    """Uncertainty over lung and airways: volume in ml, figures in mm, and ml above 2 mm or unknown."""
+
+    ml: float
+    mm: SoftTissue
+    above_2mm_ml: float
+
+
 class Uncertainty(TypedDict):
     """Summary of the uncertainty map.
 
@@ -219,6 +227,7 @@ class Uncertainty(TypedDict):
     without_images_percent: float
     unknown_percent: float
     above_2mm_ml: float
+    lung: Lung | None
 
 
 class Pruning(TypedDict):

@@ -29,7 +29,8 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     }
     all.push(limits.no_inverse(outcome.inverse.unconverged_tissue, outcome.inverse.tissue()));
     if let Some((_, u)) = &outcome.uncertainty {
-        all.push(limits.uncertainty(u.soft_tissue_mm.p95, u.above_2mm_ml));
+        all.push(limits.uncertainty("soft tissue", u.soft_tissue_mm.p95, u.above_2mm_ml));
+        all.extend(u.lung.map(|lung| limits.uncertainty("lung", lung.mm.p95, lung.above_2mm_ml)));
     }
     if let Some(images) = &outcome.agreement {
         all.extend(limits.images(images));

@@ -37,7 +37,24 @@ pub struct UncertaintyReport {
     pub unknown_percent: f64,
     /// Soft tissue with more than 2 mm or unknown, ml: beyond what AAPM TG-132 asks of a registration.
     pub above_2mm_ml: f64,
+    /// The same over lung; none where there is hardly any.
+    #[serde(default)]
+    pub lung: Option<Lung>,
 }
+
+/// Uncertainty over what of the patient is at most -500 HU, bones left out: lung, with airways.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Lung {
+    /// Its volume, ml.
+    pub ml: f64,
+    /// Uncertainty over it.
+    pub mm: SoftTissue,
+    /// What of it has more than 2 mm or is unknown, ml.
+    pub above_2mm_ml: f64,
+}
+
+/// Less is no lung but an airway, ml.
+const LEAST_LUNG_ML: f64 = 200.0;
 
 /// Uncertainty over soft tissue, mm. Median and percentile are of all of it, and what is unknown counts as larger than all
 /// that is known; the other figures are of what is known.
@@ -160,6 +177,8 @@ struct Plane {
     above: usize,
     /// Soft tissue of which nothing is known.
     unknown: usize,
+    /// Of its lung.
+    lung: Vec<f32>,
 }
 
 /// The coarse map on the planning grid: bones have their own uncertainty, and outside the patient nothing is known.
@@ -202,6 +221,8 @@ fn fine(e: &Evidence<'_>, coarse: &[f32], speaks: &[bool]) -> (Spans<f32>, Uncer
                     plane.silent += usize::from(!heard[nearest(axes[0][i])]);
                     plane.above += usize::from(*value > 2.0);
                     plane.unknown += usize::from(*value < 0.0);
+                } else {
+                    plane.lung.push(*value);
                 }
             }
         }
@@ -217,12 +238,22 @@ fn report<'a>(planes: &'a [Plane], voxel_mm3: f64) -> UncertaintyReport {
     let (silent, above, unknown) = (sum(|p| p.silent), sum(|p| p.above), sum(|p| p.unknown));
     // Runs of what is known, where they lie.
     let known = |part: &&'a [f32]| part.split(|v| *v < 0.0).filter(|run| !run.is_empty());
-    let known: Vec<&[f32]> = parts.iter().flat_map(known).collect();
+    let runs = |parts: &[&'a [f32]]| parts.iter().flat_map(known).collect::<Vec<&[f32]>>();
+    let lung: Vec<&'a [f32]> = planes.iter().map(|p| p.lung.as_slice()).collect();
+    let counted = |which: fn(&f32) -> bool| lung.iter().flat_map(|part| part.iter()).filter(|v| which(v)).count();
+    let ml = |voxels: usize| voxels as f64 * voxel_mm3 / 1000.0;
+    let lung_ml = ml(counted(|_| true));
+    let lung = (lung_ml >= LEAST_LUNG_ML).then(|| Lung {
+        ml: lung_ml,
+        mm: SoftTissue::of(&runs(&lung), counted(|v| *v < 0.0)),
+        above_2mm_ml: ml(counted(|v| *v < 0.0 || *v > 2.0)),
+    });
     UncertaintyReport {
         without_images_percent: 100.0 * silent as f64 / soft.max(1) as f64,
         unknown_percent: 100.0 * unknown as f64 / soft.max(1) as f64,
-        above_2mm_ml: (above + unknown) as f64 * voxel_mm3 / 1000.0,
-        soft_tissue_mm: SoftTissue::of(&known, unknown),
+        above_2mm_ml: ml(above + unknown),
+        soft_tissue_mm: SoftTissue::of(&runs(&parts), unknown),
+        lung,
     }
 }
 
@@ -289,6 +320,21 @@ mod tests {
             misled: None,
         };
         map(&e).unwrap()
+    }
+
+    #[test]
+    fn lung_is_told_apart_where_there_is_some() {
+        let lung = |voxels| Plane {
+            values: vec![1.0; 1000],
+            lung: (0..voxels).map(|n| if n % 10 == 0 { UNKNOWN } else { 5.0 }).collect(),
+            ..Plane::default()
+        };
+        let told = report(&[lung(200_000), lung(100_000)], 1.0);
+        let of = told.lung.unwrap();
+        assert!((of.ml - 300.0).abs() < 1e-9 && (of.above_2mm_ml - 300.0).abs() < 1e-9, "{of:?}");
+        // A tenth of it is unknown, so its 95th percentile is, too; soft tissue has nothing of it.
+        assert_eq!((of.mm.median, of.mm.p95, told.soft_tissue_mm.p95), (Some(5.0), None, Some(1.0)));
+        assert_eq!(report(&[lung(100_000)], 1.0).lung, None);
     }
 
     #[test]

@@ -163,9 +163,9 @@ impl Limits {
 
     /// 95th percentile of the uncertainty of soft tissue, mm, none where it is unknown; `above_2mm_ml`: soft tissue with
     /// more than 2 mm or unknown.
-    pub fn uncertainty(&self, p95_mm: Option<f64>, above_2mm_ml: f64) -> Verdict {
+    pub fn uncertainty(&self, of: &str, p95_mm: Option<f64>, above_2mm_ml: f64) -> Verdict {
         let figure = Figure {
-            name: "uncertainty of soft tissue, 95th percentile".into(),
+            name: format!("uncertainty of {of}, 95th percentile"),
             value: p95_mm.unwrap_or(f64::INFINITY),
             unit: "mm",
             source: "docs/metrics.md; TG-132's 2 to 3 mm",
@@ -267,8 +267,8 @@ mod tests {
         assert_eq!(marks(&|v| limits.consistency("there and back", v, 1.0), [2.0, 2.9, 3.1]), all);
         assert_eq!(marks(&|v| limits.rigidity("C1", v), [1.0, 1.9, 2.1]), all);
         assert_eq!(marks(&|v| limits.curl("push", v), [5.0, 9.9, 10.1]), all);
-        assert_eq!(marks(&|v| limits.uncertainty(Some(v), 0.0), [3.0, 3.1, 99.0]), [pass, review, review]);
-        let unknown = limits.uncertainty(None, 900.0);
+        assert_eq!(marks(&|v| limits.uncertainty("lung", Some(v), 0.0), [3.0, 3.1, 99.0]), [pass, review, review]);
+        let unknown = limits.uncertainty("lung", None, 900.0);
         assert!(unknown.verdict == review && unknown.reason.starts_with("> 30 mm: beyond 3 mm; 900 ml"), "{unknown:?}");
         let again: Verdict = serde_json::from_str(&serde_json::to_string(&unknown).unwrap()).unwrap();
         assert!(again.value.is_nan() && again.reason == unknown.reason, "a report can be read again");

@@ -230,6 +230,11 @@ pub(super) fn trust(report: &Report) -> Markup {
                     @if u.unknown_percent > 0.0 {
                         tr { td { "Not known (above 30 mm)" } td.n { (format!("{:.1} %", u.unknown_percent)) } }
                     }
+                    @if let Some(lung) = &u.lung {
+                        tr { td { (format!("Lung ({:.0} ml): median", lung.ml)) } td.n { (in_mm(lung.mm.median, 2)) " mm" } }
+                        tr { td { "Lung: 95th percentile" } td.n { (in_mm(lung.mm.p95, 2)) " mm" } }
+                        tr { td { "Lung: above 2 mm or not known" } td.n { (format!("{:.1} ml", lung.above_2mm_ml)) } }
+                    }
                 }
             }
         }
