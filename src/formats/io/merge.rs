@@ -293,7 +293,10 @@ mod tests {
         assert_eq!(names, [(28, "mandible"), (101, "aorta"), (102, "tumour")]);
         assert_eq!(told.renamed, [Renamed { from: "Unterkiefer".into(), to: "mandible".into() }]);
         let texts: Vec<String> = told.warnings().into_iter().map(|w| w.message).collect();
-        assert!(texts[0].contains("sacrum loses them; nothing"), "{texts:?}");
+        assert!(
+            texts[0].contains("have 1 voxel (2.00 ml)") && texts[0].contains("sacrum loses it; nothing"),
+            "{texts:?}"
+        );
         assert!(texts[1].contains("2 voxels (4.00 ml)") && texts[1].ends_with("mandible loses them"), "{texts:?}");
         assert_eq!(texts.len(), 2);
     }

@@ -129,6 +129,7 @@ mod tests {
         assert_eq!(kind.to_string(), "CBCT-like (contrast 0.80 times planning's, shading 118 HU, circle of 250 mm)");
         let codes: Vec<_> = kind.warnings().iter().map(|w| w.code.to_string()).collect();
         assert_eq!(codes, ["shaded-fraction", "cut-fraction"]);
+        assert!(kind.warnings()[0].message.contains("by 2.5 to 3.5 times as much"), "2.6 to 3.4 were measured");
         assert!((kind.on_plannings_scale(-100.0) + 105.0).abs() < 1e-4);
         let all = ViewReport { measured_percent: 100.0, ..Default::default() };
         let ct = FractionKind { view: all, grey: None, corrected: false, misled: None, mr: None };

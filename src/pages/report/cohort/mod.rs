@@ -193,6 +193,7 @@ fn natural(name: &str) -> Vec<(String, u64)> {
 mod tests {
     use super::super::example;
     use super::*;
+    use crate::evaluate::uncertainty::UncertaintyReport;
 
     /// Runs of as many patients and fractions, of which the run at `bad` has large residuals.
     fn cohort(patients: usize, fractions: usize, bad: Option<usize>) -> Cohort {
@@ -266,6 +267,28 @@ mod tests {
         assert!(!page.contains("Every run warns of <code>planning-differs"));
         assert!(page.find("2 planning CTs").unwrap() < page.find("<table").unwrap());
         assert!(String::from_utf8(text::csv(&cohort).unwrap()).unwrap().contains("planning-differs"));
+    }
+
+    #[test]
+    fn what_is_unknown_is_told_and_stands_apart() {
+        let (case, outcome, run) = example::small();
+        let mut report = Report::new(&case, &outcome, &run);
+        let mut of = |n: usize| {
+            let mut u = UncertaintyReport::default();
+            u.soft_tissue_mm.p95 = if n == 3 { None } else { Some(2.0 + 0.1 * n as f64) };
+            report.uncertainty = Some(u);
+            Member::new("P1".into(), format!("fx{n}"), format!("../r{n}").into(), &report)
+        };
+        let cohort = Cohort::new((0..6).map(&mut of).collect(), Vec::new(), "aventail summary".into());
+        let odd: Vec<&str> =
+            cohort.runs.iter().filter(|m| !m.stand_apart.is_empty()).map(|m| m.fraction.as_str()).collect();
+        assert_eq!(odd, ["fx3"]);
+        let text = cohort.terminal_text();
+        assert!(text.contains("P1, fx3: uncertainty, 95th percentile > 30 mm (median 2.30"), "{text}");
+        let page = page::page(&cohort);
+        assert!(page.contains("&gt; 30") && page.contains("of a bone found in the image"), "{page}");
+        let written = serde_json::to_value(&cohort).unwrap();
+        assert!(written["runs"][3]["figures"]["uncertainty_p95_mm"].is_null());
     }
 
     #[test]
