@@ -292,11 +292,20 @@ fn histograms_of_plannings_structures_in_a_dose_of_the_fraction() {
     };
     let out = folder().join("dvh_there");
     let (field, samples) = (field.to_str().unwrap(), drawn().to_str().unwrap());
-    let all = ["--planning-to-fraction", field, "--samples", samples, "--limit", "spinal_cord:mean>=0"];
+    let all = [
+        "--planning-to-fraction",
+        field,
+        "--samples",
+        samples,
+        "--limit",
+        "spinal_cord:mean>=0",
+        "spinal_cord:Dmax>=0",
+    ];
     let output = dvh(&out, &all);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("limit spinal_cord mean") && text.contains("kept"), "{text}");
+    assert!(text.contains("limit spinal_cord Dmax"), "{text}");
     assert_eq!(
         files_below(&out).len(),
         7,

@@ -563,13 +563,14 @@ class Balance(TypedDict):
 class Caution(TypedDict):
     """Where a mapped dose is doubtful.
 
-    ``folded_or_outside`` counts voxels with a steep dose where the field folds or leaves the image.
-    ``uncertain`` counts those where the field's residual times the dose gradient exceeds 1 % of the
-    maximum dose. ``ml`` is the volume of both; ``greatest_gy`` is the largest residual times
-    gradient.
+    ``folded_or_outside`` counts voxels with a steep dose where the field folds or leaves the image,
+    ``folded`` those of them where it folds. ``uncertain`` counts those where the field's residual
+    times the dose gradient exceeds 1 % of the maximum dose. ``ml`` is the volume of both;
+    ``greatest_gy`` is the largest residual times gradient.
     """
 
     folded_or_outside: int
+    folded: int
     uncertain: int
     ml: float
     greatest_gy: float

@@ -2,6 +2,11 @@
 
 findings! {
     DOSES:
+    DOSE_CARRIED = warned(
+        "dose-carried",
+        "A registration carried this dose.",
+        "Give the calculated dose.",
+    );
     DOSE_COUNTED = warned(
         "dose-counted",
         "A whole plan's dose counts as one fraction's.",
@@ -61,6 +66,11 @@ findings! {
         "folds-in-steep-dose",
         "The field folds where the dose is steep.",
         "Do not trust the dose there.",
+    );
+    STEEP_DOSE_OUTSIDE = warned(
+        "steep-dose-outside",
+        "Steep dose leaves the images.",
+        "Check their edges.",
     );
     STRUCTURE_OUTSIDE_DOSE = warned(
         "structure-outside-dose",

@@ -67,6 +67,11 @@ findings! {
         "Air or soft tissue has wrong HU.",
         "Correct slope and offset as the message says.",
     );
+    SAME_SCAN = doubted(
+        "same-scan",
+        "Planning is given as the fraction.",
+        "Give the day's scan.",
+    );
     SHADED_FRACTION = warned(
         "shaded-fraction",
         "Cone-beam grey values were corrected for shading.",

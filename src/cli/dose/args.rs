@@ -130,11 +130,11 @@ pub struct SampledArgs {
     /// writes OUT_sd, OUT_p05 and OUT_p95 beside OUT, and adds bands and 90 % intervals to the page
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub samples: Vec<PathBuf>,
-    /// Doses x, Gy, whose V_x the table of intervals lists
+    /// Doses x, Gy, whose V_x the table of intervals lists. Needs --samples and --structures
     #[arg(long, value_name = "GY", num_args = 1.., requires = "samples", requires = "structures")]
     pub at: Vec<f64>,
-    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each: kept, not kept,
-    /// or undecided (the 90 % interval holds the limit)
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "parotid:Dmean<=26". Each: kept, not kept,
+    /// or undecided (the 90 % interval holds the limit). Needs --samples and --structures
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples", requires = "structures")]
     pub limit: Vec<String>,
 }
@@ -265,8 +265,8 @@ pub struct DvhArgs {
     /// Folder of samples of that registration (`aventail samples`): adds bands and 90 % intervals
     #[arg(long, value_name = "DIR")]
     pub samples: Option<PathBuf>,
-    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "target:D95>=57". Each: kept, not kept,
-    /// or undecided (the 90 % interval holds the limit)
+    /// Dose limits to check, in quotes: "cord:D0.03cc<=45" "parotid:Dmean<=26". Each: kept, not kept,
+    /// or undecided (the 90 % interval holds the limit). Needs --samples
     #[arg(long, value_name = "LIMIT", num_args = 1.., requires = "samples")]
     pub limit: Vec<String>,
     /// Doses x, Gy, for which V_x is computed

@@ -15,7 +15,8 @@ use crate::provenance::Provenance;
 use crate::report::dose::{DoseDvh, DosePicture, DoseTable, Levels, banded_picture, dvh_picture, dvh_tables, isodoses};
 use crate::volume::{Mask, Volume};
 use crate::warning::Warning;
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 /// Fractions whose share is drawn.
 pub(super) const MOST_DRAWN: usize = 6;
@@ -49,6 +50,11 @@ impl Scenery {
         let read = |path: &Path| Structures::read(provenance, path, args.labels.as_deref(), &near);
         let structures = args.structures.as_deref().map(read).transpose()?;
         Ok(Some(Self { ct, structures }))
+    }
+
+    /// Names of the structures.
+    pub(super) fn names(&self) -> Vec<String> {
+        self.structures.as_ref().map(Structures::names).unwrap_or_default()
     }
 
     /// The structures on the grid of doses; none without structures.
@@ -92,7 +98,7 @@ pub(super) struct PageContent {
 
 /// One of several doses that were carried.
 pub(super) struct CarriedPart {
-    name: String,
+    path: PathBuf,
     weight: f64,
     /// Of one fraction, Gy.
     greatest: f64,
@@ -107,7 +113,19 @@ impl CarriedPart {
     pub(super) fn new(path: &Path, weight: f64, mapped: &Volume<f32>, drawn: bool) -> Self {
         let total = weight * mapped.data().iter().map(|d| f64::from(*d)).sum::<f64>();
         let share = drawn.then(|| mapped.map(|d| (weight * f64::from(*d)) as f32));
-        Self { name: stem(path), weight, greatest: f64::from(mapped.extremes()[1]), total, share }
+        Self { path: path.to_owned(), weight, greatest: f64::from(mapped.extremes()[1]), total, share }
+    }
+}
+
+/// Names of doses: those of their files, with their places and numbers in the list where they are not told apart else.
+fn names(paths: &[&Path]) -> Vec<String> {
+    let once = |names: &[String]| names.iter().collect::<BTreeSet<_>>().len() == names.len();
+    let stems: Vec<String> = paths.iter().map(|path| stem(path)).collect();
+    let places: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    match (once(&stems), once(&places)) {
+        (true, _) => stems,
+        (_, true) => places,
+        _ => places.iter().enumerate().map(|(n, place)| format!("{}: {place}", n + 1)).collect(),
     }
 }
 
@@ -150,12 +168,13 @@ pub(super) fn sum(
     let ct = scenery.ct.as_ref();
     let mut pictures = vec![isodoses("The sum", total, ct, &levels, Some(&steep))?];
     pictures.extend(spread.map(|spread| spread.picture(total, ct)).transpose()?);
-    for part in parts {
+    let names = names(&parts.iter().map(|part| part.path.as_path()).collect::<Vec<_>>());
+    for (part, name) in parts.iter().zip(&names) {
         let Some(share) = &part.share else { continue };
-        pictures.push(isodoses(&format!("Share of {}, times {}", part.name, part.weight), share, ct, &levels, None)?);
+        pictures.push(isodoses(&format!("Share of {name}, times {}", part.weight), share, ct, &levels, None)?);
     }
     let whole = parts.iter().map(|p| p.total).sum::<f64>().max(f64::MIN_POSITIVE);
-    let row = |(part, report): (&CarriedPart, &DoseReport)| {
+    let row = |((part, name), report): ((&CarriedPart, &String), &DoseReport)| {
         let numbers = [
             format!("{}", part.weight),
             format!("{:.2}", part.greatest),
@@ -163,7 +182,7 @@ pub(super) fn sum(
             format!("{:.1}", 100.0 * part.total / whole),
             format!("{:.2}", report.outside.amount_percent),
         ];
-        std::iter::once(part.name.clone()).chain(numbers).collect()
+        std::iter::once(name.clone()).chain(numbers).collect()
     };
     let drawn = parts.iter().filter(|p| p.share.is_some()).count();
     let left = if drawn < parts.len() { format!(" Pictures show the first {drawn}.") } else { String::new() };
@@ -173,7 +192,7 @@ pub(super) fn sum(
         head: ["", "weight", "greatest, Gy", "times weight, Gy", "of the sum, %", "dose outside the field, %"]
             .map(str::to_owned)
             .into(),
-        rows: parts.iter().zip(reports).map(row).collect(),
+        rows: parts.iter().zip(&names).zip(reports).map(row).collect(),
     };
     let mut page = PageContent {
         title: format!("dose accumulated over {} doses", parts.len()),
@@ -216,5 +235,18 @@ fn steep_table(dose: &Volume<f32>, steep: &Mask, reports: &[DoseReport]) -> Dose
             .map(str::to_owned)
             .into(),
         rows: vec![row],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doses_are_told_apart() {
+        let named = |paths: &[&str]| names(&paths.iter().map(Path::new).collect::<Vec<_>>());
+        assert_eq!(named(&["day1/a.nii.gz", "day2/b.nii.gz"]), ["a", "b"]);
+        assert_eq!(named(&["day1/dose.mha", "day2/dose.mha"]), ["day1/dose.mha", "day2/dose.mha"]);
+        assert_eq!(named(&["data/dose.mha", "data/dose.mha"]), ["1: data/dose.mha", "2: data/dose.mha"]);
     }
 }

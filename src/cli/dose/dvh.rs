@@ -3,7 +3,7 @@
 use super::super::terminal::progress;
 use super::super::{planned, record, run_folder};
 use super::args::DvhArgs;
-use super::counted::read_told;
+use super::counted::{read_to_carry, read_told};
 use super::sampled::SampledDoses;
 use super::structures::Structures;
 use super::{Mapping, pages};
@@ -51,7 +51,8 @@ pub(super) fn run(args: &DvhArgs) -> Result<String> {
     let common = std::mem::take(&mut provenance.warnings);
     let mut doses = Vec::new();
     for path in &args.dose {
-        let (dose, _) = read_told(&mut provenance, path)?;
+        let read = if carried { read_to_carry } else { read_told };
+        let dose = read(&mut provenance, path)?.dose;
         let (found, samples) = if carried {
             carry(args, (path, &dose), &structures, &mut provenance, &runtime)?
         } else {
@@ -100,7 +101,7 @@ fn carry(
         method: &method,
         ct: None,
     };
-    let mut through = SampledDoses::read(&args.sampled(), 1, &method, provenance)?;
+    let mut through = SampledDoses::read(&args.sampled(), 1, &method, &structures.names(), provenance)?;
     let (mapped, report) = one.carry(through.as_mut().map(|t| (t, 0, 1.0)), provenance, runtime)?;
     provenance.warnings.extend(report.warnings);
     let places = structures.places(&to);

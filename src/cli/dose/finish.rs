@@ -5,6 +5,7 @@ use super::super::record::{self, Output};
 use super::super::terminal::command_line;
 use super::args::MAPS;
 use super::carried::PageContent;
+use super::counted::CARRIED;
 use super::out::{GiveBack, beside, gone, page_beside, parent};
 use super::pages;
 use super::sampled::Spread;
@@ -58,7 +59,7 @@ pub(super) fn finish(
 ) -> Result<String> {
     let (out, json) = (back.out, back.json);
     provenance.warnings.extend(judge_result(&out.display().to_string(), dose)?);
-    let options = WriteOptions { description: "aventail: dose, Gy".into(), ..WriteOptions::default() };
+    let options = WriteOptions { description: CARRIED.into(), ..WriteOptions::default() };
     // What tells of an earlier dose goes before that dose does.
     let maps = MAPS.map(|word| named(out, word));
     [beside(out), page_beside(out)].iter().chain(&maps).try_for_each(|path| gone(path))?;
@@ -109,8 +110,11 @@ fn table(parts: &[DoseReport]) -> String {
         line(format!("dose {}: {}", n + 1, part.direction.name()));
         if let Some(b) = &part.balance {
             line(format!(
-                "energy: {:.6e} J in, {:.6e} J mapped, {:.3e} J outside the target grid; relative error {:.1e}",
-                b.source_j, b.mapped_j, b.outside_j, b.relative_error
+                "energy: {} J in, {} J mapped, {} J outside the target grid; relative error {:.1e}",
+                joules(b.source_j),
+                joules(b.mapped_j),
+                joules(b.outside_j),
+                b.relative_error
             ));
             line(format!(
                 "mass: {:.1} g in, {:.1} g mapped; the other {:.1} g leave the target grid",
@@ -142,6 +146,15 @@ fn table(parts: &[DoseReport]) -> String {
     text
 }
 
+/// An energy with three digits that count.
+fn joules(j: f64) -> String {
+    if j == 0.0 {
+        return "0".into();
+    }
+    let digits = (2.0 - j.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{j:.digits$}")
+}
+
 /// How often each dose counts, where several are added up: shares that were forgotten or mistyped show.
 fn counted(weights: &[f64]) -> String {
     if weights.len() < 2 {
@@ -155,4 +168,14 @@ fn counted(weights: &[f64]) -> String {
 /// Warnings for the terminal.
 pub(super) fn listed(warnings: &[Warning]) -> String {
     warnings.iter().map(|w| format!("  warning ({}): {}\n", w.code, w.message)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn energies_are_plain_numbers() {
+        assert_eq!([53.212_18, 0.004_567_8, 1234.5, 0.0].map(joules), ["53.2", "0.00457", "1234", "0"]);
+    }
 }

@@ -36,7 +36,7 @@ use crate::session::fields::{self, Known};
 use crate::volume::Volume;
 use crate::warning::Warning;
 use carried::{CarriedPart, MOST_DRAWN, Scenery};
-use counted::{read_told, whole_plan};
+use counted::{ToldDose, read_to_carry, read_told, whole_plan};
 use finish::{Carried, finish, listed};
 use out::{GiveBack, check_out};
 use sampled::SampledDoses;
@@ -66,7 +66,7 @@ fn map(args: &MapArgs) -> Result<String> {
     let runtime = Runtime::new(args.how.common.work.threads, progress(args.how.quiet()))?;
     let mut provenance = Provenance::default();
     let (dose, to, ct, scenery) = runtime.stage("read", || {
-        let dose = read_dose(&mut provenance, &args.dose)?;
+        let dose = read_to_carry(&mut provenance, &args.dose)?.dose;
         let grid = provenance.take(InputRole::Grid, io::read_scan(&args.grid)?);
         let to = grid.grid().clone();
         let ct =
@@ -90,7 +90,8 @@ fn map(args: &MapArgs) -> Result<String> {
         method: &method,
         ct: ct.as_ref(),
     };
-    let mut through = SampledDoses::read(&args.sampled, 1, &method, &mut provenance)?;
+    let names = scenery.as_ref().map(Scenery::names).unwrap_or_default();
+    let mut through = SampledDoses::read(&args.sampled, 1, &method, &names, &mut provenance)?;
     let (mapped, report) = one.carry(through.as_mut().map(|t| (t, 0, 1.0)), &mut provenance, &runtime)?;
     let fields: Vec<&Path> = [one.push, one.pull].into_iter().flatten().collect();
     let places = || scenery.as_ref().and_then(|s| s.places(&to));
@@ -129,12 +130,13 @@ fn sum(args: &AccumulateArgs) -> Result<String> {
     let grid = provenance.take(InputRole::Grid, io::read_scan(&args.grid)?);
     let to = grid.grid().clone();
     let scenery = Scenery::read(&args.page, &args.grid, grid, &mut provenance)?;
-    let mut through = SampledDoses::read(&args.sampled, n, &method, &mut provenance)?;
+    let names = scenery.as_ref().map(Scenery::names).unwrap_or_default();
+    let mut through = SampledDoses::read(&args.sampled, n, &method, &names, &mut provenance)?;
     let mut shares = Vec::new();
     let mut total: Option<Volume<f32>> = None;
     let mut reports = Vec::new();
     for (k, path) in args.dose.iter().enumerate() {
-        let (dose, of_whole_plan) = read_told(&mut provenance, path)?;
+        let ToldDose { dose, of_whole_plan, .. } = read_to_carry(&mut provenance, path)?;
         if let Some(times) = counts.several(k) {
             provenance.warnings.extend(of_whole_plan.then(|| whole_plan(path, times)));
             provenance.warnings.extend(question(&path.display().to_string(), dose.extremes()[1], times));
@@ -247,7 +249,7 @@ fn method(args: &MethodArgs) -> Result<DoseMethod> {
 
 /// Reads a dose and refuses what is none in Gy.
 fn read_dose(provenance: &mut Provenance, path: &Path) -> Result<Volume<f32>> {
-    Ok(read_told(provenance, path)?.0)
+    Ok(read_told(provenance, path)?.dose)
 }
 
 fn compare(args: &CompareArgs) -> Result<String> {

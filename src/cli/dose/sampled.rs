@@ -51,14 +51,17 @@ pub(super) struct SampledDoses {
 }
 
 impl SampledDoses {
-    /// Reads the samples of so many doses; nothing where none are asked for.
+    /// Reads the samples of so many doses; nothing where none are asked for. `structures` are the names of those that limits may
+    /// be on.
     ///
     /// # Errors
-    /// [`Error::Usage`] when there are more or fewer, or the method does not interpolate; as [`samples::read`].
+    /// [`Error::Usage`] when there are more or fewer, the method does not interpolate, or a limit is on nothing; as
+    /// [`samples::read`].
     pub(super) fn read(
         args: &SampledArgs,
         doses: usize,
         method: &DoseMethod,
+        structures: &[String],
         provenance: &mut Provenance,
     ) -> Result<Option<Self>> {
         if args.samples.is_empty() {
@@ -75,7 +78,7 @@ impl SampledDoses {
         let read = |folder: &PathBuf| RunSamples::read(folder, provenance);
         let samples: Vec<RunSamples> = args.samples.iter().map(read).collect::<Result<_>>()?;
         same_seed(&samples)?;
-        args.limit.iter().try_for_each(|text| DoseLimit::parse(text).map(drop))?;
+        args.limit.iter().try_for_each(|text| DoseLimit::parse(text)?.require(structures))?;
         Ok(Some(Self { samples, sum: None }))
     }
 
@@ -159,8 +162,7 @@ impl Spread {
             let figure = limit.figure(&structures).ok_or_else(|| {
                 let problem = format!("limit on {} of {:?}: there is no such figure", limit.figure, limit.structure);
                 let names: Vec<&str> = structures.iter().map(|s| s.name.as_str()).collect();
-                let figures = "mean, D98, D95, D50, D2, D0.03cc, V and a dose";
-                Error::usage(problem, format!("structures: {}; figures: {figures}", names.join(", ")))
+                Error::usage(problem, format!("structures with a known dose: {}", names.join(", ")))
             })?;
             let (decision, found) = (limit.decide(figure), figure.value);
             Ok(LimitDecision { low: figure.low, high: figure.high, found, decision, limit })

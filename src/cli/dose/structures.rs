@@ -59,6 +59,14 @@ impl Structures {
         }
     }
 
+    /// Their names.
+    pub(super) fn names(&self) -> Vec<String> {
+        match self {
+            Self::Labels(map) => map.names.values().cloned().collect(),
+            Self::Contours(all) => all.structures.iter().map(|s| s.name.clone()).collect(),
+        }
+    }
+
     /// For the histograms of many doses on a grid.
     pub(super) fn places(&self, grid: &Grid) -> DvhPlaces {
         match self {

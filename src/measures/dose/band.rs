@@ -41,6 +41,9 @@ pub struct DvhBand {
 /// A figure of a histogram: its name, its unit, and how it is read.
 type Figure = (String, &'static str, Box<dyn Fn(&Dvh) -> f64>);
 
+/// Names of the figures that are doses.
+const DOSES: [&str; 8] = ["mean", "D98", "D95", "D50", "D2", "D0.03cc", "Dmin", "Dmax"];
+
 /// The figures that have an interval.
 fn figures(of: &Dvh) -> Vec<Figure> {
     let dose = |name: &str, read: fn(&Dvh) -> f64| (name.to_owned(), "Gy", Box::new(read) as Box<dyn Fn(&Dvh) -> f64>);
@@ -51,6 +54,8 @@ fn figures(of: &Dvh) -> Vec<Figure> {
         dose("D50", |d| d.d50),
         dose("D2", |d| d.d2),
         dose("D0.03cc", |d| d.d003cc),
+        dose("Dmin", |d| d.min),
+        dose("Dmax", |d| d.max),
     ];
     let volume = |(n, v): (usize, &super::Share)| {
         let read = move |d: &Dvh| d.v.get(n).map_or(f64::NAN, |v| v.percent);
@@ -99,7 +104,7 @@ fn percentiles(mut values: Vec<f64>) -> [f64; 2] {
 pub struct DoseLimit {
     /// Name of the structure.
     pub structure: String,
-    /// `mean`, `D98`, `D95`, `D50`, `D2`, `D0.03cc`, or `V` and a dose.
+    /// `mean`, `D98`, `D95`, `D50`, `D2`, `D0.03cc`, `Dmin`, `Dmax`, or `V` and a dose.
     pub figure: String,
     /// Whether the value is the most that is allowed; else the least.
     pub at_most: bool,
@@ -120,7 +125,7 @@ pub enum Decision {
 }
 
 impl DoseLimit {
-    /// From text: `cord:D0.03cc<=45`, `target:D95>=57`.
+    /// From text: `cord:D0.03cc<=45`, `target:D95>=57`; the mean is also `Dmean`.
     ///
     /// # Errors
     /// [`Error::Usage`] when it is no limit.
@@ -137,7 +142,25 @@ impl DoseLimit {
         if structure.is_empty() || figure.is_empty() || !value.is_finite() {
             return Err(wrong());
         }
-        Ok(Self { structure, figure, at_most, value })
+        let figure = if figure.eq_ignore_ascii_case("Dmean") { DOSES[0].to_owned() } else { figure };
+        let limit = Self { structure, figure, at_most, value };
+        if limit.volume_above().is_none() && !DOSES.iter().any(|d| d.eq_ignore_ascii_case(&limit.figure)) {
+            let problem = format!("limit on {} of {:?}: there is no such figure", limit.figure, limit.structure);
+            return Err(Error::usage(problem, format!("figures: Dmean, {}, V and a dose (V20)", DOSES.join(", "))));
+        }
+        Ok(limit)
+    }
+
+    /// Refuses a limit on a structure that is not among those of these names.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] then.
+    pub fn require(&self, names: &[String]) -> Result<()> {
+        if names.contains(&self.structure) {
+            return Ok(());
+        }
+        let problem = format!("limit on {} of {:?}: there is no such structure", self.figure, self.structure);
+        Err(Error::usage(problem, format!("structures: {}", names.join(", "))))
     }
 
     /// The dose of a volume above a dose, where the figure is one.
@@ -215,6 +238,15 @@ mod tests {
         assert_eq!(decided("cord:D95>=0.9"), Decision::Kept);
         assert_eq!(decided("cord:V20>=4"), Decision::Kept);
         assert_eq!(DoseLimit::parse("cord:V20>=4").unwrap().volume_above(), Some(20.0));
+        // The names that histograms are printed with.
+        assert_eq!(decided("cord:Dmean<=9.6"), Decision::Kept);
+        assert_eq!(DoseLimit::parse("cord:Dmean<=8").unwrap().figure, "mean");
+        let known = found[0].figures.iter().map(|f| format!("cord:{}>=0", f.figure));
+        known.for_each(|text| drop(DoseLimit::parse(&text).unwrap()));
+        let unknown = DoseLimit::parse("cord:D90<=8").unwrap_err();
+        assert!(unknown.to_string().contains("no such figure") && unknown.remedy().contains("Dmean"), "{unknown}");
+        let elsewhere = DoseLimit::parse("chord:D95<=8").unwrap().require(&["cord".into()]).unwrap_err();
+        assert!(elsewhere.to_string().contains("structures: cord"), "{elsewhere}");
         for wrong in ["cord", "cord:D95", "cord:D95<45", ":D95<=45", "cord:D95<=x", "cord:<=1"] {
             assert_eq!(DoseLimit::parse(wrong).unwrap_err().exit_code(), 2, "{wrong}");
         }

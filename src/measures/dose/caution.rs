@@ -15,6 +15,9 @@ const ERROR: f64 = 0.01;
 pub struct Caution {
     /// Steep voxels where the field folds or its chain leaves the image.
     pub folded_or_outside: usize,
+    /// Those of them where the field folds. Earlier reports lack it.
+    #[serde(default)]
+    pub folded: usize,
     /// Voxels where the field's residual times the gradient exceeds 1 % of the maximum dose.
     pub uncertain: usize,
     /// Volume of both, ml.
@@ -43,8 +46,8 @@ fn gradient(dose: &Volume<f32>, l: usize) -> f64 {
     (grid.inverse_step().transpose() * Vector3::from(by_index)).norm()
 }
 
-/// Compares `uncertainty_mm` (residual of the field at each voxel; infinite where it folds or leaves the image) with the
-/// gradient of `dose`, on one grid.
+/// Compares `uncertainty_mm` (residual of the field at each voxel; infinite where it leaves the image, no number where it folds)
+/// with the gradient of `dose`, on one grid.
 pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
     let grid = dose.grid();
     let size = grid.size();
@@ -56,8 +59,10 @@ pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
             let mut found = Caution::default();
             for l in k * strides[2]..(k + 1) * strides[2] {
                 let (g, u) = (gradient(dose, l), f64::from(uncertainty_mm.data()[l]));
-                if u.is_infinite() {
-                    found.folded_or_outside += usize::from(g > STEEP * most && most > 0.0);
+                if !u.is_finite() {
+                    let steep = usize::from(g > STEEP * most && most > 0.0);
+                    found.folded_or_outside += steep;
+                    found.folded += if u.is_nan() { steep } else { 0 };
                 } else {
                     found.uncertain += usize::from(g * u > ERROR * most && most > 0.0);
                     found.greatest_gy = found.greatest_gy.max(g * u);
@@ -68,6 +73,7 @@ pub fn caution(dose: &Volume<f32>, uncertainty_mm: &Volume<f32>) -> Caution {
         .collect();
     let mut all = planes.iter().fold(Caution::default(), |a, p| Caution {
         folded_or_outside: a.folded_or_outside + p.folded_or_outside,
+        folded: a.folded + p.folded,
         uncertain: a.uncertain + p.uncertain,
         ml: 0.0,
         greatest_gy: a.greatest_gy.max(p.greatest_gy),
@@ -94,6 +100,12 @@ mod tests {
             })
         };
         assert_eq!(caution(&dose, &at(f32::INFINITY, f32::INFINITY)).folded_or_outside, 25);
+        // Folds are told apart from what lies outside.
+        let apart = |steep| {
+            let found = caution(&dose, &at(steep, f32::NAN));
+            (found.folded_or_outside, found.folded)
+        };
+        assert_eq!((apart(f32::INFINITY), apart(f32::NAN)), ((25, 0), (25, 25)));
         let doubt = caution(&dose, &at(0.2, 10.0)); // 1 Gy is 2 %
         assert_eq!((doubt.uncertain, doubt.folded_or_outside), (25, 0));
         assert!((doubt.greatest_gy - 1.0).abs() < 1e-6 && (doubt.ml - 25.0 * 0.005).abs() < 1e-9);

@@ -38,10 +38,7 @@ impl DoseCounts {
             return Err(Error::usage(format!("{name}: {odd} is negative or not finite"), "give 0 or more"));
         }
         if let Some(odd) = given.iter().find(|w| !by_fraction && **w > WHOLE) {
-            return Err(Error::usage(
-                format!("weights: {odd} is more than a whole plan"),
-                "for doses of one fraction give fractions (20 15); for doses of the whole plan give shares of it as weights (0.571 0.429)",
-            ));
+            return Err(Error::usage(format!("weights: {odd} is more than a whole plan"), instead(given)));
         }
         Ok(Self { factors: given.to_vec(), by_fraction })
     }
@@ -55,6 +52,17 @@ impl DoseCounts {
     pub fn several(&self, dose: usize) -> Option<f64> {
         self.factors.get(dose).copied().filter(|times| self.by_fraction && *times >= 2.0)
     }
+}
+
+/// What may have been meant by weights above 1.
+fn instead(given: &[f64]) -> String {
+    let sum = given.iter().sum::<f64>();
+    let told = |values: Vec<String>| values.join(" ");
+    let counts = told(given.iter().map(f64::to_string).collect());
+    let shares = told(given.iter().map(|w| format!("{:.3}", w / sum)).collect());
+    format!(
+        "for doses of one fraction give --fractions {counts}; for doses of the whole plan give shares: --weights {shares}"
+    )
 }
 
 #[cfg(test)]
@@ -77,5 +85,9 @@ mod tests {
             let error = DoseCounts::new(2, &weights, &fractions).unwrap_err();
             assert!(error.exit_code() == 2 && error.to_string().contains(word), "{error}");
         }
+        // What to give is computed from what was given.
+        let error = DoseCounts::new(2, &[25.0, 10.0], &[]).unwrap_err();
+        assert!(error.remedy().contains("--fractions 25 10;"), "{error}");
+        assert!(error.remedy().ends_with("--weights 0.714 0.286"), "{error}");
     }
 }

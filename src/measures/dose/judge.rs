@@ -60,6 +60,14 @@ pub fn question(what: &str, most: f32, fractions: f64) -> Option<Warning> {
     Some(Warning::new(findings::DOSE_UNITS, message))
 }
 
+/// A word about a dose that is to be carried and was carried before.
+pub fn dose_carried(what: &str) -> Warning {
+    let message = format!(
+        "{what}: this dose was itself carried by a registration, not calculated: what is off in it is carried on"
+    );
+    Warning::new(findings::DOSE_CARRIED, message)
+}
+
 /// Refuses a result that is no dose in Gy.
 ///
 /// # Errors

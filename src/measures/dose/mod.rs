@@ -19,4 +19,4 @@ pub use difference::{DoseDifference, difference, distance_to_difference};
 pub use dvh::{Dvh, DvhPlaces, Share, doubts, dvh, dvh_of_contours};
 pub use energy::{EnergyBalance, EnergyMassOptions, energy_mass};
 pub use interpolate::{accumulate, displacement, dose_at, interpolate};
-pub use judge::{judge, judge_result, question};
+pub use judge::{dose_carried, judge, judge_result, question};

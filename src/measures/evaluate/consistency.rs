@@ -39,8 +39,8 @@ pub fn transitivity(ab: &Volume<[f32; 3]>, bc: &Volume<[f32; 3]>, ac: &Volume<[f
     })
 }
 
-/// Residual |u(y) + v(y + u(y))| at every voxel of `grid`, mm: infinite where the chain leaves the fields' grids or
-/// `folded(y, y + u(y))` says that the map is not one-to-one. Voxels outside `there` stay where they are: 0.
+/// Residual |u(y) + v(y + u(y))| at every voxel of `grid`, mm: infinite where the chain leaves the fields' grids, no
+/// number where `folded(y, y + u(y))` says that the map is not one-to-one. Voxels outside `there` stay where they are: 0.
 ///
 /// # Errors
 /// Only for internal inconsistency of grids.
@@ -54,8 +54,9 @@ pub fn residual(
         let Some(u) = displacement(there, &y) else { return 0.0 };
         let x = y + u;
         match displacement(back, &x) {
-            Some(v) if !folded(&y, &x) => (u + v).norm() as f32,
-            _ => f32::INFINITY,
+            Some(_) if folded(&y, &x) => f32::NAN,
+            Some(v) => (u + v).norm() as f32,
+            None => f32::INFINITY,
         }
     });
     Volume::new(grid.clone(), data)

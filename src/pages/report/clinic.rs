@@ -3,7 +3,7 @@
 use super::OutputFile;
 use super::identity::Decided;
 use crate::config::{Config, InputRole};
-use crate::dose::{interpolate, judge};
+use crate::dose::{dose_carried, interpolate, judge};
 use crate::error::{Error, Result};
 use crate::field::{Chain, WORTH_OF_LABELS, outside_field, resample_contours};
 use crate::findings;
@@ -144,6 +144,7 @@ impl Clinic {
             let what = path.display().to_string();
             warnings.extend(judge(&what, &mut read.value.volume)?);
             warnings.extend(no_plan(&what, &read.value.plans));
+            warnings.extend(read.value.is_carried().then(|| dose_carried(&what)));
             inputs.push(InputFile::read(InputRole::Dose, path)?);
             dose = Some(read.value);
         }

@@ -4,6 +4,7 @@ use super::PlanningScan;
 use crate::body::mr;
 use crate::config::{Config, Modality};
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::geometry::Grid;
 use crate::plausibility::{in_hounsfield, no_hounsfield};
 use crate::volume::Volume;
@@ -93,6 +94,19 @@ pub(super) fn check_image(what: &str, image: &Volume<f32>, config: &Config) -> R
     config.checks.told(in_hounsfield(what, image).map(|odd| odd.into_iter().collect()))
 }
 
+/// A word about a planning scan that is given as the fraction, by its voxels: as another file, too.
+pub fn same_scan(planning: &Volume<f32>, fraction: &Volume<f32>) -> Option<Warning> {
+    let same = planning.grid().matches(fraction.grid(), SAME_MM) && planning.data() == fraction.data();
+    same.then(|| {
+        let message =
+            "planning and fraction are one and the same scan: nothing had to move, and nothing is shown of the day";
+        Warning::new(findings::SAME_SCAN, message)
+    })
+}
+
+/// Corner distance up to which grids are those of one scan, mm.
+const SAME_MM: f64 = 1e-3;
+
 /// An image that shows something; `kind` is what to give instead.
 fn check_values(what: &str, image: &Volume<f32>, kind: &str) -> Result<()> {
     check_size(what, image.grid())?;
@@ -113,6 +127,17 @@ fn check_values(what: &str, image: &Volume<f32>, kind: &str) -> Result<()> {
 mod tests {
     use super::*;
     use nalgebra::Vector3;
+
+    #[test]
+    fn planning_given_as_the_fraction_is_told() {
+        let grid = Grid::axis_aligned([4, 3, 2], [1.0; 3], [0.0; 3]).unwrap();
+        let ct = Volume::from_fn(grid.clone(), |n| n as f32);
+        let told = |other: &Volume<f32>| same_scan(&ct, other).is_some_and(|w| w.is(findings::SAME_SCAN));
+        let mut noisy = ct.clone();
+        noisy.data_mut()[5] += 1.0;
+        let moved = Volume::new(grid.shifted(&Vector3::new(0.0, 2.0, 0.0)), ct.data().to_vec()).unwrap();
+        assert!(told(&ct.clone()) && !told(&noisy) && !told(&moved));
+    }
 
     #[test]
     fn labels_lie_on_the_cts_grid_but_for_rounding() {

@@ -130,13 +130,21 @@ fn outside(
 
 fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> {
     let mut all = Vec::new();
-    if caution.folded_or_outside > 0 {
+    let outside = caution.folded_or_outside - caution.folded;
+    if caution.folded > 0 {
+        let more = if outside > 0 { format!("; {} the images", counted(outside, "more leaves", "more leave")) } else { String::new() };
         let message = format!(
-            "{} in steep dose (more than 1 % of the maximum per mm) where the field folds or leaves the images: \
-             the dose there is not to be trusted",
-            counted(caution.folded_or_outside, "voxel lies", "voxels lie")
+            "{} in steep dose (more than 1 % of the maximum per mm) where the field folds: the dose there is not to be \
+             trusted{more}",
+            counted(caution.folded, "voxel lies", "voxels lie")
         );
         all.push(Warning::new(findings::FOLDS_IN_STEEP_DOSE, message));
+    } else if outside > 0 {
+        let message = format!(
+            "{} the images in steep dose (more than 1 % of the maximum per mm): the field is not checked there",
+            counted(outside, "voxel leaves", "voxels leave")
+        );
+        all.push(Warning::new(findings::STEEP_DOSE_OUTSIDE, message));
     }
     if caution.uncertain > 0 {
         let message = format!(
@@ -234,6 +242,22 @@ mod tests {
         assert_eq!(outside(Direction::FractionToPlanning, &energy_mass()), (0.0, false));
         let (percent, told) = outside(Direction::FractionToPlanning, &DoseMethod::Interpolate);
         assert!(percent > 10.0 && told, "{percent}");
+    }
+
+    #[test]
+    fn folds_and_what_leaves_the_images_are_told_apart() {
+        let told = |folded_or_outside, folded| {
+            let caution = Caution { folded_or_outside, folded, ..Caution::default() };
+            warnings(&caution, None).pop().map(|w| (w.code, w.message))
+        };
+        assert_eq!(told(0, 0), None);
+        let (code, words) = told(30, 0).unwrap();
+        assert!(code == "steep-dose-outside" && words.contains("30 voxels") && !words.contains("fold"), "{words}");
+        let (code, words) = told(30, 12).unwrap();
+        assert!(
+            code == "folds-in-steep-dose" && words.starts_with("12 voxels") && words.contains("18 more"),
+            "{words}"
+        );
     }
 
     #[test]

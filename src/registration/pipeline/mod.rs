@@ -31,7 +31,7 @@ mod study;
 mod uncertainty;
 
 pub use case::{Case, FractionScan, PlanningScan};
-pub use checks::{check_fraction, check_grids, check_size};
+pub use checks::{check_fraction, check_grids, check_size, same_scan};
 pub use curve::{CurvePoint, measure};
 pub use dose::{DoseMethod, DoseReport, map_dose};
 pub use guides::{GuideReached, OutlineAgreement};

@@ -92,7 +92,7 @@ impl FractionSources {
     }
 
     /// Whether the fraction's bones are to be found by TotalSegmentator.
-    fn wants_bones(&self) -> bool {
+    pub(super) fn wants_bones(&self) -> bool {
         self.bones.as_ref().is_some_and(|(bones, _)| bones.path() == Some(Path::new(AUTO)))
     }
 

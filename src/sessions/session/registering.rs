@@ -6,7 +6,7 @@ use super::planning::{BonesBy, PlanningSources};
 use super::registered::{Made, Registered};
 use crate::config::{Config, RecordedInput};
 use crate::error::{Error, Result};
-use crate::pipeline::{Case, FractionScan, Planning, PlanningScan, check_fraction, register_fraction};
+use crate::pipeline::{Case, FractionScan, Planning, PlanningScan, check_fraction, register_fraction, same_scan};
 use crate::provenance::Provenance;
 use crate::report::{Clinic, ClinicFiles, one_frame};
 use crate::runtime::Runtime;
@@ -46,6 +46,11 @@ impl Request {
     pub fn needed(&self) -> Vec<PathBuf> {
         let clinic = self.clinic.iter().flat_map(ClinicFiles::paths).map(Path::to_owned);
         self.fractions.iter().flat_map(FractionSources::files).chain(clinic).collect()
+    }
+
+    /// Whether labels of planning or a fraction are `auto`.
+    pub fn wants_bones(&self) -> bool {
+        self.planning.wants_bones() || self.fractions.iter().any(FractionSources::wants_bones)
     }
 
     /// Makes the labels that are `auto`, of planning and fractions, or takes those that were made before.
@@ -187,8 +192,11 @@ impl Session {
             if !name.is_empty() {
                 runtime.progress().note(&format!("fraction {name}"));
             }
-            let (fraction, of_fraction) = runtime.stage("read the fraction", || read)?;
+            let (fraction, mut of_fraction) = runtime.stage("read the fraction", || read)?;
             check_fraction(&fraction.ct, &self.config)?;
+            let same = same_scan(&self.scan.ct, &fraction.ct);
+            same.iter().for_each(|warning| runtime.progress().note(&warning.message));
+            of_fraction.warnings.extend(same);
             let prepared = match planning.take() {
                 Some(planning) => planning,
                 None => Planning::new(&self.scan, &self.config, runtime)?,

@@ -34,11 +34,18 @@ pub struct Dose {
     pub beams: BTreeSet<[i64; 2]>,
     /// What computed it: maker, model, versions, and whether tissue was taken into account.
     pub computed: String,
+    /// Spatial Transform of Dose: `RIGID` or `NON_RIGID` where a registration has carried it.
+    pub transform: String,
     /// Whether it is the sum of doses of beams, which may not be all of the plan's.
     pub of_beams: bool,
 }
 
 impl Dose {
+    /// Whether it says that a registration has carried it.
+    pub fn is_carried(&self) -> bool {
+        matches!(self.transform.as_str(), "RIGID" | "NON_RIGID")
+    }
+
     /// Whether it says that it is the dose of a whole plan, or of several; a sum of beams does not say it.
     pub fn is_of_whole_plan(&self) -> bool {
         matches!(self.summation.as_str(), "PLAN" | "MULTI_PLAN" | "PLAN_OVERVIEW") && !self.of_beams

@@ -131,6 +131,7 @@ fn one(path: &Path) -> Result<Loaded<Dose>> {
         uid,
         summation: text(set, tags::DOSE_SUMMATION_TYPE),
         kind,
+        transform: text(set, tags::SPATIAL_TRANSFORM_OF_DOSE),
         plans: plans.iter().map(|p| text(p, tags::REFERENCED_SOP_INSTANCE_UID)).filter(|uid| !uid.is_empty()).collect(),
         beams: beams.collect(),
         computed: computed.map(|tag| texts(set, tag).join("/")).join(" "),

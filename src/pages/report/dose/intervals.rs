@@ -7,7 +7,7 @@ use crate::evaluate::Direction;
 use serde::Serialize;
 
 /// Figures that the page's table leaves out.
-const LEFT_OUT: [&str; 2] = ["D98", "D50"];
+const LEFT_OUT: [&str; 4] = ["D98", "D50", "Dmin", "Dmax"];
 
 /// What samples of registrations tell of a dose that these carried.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -92,7 +92,7 @@ impl SampledDose {
             title: "Figures with their 90 % intervals".into(),
             note: format!(
                 "Each figure of the registration that was found, and in brackets its 90 % interval over {} samples of the \
-                 registration's error; D98 and D50 are in the JSON file beside this page. Outlines and dose are taken for right.{}",
+                 registration's error; D98, D50, Dmin and Dmax are in the JSON file beside this page. Outlines and dose are taken for right.{}",
                 self.number,
                 self.common_percent.map_or(String::new(), |percent| format!(
                     " Of the variance in steep dose {percent:.0} % is common to the fractions: more of them do not average it out."
