@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{aventail, dicom_phantom as phantom, files_below, folder, near, quick_settings};
+use crate::support::{aventail, copy, dicom_phantom as phantom, files_below, folder, near, quick_settings};
 use aventail::field::{Chain, InvertOptions, Link, Motion, resample_contours};
 use aventail::io::dicom::registration::{read_deformable, read_rigid};
 use aventail::io::dicom::{read_dose, read_series, read_structure_set};
@@ -176,6 +176,41 @@ fn a_set_without_fault_is_listed_without_a_problem() {
     let run = aventail().arg("inspect").arg(phantom().join("dicom")).assert().success();
     let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
     assert!(text.contains("REG") && text.contains("RTSTRUCT") && !text.contains("problem"), "{text}");
+}
+
+#[test]
+fn a_registration_alone_is_listed_with_the_frames_that_it_joins() {
+    let [planning, fraction] = ["planning", "fraction"]
+        .map(|name| read_series(phantom().join("dicom").join(name)).unwrap().value.1.frame_of_reference);
+    let shown = |name: &str| done(&["inspect"], &[("--anonymous", day().join("dicom").join(name).as_path())]);
+    let couch = shown("REG_couch.dcm");
+    let rigid = format!("points of frame B ({planning}) go to frame A ({fraction}), LPS mm, by");
+    for words in ["rigid registration, frame B to A", &rigid, "1.000000", "patient hidden"] {
+        assert!(couch.contains(words), "{words}: {couch}");
+    }
+    let field = shown("REG_fraction_to_planning.dcm");
+    let goes = format!("points of frame A ({fraction}) go to frame B ({planning})");
+    assert!(field.contains("deformable registration, frame A to B") && field.contains(&goes), "{field}");
+}
+
+#[test]
+fn a_folder_of_series_images_and_a_run_shows_all_of_them() {
+    let mixed = folder().join("mixed");
+    copy(&phantom().join("dicom/planning"), &mixed.join("series"));
+    copy(day(), &mixed.join("day"));
+    std::fs::copy(phantom().join("bones.nii.gz"), mixed.join("bones.nii.gz")).unwrap();
+    let shown = done(&["inspect"], &[("--anonymous", mixed.as_path())]);
+    let at = |words: &str| shown.find(words).unwrap_or_else(|| panic!("{words}: {shown}"));
+    assert!(at("as its report says") < at("slices, ") && at("slices, ") < at("label map, "), "{shown}");
+    // What the run wrote is told with the run alone.
+    assert!(!shown.contains("REG") && shown.contains("RTSTRUCT"), "{shown}");
+    let images = folder().join("images");
+    std::fs::create_dir_all(&images).unwrap();
+    for name in ["planning_ct.nii.gz", "bones.nii.gz"] {
+        std::fs::copy(phantom().join(name), images.join(name)).unwrap();
+    }
+    let shown = done(&["inspect"], &[("--anonymous", images.as_path())]);
+    assert!(shown.contains("label map, ") && shown.contains("planning_ct.nii.gz lies on the grid of"), "{shown}");
 }
 
 #[test]
@@ -368,7 +403,9 @@ fn results_of_the_fraction_come_back_as_dicom() {
     let out = at("RD_back.dcm");
     let [field, like] = [("--planning-to-fraction", push.as_path()), ("--dicom-like", planning.as_path())];
     let common: [(&str, &Path); 4] = [field, ("--dose", &dose), ("--grid", &planning), ("--out", &out)];
-    done(&map, &[&common[..], &[like]].concat());
+    // The fraction's dose is the planned one, carried; planning's own is calculated.
+    let said = done(&map, &[&common[..], &[like]].concat());
+    assert!(said.contains("warning (dose-carried)") && said.contains("not calculated"), "{said}");
     let back = read_dose(&out).unwrap().value;
     assert_eq!(back.series.frame_of_reference, own.frame_of_reference);
     assert_eq!((&back.series.patient, &back.series.study.uid), (&own.patient, &own.study.uid));
@@ -389,6 +426,11 @@ fn results_of_the_fraction_come_back_as_dicom() {
     let plain = at("RD_back.nii.gz");
     let images: [(&str, &Path); 4] = [field, ("--dose", &dose), ("--grid", &planning), ("--out", &plain)];
     done(&map, &images);
+    let (calculated, forth) = (planning.join("RD.dcm"), ["dose", "map", "--to", "fraction", "--no-page"]);
+    let first =
+        |dose: &Path, out: &Path| done(&forth, &[field, ("--dose", dose), ("--grid", &fraction), ("--out", out)]);
+    assert!(!first(&calculated, &at("once.nii.gz")).contains("dose-carried"));
+    assert!(first(&at("once.nii.gz"), &at("twice.nii.gz")).contains("warning (dose-carried)"));
     assert!(greatest_difference(&back.volume, &read_image(&plain).unwrap().value) < 1e-5);
     let said = refused(2, &map, &common);
     assert!(said.contains("--dicom-like"), "{said}");
@@ -433,6 +475,15 @@ fn a_chain_is_written_as_a_registration() {
     done(&TO_PLANNING, &[&[("--field", push.as_path()), ("--out-field", &out)][..], &ends].concat());
     let (_, from) = read_series(&fraction).unwrap().value;
     let (ct, to) = read_series(&planning).unwrap().value;
+    // Series numbers tell objects apart that lie in one study.
+    let number = |path: &Path| {
+        let told: serde_json::Value =
+            serde_json::from_str(&done(&["inspect", "--json"], &[("--anonymous", path)])).unwrap();
+        told["dicom"][0]["entries"][0]["number"].as_i64().unwrap()
+    };
+    let others = ["couch", "couch_rotation", "planning_to_fraction", "fraction_to_planning"];
+    let others = others.map(|name| number(&day.join(format!("dicom/REG_{name}.dcm"))));
+    assert!(!others.contains(&number(&out)), "{others:?}");
     let read = read_deformable(&out).unwrap();
     assert_eq!((&read.from, &read.to), (&from.frame_of_reference, &to.frame_of_reference));
     // The same by another format, on the same grid.

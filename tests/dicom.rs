@@ -167,6 +167,7 @@ fn a_folder_is_listed_and_names_are_hidden() {
     for word in ["Doe^Jane", "10 slices, 16 x 14 x 10, 2 x 2 x 3 mm", "1 structure,", "PLAN PHYSICAL GY"] {
         assert!(shown.contains(word), "{word}: {shown}");
     }
+    assert!(said(&["inspect", case().join("RD").to_str().unwrap()]).contains("dose in Gy, "));
     for hidden in [said(&["inspect", dir, "--anonymous"]), said(&["inspect", dir, "--anonymous", "--json"])] {
         assert!(!hidden.contains("Doe") && !hidden.contains("4711") && hidden.contains("RTDOSE"), "{hidden}");
     }

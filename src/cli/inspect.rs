@@ -1,22 +1,23 @@
-//! `aventail inspect PATH...`: what files and folders of DICOM hold, whether they lie on one grid, and whether folders hold what their reports
+//! `aventail inspect PATH...`: what files and folders hold, whether images lie on one grid, and whether folders of runs hold what their reports
 //! say.
 
 use super::args::JsonArgs;
 use crate::error::Result;
 use crate::findings;
-use crate::io::dicom::{Summary, is_structure_set, summary};
-use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, inspect};
+use crate::io::dicom::{Summary, is_listed, summary, summary_without};
+use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, images, inspect};
 use clap::Args;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Options of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Images, label maps or displacement fields; DICOM folders or files, to list their contents;
-    /// folders of runs (or the JSON beside a single result), to check their files against the
-    /// recorded checksums
+    /// Images, label maps or displacement fields, or folders of them; DICOM folders or files, to list
+    /// their contents; folders of runs (or the JSON beside a single result), to check their files
+    /// against the recorded checksums
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// How the result is told.
@@ -38,29 +39,37 @@ struct InspectedReport<'a> {
     dicom: Vec<Summary>,
 }
 
-/// What a path is described as.
-enum InspectedKind {
-    Run(Vec<FolderCheck>),
-    Dicom(Summary),
-    File,
+/// What lies at a path.
+#[derive(Default)]
+struct Found {
+    runs: Vec<FolderCheck>,
+    dicom: Option<Summary>,
+    images: Vec<PathBuf>,
 }
 
-/// A folder of runs is one, whatever else it holds; other folders are described by their DICOM.
-fn kind(path: &Path, anonymous: bool) -> Result<InspectedKind> {
-    if is_record(path) {
-        return check_folder(path).map(InspectedKind::Run);
-    }
-    if is_structure_set(path) {
-        return summary(path, anonymous).map(InspectedKind::Dicom);
-    }
-    if !path.is_dir() {
-        return Ok(InspectedKind::File);
-    }
-    match check_folder(path) {
-        Err(error) if error.is(findings::NO_RUN) => {
-            summary(path, anonymous).map(InspectedKind::Dicom).map_err(|_| error)
+impl Found {
+    /// A file is a record of a run, a list of DICOM, or an image; a folder may hold all of them.
+    fn at(path: &Path, anonymous: bool) -> Result<Self> {
+        if is_record(path) {
+            return Ok(Self { runs: check_folder(path)?, ..Self::default() });
         }
-        checked => checked.map(InspectedKind::Run),
+        if is_listed(path) {
+            return Ok(Self { dicom: Some(summary(path, anonymous)?), ..Self::default() });
+        }
+        if !path.is_dir() {
+            return Ok(Self { images: vec![path.to_owned()], ..Self::default() });
+        }
+        let (runs, no_run) = match check_folder(path) {
+            Err(error) if error.is(findings::NO_RUN) => (Vec::new(), Some(error)),
+            checked => (checked?, None),
+        };
+        // What a run wrote is told with it.
+        let own: BTreeSet<PathBuf> = runs.iter().flat_map(FolderCheck::files).collect();
+        let (dicom, images) = (summary_without(path, anonymous, &own)?, images(path, &own)?);
+        match no_run.filter(|_| dicom.is_none() && images.is_empty()) {
+            Some(error) => Err(error),
+            None => Ok(Self { runs, dicom, images }),
+        }
     }
 }
 
@@ -76,11 +85,10 @@ fn is_record(path: &Path) -> bool {
 pub fn run(files: &[PathBuf], json: bool, anonymous: bool) -> Result<String> {
     let (mut folders, mut dicom, mut plain) = (Vec::new(), Vec::new(), Vec::new());
     for path in files {
-        match kind(path, anonymous)? {
-            InspectedKind::Run(checks) => folders.extend(checks),
-            InspectedKind::Dicom(summary) => dicom.push(summary),
-            InspectedKind::File => plain.push(path),
-        }
+        let found = Found::at(path, anonymous)?;
+        folders.extend(found.runs);
+        dicom.extend(found.dicom);
+        plain.extend(found.images);
     }
     folders.iter().try_for_each(FolderCheck::require)?;
     let files = plain.into_iter().map(inspect).collect::<Result<Vec<_>>>()?;

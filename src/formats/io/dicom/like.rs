@@ -286,7 +286,7 @@ impl Like {
         let about = DerivedRegistration {
             role: "field",
             description: "Displacement field (aventail, research only)",
-            number: 907,
+            number: 913,
             from: &self.series,
             to: &to.series,
         };

@@ -35,6 +35,11 @@ pub fn is_structure_set(path: &Path) -> bool {
     is_dicom(path) && modality(path) == "RTSTRUCT"
 }
 
+/// Whether a DICOM file can be listed and not read as an image: it is no scan, no dose and no segmentation.
+pub fn is_listed(path: &Path) -> bool {
+    is_dicom(path) && !["", "CT", "MR", "RTDOSE", SEG].contains(&modality(path).as_str())
+}
+
 /// Whether labels of a path are those of a segmentation: a file of modality SEG, a folder with one and without a structure set, or
 /// `FOLDER#NUMBER`.
 pub fn is_segmentation(path: &Path) -> bool {

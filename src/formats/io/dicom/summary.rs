@@ -4,12 +4,13 @@
 use super::counts::lost_of;
 use super::elements::text;
 use super::find::{Catalogue, Group, Object, day, find};
+use super::registration::{describe_deformable, read_rigid, registered_frames};
 use super::scan::Scan;
 use super::series::Patient;
 use super::{ct, dose, segmentation, structures};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -86,15 +87,27 @@ pub struct Summary {
 /// [`Error::Read`] when it cannot be read or holds no DICOM.
 pub fn summary(path: impl AsRef<Path>, anonymous: bool) -> Result<Summary> {
     let path = path.as_ref();
-    let found = find(&[path])?;
+    summary_without(path, anonymous, &BTreeSet::new())?
+        .ok_or_else(|| Error::read(path, "it holds no DICOM", "name a folder with DICOM files"))
+}
+
+/// As [`summary`], without the files `own`; `None` where no other DICOM is there.
+///
+/// # Errors
+/// [`Error::Read`] when it cannot be read.
+pub fn summary_without(path: &Path, anonymous: bool, own: &BTreeSet<PathBuf>) -> Result<Option<Summary>> {
+    let mut found = find(&[path])?;
+    found.objects.retain(|o| !own.contains(&o.path));
+    found.others.retain(|o| !own.contains(o));
+    found.damaged.retain(|d| !own.contains(&d.path));
     if found.objects.is_empty() && found.damaged.is_empty() {
-        return Err(Error::read(path, "it holds no DICOM", "name a folder with DICOM files"));
+        return Ok(None);
     }
     let units = units(&found);
     let frames = letters(&units);
     let entries = units.iter().enumerate().map(|(n, unit)| entry(n, unit, &units, &frames, anonymous)).collect();
     let damaged = found.damaged.iter().map(|d| format!("{}: {}", d.path.display(), d.why)).collect();
-    Ok(Summary { path: path.into(), entries, other_files: found.others.len(), damaged, anonymous })
+    Ok(Some(Summary { path: path.into(), entries, other_files: found.others.len(), damaged, anonymous }))
 }
 
 /// Series of images whole, objects of other kinds one by one.
@@ -112,9 +125,12 @@ fn split(group: Group<'_>) -> Vec<Group<'_>> {
 /// A letter for each frame of reference, in the order of the list.
 fn letters(units: &[Group<'_>]) -> BTreeMap<String, String> {
     let mut letters = BTreeMap::new();
-    for frame in units.iter().map(|g| &g.series.frame_of_reference).filter(|f| !f.is_empty()) {
+    let own = units.iter().map(|g| g.series.frame_of_reference.clone());
+    // A registration may join frames of what is not here.
+    let joined = units.iter().flat_map(|g| &g.objects).flat_map(|o| registered_frames(&o.header));
+    for frame in own.chain(joined).filter(|f| !f.is_empty()) {
         let n = letters.len();
-        letters.entry(frame.clone()).or_insert_with(|| {
+        letters.entry(frame).or_insert_with(|| {
             let letter = char::from(b'A' + (n % 26) as u8);
             if n < 26 { letter.to_string() } else { format!("{letter}{}", n / 26) }
         });
@@ -154,16 +170,9 @@ fn entry(
             _ => {}
         }
     }
-    let (content, grid) = match content(unit) {
-        Ok((content, grid, odd)) => {
-            problems.extend(odd);
-            (content, grid)
-        }
-        Err(error) => {
-            problems.push(reason(&error));
-            (String::new(), None)
-        }
-    };
+    let told = content(unit, letters).unwrap_or_else(|error| Told { odd: vec![reason(&error)], ..Told::default() });
+    problems.extend(told.odd);
+    notes.extend(told.notes);
     let label = || unit.objects.first().map_or(String::new(), |o| text(&o.header, tags::STRUCTURE_SET_LABEL));
     let description = if s.description.is_empty() { label() } else { s.description.clone() };
     Entry {
@@ -177,8 +186,8 @@ fn entry(
         description,
         date: s.date.clone(),
         objects: unit.objects.len(),
-        content,
-        grid,
+        content: told.words,
+        grid: told.grid,
         frame: letters.get(&s.frame_of_reference).cloned().unwrap_or_default(),
         frame_of_reference: s.frame_of_reference.clone(),
         refers_to: targets.into_iter().map(|m| m + 1).collect(),
@@ -188,9 +197,29 @@ fn entry(
     }
 }
 
+/// What an entry holds.
+#[derive(Default)]
+struct Told {
+    words: String,
+    grid: Option<Grid>,
+    notes: Vec<String>,
+    /// What is odd about it.
+    odd: Vec<String>,
+}
+
+impl Told {
+    fn on(words: &str, grid: Grid) -> Self {
+        Self { words: format!("{words}, {}", geometry(&grid)), grid: Some(grid), ..Self::default() }
+    }
+
+    fn plain(words: String) -> Self {
+        Self { words, ..Self::default() }
+    }
+}
+
 /// What an entry holds, its grid, and what is odd about it.
-fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
-    let Some(first) = unit.objects.first() else { return Ok((String::new(), None, Vec::new())) };
+fn content(unit: &Group<'_>, letters: &BTreeMap<String, String>) -> Result<Told> {
+    let Some(first) = unit.objects.first() else { return Ok(Told::default()) };
     let images = |word: &str| many(unit.objects.len(), word);
     match unit.series.modality.as_str() {
         "CT" | "MR" if Scan::of(unit.objects.iter().copied()).is_some() => {
@@ -198,20 +227,50 @@ fn content(unit: &Group<'_>) -> Result<(String, Option<Grid>, Vec<String>)> {
             let planned = ct::plan(Path::new("series"), objects, Vec::new())?;
             let grid = planned.stack.grid;
             let odd = planned.warnings.into_iter().map(|w| w.message).collect();
-            Ok((format!("{} slices, {}", grid.size()[2], geometry(&grid)), Some(grid), odd))
+            Ok(Told { odd, ..Told::on(&format!("{} slices", grid.size()[2]), grid) })
         }
         "RTDOSE" => {
             let (words, grid) = dose::describe(first)?;
-            Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
+            Ok(Told::on(&words, grid))
         }
         "SEG" => {
             let (words, grid) = segmentation::describe(first)?;
-            Ok((format!("{words}, {}", geometry(&grid)), Some(grid), Vec::new()))
+            Ok(Told::on(&words, grid))
         }
-        "RTSTRUCT" => Ok((many(structures::count(&first.header), "structure"), None, Vec::new())),
-        "MR" | "PT" => Ok((images("slice"), None, Vec::new())),
-        _ => Ok((images("object"), None, Vec::new())),
+        "RTSTRUCT" => Ok(Told::plain(many(structures::count(&first.header), "structure"))),
+        "REG" => registered(first, letters),
+        "MR" | "PT" => Ok(Told::plain(images("slice"))),
+        _ => Ok(Told::plain(images("object"))),
     }
+}
+
+/// What a registration joins, and its matrices where it is rigid.
+fn registered(object: &Object, letters: &BTreeMap<String, String>) -> Result<Told> {
+    let letter = |uid: &str| letters.get(uid).map_or("none", String::as_str).to_owned();
+    let goes =
+        |from: &str, to: &str| format!("points of frame {} ({from}) go to frame {} ({to})", letter(from), letter(to));
+    if object.sop_class == uids::DEFORMABLE_SPATIAL_REGISTRATION_STORAGE {
+        let (from, to, grid) = describe_deformable(object)?;
+        let words = format!("deformable registration, frame {} to {}", letter(&from), letter(&to));
+        return Ok(Told { notes: vec![goes(&from, &to)], ..Told::on(&words, grid) });
+    }
+    if object.sop_class != uids::SPATIAL_REGISTRATION_STORAGE {
+        return Ok(Told::plain(many(1, "object")));
+    }
+    let (mut words, mut notes) = (Vec::new(), Vec::new());
+    for one in read_rigid(&object.path)? {
+        words.push(format!("rigid registration, frame {} to {}", letter(&one.from), letter(&one.to)));
+        notes.push(format!("{}, LPS mm, by", goes(&one.from, &one.to)));
+        let matrix = one.rigid.to_homogeneous();
+        let row = |r: usize| [0, 1, 2, 3].map(|c| format!("{:>12.6}", matrix[(r, c)])).concat();
+        notes.extend((0..4).map(row));
+    }
+    Ok(Told { notes, ..Told::plain(words.join("; ")) })
+}
+
+/// A day of birth, which many files leave out.
+fn born(date: &str) -> String {
+    if date.is_empty() { "no date of birth".into() } else { format!("born {}", day(date)) }
 }
 
 /// So many of something.
@@ -245,7 +304,7 @@ impl std::fmt::Display for Summary {
                 if self.anonymous {
                     writeln!(f, "  patient hidden")?;
                 } else {
-                    writeln!(f, "  patient {}, number {}, born {}", or(&p.name), or(&p.id), day(&p.birth_date))?;
+                    writeln!(f, "  patient {}, number {}, {}", or(&p.name), or(&p.id), born(&p.birth_date))?;
                 }
                 (patient, study) = (Some(&e.patient), None);
             }

@@ -97,7 +97,7 @@ pub fn check_folder(folder: &Path) -> Result<Vec<FolderCheck>> {
             findings::NO_RUN,
             folder.display().to_string(),
             format!("the folder holds none of {}: no run, or one that was not finished", REPORTS.join(", ")),
-            "give the --out folder of a finished run, or files",
+            "give the --out folder of a finished run, a folder of DICOM or images, or files",
         ));
     }
     runs.iter().map(|run| one(run)).collect()
@@ -115,6 +115,12 @@ fn one(folder: &Path) -> Result<FolderCheck> {
 }
 
 impl FolderCheck {
+    /// The files that its report lists, and those that another run left beside them.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let lists = [&self.unchanged, &self.unknown, &self.missing, &self.changed, &self.of_another_run];
+        lists.into_iter().flatten().map(|name| self.folder.join(name))
+    }
+
     fn new(folder: &Path) -> Self {
         Self {
             folder: folder.to_owned(),
@@ -147,6 +153,29 @@ impl FolderCheck {
         }
         Ok(names)
     }
+}
+
+/// Ends of the names of images that a folder is looked through for.
+const IMAGES: [&str; 4] = [".nii", ".nii.gz", ".mha", ".nrrd"];
+
+/// The images in a folder, by name, but for `own`.
+///
+/// # Errors
+/// [`Error::Read`] when the folder cannot be read.
+pub fn images(folder: &Path, own: &BTreeSet<PathBuf>) -> Result<Vec<PathBuf>> {
+    let failed = |e: std::io::Error| Error::read(folder, e.to_string(), "make the folder readable for you");
+    let mut all = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let name = entry.file_name().to_string_lossy().to_lowercase();
+        // Hidden files are other programs' notes, or parts of what is being written.
+        let image = !name.starts_with('.') && IMAGES.iter().any(|end| name.ends_with(end));
+        if image && entry.path().is_file() && !own.contains(&entry.path()) {
+            all.push(entry.path());
+        }
+    }
+    all.sort();
+    Ok(all)
 }
 
 /// Files of a run that no report there lists.

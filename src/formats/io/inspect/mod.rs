@@ -3,7 +3,7 @@
 mod folder;
 mod text;
 
-pub use folder::{FolderCheck, check_folder};
+pub use folder::{FolderCheck, check_folder, images};
 
 use super::labels::is_label;
 use super::load::load_scan;

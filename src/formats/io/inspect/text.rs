@@ -22,7 +22,10 @@ impl Display for Inspection {
             std::array::from_fn::<_, 3, _>(|a| format!("{:.1}", g.size()[a] as f64 * g.spacing()[a])).join(" x ");
         writeln!(f, "{}", self.path.display())?;
         let mut row = |name: &str, value: String| writeln!(f, "  {name:<12} {value}");
-        row("content", self.content.summary(&h.description))?;
+        let own =
+            h.description.starts_with("aventail") && h.description.contains("dose") && h.description.contains("Gy");
+        let what = if own || h.format == "DICOM RT Dose" { "dose in Gy" } else { "image" };
+        row("content", self.content.summary(what, &h.description))?;
         row("size", format!("{size} voxels of {spacing} mm = {extent} mm"))?;
         row(
             "origin",
@@ -62,10 +65,10 @@ impl Display for Inspection {
 }
 
 impl Content {
-    /// In a few words; the header's text may tell a field's direction, which its format does not.
-    fn summary(&self, description: &str) -> String {
+    /// `image` is what an image is called; the header's text may tell a field's direction, which its format does not.
+    fn summary(&self, image: &str, description: &str) -> String {
         match self {
-            Self::Image { values, .. } => format!("image, {values}"),
+            Self::Image { values, .. } => format!("{image}, {values}"),
             Self::Labels { labels, .. } => format!("label map, {}", counted(labels.len(), "label", "labels")),
             Self::Field { .. } => match frames_of(description) {
                 Some(FieldFrames { from, to }) => format!("displacement field, {from} to {to} by its description"),
@@ -117,10 +120,14 @@ impl Display for Range {
     }
 }
 
-/// Up to four decimals, no trailing zeros.
+/// Up to four decimals, of less the first digits, no trailing zeros.
 fn short(value: f64) -> String {
-    if value != 0.0 && value.abs() < 1e-3 || value.abs() >= 1e9 {
+    if value != 0.0 && value.abs() < 1e-7 || value.abs() >= 1e9 {
         return format!("{value:.3e}");
+    }
+    if value != 0.0 && value.abs() < 1e-3 {
+        let digits = (1.0 - value.abs().log10().floor()) as usize;
+        return format!("{value:.digits$}").trim_end_matches('0').into();
     }
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -138,4 +145,14 @@ fn in_words(code: &str) -> String {
         _ => "inferior",
     };
     format!("axes run to {}", code.chars().map(word).collect::<Vec<_>>().join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_values_are_plain_numbers() {
+        assert_eq!([6.248e-5, 0.0, 66.0, -0.000_4, 1.5e-9].map(short), ["0.000062", "0", "66", "-0.0004", "1.500e-9"]);
+    }
 }

@@ -8,6 +8,7 @@ mod deformable;
 mod element;
 mod rigid;
 
+pub(super) use deformable::describe_deformable;
 pub(in super::super) use deformable::read_field;
 pub use deformable::{Deformable, read_deformable, write_deformable, write_pull, write_push};
 pub use rigid::{RigidRegistration, read_rigid, write_rigid};
@@ -49,6 +50,15 @@ pub fn reference_of(path: &Path) -> Option<Written> {
     kind_of(path)?;
     let Opened::Object(object, _) = open(path, tags::STUDY_DATE) else { return None };
     Some([tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(|tag| super::elements::text(&object, tag)))
+}
+
+/// The frames of reference that a registration joins to its own; none of objects of other kinds.
+pub(super) fn registered_frames(set: &InMemDicomObject) -> Vec<String> {
+    let of = |sequence, frame| {
+        super::elements::items(set, sequence).iter().map(move |item| super::elements::text(item, frame))
+    };
+    let rigid = of(tags::REGISTRATION_SEQUENCE, tags::FRAME_OF_REFERENCE_UID);
+    rigid.chain(of(tags::DEFORMABLE_REGISTRATION_SEQUENCE, tags::SOURCE_FRAME_OF_REFERENCE_UID)).collect()
 }
 
 /// What a new registration says of itself.

@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::field::{PullField, PushField};
 use crate::geometry::Grid;
 use crate::io::bytes::{read_bytes, sha256};
+use crate::io::dicom::find::Object;
 use crate::io::dicom::series::Series;
 use crate::io::dicom::write::{Frames, Origin, decimals, orientation, put, references, save};
 use crate::io::{FieldFile, HeaderNotes, Loaded};
@@ -162,6 +163,17 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Deformable> {
     let identity = before == Matrix4::identity() && after == Matrix4::identity();
     let displacement = if identity { Volume::new(grid, vectors)? } else { Volume::from_fn(grid.clone(), displacement) };
     Ok(Deformable { from, to, displacement })
+}
+
+/// Of an object's header: the frame of reference whose points it takes, the one where they arrive, and its grid.
+pub(in crate::io::dicom) fn describe_deformable(object: &Object) -> Result<(String, String, Grid)> {
+    let (source, set): (_, &InMemDicomObject) = (Source { path: &object.path }, &object.header);
+    let item = the_one(&source, set)?;
+    let to = source.text(item, tags::SOURCE_FRAME_OF_REFERENCE_UID, "Source Frame of Reference UID")?;
+    let [grid_item] = source.items(item, tags::DEFORMABLE_REGISTRATION_GRID_SEQUENCE) else {
+        return Err(source.damaged("it has not one deformation grid".into()));
+    };
+    Ok((source.text(set, tags::FRAME_OF_REFERENCE_UID, "Frame of Reference UID")?, to, grid(&source, grid_item)?))
 }
 
 /// The one registration that has a grid; others must do nothing.
