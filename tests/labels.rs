@@ -150,6 +150,30 @@ fn what_is_not_one_map_is_refused() {
 }
 
 #[test]
+fn names_beside_a_label_map_are_pointed_at_and_taken() {
+    let here = place("beside");
+    let all = bones();
+    let most = renamed(|n| (n != "hyoid").then(|| n.to_owned()));
+    let bare = files::labels(&here.join("all.nii.gz"), &LabelMap { names: BTreeMap::new(), ..most });
+    let table = serde_json::json!({ "labels": all.names });
+    fs::write(here.join("other.json"), "{\"outputs\": []}").unwrap();
+    let out = here.join("out.nii.gz");
+    refused(&[&bare, Path::new("--out"), &out], 4, &["no names", "with names in its header or in --labels (JSON)"]);
+    let names = files::bytes(&here.join("bones.json"), table.to_string().as_bytes());
+    let hint = format!("{0} lies beside it: give --labels {0}", names.display());
+    refused(&[&bare, Path::new("--out"), &out], 4, &[&hint]);
+    let skeleton = aventail().arg("skeleton").arg("--bones").arg(&bare).assert().code(4);
+    assert!(String::from_utf8_lossy(&skeleton.get_output().stderr).contains(&hint));
+    // A mask keeps the name of its file.
+    let hyoid = mask(&here.join("hyoid.nii.gz"), "hyoid");
+    let mut merge = aventail();
+    merge.args(["labels", "merge"]).args([&hyoid, &bare]).arg("--labels").arg(&names).arg("--out").arg(&out);
+    merge.assert().success();
+    let found = read_labels(&out, None).unwrap().value;
+    assert_eq!(by_name(&found), by_name(all));
+}
+
+#[test]
 fn structure_sets_are_drawn_on_the_grid() {
     let here = place("structures");
     let ct = dicom_planning();

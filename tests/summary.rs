@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read what it wrote fails")]
 
-use crate::support::{Register, aventail, done, folder};
+use crate::support::{Register, aventail, done, folder, small_phantom};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -90,6 +90,18 @@ fn a_run_tells_what_it_will_need_and_writes_nothing() {
     let bytes = told["memory_bytes"].as_f64().unwrap();
     assert!((5e7..2e9).contains(&bytes), "{bytes}");
     assert!(!register.out.exists());
+    // It needs no folder.
+    let p = small_phantom();
+    let estimate = |bones: &Path| {
+        let mut run = aventail();
+        run.args(["register", "--estimate", "--planning"]).arg(&p.planning).arg("--fraction").arg(&p.fraction);
+        run.arg("--bones").arg(bones);
+        run
+    };
+    let run = estimate(&p.bones).assert().success();
+    assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("GB of memory"));
+    let run = estimate(Path::new("auto")).assert().code(2);
+    assert!(String::from_utf8_lossy(&run.get_output().stderr).contains("add --out DIR"));
     // What the run would refuse before it begins, this refuses too.
     let marks = register.out.with_file_name("cut_landmarks.csv");
     fs::write(&marks, "name,planning_x,planning_y\nnose,1,2\n").unwrap();

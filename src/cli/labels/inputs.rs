@@ -3,7 +3,9 @@
 use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::dicom::{Role, check_frames, is_dicom_path, is_segmentation, is_structure_set};
-use crate::io::{read_bones, read_grid, read_label_map, read_label_map_on, read_labels};
+use crate::io::{
+    names_beside, read_bones, read_grid, read_label_map, read_label_map_on, read_label_names, read_labels,
+};
 use crate::volume::LabelMap;
 use crate::warning::Warning;
 use std::path::{Path, PathBuf};
@@ -66,6 +68,11 @@ impl LabelSources {
         self.passed_over.extend(others.iter().map(|f| f.display().to_string()));
         Ok(())
     }
+}
+
+/// Whether a file of names is one of label numbers, else it is one of a structure set's names.
+fn is_json(names: &Path) -> bool {
+    names.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
 fn is_image(file: &Path) -> bool {
@@ -131,7 +138,7 @@ impl LabelSource {
                 return Err(Error::usage(problem, "name the planning CT with --grid"));
             };
             check_frames(Role::Structures.at(&self.path), Role::Image.at(image))?;
-            read_bones(&self.path, names, &read_grid(image)?.0)?
+            read_bones(&self.path, names.filter(|n| !is_json(n)), &read_grid(image)?.0)?
         } else {
             read_label_map(&self.path, None)?
         };
@@ -141,6 +148,10 @@ impl LabelSource {
         let refuse = |problem: String, remedy: &str| {
             Err(Error::refused(findings::LABELS_NAMELESS, what.clone(), problem, remedy))
         };
+        if let (true, [_, _, ..], Some(names)) = (map.names.is_empty(), labels.as_slice(), names.filter(|n| is_json(n)))
+        {
+            map.names = read_label_names(names)?;
+        }
         if map.names.is_empty() {
             return match labels.as_slice() {
                 [] => Ok(None),
@@ -150,7 +161,11 @@ impl LabelSource {
                 }
                 many => refuse(
                     format!("it has {} values besides 0 ({}) and no names: no mask", many.len(), some(many)),
-                    "give a mask of one structure, or a label map with names in its header",
+                    &match names_beside(&self.path) {
+                        Some(names) => format!("{names} lies beside it: give --labels {names}"),
+                        None => "give a mask of one structure, or a label map with names in its header or in --labels (JSON)"
+                            .to_owned(),
+                    },
                 ),
             };
         }
@@ -158,7 +173,7 @@ impl LabelSource {
         if !nameless.is_empty() {
             return refuse(
                 format!("labels without a name: {}", some(&nameless)),
-                "name every label that occurs in the header's table",
+                "name every label that occurs, in the header's table or in --labels (JSON)",
             );
         }
         let Some(given) = &self.given else { return Ok(Some(map).filter(|_| !labels.is_empty())) };

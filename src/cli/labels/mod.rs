@@ -55,6 +55,7 @@ pub struct MergeArgs {
     /// Planning CT: gives the grid for structure sets; all other files must have the same grid
     #[arg(long, value_name = "IMAGE")]
     pub grid: Option<PathBuf>,
+    /// Names of the labels (JSON), {"labels": {"1": "skull", ...}}, of label maps without names; or a
     /// TOML file that translates names of a structure set that are not recognised, in a table
     /// `bones` with lines such as "Unterkiefer" = "mandible"
     #[arg(long, value_name = "FILE")]

@@ -4,7 +4,7 @@ use super::super::args::{PlanningArgs, RunArgs};
 use super::super::clinic::ClinicArgs;
 use super::super::organs::OrganArgs;
 use clap::{Args, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(in super::super) const HELP: &str = "\
 Needs --planning, --bones and --fraction, unless --config names the report of an earlier run.
@@ -71,8 +71,8 @@ pub struct RegisterArgs {
     #[arg(long, value_enum)]
     pub planning_modality: Option<ModalityName>,
     /// Folder for the results; made if missing
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "estimate")]
+    pub out: Option<PathBuf>,
     /// Organs and their change of volume.
     #[command(flatten)]
     pub organs: OrganArgs,
@@ -150,6 +150,13 @@ pub struct RegisterArgs {
     /// Options of every run.
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+impl RegisterArgs {
+    /// The folder for the results; empty where only an estimate is asked for.
+    pub(super) fn folder(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(""))
+    }
 }
 
 /// What places bones that have labels in both scans.

@@ -43,14 +43,18 @@ pub(super) fn run_shown(args: &RegisterArgs, show: impl Fn(bool) -> Box<dyn Prog
     let samples = sampling(args)?;
     let runtime = Runtime::new(args.run.work.threads, show(args.run.shown.quiet || args.estimate))?;
     let command = request.command.clone();
-    let beside = BonesBy { beside: &args.out, command: &command, quiet: args.run.shown.quiet };
+    if args.out.is_none() && request.wants_bones() {
+        let problem = "labels that are \"auto\" are made first and kept beside --out, which is not given";
+        return Err(Error::usage(problem, "add --out DIR, or give labels"));
+    }
+    let beside = BonesBy { beside: args.folder(), command: &command, quiet: args.run.shown.quiet };
     request.make_bones(beside, &runtime)?;
     if args.estimate {
         request.settle()?;
         let memory_bytes = request.expected_memory()?;
         return Estimate { memory_bytes, threads: runtime.threads() }.told(args.run.told.json);
     }
-    let folder_of = |name: &str| if names.len() > 1 { args.out.join(name) } else { args.out.clone() };
+    let folder_of = |name: &str| if names.len() > 1 { args.folder().join(name) } else { args.folder().to_owned() };
     let folders: Vec<PathBuf> = names.iter().map(|name| folder_of(name)).collect();
     let (mut index, held) = hold(args, &request, &folders)?;
     let expected = request.expected_memory()?;
@@ -150,7 +154,7 @@ fn hold(args: &RegisterArgs, request: &Request, folders: &[PathBuf]) -> Result<(
     let files = request.files();
     let files: Vec<&Path> = files.iter().map(PathBuf::as_path).chain(args.config.as_deref()).collect();
     let planned = Registered::planned(&request.config, request.clinic.is_some());
-    let index = (folders.len() > 1).then(|| Index::hold(&args.out, &files)).transpose()?;
+    let index = (folders.len() > 1).then(|| Index::hold(args.folder(), &files)).transpose()?;
     Ok((index, folders.iter().map(|folder| run_folder(folder, &planned, &files)).collect::<Result<_>>()?))
 }
 

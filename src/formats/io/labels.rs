@@ -217,9 +217,31 @@ pub fn read_structures(path: impl AsRef<Path>, names: Option<&Path>) -> Result<L
     })
 }
 
+/// A JSON file with names of labels beside a label map, where there is one: of several the one of the same name, else the first.
+pub fn names_beside(path: &Path) -> Option<String> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let stem = |file: &Path| {
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        name.split('.').next().unwrap_or_default().to_owned()
+    };
+    let small = |file: &Path| file.metadata().is_ok_and(|about| about.is_file() && about.len() < MOST_OF_NAMES);
+    let json = |file: &Path| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let named = |file: &Path| json(file) && small(file) && read_names(file).is_ok_and(|names| !names.is_empty());
+    let files = std::fs::read_dir(folder).ok()?.flatten().map(|entry| path.with_file_name(entry.file_name()));
+    let found = files.filter(|file| named(file)).min_by_key(|file| (stem(file) != stem(path), file.clone()))?;
+    Some(found.display().to_string())
+}
+
+/// No file of names of labels is as long as this, bytes.
+const MOST_OF_NAMES: u64 = 1 << 20;
+
 fn no_names(path: &Path) -> Error {
-    let remedy = "give a JSON file with --labels: {\"labels\": {\"1\": \"skull\", \"2\": \"vertebrae_C1\"}}, with TotalSegmentator's \
-        names; or use a label map that TotalSegmentator wrote with --ml, which has them in its header";
+    let remedy = match names_beside(path) {
+        Some(names) => format!("{names} lies beside it: give --labels {names}"),
+        None => "give a JSON file with --labels: {\"labels\": {\"1\": \"skull\", \"2\": \"vertebrae_C1\"}}, with TotalSegmentator's \
+                 names; or use a label map that TotalSegmentator wrote with --ml, which has them in its header"
+            .to_owned(),
+    };
     Error::input(path.display().to_string(), "its header holds no names of its labels", remedy)
 }
 

@@ -76,12 +76,17 @@ fn read(path: &Path, on_bones: bool) -> Result<Vec<(String, Landmark)>> {
 /// Position of a column.
 fn column(path: &Path, header: &StringRecord, name: &str) -> Result<usize> {
     header.iter().position(|h| h.eq_ignore_ascii_case(name)).ok_or_else(|| {
-        let problem = format!("line 1 names no column {name}: {}", header.iter().collect::<Vec<_>>().join(","));
-        Error::input(
-            path.display().to_string(),
-            problem,
-            format!("start the file with the line {}{}", if name == "bone" { "bone," } else { "" }, COLUMNS.join(",")),
-        )
+        let cells = header.iter().collect::<Vec<_>>().join(",");
+        let other = if cells.contains(';') { Some("semicolons") } else { cells.contains('\t').then_some("tabs") };
+        let problem = match other.filter(|_| header.len() == 1) {
+            Some(other) => format!(
+                "line 1 has {other} and no commas: columns are separated by commas, decimals by points: {cells}"
+            ),
+            None => format!("line 1 names no column {name}: {cells}"),
+        };
+        let first = if name == "bone" { "bone," } else { "" };
+        let remedy = format!("start the file with the line {first}{}", COLUMNS.join(","));
+        Error::input(path.display().to_string(), problem, remedy)
     })
 }
 
@@ -175,6 +180,11 @@ mod tests {
         let contours = format!("{{\"contours\":[{}0]}}", "1,2,".repeat(9999));
         let text = read(&contours).unwrap_err().to_string();
         assert!(text.contains("no column name") && text.len() < 1500, "{text}");
+        for between in [";", "\t"] {
+            let text = format!("{head}a;1,5;2;3;4;5;6\n").replace(',', between);
+            let text = read(&text).unwrap_err().to_string();
+            assert!(text.contains("no commas: columns are separated by commas, decimals by points"), "{text}");
+        }
         let text = read("name,x,y,z\na,1,2,3\n").unwrap_err().to_string();
         assert!(text.contains("no column planning_x"), "{text}");
     }
