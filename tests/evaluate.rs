@@ -57,6 +57,7 @@ fn the_true_field_of_the_phantom_passes() {
     command.arg("--labels-planning").arg(&phantom().bones).arg("--labels-fraction").arg(&phantom().bones);
     let run = command.assert().success();
     let table = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    assert!(table.lines().all(|line| line.trim_end() == line), "{table:?}");
     assert!(table.contains("a physicist decides") && !table.contains("approved"), "{table}");
     let names = files_below(&out);
     for name in ["evaluation.csv", "evaluation.html", "evaluation.json", "evaluation.md", "landmarks.csv"] {

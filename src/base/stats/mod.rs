@@ -9,6 +9,16 @@ pub use grey::{Line, gain_and_offset};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// A volume in words, ml: with a decimal below 10 ml, so that a little is not nothing.
+pub fn millilitres(ml: f64) -> String {
+    match ml {
+        0.0 => "0 ml".into(),
+        little if little < 0.05 => "less than 0.1 ml".into(),
+        some if some < 9.95 => format!("{some:.1} ml"),
+        much => format!("{much:.0} ml"),
+    }
+}
+
 /// Summary of a sample. Percentiles interpolate linearly between order statistics (type 7, as NumPy).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Summary {
@@ -86,6 +96,12 @@ pub fn percentile(sorted: &[f64], p: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_little_is_not_nothing() {
+        let told = [0.0, 0.02, 0.31, 9.96, 41.4].map(millilitres);
+        assert_eq!(told, ["0 ml", "less than 0.1 ml", "0.3 ml", "10 ml", "41 ml"]);
+    }
 
     #[test]
     fn summary_matches_hand_values() {

@@ -20,7 +20,9 @@ pub enum Stop {
 }
 
 const CONVERGED: &str = "converged";
-const NO_DESCENT: &str = "no descent found";
+const NO_DESCENT: &str = "converged (no better pose near)";
+/// How earlier reports tell it.
+const NO_DESCENT_EARLIER: &str = "no descent found";
 const ITERATION_LIMIT: &str = "iteration limit ";
 const FOLLOWS_JOINT: &str = "follows its joint";
 
@@ -48,7 +50,7 @@ impl From<String> for Stop {
         match (words.as_str(), limit) {
             (_, Some(most)) => Self::IterationLimit(most),
             (CONVERGED, _) => Self::Converged,
-            (NO_DESCENT, _) => Self::NoDescent,
+            (NO_DESCENT | NO_DESCENT_EARLIER, _) => Self::NoDescent,
             (FOLLOWS_JOINT, _) => Self::FollowsJoint,
             _ => Self::Other(words),
         }
@@ -63,7 +65,7 @@ mod tests {
     fn a_report_gives_back_what_it_was_told() {
         for (stop, words) in [
             (Stop::Converged, "converged"),
-            (Stop::NoDescent, "no descent found"),
+            (Stop::NoDescent, "converged (no better pose near)"),
             (Stop::IterationLimit(50), "iteration limit 50"),
             (Stop::FollowsJoint, "follows its joint"),
             (Stop::Other("12 landmarks, 0.40 mm rms".into()), "12 landmarks, 0.40 mm rms"),
@@ -71,5 +73,6 @@ mod tests {
             assert_eq!(String::from(stop.clone()), words);
             assert_eq!(Stop::from(words.to_owned()), stop);
         }
+        assert_eq!(Stop::from("no descent found".to_owned()), Stop::NoDescent);
     }
 }

@@ -6,13 +6,13 @@ use crate::evaluate::couch::CouchMatch;
 use crate::evaluate::jacobian::JacobianReport;
 use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::verdict::{Verdict, against, measured, overall};
-use crate::findings::{Finding, Told};
+use crate::findings::{self, Finding, Told};
 use crate::fit::DeterminedBy;
 use crate::pipeline::{GuideReached, OutlineAgreement};
 use crate::warning::{Warning, counted};
 use std::fmt::Write;
 
-/// The figures that matter as a text table of one screen.
+/// The figures that matter as a text table: one screen, and the warnings in full.
 pub fn terminal_table(report: &Report) -> String {
     let mut rows: Vec<(&str, String)> = vec![("verdict", verdict(&report.verdicts))];
     if let Some(found) = &report.landmarks {
@@ -35,7 +35,7 @@ pub fn terminal_table(report: &Report) -> String {
         rows.push(("rigidity", format!("{:.1e} mm rms at worst ({})", worst.rms_mm, worst.name)));
     }
     rows.extend(jacobian(&report.jacobian));
-    if report.one_scan() {
+    if report.one_scan() && !report.warnings.iter().any(|w| w.is(findings::SAME_SCAN)) {
         rows.insert(1, ("", ONE_SCAN.to_owned()));
     }
     if let Some(kind) = &report.fraction_kind {
@@ -140,26 +140,34 @@ fn guided(guide: &GuideReached) -> String {
 
 /// Warnings that the terminal tells.
 const WARNED: usize = 8;
-/// Letters of a line of warning, about.
-const LETTERS: usize = 150;
+/// Letters of a line of warning.
+const LETTERS: usize = 100;
 
-/// One line for each warning, those that put the result in doubt first; what to do stands in the report.
+/// Each warning in full, those that put the result in doubt first.
 fn warnings(all: &[Warning]) -> Vec<String> {
     let doubt = |w: &Warning| Finding::of(&w.code).map_or((false, false), |f| (f.told == Told::Refused, f.doubted));
     let mut ordered: Vec<&Warning> = all.iter().collect();
     ordered.sort_by_key(|w| std::cmp::Reverse(doubt(w)));
-    let mut lines: Vec<String> = ordered.iter().take(WARNED).map(|w| one_line(w)).collect();
+    let mut lines: Vec<String> = ordered.iter().take(WARNED).flat_map(|w| in_lines(w)).collect();
     if ordered.len() > WARNED {
         lines.push(format!("and {} more in the report", ordered.len() - WARNED));
     }
     lines
 }
 
-/// Code and first words of a warning.
-fn one_line(warning: &Warning) -> String {
-    let words = warning.message.split_whitespace().collect::<Vec<_>>().join(" ");
-    let text = format!("{}: {words}", warning.code);
-    first_words(&text, LETTERS).map(|head| format!("{head} ...")).unwrap_or(text)
+/// Code and words of a warning, in lines; all but the first stand further in.
+fn in_lines(warning: &Warning) -> Vec<String> {
+    let mut lines = vec![format!("{}:", warning.code)];
+    for word in warning.message.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= LETTERS => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(format!("  {word}")),
+        }
+    }
+    lines
 }
 
 /// Local correlation of the images, as scanned, with the couch shift and registered.
@@ -200,7 +208,7 @@ pub(super) fn verdict(verdicts: &[Verdict]) -> String {
     } else {
         let named: Vec<&str> = reasons.iter().take(NAMED).map(|v| v.name.as_str()).collect();
         let more = reasons.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
-        write!(text, ": {}{more}", named.join(", ")).expect("writing to a string does not fail");
+        write!(text, ": {}{more}", named.join("; ")).expect("writing to a string does not fail");
     }
     text
 }
@@ -235,5 +243,21 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("bone contact") && text.contains("skull's centre moves most"), "{text}");
+    }
+    #[test]
+    fn a_warning_is_told_to_its_end() {
+        let (case, mut outcome, run) = example::small();
+        let words = format!("{} {}", "some word or other".repeat(12), "and at last what to do about it");
+        outcome.warnings = vec![Warning::new(findings::BONE_IN_PIECES, words.clone())];
+        let text = terminal_table(&Report::new(&case, &outcome, &run));
+        let told = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(told.contains(&words) && text.lines().all(|l| l.chars().count() <= 120), "{text}");
+    }
+
+    #[test]
+    fn names_with_commas_stay_whole() {
+        let limits = crate::evaluate::verdict::Limits::default();
+        let told = verdict(&[limits.dice("cord", 0.1), limits.dice("parotid", 0.1)]);
+        assert_eq!(told, "FAIL: cord, Dice; parotid, Dice");
     }
 }

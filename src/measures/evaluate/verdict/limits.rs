@@ -3,7 +3,7 @@
 use super::{Figure, Mark, TG132, Verdict};
 use crate::evaluate::agreement::{Agreement, TissueAgreement};
 use crate::evaluate::uncertainty::in_mm;
-use crate::stats::Summary;
+use crate::stats::{Summary, millilitres};
 use crate::warning::counted;
 use serde::{Deserialize, Serialize};
 
@@ -175,7 +175,7 @@ impl Limits {
         if p95_mm.is_none() {
             verdict.reason = format!("{} mm: beyond {} mm", in_mm(None, 1), self.uncertainty_mm);
         }
-        verdict.reason.push_str(&format!("; {above_2mm_ml:.0} ml have more than 2 mm or are not known"));
+        verdict.reason.push_str(&format!("; {} have more than 2 mm or are not known", millilitres(above_2mm_ml)));
         verdict
     }
 

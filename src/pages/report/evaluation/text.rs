@@ -113,7 +113,8 @@ pub fn terminal_table(report: &EvaluationReport) -> String {
         writeln!(out, "  verdict {}", verdict(verdicts)).expect("writing to a string does not fail");
         for c in verdicts {
             let value = number(c.value, &c.unit);
-            writeln!(out, "  {:<6} {:<52} {value} {}", c.verdict.name(), c.name, c.unit)
+            let unit = if c.unit.is_empty() { String::new() } else { format!(" {}", c.unit) };
+            writeln!(out, "  {:<6} {:<52} {value}{unit}", c.verdict.name(), c.name)
                 .expect("writing to a string does not fail");
         }
         let bones = &field.assessment.rigidity;

@@ -8,6 +8,7 @@ use crate::evaluate::landmark::LandmarkReport;
 use crate::evaluate::uncertainty::in_mm;
 use crate::fit::DeterminedBy;
 use crate::geometry::Grid;
+use crate::stats::millilitres;
 use crate::warning::counted;
 use maud::{Markup, html};
 use std::path::Path;
@@ -154,7 +155,7 @@ pub(super) fn cards(report: &Report) -> Markup {
             }
             (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
             @if let Some(u) = &report.uncertainty {
-                (card("Uncertainty of soft tissue, 95th percentile", html! { (in_mm(u.soft_tissue_mm.p95, 1)) small { " mm" } }, &format!("{:.0} ml have more than 2 mm or are not known", u.above_2mm_ml)))
+                (card("Uncertainty of soft tissue, 95th percentile", html! { (in_mm(u.soft_tissue_mm.p95, 1)) small { " mm" } }, &format!("{} have more than 2 mm or are not known", millilitres(u.above_2mm_ml))))
             } @else {
                 (card("Inverse, mean residual", mm(inverse.residual_mm.mean, 3), &format!("worst {:.3} mm; {} unconverged, {} folded over", inverse.residual_mm.max, counted(inverse.unconverged_tissue, "tissue voxel", "tissue voxels"), count(inverse.multiple))))
             }

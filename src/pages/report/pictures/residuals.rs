@@ -42,7 +42,9 @@ pub(in crate::report) fn draw(report: &LandmarkReport) -> Plate {
     Plate {
         file: "residuals.png",
         title: "Landmark residuals",
-        caption: "Number of landmarks by their distance from the true position in the fraction; bins about twice as wide each.".to_owned(),
+        caption:
+            "Number of landmarks by their distance from the true position in the fraction; bins widen to the right."
+                .to_owned(),
         canvas,
     }
 }

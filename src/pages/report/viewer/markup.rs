@@ -36,7 +36,7 @@ pub(in crate::report) fn section(view: &View) -> Markup {
         section.viewer #viewer hidden {
             h2 { "View the scans" }
             p.failed.note hidden { "This browser cannot show the volumes; use the pictures below." }
-            (tools(view.about["shifted"] == true))
+            (tools(view.about["shifted"] == true, view.about["landmarks"].as_array().is_some_and(|all| !all.is_empty())))
             p.key { span.seen {} span.scale hidden { b {} i {} b {} } span.note.window {} }
             div.planes {
                 (plane("axial"))
@@ -59,8 +59,8 @@ fn data(value: &serde_json::Value) -> PreEscaped<String> {
     PreEscaped(value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026"))
 }
 
-/// `shifted`: planning as scanned is already moved by the couch shift.
-fn tools(shifted: bool) -> Markup {
+/// `shifted`: planning as scanned is already moved by the couch shift; `marks`: there are landmarks to show.
+fn tools(shifted: bool, marks: bool) -> Markup {
     let modes = [
         ("colour", "Colour"),
         ("curtain", "Curtain"),
@@ -100,7 +100,7 @@ fn tools(shifted: bool) -> Markup {
         div.tools {
             label { "Window" select data-preset { @for (value, name) in presets { option value=(value) { (name) } } } }
             label { "Map" select data-map { @for (value, name) in maps { option value=(value) { (name) } } } }
-            @for (flag, name, colour) in flags {
+            @for (flag, name, colour) in flags.into_iter().filter(|(flag, ..)| marks || *flag != "marks") {
                 label {
                     input type="checkbox" data-flag=(flag);
                     @if !colour.is_empty() { i.outline style={ "color: " (colour) } {} }
@@ -187,6 +187,15 @@ mod tests {
         let about = about.split("</script>").next().unwrap();
         let back: serde_json::Value = serde_json::from_str(about).unwrap();
         assert_eq!((&back["names"]["1"], &back["landmarks"][0]["name"]), (&evil.into(), &evil.into()));
+    }
+
+    #[test]
+    fn landmarks_can_be_shown_where_there_are_some() {
+        let (case, mut outcome, _) = example::small();
+        let shown = |outcome: &_| section(&embed(&case, outcome, None).unwrap()).into_string();
+        assert!(shown(&outcome).contains("data-flag=\"marks\""));
+        outcome.landmarks = None;
+        assert!(!shown(&outcome).contains("data-flag=\"marks\"") && shown(&outcome).contains("data-flag=\"arrows\""));
     }
 
     #[test]
