@@ -35,6 +35,7 @@ fn many_runs_become_one_table_and_one_page() {
     let said = String::from_utf8(run.get_output().stdout.clone()).unwrap();
     assert!(said.contains("15 runs of 5 patients") && said.contains("1 with figures that stand apart"), "{said}");
     assert!(said.contains("patient 4, fx10: landmarks, mean 7.50 mm"), "{said}");
+    assert!(!said.contains(" ..."), "cut off: {said}");
     let summary = json(&out.join("summary.json"));
     let runs = summary["runs"].as_array().unwrap();
     let names: Vec<&str> = runs.iter().map(|r| r["fraction"].as_str().unwrap()).collect();

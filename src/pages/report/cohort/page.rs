@@ -87,7 +87,7 @@ fn first(cohort: &Cohort) -> Markup {
             ul.warnings {
                 @for w in &cohort.warnings { li { code { (w.code) } (w.message) } }
                 @for m in odd {
-                    li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m)) }
+                    li { a href=(report_link(m)) { b { (m.patient) ", " (m.fraction) } } ": " (why(cohort, m, true)) }
                 }
                 @for limit in &open { li { (limit) } }
                 @for folder in &cohort.unfinished { li { code { "unfinished" } (folder) } }

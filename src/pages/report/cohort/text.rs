@@ -63,10 +63,11 @@ const NAMED: usize = 3;
 /// Letters of a reason, about.
 const LETTERS: usize = 70;
 
-/// Why one does: what stands apart, then what its own report says, in a few words.
-pub(super) fn why(cohort: &Cohort, m: &Member) -> String {
+/// Why one does: what stands apart, then what its own report says, on a page in a few words.
+pub(super) fn why(cohort: &Cohort, m: &Member, few: bool) -> String {
     let mark = m.verdict.filter(|mark| *mark > Mark::Pass).map(|mark| mark.name().to_uppercase());
-    let reasons: Vec<String> = m.reasons.iter().take(NAMED).map(|reason| shortened(reason)).collect();
+    let reasons = m.reasons.iter().take(NAMED).map(|reason| if few { shortened(reason) } else { reason.clone() });
+    let reasons: Vec<String> = reasons.collect();
     let more = m.reasons.len().checked_sub(NAMED + 1).map_or(String::new(), |n| format!(" and {} more", n + 1));
     let against = mark.map(|mark| format!("{mark}: {}{more}", reasons.join("; ")));
     Some(apart(cohort, m)).filter(|text| !text.is_empty()).into_iter().chain(against).collect::<Vec<_>>().join("; ")
@@ -117,7 +118,7 @@ pub(super) fn terminal(cohort: &Cohort) -> String {
         }
     }
     for m in stand_out(cohort) {
-        let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, why(cohort, m));
+        let _ = writeln!(text, "  {}, {}: {}", m.patient, m.fraction, why(cohort, m, false));
     }
     for w in &cohort.warnings {
         let _ = writeln!(text, "  warning ({}): {}", w.code, w.message);
