@@ -60,9 +60,7 @@ pub fn fit_pose_weighed(
     let levels = Levels::new(samples, fraction, options);
     let level = levels.at(BoneSamples::START)?;
     let mut fitter = Fitter::new(skeleton, options, &level, shapes(samples, fraction, options));
-    if let FitStart::Placed(known) = &start {
-        fitter.given = known.iter().map(Option::is_some).collect();
-    }
+    fitter.given = start.given();
     let attempts = Attempts { fitter, level: &level, levels, samples, fraction, options, progress };
     let bones = skeleton.bones.len();
     let common = |found: Starts| -> Vec<Start> {

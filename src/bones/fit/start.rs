@@ -38,6 +38,16 @@ pub enum FitStart<'a> {
 /// Explained share of the couch shift below which the user should look twice.
 pub(super) const WEAK_START: f64 = 0.4;
 
+impl FitStart<'_> {
+    /// Which bones are given their motion; none where no single one is.
+    pub(super) fn given(&self) -> Vec<bool> {
+        match self {
+            Self::Placed(known) => known.iter().map(Option::is_some).collect(),
+            Self::Search | Self::Near(_) => Vec::new(),
+        }
+    }
+}
+
 /// Step of the exhaustive search, mm. Half the width of the blur that the images get for it.
 /// With half of it, and as many finalists, a cone-beam CT is not found.
 const STEP_MM: f64 = 10.0;

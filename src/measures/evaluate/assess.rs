@@ -148,11 +148,7 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     let moved =
         subject.bones.map(|labels| MovedBones { labels, rigid: subject.rigid, spine: subject.spine, moved: &rigidity });
     let shift = setup::shift(moved, push, &mask_push, subject.fraction.map_or(pull.grid(), Volume::grid));
-    let landmarks = (!subject.landmarks.is_empty()).then(|| landmark::evaluate(&pair.push, subject.landmarks));
-    let landmarks = landmarks.map(|l| match &shift {
-        Some(shift) => l.with_shift(&shift.mm),
-        None => l,
-    });
+    let landmarks = (!subject.landmarks.is_empty()).then(|| of_landmarks(subject, shift.as_ref()));
     let (contours, mapped) = match (subject.structures, subject.structures_fraction) {
         (Some(a), Some(b)) => runtime.stage("contours", || {
             let grid = b.volume.grid();
@@ -167,13 +163,10 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
         _ => None,
     };
     let agreement = match (subject.planning, subject.fraction) {
-        (Some(planning), Some(fraction)) if shows_air(fraction) => Some(runtime.stage("compare images", || {
-            let (couch, alone) = shift.as_ref().map_or((Vector3::zeros(), Alone::Mean), |s| (s.mm, s.alone));
-            let body = same_grid(patient.as_ref().unwrap_or(&mask), planning.grid());
-            let labels: Vec<u16> = subject.rigid.iter().map(|(label, _)| *label).collect();
-            let bones = subject.bones.map(|map| (&map.volume, &labels[..]));
-            agreement::evaluate(&agreement::Images { pull, planning, fraction, body: &body, bones, couch, alone })
-        })),
+        (Some(a), Some(b)) if shows_air(b) => {
+            let body = patient.as_ref().unwrap_or(&mask);
+            Some(runtime.stage("compare images", || agree(subject, [a, b], body, shift.as_ref())))
+        }
         _ => None,
     };
     let mut assessment = Assessment {
@@ -194,6 +187,30 @@ pub fn assess(subject: &Subject<'_>, limits: &Limits, runtime: &Runtime) -> Resu
     };
     assessment.verdicts = verdicts(&assessment, pair, limits);
     Ok((assessment, Maps { jacobian: map, measured: mask, structures: mapped }))
+}
+
+/// Residuals of the landmarks, with one shift of the whole scan, too.
+fn of_landmarks(subject: &Subject<'_>, shift: Option<&MeanShift>) -> LandmarkReport {
+    let found = landmark::evaluate(&subject.pair.push, subject.landmarks);
+    match shift {
+        Some(shift) => found.with_shift(&shift.mm),
+        None => found,
+    }
+}
+
+/// How far the images agree in the patient, compared with one shift of the whole scan.
+fn agree(
+    subject: &Subject<'_>,
+    [planning, fraction]: [&Volume<f32>; 2],
+    body: &Mask,
+    shift: Option<&MeanShift>,
+) -> Agreement {
+    let (couch, alone) = shift.map_or((Vector3::zeros(), Alone::Mean), |s| (s.mm, s.alone));
+    let body = same_grid(body, planning.grid());
+    let labels: Vec<u16> = subject.rigid.iter().map(|(label, _)| *label).collect();
+    let bones = subject.bones.map(|map| (&map.volume, &labels[..]));
+    let pull = &subject.pair.pull.displacement;
+    agreement::evaluate(&agreement::Images { pull, planning, fraction, body: &body, bones, couch, alone })
 }
 
 /// Whether an image has values of air, as CTs in HU do and MR images do not.

@@ -67,7 +67,7 @@ pub fn terminal_table(report: &Report) -> String {
     rows.push((
         "consistency",
         format!(
-            "inverse-consistency error {:.3} mm mean, {:.2} mm worst beyond 10 mm from bone contact, off sliding surfaces",
+            "inverse-consistency error {:.3} mm mean, {:.2} mm worst, 10 mm of bone contact and 5 of sliding left out",
             back.mean, back.max
         ),
     ));

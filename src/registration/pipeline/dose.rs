@@ -132,7 +132,11 @@ fn warnings(caution: &Caution, balance: Option<&EnergyBalance>) -> Vec<Warning> 
     let mut all = Vec::new();
     let outside = caution.folded_or_outside - caution.folded;
     if caution.folded > 0 {
-        let more = if outside > 0 { format!("; {} the images", counted(outside, "more leaves", "more leave")) } else { String::new() };
+        let more = if outside > 0 {
+            format!("; {} the images", counted(outside, "more leaves", "more leave"))
+        } else {
+            String::new()
+        };
         let message = format!(
             "{} in steep dose (more than 1 % of the maximum per mm) where the field folds: the dose there is not to be \
              trusted{more}",

@@ -22,7 +22,7 @@ pub fn judge(case: &Case, outcome: &Outcome, limits: &Limits) -> Vec<Verdict> {
     let back = &outcome.consistency.there_and_back_mm;
     if back.n > 0 {
         all.push(limits.consistency(
-            "inverse consistency beyond 10 mm from bone contact, off sliding surfaces",
+            "inverse consistency beyond 10 mm from bone contact and 5 mm from sliding surfaces",
             back.p95,
             voxel,
         ));

@@ -405,7 +405,7 @@ pub(super) fn inverse_and_links(report: &Report) -> Markup {
                 thead { tr { th { "Inverse (pull field, fraction grid)" } th {} } }
                 tbody {
                     tr { td { "Residual, mean / 95 % / worst" } td.n { (format!("{:.4} / {:.4} / {:.4} mm", r.mean, r.p95, r.max)) } }
-                    tr { td { "Inverse-consistency error (planning to fraction and back) beyond 10 mm from bone contact, off sliding surfaces, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
+                    tr { td { "Inverse-consistency error (planning to fraction and back) beyond 10 mm from bone contact and 5 mm from sliding surfaces, mean / 95 % / worst" } td.n { (format!("{:.3} / {:.3} / {:.3} mm", back.mean, back.p95, back.max)) } }
                     tr { td { "Of those, beyond the limit that soft tissue is moved to (consistency.limit_mm; before it was moved)" } td.n { (count(report.consistency.beyond)) " (" (count(report.consistency.beyond_before)) ") of " (count(back.n)) } }
                     tr { td { "Voxels inverted, of all in the fraction's grid (shares are of these)" } td.n { (count(r.n)) " of " (count(inverse.voxels)) } }
                     tr { td { "Not converged" } td.n { (share(inverse.unconverged)) } }
