@@ -229,7 +229,7 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
     for bone in &fit.bones {
         if bone.determined_by == DeterminedBy::Joint && bone.visible > SHOULD_BE_FOUND {
             let message = format!(
-                "{} follows its joint: {:.0} % of it should be of use in the fraction, but {} of its contrast is found \
+                "{} follows its joint: {:.0} % of it should be seen in the fraction, but {} of its contrast is found \
                  where the joint holds it, too little to place it",
                 bone.name,
                 100.0 * bone.visible,

@@ -11,7 +11,7 @@ mod warned;
 
 pub use domain::Domain;
 pub use limits::Limits;
-pub use warned::of_warnings;
+pub use warned::{is_warning, of_warnings};
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -79,7 +79,7 @@ pub fn against(verdicts: &[Verdict]) -> Vec<&Verdict> {
 
 /// Those of measured figures: a warning is a verdict only where it is given, and no rule that could pass.
 pub fn measured(verdicts: &[Verdict]) -> impl Iterator<Item = &Verdict> {
-    verdicts.iter().filter(|v| !warned::is_warning(v))
+    verdicts.iter().filter(|v| !is_warning(v))
 }
 
 /// Name of the source of most limits.

@@ -20,7 +20,7 @@ pub fn of_warnings(warnings: &[Warning]) -> Vec<Verdict> {
 const WARNING: &str = "warning: ";
 
 /// Whether a verdict is that of a warning.
-pub(super) fn is_warning(verdict: &Verdict) -> bool {
+pub fn is_warning(verdict: &Verdict) -> bool {
     verdict.name.starts_with(WARNING)
 }
 

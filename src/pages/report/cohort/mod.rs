@@ -15,7 +15,7 @@ pub use gather::Summary;
 use super::numbers::Report;
 use crate::config::InputRole;
 use crate::error::Result;
-use crate::evaluate::verdict::{Mark, against};
+use crate::evaluate::verdict::{Mark, Verdict, against, is_warning};
 use crate::findings;
 use crate::io::write_file;
 use crate::warning::Warning;
@@ -53,6 +53,11 @@ pub struct Member {
     pub warnings: Vec<String>,
 }
 
+/// Why a run is held back: the figure and what is said of it, of a warning what it says.
+fn why(verdict: &Verdict) -> String {
+    if is_warning(verdict) { verdict.reason.clone() } else { format!("{}: {}", verdict.name, verdict.reason) }
+}
+
 impl Member {
     /// Of a report, whose run lies in `folder` as seen from that of the summary.
     pub fn new(patient: String, fraction: String, folder: PathBuf, report: &Report) -> Self {
@@ -70,7 +75,7 @@ impl Member {
             version: report.version.clone(),
             figures: KINDS.iter().map(|kind| (kind.key, kind.of(report))).collect(),
             verdict: report.verdict,
-            reasons: worst.into_iter().map(|v| v.reason.clone()).collect(),
+            reasons: worst.into_iter().map(why).collect(),
             stand_apart: Vec::new(),
             warnings,
         }
@@ -289,6 +294,16 @@ mod tests {
         assert!(page.contains("&gt; 30") && page.contains("of a bone found in the image"), "{page}");
         let written = serde_json::to_value(&cohort).unwrap();
         assert!(written["runs"][3]["figures"]["uncertainty_p95_mm"].is_null());
+    }
+
+    #[test]
+    fn a_reason_names_its_figure() {
+        let (case, outcome, run) = example::small();
+        let mut report = Report::new(&case, &outcome, &run);
+        report.verdicts = vec![crate::evaluate::verdict::Limits::default().dice("cord", 0.1)];
+        report.verdict = Some(Mark::Fail);
+        let member = Member::new("P1".into(), "fx1".into(), "../r1".into(), &report);
+        assert_eq!(member.reasons, ["cord, Dice: 0.1: below 0.8"]);
     }
 
     #[test]

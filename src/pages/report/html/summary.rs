@@ -153,7 +153,7 @@ pub(super) fn cards(report: &Report) -> Markup {
             @if let Some(images) = &report.agreement {
                 (card("Images agree at bones / in soft tissue", html! { (correlation(images.bones)) " / " (correlation(images.soft_tissue)) }, &before(images)))
             }
-            (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.3} %)", j.body.folded_percent)) } }, &folded))
+            (card("Folded tissue cells", html! { (count(j.body.folded)) small { (format!(" ({:.4} %)", j.body.folded_percent)) } }, &folded))
             @if let Some(u) = &report.uncertainty {
                 (card("Uncertainty of soft tissue, 95th percentile", html! { (in_mm(u.soft_tissue_mm.p95, 1)) small { " mm" } }, &format!("{} have more than 2 mm or are not known", millilitres(u.above_2mm_ml))))
             } @else {
