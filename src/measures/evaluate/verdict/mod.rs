@@ -127,10 +127,11 @@ impl Figure<'_> {
             format!("pass {word} {strict}{unit}, else review")
         };
         let value = format!("{}{unit}", number(self.value));
+        let past = if word == "from" { "below" } else { "beyond" };
         let reason = match mark {
             Mark::Pass => format!("{value}: within the limit"),
-            Mark::Review => format!("{value}: beyond {strict}{unit}"),
-            Mark::Fail => format!("{value}: beyond {loose}{unit}"),
+            Mark::Review => format!("{value}: {past} {strict}{unit}"),
+            Mark::Fail => format!("{value}: {past} {loose}{unit}"),
         };
         self.said(limit, mark, reason)
     }
@@ -210,7 +211,7 @@ mod tests {
             assert!(!v.reason.is_empty() && !v.limit.is_empty(), "{v:?}");
             assert_eq!(v.remedy.is_empty(), v.verdict == Mark::Pass, "{v:?}");
         }
-        assert_eq!(all[1].reason, "0.70: beyond 0.8");
+        assert_eq!(all[1].reason, "0.70: below 0.8");
         assert_eq!(all[0].limit, "pass from 0.9, review from 0.8");
     }
 }

@@ -303,7 +303,7 @@ mod tests {
         report.verdicts = vec![crate::evaluate::verdict::Limits::default().dice("cord", 0.1)];
         report.verdict = Some(Mark::Fail);
         let member = Member::new("P1".into(), "fx1".into(), "../r1".into(), &report);
-        assert_eq!(member.reasons, ["cord, Dice: 0.1: below 0.8"]);
+        assert_eq!(member.reasons, ["cord, Dice: 0.10: below 0.8"]);
     }
 
     #[test]
