@@ -193,6 +193,22 @@ fn a_registration_alone_is_listed_with_the_frames_that_it_joins() {
     assert!(field.contains("deformable registration, frame A to B") && field.contains(&goes), "{field}");
 }
 
+/// An image carried by a registration names the series it was made of, of another frame of reference: once told as a problem.
+#[test]
+fn a_series_carried_by_registration_is_listed_without_a_problem() {
+    let all = folder().join("carried");
+    for name in ["planning", "fraction"] {
+        copy(&phantom().join("dicom").join(name), &all.join(name));
+    }
+    let (push, out) = (day().join("dicom/REG_planning_to_fraction.dcm"), all.join("on_planning"));
+    let (planning, fraction) = (all.join("planning"), all.join("fraction"));
+    let files: [(&str, &Path); 4] =
+        [("--field", &push), ("--input", &fraction), ("--dicom-like", &planning), ("--out", &out)];
+    done(&[&TO_PLANNING[..], &["--kind", "image"]].concat(), &files);
+    let shown = done(&["inspect"], &[("--anonymous", all.as_path())]);
+    assert!(shown.contains("of another frame of reference") && !shown.contains("problem"), "{shown}");
+}
+
 #[test]
 fn a_folder_of_series_images_and_a_run_shows_all_of_them() {
     let mixed = folder().join("mixed");

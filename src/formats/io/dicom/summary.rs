@@ -149,19 +149,23 @@ fn entry(
     let refers: BTreeSet<&String> = unit.objects.iter().flat_map(|o| &o.refers_to).collect();
     let meant = |g: &Group<'_>| refers.contains(&g.series.uid) || g.objects.iter().any(|o| refers.contains(&o.uid));
     let targets: Vec<usize> = (0..units.len()).filter(|&m| m != n && meant(&units[m])).collect();
-    let mut problems = Vec::new();
+    let (mut problems, mut notes) = (Vec::new(), Vec::new());
+    let is_image = matches!(s.modality.as_str(), "CT" | "MR");
     // A registration joins two frames of reference.
     for m in targets.iter().filter(|_| s.modality != "REG") {
         let other = &units[*m].series.frame_of_reference;
         if !other.is_empty() && !s.frame_of_reference.is_empty() && *other != s.frame_of_reference {
-            problems.push(format!("it refers to entry {} of another frame of reference", m + 1));
+            match is_image {
+                // An image carried by a registration names what it was made of.
+                true => notes.push(format!("made of entry {}, of another frame of reference", m + 1)),
+                false => problems.push(format!("it refers to entry {} of another frame of reference", m + 1)),
+            }
         }
     }
-    if matches!(s.modality.as_str(), "CT" | "MR") {
+    if is_image {
         let others: Vec<&Object> = units.iter().flat_map(|u| u.objects.iter().copied()).collect();
         problems.extend(lost_of(&unit.objects, &others).into_iter().map(|w| w.message));
     }
-    let mut notes = Vec::new();
     if targets.is_empty() && !refers.is_empty() {
         match s.modality.as_str() {
             "RTSTRUCT" => problems.push("the images that it was drawn on are not here".into()),
