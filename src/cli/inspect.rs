@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::findings;
 use crate::io::dicom::{Summary, is_listed, summary, summary_without};
 use crate::io::inspect::{FolderCheck, Inspection, check_folder, compare_grids, images, inspect};
+use crate::io::is_json;
 use clap::Args;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -50,7 +51,8 @@ struct Found {
 impl Found {
     /// A file is a record of a run, a list of DICOM, or an image; a folder may hold all of them.
     fn at(path: &Path, anonymous: bool) -> Result<Self> {
-        if is_record(path) {
+        // JSON is the record of a run.
+        if is_json(path) {
             return Ok(Self { runs: check_folder(path)?, ..Self::default() });
         }
         if is_listed(path) {
@@ -71,11 +73,6 @@ impl Found {
             None => Ok(Self { runs, dicom, images }),
         }
     }
-}
-
-/// Whether a file is JSON by its name: the record of a run.
-fn is_record(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
 /// The text, or with `json` the JSON document, that describes `files`.

@@ -1,6 +1,6 @@
 //! The joint tree as text.
 
-use super::anatomy::Kind;
+use super::anatomy::is_of_spine;
 use super::{Bone, Skeleton};
 use std::fmt::Write;
 
@@ -38,7 +38,7 @@ pub fn tree(skeleton: &Skeleton, voxels: &[usize]) -> String {
 /// their parent's column, after its branches.
 fn rows(skeleton: &Skeleton) -> Vec<(String, usize)> {
     let bones = &skeleton.bones;
-    let is_axis = |n: usize| matches!(Kind::of(&bones[n].name), Some(Kind::Spine(_)));
+    let is_axis = |n: usize| is_of_spine(&bones[n].name);
     let mut out = Vec::new();
     let root = (0..bones.len()).filter(|&n| bones[n].parent.is_none());
     let mut stack: Vec<(String, String, usize)> = root.map(|n| (String::new(), String::new(), n)).collect();

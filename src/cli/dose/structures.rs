@@ -34,8 +34,7 @@ impl Structures {
         names: Option<&Path>,
         near: &[Framed<'_>],
     ) -> Result<Self> {
-        let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        if !json && (!is_dicom_path(path) || is_segmentation(path)) {
+        if !io::is_json(path) && (!is_dicom_path(path) || is_segmentation(path)) {
             near.iter().try_for_each(|other| check_frames(Role::Structures.at(path), *other))?;
             let map = Box::new(provenance.take(InputRole::Structures, io::read_structures(path, names)?));
             if names.is_some() {

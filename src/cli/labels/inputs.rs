@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::findings;
 use crate::io::dicom::{Role, check_frames, is_dicom_path, is_segmentation, is_structure_set};
 use crate::io::{
-    names_beside, read_bones, read_grid, read_label_map, read_label_map_on, read_label_names, read_labels,
+    is_json, names_beside, read_bones, read_grid, read_label_map, read_label_map_on, read_label_names, read_labels,
 };
 use crate::volume::LabelMap;
 use crate::warning::Warning;
@@ -68,11 +68,6 @@ impl LabelSources {
         self.passed_over.extend(others.iter().map(|f| f.display().to_string()));
         Ok(())
     }
-}
-
-/// Whether a file of names is one of label numbers, else it is one of a structure set's names.
-fn is_json(names: &Path) -> bool {
-    names.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
 fn is_image(file: &Path) -> bool {

@@ -20,7 +20,7 @@ use crate::findings;
 use crate::geometry::Grid;
 use crate::io::dicom::like::Like;
 use crate::io::dicom::{Role, is_structure_set};
-use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, points};
+use crate::io::{self, ContourFile, FieldFrames, Stored, WriteOptions, is_json, points};
 use crate::runtime::Runtime;
 use crate::session::frames::{FrameNames, role_of};
 use crate::volume::contour::Structure;
@@ -131,10 +131,6 @@ fn check_paths(args: &WarpArgs) -> Result<()> {
         }
     }
     outputs.iter().try_for_each(|out| io::check_place(out))
-}
-
-fn is_json(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"))
 }
 
 /// Options that only volumes have.

@@ -3,6 +3,7 @@
 use super::Loaded;
 use super::dicom::{self, BoneNames, StructureSet, labels_from_structures, organs_from_structures, read_structure_set};
 use super::image::{WriteOptions, write};
+use super::json::is_json;
 use super::load::load;
 use super::names::{Names, header_names, read_names};
 use super::raster::{Odd, Raster};
@@ -81,8 +82,7 @@ pub fn read_bones(path: impl AsRef<Path>, names: Option<&Path>, grid: &Grid) -> 
         return read_labels(path, names);
     }
     if dicom::is_segmentation(path) {
-        let by_number = |names: &&Path| names.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        let read = match names.filter(by_number) {
+        let read = match names.filter(|names| is_json(names)) {
             Some(names) => on_grid(read_labels(path, Some(names))?, grid)?,
             None => bone_segments(path, &names.map(BoneNames::read).transpose()?.unwrap_or_default(), grid)?,
         };
@@ -225,8 +225,7 @@ pub fn names_beside(path: &Path) -> Option<String> {
         name.split('.').next().unwrap_or_default().to_owned()
     };
     let small = |file: &Path| file.metadata().is_ok_and(|about| about.is_file() && about.len() < MOST_OF_NAMES);
-    let json = |file: &Path| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    let named = |file: &Path| json(file) && small(file) && read_names(file).is_ok_and(|names| !names.is_empty());
+    let named = |file: &Path| is_json(file) && small(file) && read_names(file).is_ok_and(|names| !names.is_empty());
     let files = std::fs::read_dir(folder).ok()?.flatten().map(|entry| path.with_file_name(entry.file_name()));
     let found = files.filter(|file| named(file)).min_by_key(|file| (stem(file) != stem(path), file.clone()))?;
     Some(found.display().to_string())

@@ -65,7 +65,7 @@ pub use head::read_grid;
 pub use held::{at_work, is_lock};
 pub use identity::{path_as_text, relative_to, same_file, whole_path};
 pub use image::{Stored, WriteOptions, read_dose, read_image, read_scan, write_image, write_map, write_mask};
-pub use json::{json, read_json, write_json};
+pub use json::{is_json, json, read_json, write_json};
 pub use labels::{
     check_labels, names_beside, read_bones, read_label_map, read_label_map_on, read_label_names, read_labels,
     read_organs, read_structures, write_label_spans, write_labels,

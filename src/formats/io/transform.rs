@@ -1,6 +1,7 @@
 //! Rigid transforms: ITK's text files (`.tfm`, `.txt`), a plain 4x4, JSON as `bone_transforms.json`, or DICOM. LPS mm.
 
 use super::dicom::registration;
+use super::json::is_json;
 use super::points::Space;
 use super::text::read_text;
 use crate::error::{Error, Result};
@@ -104,9 +105,8 @@ pub fn is_bare(path: impl AsRef<Path>) -> Result<bool> {
     if is_registration(path) {
         return Ok(false);
     }
-    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = read_text(path)?;
-    Ok(if json { matches!(parse_json(path, &text)?, Json::One(_)) } else { !is_itk(&text) })
+    Ok(if is_json(path) { matches!(parse_json(path, &text)?, Json::One(_)) } else { !is_itk(&text) })
 }
 
 fn unknown_space(path: &Path) -> Error {
@@ -140,7 +140,7 @@ fn parsed(path: &Path, entry: Option<&str>) -> Result<Parsed> {
         }
         other => other,
     })?;
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+    if is_json(path) {
         return json(path, text, entry);
     }
     if is_itk(text) {

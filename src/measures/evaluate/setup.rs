@@ -56,8 +56,8 @@ pub(super) fn shift(
 fn couch(all: MovedBones<'_>, fraction: &Grid) -> CouchMatch {
     let shapes = moments(all.labels, None);
     let of = |bone: &BoneRigidity| {
-        let label = all.rigid.iter().find(|(_, name)| *name == bone.name)?.0;
-        Some((label, CouchBone { name: "", moments: *shapes.get(&label)?, motion: bone.best, matched: false }))
+        let (label, name) = all.rigid.iter().find(|(_, name)| *name == bone.name)?;
+        Some((*label, CouchBone { name, moments: *shapes.get(label)?, motion: bone.best, matched: false }))
     };
     let mut bones: Vec<(u16, CouchBone<'_>)> = all.moved.iter().filter_map(of).collect();
     let moved = |b: &CouchBone<'_>| b.motion * b.moments.centre;

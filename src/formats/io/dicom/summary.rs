@@ -10,6 +10,7 @@ use super::series::Patient;
 use super::{ct, dose, segmentation, structures};
 use crate::error::{Error, Result};
 use crate::geometry::Grid;
+use crate::warning::counted;
 use dicom_dictionary_std::{tags, uids};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -224,7 +225,7 @@ impl Told {
 /// What an entry holds, its grid, and what is odd about it.
 fn content(unit: &Group<'_>, letters: &BTreeMap<String, String>) -> Result<Told> {
     let Some(first) = unit.objects.first() else { return Ok(Told::default()) };
-    let images = |word: &str| many(unit.objects.len(), word);
+    let images = |one: &str, many: &str| counted(unit.objects.len(), one, many);
     match unit.series.modality.as_str() {
         "CT" | "MR" if Scan::of(unit.objects.iter().copied()).is_some() => {
             let objects: Vec<Object> = unit.objects.iter().copied().cloned().collect();
@@ -241,10 +242,10 @@ fn content(unit: &Group<'_>, letters: &BTreeMap<String, String>) -> Result<Told>
             let (words, grid) = segmentation::describe(first)?;
             Ok(Told::on(&words, grid))
         }
-        "RTSTRUCT" => Ok(Told::plain(many(structures::count(&first.header), "structure"))),
+        "RTSTRUCT" => Ok(Told::plain(counted(structures::count(&first.header), "structure", "structures"))),
         "REG" => registered(first, letters),
-        "MR" | "PT" => Ok(Told::plain(images("slice"))),
-        _ => Ok(Told::plain(images("object"))),
+        "MR" | "PT" => Ok(Told::plain(images("slice", "slices"))),
+        _ => Ok(Told::plain(images("object", "objects"))),
     }
 }
 
@@ -259,7 +260,7 @@ fn registered(object: &Object, letters: &BTreeMap<String, String>) -> Result<Tol
         return Ok(Told { notes: vec![goes(&from, &to)], ..Told::on(&words, grid) });
     }
     if object.sop_class != uids::SPATIAL_REGISTRATION_STORAGE {
-        return Ok(Told::plain(many(1, "object")));
+        return Ok(Told::plain("1 object".into()));
     }
     let (mut words, mut notes) = (Vec::new(), Vec::new());
     for one in read_rigid(&object.path)? {
@@ -275,11 +276,6 @@ fn registered(object: &Object, letters: &BTreeMap<String, String>) -> Result<Tol
 /// A day of birth, which many files leave out.
 fn born(date: &str) -> String {
     if date.is_empty() { "no date of birth".into() } else { format!("born {}", day(date)) }
-}
-
-/// So many of something.
-fn many(count: usize, word: &str) -> String {
-    if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
 fn geometry(grid: &Grid) -> String {
@@ -364,7 +360,7 @@ impl std::fmt::Display for Summary {
             }
         }
         if self.other_files > 0 {
-            writeln!(f, "  {} other {}", self.other_files, if self.other_files == 1 { "file" } else { "files" })?;
+            writeln!(f, "  {}", counted(self.other_files, "other file", "other files"))?;
         }
         for damaged in &self.damaged {
             writeln!(f, "  damaged: {damaged}")?;

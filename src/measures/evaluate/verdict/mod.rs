@@ -104,7 +104,7 @@ impl Figure<'_> {
         } else {
             Mark::Fail
         };
-        self.ranged("up to", [strict, loose], mark)
+        self.ranged(["up to", "beyond"], [strict, loose], mark)
     }
 
     /// Passes from the first limit on and is reviewed from the second on.
@@ -116,10 +116,10 @@ impl Figure<'_> {
         } else {
             Mark::Fail
         };
-        self.ranged("from", [strict, loose], mark)
+        self.ranged(["from", "below"], [strict, loose], mark)
     }
 
-    fn ranged(self, word: &str, [strict, loose]: [f64; 2], mark: Mark) -> Verdict {
+    fn ranged(self, [word, past]: [&str; 2], [strict, loose]: [f64; 2], mark: Mark) -> Verdict {
         let unit = spaced(self.unit);
         let limit = if loose.is_finite() {
             format!("pass {word} {strict}{unit}, review {word} {loose}{unit}")
@@ -127,7 +127,6 @@ impl Figure<'_> {
             format!("pass {word} {strict}{unit}, else review")
         };
         let value = format!("{}{unit}", number(self.value));
-        let past = if word == "from" { "below" } else { "beyond" };
         let reason = match mark {
             Mark::Pass => format!("{value}: within the limit"),
             Mark::Review => format!("{value}: {past} {strict}{unit}"),
