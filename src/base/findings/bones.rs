@@ -2,6 +2,11 @@
 
 findings! {
     BONES:
+    BONE_BY_SKIN = doubted(
+        "bone-by-skin",
+        "A bone is not found in the image; the skin around it places it.",
+        "Check the fusion images.",
+    );
     BONE_IN_PIECES = warned(
         "bone-in-pieces",
         "A bone's label lies in several pieces.",

@@ -11,6 +11,7 @@ pub mod morphology;
 mod outline;
 pub mod ranges;
 pub mod region;
+pub mod signed;
 mod smooth;
 mod spans;
 mod window;

@@ -11,8 +11,6 @@ use crate::geometry::Rigid;
 use crate::skeleton::{Joint, JointPose};
 use rayon::prelude::*;
 
-/// A bone whose joint turns by this much about an axis may lie far from where it was, degrees.
-const FREE_DEG: f64 = 60.0;
 /// Step of the turns that are tried, degrees.
 const STEP_DEG: f64 = 15.0;
 /// Turns that are looked at more closely, by these steps, at most so many of each: between two of the first step the far end of an
@@ -67,9 +65,8 @@ fn turns(joint: &Joint) -> Vec<JointPose> {
 impl Fitter<'_> {
     /// Whether a bone may lie far from where its joint leaves it: its joint turns far, or that of a bone on it.
     fn free(&self, bone: usize) -> bool {
-        let far = |joint: &Joint| joint.rotation_range_deg.iter().any(|[low, high]| high - low >= FREE_DEG);
         let bones = &self.skeleton.bones;
-        far(&bones[bone].joint) || bones.iter().any(|b| b.parent == Some(bone) && far(&b.joint))
+        bones[bone].joint.turns_far() || bones.iter().any(|b| b.parent == Some(bone) && b.joint.turns_far())
     }
 
     /// Whether a limb is not found whose parent is.

@@ -7,6 +7,7 @@ pub use planning::BoneSamples;
 pub use prior::BeyondRange;
 pub use search::Hypothesis;
 pub use similarity::Measure;
+pub use skin::{SkinPoint, TurnedBySkin, turn_by_skin};
 pub use start::FitStart;
 pub use stop::Stop;
 pub use weighed::{Place, Weighed, level_apart, levels_apart, lies_at};
@@ -65,6 +66,8 @@ pub enum DeterminedBy {
     Given,
     /// It follows its joints.
     Joint,
+    /// The skin around it: its joint turns until that lies where the fraction shows it.
+    Skin,
 }
 
 impl DeterminedBy {
@@ -74,10 +77,12 @@ impl DeterminedBy {
             Self::Image => "image",
             Self::Given => "given",
             Self::Joint => "joint",
+            Self::Skin => "skin",
         }
     }
 }
 mod accept;
+mod around;
 mod attempts;
 mod coarse;
 mod evaluation;
@@ -101,6 +106,7 @@ mod schedule;
 mod search;
 mod shape;
 mod similarity;
+mod skin;
 mod solver;
 mod start;
 mod stop;

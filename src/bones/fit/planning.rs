@@ -7,9 +7,10 @@ use super::similarity::Measure;
 use super::tissue::Tissue;
 use super::{FitOptions, Resolution};
 use crate::skeleton::Skeleton;
-use crate::volume::ranges::{RANGES, memberships};
+use crate::volume::ranges::{RANGES, membership, memberships};
 use crate::volume::{LabelMap, Volume, trilinear};
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// Samples of all bones together that the search of the couch shift looks at.
 pub(super) const START_SAMPLES: usize = 1500;
@@ -17,24 +18,59 @@ pub(super) const START_SAMPLES: usize = 1500;
 /// Width of what belongs to a bone's samples in an image of another modality, mm: cortical bone and what lies on it are dark
 /// alike there, and what is around tells.
 const SURROUNDINGS_MM: f64 = 4.0;
-/// Grey value of a whole membership in an image of memberships, so that it counts as tissue.
-const WHOLE: f32 = 1000.0;
+/// Reach of a blur, in standard deviations.
+const REACH: f64 = 3.0;
 
-/// Membership of planning's tissue in each range of HU, blurred.
+/// How much planning's tissue in each range of HU counts at a place, blurred: the [`shares`] are what counts.
 fn ranges(planning: &Volume<f32>, sigma: f64) -> Vec<Volume<f32>> {
-    let of = |k: usize| {
-        let share = planning.map(|hu| if Tissue::is_air(*hu) { *hu } else { WHOLE * memberships(*hu)[k] });
-        Tissue::blurred(&share, sigma).value
-    };
-    (0..RANGES).map(of).collect()
+    let of = |hu: f32, k: usize| if Tissue::is_air(hu) { 0.0 } else { membership(hu, k) };
+    let pairs =
+        (0..RANGES / 2).flat_map(|k| Tissue::spread(planning, sigma, |hu| [2 * k, 2 * k + 1].map(|k| of(hu, k))));
+    pairs.collect()
 }
 
-/// What they are at a place.
+/// Membership of the tissue at a place in each range.
 fn shares(ranges: &[Volume<f32>], place: &Point3<f64>) -> [f32; RANGES] {
-    std::array::from_fn(|k| {
+    let of: [f64; RANGES] = std::array::from_fn(|k| {
         let index = ranges[k].grid().index_within(place);
-        trilinear(&ranges[k], &index).map_or(0.0, |v| v as f32 / WHOLE)
-    })
+        trilinear(&ranges[k], &index).unwrap_or(0.0)
+    });
+    let all = of.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    of.map(|share| (share / all) as f32)
+}
+
+/// Membership of the tissue at a place in each range, of voxels as near to it as a fine blur reaches: cheaper there than a blur of
+/// the whole scan.
+fn shares_near(planning: &Volume<f32>, sigma: f64, place: &Point3<f64>) -> [f32; RANGES] {
+    let grid = planning.grid();
+    let index = grid.index_within(place);
+    // As in a blur of all voxels, an axis that is coarser than it reaches is interpolated.
+    let along = |a: usize| -> Vec<(usize, f64)> {
+        let step = grid.spacing()[a] / sigma;
+        let reach = if step > REACH { 1.0 } else { REACH / step };
+        let first = (index[a] - reach).ceil().max(0.0) as usize;
+        let last = (index[a] + reach).floor().min(grid.size()[a] as f64 - 1.0) as usize;
+        let weight = |n: usize| {
+            let off = n as f64 - index[a];
+            if step > REACH { 1.0 - off.abs() } else { (-0.5 * (off * step).powi(2)).exp() }
+        };
+        (first..=last).map(|n| (n, weight(n))).collect()
+    };
+    let [columns, rows, slices] = [along(0), along(1), along(2)];
+    let mut of = [0f64; RANGES];
+    for (k, by_slice) in &slices {
+        for (j, by_row) in &rows {
+            for (i, by_column) in &columns {
+                let hu = *planning.at([*i, *j, *k]);
+                if !Tissue::is_air(hu) {
+                    let weight = by_slice * by_row * by_column;
+                    of.iter_mut().zip(memberships(hu)).for_each(|(sum, m)| *sum += weight * f64::from(m));
+                }
+            }
+        }
+    }
+    let all = of.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    of.map(|share| (share / all) as f32)
 }
 
 /// Samples of each bone at every resolution of the fit.
@@ -69,11 +105,13 @@ impl BoneSamples {
             }
             let Resolution { blur_mm: sigma, samples: most } = resolution;
             let blurred = Tissue::blurred(planning, sigma);
-            let ranges = if by_ranges { ranges(planning, sigma) } else { Vec::new() };
+            let fine = Tissue::block(planning, sigma) == [1; 3];
+            let ranges = if by_ranges && !fine { ranges(planning, sigma) } else { Vec::new() };
+            let shares = |p: &Point3<f64>| if fine { shares_near(planning, sigma, p) } else { shares(&ranges, p) };
             let draw = |list: &[u32], most| {
                 let mut samples = draw(list, planning.grid(), &blurred, most);
                 if by_ranges {
-                    samples.memberships = samples.points.iter().map(|p| shares(&ranges, p)).collect();
+                    samples.memberships = samples.points.par_iter().map(shares).collect();
                 }
                 samples
             };

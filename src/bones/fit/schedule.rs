@@ -1,6 +1,7 @@
 //! The order of the fit: common motion, then bone by bone from the best-determined one outwards, then all together.
 
 use super::accept::found_share;
+use super::around::{AROUND_SAMPLES, around};
 use super::evaluation::Normal;
 use super::level::{Level, Levels};
 use super::prior::{BeyondRange, relative};
@@ -14,7 +15,7 @@ use super::solver::{Solution, solve};
 use super::tried::{Begun, Guess, Passed, Start, Tried, weak_start};
 use super::{BoneFit, DeterminedBy, FitCurvature, FitOptions, FitResult};
 use crate::error::{Error, Result};
-use crate::geometry::{Rigid, about};
+use crate::geometry::Rigid;
 use crate::progress::Progress;
 use crate::skeleton::Skeleton;
 use nalgebra::{DMatrix, Matrix3, Point3};
@@ -36,10 +37,6 @@ const DOUBTFUL_RATIO: f64 = 0.75;
 const DOUBTFUL_CUT: f64 = 0.85;
 /// Were every bone a cut one, a cone-beam CT would err by 1.17 mm for 0.77.
 const WHOLE: f64 = 0.9;
-/// How far around a doubtful bone is searched for.
-const AROUND_MM: f64 = 12.0;
-const AROUND_DEG: f64 = 12.0;
-
 /// A bone whose position the image and its joints leave open by more than this (standard deviation, mm) follows its joints:
 /// a sliver in view fits many places.
 const MOST_SD_MM: f64 = 1.5;
@@ -278,27 +275,19 @@ impl<'a> Fitter<'a> {
         let comes = now.visible < WHOLE && self.options.outward.first() == Some(&level.drawn.resolution);
         let hold = !search && !comes && self.options.measure == Measure::CorrelationRatio;
         let held = hold.then_some(Held { view: now.visible, gain: 0.0, grey: None });
-        let fit = |base| {
-            let solution = solve(problem(base, held), level.tolerance_mm, self.options.max_iterations)?;
+        let fit = |base: Rigid, few: Option<&Samples>| {
+            let mut problem = problem(base, held);
+            if let Some(few) = few {
+                problem.bodies[0].samples = few;
+            }
+            let solution = solve(problem, level.tolerance_mm, self.options.max_iterations)?;
             Ok::<_, Error>((solution.cost, self.body(level, bone, base).transform(solution.x.as_slice())))
         };
-        let mut best = fit(start)?;
+        let mut best = fit(start, None)?;
         if search && doubtful(&problem(best.1, None).similarities(&[best.1], false)[0]) {
-            let centre = start * self.centres[bone];
-            for axis in 0..3 {
-                for sign in [-1.0, 1.0] {
-                    let along = nalgebra::Vector3::ith(axis, sign);
-                    for base in [
-                        Rigid::translation(along.x * AROUND_MM, along.y * AROUND_MM, along.z * AROUND_MM) * start,
-                        about(&centre, along * AROUND_DEG.to_radians(), nalgebra::Vector3::zeros()) * start,
-                    ] {
-                        let other = fit(base)?;
-                        if other.0 < best.0 {
-                            best = other;
-                        }
-                    }
-                }
-            }
+            let few = self.options.measure == Measure::CorrelationRatio && !level.dropped[bone];
+            let few = few.then(|| level.drawn.bones[bone].thinned(AROUND_SAMPLES));
+            best = around(&(start * self.centres[bone]), &start, best, few.as_ref(), fit)?;
         }
         Ok(Some(best.1))
     }

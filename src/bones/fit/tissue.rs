@@ -6,7 +6,7 @@
 
 use crate::geometry::Grid;
 use crate::volume::{
-    COARSE_MM, Counted, Volume, block_means, block_within, blur_after, cubic, gaussian_ratio, interpolation,
+    COARSE_MM, Counted, Volume, block_means, block_within, blur_after, cubic, gaussian, gaussian_ratio, interpolation,
 };
 use nalgebra::{Point3, Vector3};
 
@@ -43,8 +43,7 @@ impl Tissue {
 
     /// The tissue of a CT, blurred by `sigma` mm; on a coarser grid where the blur allows it.
     pub fn blurred(ct: &Volume<f32>, sigma: f64) -> Self {
-        let widest = (BLOCK * sigma).max(sigma.min(COARSE_MM));
-        let block = block_within(ct.grid(), widest);
+        let block = Self::block(ct, sigma);
         let rest = blur_after(ct.grid(), block, sigma);
         let normalised = |hu: f32, share: f32| if share > 1e-3 { hu / share } else { AIR_HU };
         if block == [1; 3] {
@@ -60,6 +59,18 @@ impl Tissue {
         let [sum, share] = block_means(ct, block, |_, v| [hu(v), amount(v)]);
         let value = gaussian_ratio(&Counted::whole(&sum), &Counted::whole(&share), rest, |_| false, normalised);
         Self { value, valid: share.map(|s| (s * f32::from(ALL) + 0.5) as u8) }
+    }
+
+    /// The block of voxels that is averaged before a blur by `sigma` mm.
+    pub fn block(ct: &Volume<f32>, sigma: f64) -> [usize; 3] {
+        block_within(ct.grid(), (BLOCK * sigma).max(sigma.min(COARSE_MM)))
+    }
+
+    /// Two figures of each voxel, blurred as [`Tissue::blurred`] blurs but not normalised.
+    pub fn spread(ct: &Volume<f32>, sigma: f64, of: impl Fn(f32) -> [f32; 2] + Sync) -> [Volume<f32>; 2] {
+        let block = Self::block(ct, sigma);
+        let rest = blur_after(ct.grid(), block, sigma);
+        block_means(ct, block, |_, hu| of(hu)).map(|mean| gaussian(&mean, rest))
     }
 
     /// Blurred HU at a world position, where that is tissue.

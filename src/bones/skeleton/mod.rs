@@ -82,7 +82,15 @@ pub struct Pose {
     pub joints: Vec<JointPose>,
 }
 
+/// A joint that turns by this much about an axis may leave its bone far from where it was, degrees.
+const FAR_DEG: f64 = 60.0;
+
 impl Joint {
+    /// Whether it turns far about any axis: a shoulder, an elbow, a hip or a knee.
+    pub fn turns_far(&self) -> bool {
+        self.rotation_range_deg.iter().any(|[low, high]| high - low >= FAR_DEG)
+    }
+
     /// The motion of a child relative to its parent, expressed in the planning frame.
     pub fn motion(&self, pose: &JointPose) -> Rigid {
         about(&self.centre, self.axes * Vector3::from(pose.rotation), self.axes * Vector3::from(pose.translation))
@@ -93,6 +101,17 @@ impl Skeleton {
     /// Label and name of each bone.
     pub fn labels_and_names(&self) -> Vec<(u16, String)> {
         self.bones.iter().map(|b| (b.label, b.name.clone())).collect()
+    }
+
+    /// A bone and all that hang on it, in their order.
+    pub fn with_what_hangs_on(&self, bone: usize) -> Vec<usize> {
+        let mut out = vec![bone];
+        for (b, other) in self.bones.iter().enumerate().skip(bone + 1) {
+            if other.parent.is_some_and(|parent| out.contains(&parent)) {
+                out.push(b);
+            }
+        }
+        out
     }
 
     /// Rigid transform of each bone, planning to fraction, LPS mm: parent's transform after the joint's motion.

@@ -17,6 +17,11 @@ const OPENING_MM: f64 = 3.0;
 const CLOSING_MM: f64 = 8.0;
 /// A part apart from the largest is patient from this share of it on: the other leg.
 const LIMB: f64 = 0.1;
+/// A dark end slice shows this share of the patient in the next one at most; that one cuts him, where he is this much as wide as
+/// so many slices on.
+const NOISE_SHARE: f64 = 0.05;
+const CUT_SHARE: f64 = 0.8;
+const ON: usize = 3;
 /// Width (sigma) of the neighbourhood whose mean is the coil's bias, mm.
 /// With the bias left in, 4 of 15 bones are found (docs/decisions/mr.md).
 const BIAS_MM: f64 = 40.0;
@@ -59,13 +64,31 @@ pub fn find(mr: &Volume<f32>) -> Result<Mask> {
     let least = LIMB * parts.sizes[largest] as f64;
     let core = parts.select(&core, |n| parts.sizes[n] as f64 >= least);
     let near = dilate(&core, opening);
-    let body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l]);
+    let mut body = Volume::from_fn(near.grid().clone(), |l| near.data()[l] && solid.data()[l]);
+    clear_dark_ends(&mut body);
     let mut body = fill::cavities(&body, CLOSING_MM);
     // Marrow within its cortical bone, which the scan's ends leave open along the slices.
     for slice in 0..body.grid().size()[2] {
         fill::seal_face(&mut body, 2, slice, 0.0);
     }
     Ok(body)
+}
+
+/// Clears the end slices that hold no more of the patient than noise beside him, where the next one cuts him.
+fn clear_dark_ends(body: &mut Mask) {
+    let [ni, nj, nk] = body.grid().size();
+    let plane = ni * nj;
+    let held: Vec<f64> = body.data().chunks(plane).map(|s| s.iter().filter(|inside| **inside).count() as f64).collect();
+    let dark = |from_end: &dyn Fn(usize) -> usize| {
+        let at = |n: usize| held[from_end(n)];
+        let cut = |n: usize| at(n) > CUT_SHARE * at(n + ON) && at(n) > 0.0;
+        (1..nk.saturating_sub(ON)).find(|n| cut(*n)).filter(|n| (0..*n).all(|m| at(m) < NOISE_SHARE * at(*n)))
+    };
+    let low = dark(&|n| n).unwrap_or(0);
+    let high = dark(&|n| nk - 1 - n).unwrap_or(0);
+    for slice in (0..low).chain(nk - high..nk) {
+        body.data_mut()[slice * plane..][..plane].fill(false);
+    }
 }
 
 /// An MR on a scale on which air is told from the patient.
@@ -105,8 +128,8 @@ mod tests {
     use crate::geometry::Grid;
 
     /// A thigh along z of 60 mm radius, brighter towards x, with a dark bone, and a dark slice at either end, in noise.
-    fn thigh() -> Volume<f32> {
-        let grid = Grid::axis_aligned([80, 80, 30], [2.0, 2.0, 4.0], [-79.0, -79.0, 0.0]).unwrap();
+    fn thigh(slice_mm: f64) -> Volume<f32> {
+        let grid = Grid::axis_aligned([80, 80, 30], [2.0, 2.0, slice_mm], [-79.0, -79.0, 0.0]).unwrap();
         Volume::from_fn(grid.clone(), |l| {
             let (p, k) = (grid.centre(grid.voxel(l)), grid.voxel(l)[2]);
             let noise = (l * 7919 % 37) as f32;
@@ -121,7 +144,7 @@ mod tests {
 
     #[test]
     fn the_patient_is_found_with_his_dark_bone_and_without_noise() {
-        let mr = thigh();
+        let mr = thigh(4.0);
         let body = find(&mr).unwrap();
         for l in 0..mr.data().len() {
             let (p, k) = (mr.grid().centre(mr.grid().voxel(l)), mr.grid().voxel(l)[2]);
@@ -135,8 +158,39 @@ mod tests {
     }
 
     #[test]
+    fn noise_beside_the_patient_hides_no_dark_end() {
+        // Of each dark slice a few voxels are as bright as noise is at times.
+        let mut mr = thigh(2.5);
+        let plane = 80 * 80;
+        for slice in [0, 29] {
+            for n in (0..plane).step_by(97) {
+                mr.data_mut()[slice * plane + n] = 200.0;
+            }
+        }
+        let TissueScale { image, .. } = tissue_scale(&mr).unwrap();
+        for slice in [0, 29] {
+            assert!(image.data()[slice * plane..][..plane].iter().all(|v| (v - OUTSIDE).abs() < 1e-3), "{slice}");
+        }
+        assert_eq!(crate::view::View::of_ends(&image).report.blank, [[0, 0], [0, 0], [1, 1]]);
+    }
+
+    #[test]
+    fn a_patient_who_ends_within_the_scan_keeps_his_tip() {
+        // A head that ends in three small slices under one of air, and is cut below.
+        let grid = Grid::axis_aligned([60, 60, 24], [2.0, 2.0, 3.0], [-59.0, -59.0, 0.0]).unwrap();
+        let head = |l: usize| {
+            let (p, k) = (grid.centre(grid.voxel(l)), grid.voxel(l)[2]);
+            p.x.hypot(p.y) < [6.0, 12.0, 24.0].get(22usize.wrapping_sub(k)).copied().unwrap_or(45.0) && k < 23
+        };
+        let mr = Volume::from_fn(grid.clone(), |l| if head(l) { 500.0f32 } else { 10.0 });
+        let body = find(&mr).unwrap();
+        let held = |slice: usize| body.data()[slice * 3600..][..3600].iter().filter(|b| **b).count();
+        assert!(held(22) > 20 && held(21) > 80 && held(0) > 1500 && held(23) == 0, "{} {}", held(22), held(21));
+    }
+
+    #[test]
     fn the_same_tissue_is_as_bright_on_both_sides_and_air_is_air() {
-        let TissueScale { image, range: [dark, bright] } = tissue_scale(&thigh()).unwrap();
+        let TissueScale { image, range: [dark, bright] } = tissue_scale(&thigh(4.0)).unwrap();
         let at = |x: f64| *image.at(image.grid().index(&[x, 0.0, 60.0].into()).map(|c| c.round() as usize).into());
         // Muscle; the MR itself has 1.6 times as much on one side.
         assert!(((at(40.0) - DARKEST) / (at(-40.0) - DARKEST) - 1.0).abs() < 0.25, "{} {}", at(40.0), at(-40.0));

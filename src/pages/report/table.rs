@@ -222,7 +222,11 @@ fn bones(report: &Report) -> String {
         0 => format!("{} found in the image", by(DeterminedBy::Image)),
         n => format!("{n} given"),
     };
-    format!("{given}, {} follow their joints{most}", by(DeterminedBy::Joint))
+    let by_skin = match by(DeterminedBy::Skin) {
+        0 => String::new(),
+        n => format!(", {n} placed by the skin"),
+    };
+    format!("{given}{by_skin}, {} follow their joints{most}", by(DeterminedBy::Joint))
 }
 
 #[cfg(test)]

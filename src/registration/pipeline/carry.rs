@@ -82,7 +82,7 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
     let planning = Scan { ct: translated.as_ref().unwrap_or(&scan.ct), body };
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
-    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some() || translated.is_some() };
+    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some(), translated: translated.is_some() };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
     let Drawn { propagation, regions, misled, first } = drawn(moved, images, &fraction, runtime)?;
     let beside = match &first {

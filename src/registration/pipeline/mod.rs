@@ -1,5 +1,6 @@
 //! Rank 7: from a case and a configuration to an outcome.
 
+mod by_skin;
 mod carry;
 mod case;
 mod checks;

@@ -41,7 +41,7 @@ const LEAST_VISIBLE: f64 = 0.5;
 pub fn is_placed(bone: &BoneFit) -> bool {
     match bone.determined_by {
         DeterminedBy::Given => true,
-        DeterminedBy::Joint => false,
+        DeterminedBy::Joint | DeterminedBy::Skin => false,
         DeterminedBy::Image => bone.visible >= LEAST_VISIBLE,
     }
 }

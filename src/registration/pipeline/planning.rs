@@ -120,8 +120,9 @@ impl Resting {
             let jumps = sliding.clone().filter(|_| options.slip.jumps(&planning.bones));
             let bone_of_label = bone_of_label(skeleton);
             let chain_mail = || {
-                let pulled = images_pull(config) || may_guide(planning, config);
-                let alone = pulled.then(|| alone_mm(options));
+                // Another modality's skin places bones, too, by what they alone would do.
+                let wanted = images_pull(config) || may_guide(planning, config) || config.across();
+                let alone = wanted.then(|| alone_mm(options));
                 ChainMail::new(
                     &tissue(planning, body, lung.as_ref(), sliding.as_ref(), &bone_of_label, options),
                     options,

@@ -1,5 +1,6 @@
 //! The registration: one call per stage.
 
+use super::by_skin::Unplaced;
 use super::carry::{Carried, Fitted, Through, Told, carry_out};
 use super::checks::{check_fraction, check_labels};
 use super::elements::images_pull;
@@ -87,8 +88,12 @@ pub fn register_fraction(
     };
     // Finding the patient is for the most part one thread's work.
     let (fit, fraction) = runtime.stage("fit skeleton", || rayon::join(fit, seen));
-    let ((fit, weighed), mut fraction) = (fit?, fraction.transpose()?);
+    let ((mut fit, weighed), mut fraction) = (fit?, fraction.transpose()?);
     drop((samples, known));
+    if let (true, Some(resting), Some(fraction)) = (config.across(), &resting, &fraction) {
+        let unplaced = Unplaced { scan: &case.planning, skeleton: &skeleton, body: &body, resting, config };
+        runtime.stage("place by the skin", || unplaced.by_skin(&mut fit, fraction))?;
+    }
     fraction.iter_mut().for_each(|fraction| fraction.guides.clone_from(&guides));
     let mislabelled = match (&placed, &case.fraction.bones) {
         (Some(placed), Some(_)) => contradictions(&skeleton, placed, &fit.transforms),
@@ -236,6 +241,15 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
                 bone.similarity_after.map_or("none".into(), |share| format!("{:.0} %", 100.0 * share)),
             );
             out.push(Warning::new(findings::BONE_NOT_EXPLAINED, message));
+        }
+        if bone.determined_by == DeterminedBy::Skin {
+            let message = format!(
+                "{} is placed by the skin around it: {:.0} % of it should be seen in the fraction, but too little of its contrast is \
+                 found to place it; look at the fusion images",
+                bone.name,
+                100.0 * bone.visible
+            );
+            out.push(Warning::new(findings::BONE_BY_SKIN, message));
         }
         let beyond = &bone.beyond_range;
         if beyond.rotation_deg > BEYOND_DEG || beyond.shift_mm > BEYOND_MM {

@@ -122,7 +122,8 @@ fn bone_mm(bones: &[Bone], fits: &[BoneFit]) -> BTreeMap<u16, f64> {
             _ if !sd.is_finite() => by_joint,
             DeterminedBy::Joint => by_joint.max(sd),
             DeterminedBy::Image => (DEPENDENT * sd / fit.visible.max(1e-3)).hypot(LEAST_MM).min(by_joint),
-            _ => sd.min(by_joint),
+            DeterminedBy::Skin => sd,
+            DeterminedBy::Given => sd.min(by_joint),
         });
     }
     bones.iter().map(|bone| bone.label).zip(mm).collect()

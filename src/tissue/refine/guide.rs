@@ -5,8 +5,8 @@
 //! step `d` it is off by `r - n d` with `r = p - f` and `n` the gradient of `f`. Along the surface nothing pulls: there, and
 //! inside, the elements' links decide. The pull is as firm as links are; what images ask departs from it.
 
-use super::signed::{depth, slope, within_edges};
 use crate::chainmail::{Lattice, Pull, Quadratic};
+use crate::volume::signed::{depth, slope, within_edges};
 use crate::volume::{AROUND_MM, Outline, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;

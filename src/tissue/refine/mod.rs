@@ -9,7 +9,6 @@ mod local;
 mod options;
 mod planning;
 mod shading;
-mod signed;
 mod skin;
 mod translation;
 
@@ -62,11 +61,13 @@ pub struct Kind {
     pub lung: bool,
     /// The fraction's grey values were corrected ([`Shading::corrected`]).
     pub corrected: bool,
+    /// Planning is shown as the fraction's modality ([`translated`]).
+    pub translated: bool,
 }
 
 impl<'a> Images<'a> {
     /// From both scans; their grids may differ. What the planning CT shows is taken from `kept` where it is known, and else
-    /// kept there; a corrected fraction is compared otherwise, and keeps nothing.
+    /// kept there; a corrected fraction and another modality are compared otherwise, and keep nothing.
     pub fn new(
         planning: Scan<'a>,
         fraction: Scan<'_>,
@@ -75,10 +76,10 @@ impl<'a> Images<'a> {
         kept: Option<&'a PlanningSamples>,
         alone: Option<&'a Volume<[f32; 3]>>,
     ) -> Self {
-        let (kept, options, neighbourhood_mm) = if kind.corrected {
-            (None, options.corrected(), Some(NEIGHBOURHOOD_MM))
-        } else {
-            (kept, options.clone(), None)
+        let (kept, options, neighbourhood_mm) = match kind {
+            Kind { translated: true, .. } => (None, options.translated(), Some(NEIGHBOURHOOD_MM)),
+            Kind { corrected: true, .. } => (None, options.corrected(), Some(NEIGHBOURHOOD_MM)),
+            _ => (kept, options.clone(), None),
         };
         let window = options.window(kind.lung);
         let pulls = options.weight > 0.0;

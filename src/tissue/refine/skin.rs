@@ -4,9 +4,9 @@
 //! is off by `r - n d` with `r = p - f` and `n` the gradient of the fraction's distance. Along the skin nothing pulls.
 
 use super::SkinOptions;
-use super::signed::{depth, slope, within_edges};
 use crate::chainmail::{Lattice, Pull};
 use crate::geometry::Grid;
+use crate::volume::signed::{depth, slope, within_edges};
 use crate::volume::{Mask, Volume, trilinear};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;

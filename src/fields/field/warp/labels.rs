@@ -39,7 +39,10 @@ pub fn resample_labels(v: &Volume<[f32; 3]>, labels: &LabelMap) -> Result<LabelM
         };
         walked(v, map.grid(), |places, out| out.iter_mut().enumerate().for_each(|(l, o)| *o = winner(places.at(l))))
     } else {
-        pulled(v, map.grid(), |index| greatest(Shares::at(map, index, &offsets).list()))
+        pulled(v, map.grid(), |index| match only(map, index, &offsets) {
+            Some(label) => label,
+            None => greatest(Shares::at(map, index, &offsets).list()),
+        })
     };
     let mut out = LabelMap { volume: Volume::new(v.grid().clone(), values)?, names: labels.names.clone() };
     rescue(v, labels, &offsets, &mut out);
@@ -97,6 +100,20 @@ impl Shares {
     }
 }
 
+/// The label that all samples of a new voxel have around them, if there is such a one.
+fn only(map: &Volume<u16>, index: &Vector3<f64>, offsets: &[Vector3<f64>]) -> Option<u16> {
+    let mut found = None;
+    for offset in offsets {
+        let (few, len) = corners(map, &(index + offset));
+        let label = if len == 0 { 0 } else { few[0].0 };
+        if len > 1 || found.is_some_and(|found| found != label) {
+            return None;
+        }
+        found = Some(label);
+    }
+    found
+}
+
 /// The labels around a continuous index with their trilinear weights; none outside the map.
 fn corners(map: &Volume<u16>, index: &Vector3<f64>) -> ([(u16, f64); 8], usize) {
     let grid = map.grid();
@@ -148,9 +165,22 @@ fn rescue(v: &Volume<[f32; 3]>, labels: &LabelMap, offsets: &[Vector3<f64>], out
         return;
     }
     let map = &labels.volume;
-    let shares = pulled(v, map.grid(), |index| {
+    // Only voxels whose samples reach the lost labels have a share of them.
+    let grid = map.grid();
+    let voxels = (0..grid.len()).filter(|n| lost.contains(&map.data()[*n])).map(|n| grid.voxel(n));
+    let (low, high) = voxels.fold(([usize::MAX; 3], [0; 3]), |(low, high), at: [usize; 3]| {
+        (std::array::from_fn(|a| low[a].min(at[a])), std::array::from_fn(|a| high[a].max(at[a])))
+    });
+    let reach: [f64; 3] = std::array::from_fn(|a| 1.0 + offsets.iter().map(|o| o[a].abs()).fold(0.0, f64::max));
+    let near = |index: &Vector3<f64>| {
+        (0..3).all(|a| index[a] >= low[a] as f64 - reach[a] && index[a] <= high[a] as f64 + reach[a])
+    };
+    let shares = pulled(v, grid, |index| {
+        if !near(index) {
+            return Vec::new();
+        }
         let shares = Shares::at(map, index, offsets);
-        shares.list().iter().filter(|s| s.1 > 0.0 && lost.contains(&s.0)).copied().collect::<Vec<_>>()
+        shares.list().iter().filter(|s| s.1 > 0.0 && lost.contains(&s.0)).copied().collect()
     });
     let mut places: BTreeMap<u16, Vec<(f64, usize)>> = BTreeMap::new();
     for (n, found) in shares.into_iter().enumerate() {

@@ -103,7 +103,14 @@ pub(super) const KINDS: [FigureOfRuns; 18] = [
         worse: Worse::Unlike,
         least: 5.0,
         course: true,
-        of: |r| most(r.bones.iter().filter(|b| b.determined_by != DeterminedBy::Joint).map(|b| b.motion_mm)),
+        of: |r| {
+            most(
+                r.bones
+                    .iter()
+                    .filter(|b| matches!(b.determined_by, DeterminedBy::Image | DeterminedBy::Given))
+                    .map(|b| b.motion_mm),
+            )
+        },
         ..PLAIN
     },
     FigureOfRuns {

@@ -148,7 +148,7 @@ pub(super) fn cards(report: &Report) -> Markup {
             @if given > 0 {
                 (card("Bones given their motion", html! { (given) small { " of " (report.bones.len()) } }, "no image took part; the others follow their joints"))
             } @else {
-                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} with a part in view that the fit can use; what is not found follows its joint")))
+                (card("Bones placed by the image", html! { (report.bones_by_image()) small { " of " (report.bones.len()) } }, &format!("{visible} with a part in view that the fit can use; what is not found follows its joint or the skin around it")))
             }
             @if let Some(images) = &report.agreement {
                 (card("Images agree at bones / in soft tissue", html! { (correlation(images.bones)) " / " (correlation(images.soft_tissue)) }, &before(images)))

@@ -150,15 +150,28 @@ fn outline(scene: &PictureScene<'_>, plane: &Plane, picture: &mut Canvas) {
     let Some(view) = limited(scene) else { return };
     let grid = scene.case.fraction.ct.grid();
     let shown = |x: usize, y: usize| view.shows(grid, &plane.world(x as f64, y as f64));
-    for y in (1..plane.height).filter(|y| y % DASH.1 < DASH.0) {
-        for x in (1..plane.width).filter(|x| (x + y) % DASH.1 < DASH.0) {
-            let here = shown(x, y);
-            if here != shown(x - 1, y) || here != shown(x, y - 1) {
-                picture.rectangle([x as f64 - 1.0, y as f64 - 1.0], [x as f64 + 1.0, y as f64 + 1.0], EDGE);
+    for (top, left) in
+        (1..plane.height).step_by(SQUARE).flat_map(|y| (1..plane.width).step_by(SQUARE).map(move |x| (y, x)))
+    {
+        // The view's edge is straight or a wide circle: it crosses no square whose corners lie on one side.
+        let corners =
+            [(0, 0), (SQUARE, 0), (0, SQUARE), (SQUARE, SQUARE)].map(|(x, y)| shown(left - 1 + x, top - 1 + y));
+        if corners.iter().all(|c| *c == corners[0]) {
+            continue;
+        }
+        for y in (top..(top + SQUARE).min(plane.height)).filter(|y| y % DASH.1 < DASH.0) {
+            for x in (left..(left + SQUARE).min(plane.width)).filter(|x| (x + y) % DASH.1 < DASH.0) {
+                let here = shown(x, y);
+                if here != shown(x - 1, y) || here != shown(x, y - 1) {
+                    picture.rectangle([x as f64 - 1.0, y as f64 - 1.0], [x as f64 + 1.0, y as f64 + 1.0], EDGE);
+                }
             }
         }
     }
 }
+
+/// Side of the squares that are looked through for the edge, pixels.
+const SQUARE: usize = 8;
 
 /// Length of a dash, and from one to the next, pixels.
 const DASH: (usize, usize) = (8, 12);
