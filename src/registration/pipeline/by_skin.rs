@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::fit::{BeyondRange, DeterminedBy, FitResult, SkinPoint, Stop, TurnedBySkin, turn_by_skin};
 use crate::geometry::Rigid;
 use crate::skeleton::Skeleton;
+use crate::view::View;
 use crate::volume::signed::{measured_depth, within_edges};
 use crate::volume::{Mask, Volume, trilinear_vector};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -55,7 +56,7 @@ impl Unplaced<'_> {
         }
         let couch = Couch::of(fit, self.scan.ct.grid(), self.config.chainmail.variant.carry);
         let skin = measured_depth(&fraction.body, |n| !fraction.ct.data()[n].is_nan(), KNOWN_MM);
-        let (points, area) = outline(self.body);
+        let (points, area) = outline(self.body, View::of_ends(&self.scan.ct).measured());
         let seen = Seen { chain_mail, couch: &couch, skin: couch.volume(skin), points, area };
         for group in groups {
             if let Some((transforms, turned)) = self.turned(fit, &group, &seen)? {
@@ -174,8 +175,9 @@ fn with_turn(skeleton: &Skeleton, transforms: &[Rigid], group: &[usize], by_deg:
     skeleton.transforms(&pose)
 }
 
-/// Points of the patient's outline in the planes of the slices, evenly chosen, and the area that each stands for, mm^2.
-fn outline(body: &Mask) -> (Vec<Point3<f64>>, f64) {
+/// Points of the patient's outline in the planes of the slices, where these were measured, evenly chosen, and the area that each
+/// stands for, mm^2.
+fn outline(body: &Mask, measured: Option<&Mask>) -> (Vec<Point3<f64>>, f64) {
     let grid = body.grid();
     let (size, strides) = (grid.size(), grid.strides());
     let at_skin = |n: &usize| {
@@ -183,7 +185,8 @@ fn outline(body: &Mask) -> (Vec<Point3<f64>>, f64) {
         let beside = |a: usize| {
             at[a] == 0 || at[a] + 1 == size[a] || !body.data()[n - strides[a]] || !body.data()[n + strides[a]]
         };
-        body.data()[*n] && (beside(0) || beside(1)) && within_edges(grid, &grid.centre(at)) >= EDGE_MM
+        let known = measured.is_none_or(|m| m.data()[*n]);
+        body.data()[*n] && known && (beside(0) || beside(1)) && within_edges(grid, &grid.centre(at)) >= EDGE_MM
     };
     let all: Vec<usize> = (0..grid.len()).into_par_iter().filter(at_skin).collect();
     let every = all.len().div_ceil(POINTS).max(1);

@@ -33,6 +33,7 @@ use crate::refine::{Guides, Images, Kind, Misled, Scan, Shading, translated};
 use crate::runtime::Runtime;
 use crate::sampling::PosePosterior;
 use crate::skeleton::Skeleton;
+use crate::view::View;
 use crate::volume::{LabelMap, LabelSpans, Mask, Spans, Volume};
 use crate::warning::Warning;
 use nalgebra::Vector3;
@@ -80,16 +81,22 @@ fn propagated(moved: &Moved<'_>, fraction: Option<Fraction<'_>>, runtime: &Runti
     let corrected = shading.as_ref().and_then(|s| s.corrected(&fraction.ct, &config.refine.shading));
     // On other grey values the patient may have another outline.
     let found = corrected.as_ref().map(|ct| body::find(ct, None, &config.body)).transpose()?;
-    let planning = Scan { ct: translated.as_ref().unwrap_or(&scan.ct), body };
+    // A blank end of planning shows no air that tissue could follow.
+    let shown = translated.as_ref().unwrap_or(&scan.ct);
+    let measured = View::of_ends(&scan.ct).known(shown);
+    let planning = Scan { ct: &measured, body };
     let there = Scan { ct: corrected.as_ref().unwrap_or(&fraction.ct), body: found.as_ref().unwrap_or(&fraction.body) };
-    let pair = Kind { lung: resting.lung.is_some(), corrected: corrected.is_some(), translated: translated.is_some() };
+    // Of a planning MR's texture a CT tells no more than of a cone beam's noise.
+    let to_mr = translated.is_some() && fraction.mr.is_some();
+    let other = corrected.is_some() || translated.is_some();
+    let pair = Kind { lung: resting.lung.is_some(), corrected: other, translated: to_mr };
     let images = Images::new(planning, there, pair, &config.refine, Some(&resting.samples), alone.as_ref());
     let Drawn { propagation, regions, misled, first } = drawn(moved, images, &fraction, runtime)?;
     let beside = match &first {
         Some(first) => {
             let guided = Volume::new(propagation.lattice.grid.clone(), propagation.displacement.clone())?;
             let window = config.refine.window(resting.lung.is_some());
-            let compared = Compared { planning: planning.ct, body, fraction: there.ct, window, first, guided: &guided };
+            let compared = Compared { planning: shown, body, fraction: there.ct, window, first, guided: &guided };
             fraction.guides.iter().map(|(planning, _)| compared.correlations(planning)).collect()
         }
         None => Vec::new(),

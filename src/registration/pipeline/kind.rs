@@ -13,8 +13,8 @@ const UNMEASURED_PERCENT: f64 = 1.0;
 /// Where dark and bright of an MR are shown, HU.
 const SHOWN_HU: [f32; 2] = [-150.0, 170.0];
 /// What is said of every MR.
-const MR_TOLD: &str = "the fraction is an MR: on MR-like images made of CTs bones half in view err by 0.2 to 0.4 mm and soft tissue by 0.5 to 1.5; \
-                       bones that an end of the scan cuts follow their joints, and err by up to 15; the scanner's geometric \
+const MR_TOLD: &str = "the fraction is an MR: on MR-like images made of CTs bones half in view err by 0.2 to 0.4 mm and soft tissue by 0.4 to 0.9; \
+                       bones that an end of the scan cuts follow their joints or the skin around them, and err by up to 4; the scanner's geometric \
                        distortion is not corrected, and its grey values are no HU, so that no dose is computed on them. Look at \
                        the fusion images";
 

@@ -59,9 +59,9 @@ pub struct Scan<'a> {
 pub struct Kind {
     /// Planning shows lung.
     pub lung: bool,
-    /// The fraction's grey values were corrected ([`Shading::corrected`]).
+    /// One scan's grey values were brought to the other's ([`Shading::corrected`], [`translated`]).
     pub corrected: bool,
-    /// Planning is shown as the fraction's modality ([`translated`]).
+    /// Planning is shown as an MR ([`translated`]).
     pub translated: bool,
 }
 

@@ -76,7 +76,7 @@ impl RefineOptions {
         }
     }
 
-    /// These for planning that is shown as the fraction's modality.
+    /// These for planning that is shown as an MR.
     pub(super) fn translated(&self) -> Self {
         // What planning does not tell of the fraction's texture counts as noise, and weakens the pull. With twice the weight, not
         // half, smooth motion errs by 0.89 mm for 1.00 (T2), posed motion by 0.59 for 0.56 (docs/decisions/mr.md).
