@@ -250,11 +250,13 @@ mod tests {
         (PlanningScan::new(ct, labels), skeleton, body)
     }
 
-    /// Where a fit has the bones, of a clavicle that is not found, after `turn` (degrees) at its joint in truth.
-    fn placed(turn: Vector3<f64>) -> (FitResult, Rigid) {
+    /// Where a fit has the bones, of a clavicle that is not found, after `turn` (degrees) at its joint in truth; `weight` is that of
+    /// the images in soft tissue.
+    fn placed(turn: Vector3<f64>, weight: f64) -> (FitResult, Rigid) {
         let (scan, skeleton, body) = planning();
         let mut config = Config::default();
         config.fraction.modality = Modality::Mr;
+        config.refine.weight = weight;
         let runtime = Runtime::silent().unwrap();
         let resting = Resting::new(&scan, &skeleton, &body, false, &config, &runtime).unwrap();
         let common = Rigid::translation(30.0, -6.0, 11.0);
@@ -299,7 +301,7 @@ mod tests {
 
     #[test]
     fn a_clavicle_that_the_image_does_not_show_turns_with_its_shoulder() {
-        let (fit, truth) = placed(Vector3::new(0.0, 7.0, -4.0));
+        let (fit, truth) = placed(Vector3::new(0.0, 7.0, -4.0), 1.0);
         let end = Point3::new(100.0, 0.0, 0.0);
         let [off, before] = [fit.transforms[1], fit.transforms[0]].map(|t| (t * end - truth * end).norm());
         assert!(before > 11.0 && off < 1.5, "{off} for {before}");
@@ -314,9 +316,12 @@ mod tests {
 
     #[test]
     fn skin_that_lies_where_the_joint_has_it_leaves_it_there() {
-        let (fit, truth) = placed(Vector3::zeros());
-        assert_eq!(fit.bones[1].determined_by, DeterminedBy::Joint);
-        assert!((fit.transforms[1].translation.vector - truth.translation.vector).norm() < 1e-12);
+        // Whether images draw tissue or not.
+        for weight in [1.0, 0.0] {
+            let (fit, truth) = placed(Vector3::zeros(), weight);
+            assert_eq!(fit.bones[1].determined_by, DeterminedBy::Joint);
+            assert!((fit.transforms[1].translation.vector - truth.translation.vector).norm() < 1e-12);
+        }
     }
 
     #[test]
