@@ -25,7 +25,7 @@ const LEAST_VISIBLE: f64 = 0.05;
 /// A bone whose visible part explains less than this of its contrast after the fit is not where the image says:
 /// it follows its joints.
 /// Half of it changes no pair that was measured, twice as much refuses every true one.
-const LEAST_EXPLAINED: f64 = 0.5;
+pub(super) const LEAST_EXPLAINED: f64 = 0.5;
 /// So does a cut bone that is doubtful ([`DOUBTFUL_CUT`]) and leaves this many times as much unexplained as the middle one of
 /// the bones: not the noise is to blame.
 const UNLIKE: f64 = 4.0;
@@ -237,7 +237,7 @@ impl<'a> Fitter<'a> {
         let sd = deviations(curvature);
         let mut any = false;
         let now = self.evaluate(level, transforms);
-        for (b, (e, unexplained)) in now.iter().zip(unexplained(&now)).enumerate() {
+        for (b, (e, unexplained)) in now.iter().zip(unexplained(&now, self.options.least_explained)).enumerate() {
             if e.visible > 0.0 && (unexplained || sd(6 * b + 3) > MOST_SD_MM) {
                 any = true;
                 level.dropped[b] = true;
@@ -389,13 +389,15 @@ pub(super) fn doubtful(e: &Evaluation) -> bool {
     e.explained < least || (e.visible < WHOLE && e.explained < DOUBTFUL_CUT)
 }
 
-/// Whether each bone is too little in view, or the image does not explain it as it does the others.
-pub(super) fn unexplained(bones: &[Evaluation]) -> Vec<bool> {
+/// Whether each bone is too little in view, or the image does not explain it as it does the others; of a whole one it has to explain
+/// `least_of_whole` of its contrast.
+pub(super) fn unexplained(bones: &[Evaluation], least_of_whole: f64) -> Vec<bool> {
     let mut left: Vec<f64> = bones.iter().filter(|e| e.visible >= LEAST_VISIBLE).map(|e| 1.0 - e.explained).collect();
     left.sort_by(f64::total_cmp);
     let usual = left.get(left.len() / 2).copied().unwrap_or(1.0);
     let unlike = |e: &Evaluation| e.visible < WHOLE && doubtful(e) && 1.0 - e.explained > UNLIKE * usual;
-    bones.iter().map(|e| e.visible < LEAST_VISIBLE || e.explained < LEAST_EXPLAINED || unlike(e)).collect()
+    let least = |e: &Evaluation| if e.visible < WHOLE { LEAST_EXPLAINED } else { least_of_whole };
+    bones.iter().map(|e| e.visible < LEAST_VISIBLE || e.explained < least(e) || unlike(e)).collect()
 }
 
 /// What is in view of each bone, and the gain of all together; nothing where no bone shows a contrast.

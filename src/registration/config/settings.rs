@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::couch::CouchOptions;
 use crate::evaluate::verdict::Limits;
 use crate::field::{ConsistencyOptions, FieldFormat, InvertOptions, Resampling};
-use crate::fit::{FitOptions, Measure};
+use crate::fit::{FitOptions, LEAST_EXPLAINED_OF_MR, Measure};
 use crate::plausibility::CheckOptions;
 use crate::refine::RefineOptions;
 use crate::skeleton::SlidingOptions;
@@ -137,7 +137,9 @@ impl Config {
         if !self.across() {
             return Cow::Borrowed(&self.fit);
         }
-        Cow::Owned(FitOptions { measure: Measure::CorrelationRatio, ..self.fit.clone() })
+        let of_mr = (self.planning.modality == Modality::Mr).then_some(LEAST_EXPLAINED_OF_MR);
+        let least_explained = of_mr.unwrap_or(self.fit.least_explained);
+        Cow::Owned(FitOptions { measure: Measure::CorrelationRatio, least_explained, ..self.fit.clone() })
     }
 
     /// All settings as a value, as reports hold them.

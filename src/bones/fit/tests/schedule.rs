@@ -1,8 +1,9 @@
 //! What decides on the way of the fit, at its limits.
 
 use crate::fit::hanging::hanging;
-use crate::fit::schedule::{doubtful, held, neighbours, unexplained};
+use crate::fit::schedule::{LEAST_EXPLAINED, doubtful, held, neighbours, unexplained};
 use crate::fit::similarity::Evaluation;
+use crate::fit::{FitOptions, LEAST_EXPLAINED_OF_MR};
 
 fn seen(visible: f64, explained: f64, contrast: [f64; 2]) -> Evaluation {
     Evaluation { visible, explained, contrast, ..Evaluation::nothing() }
@@ -28,7 +29,7 @@ fn a_bone_is_doubtful_when_it_explains_little_or_is_cut() {
 fn what_the_image_does_not_explain_is_told_by_the_others_too() {
     let of = |bones: &[(f64, f64)]| {
         let all: Vec<Evaluation> = bones.iter().map(|&(v, e)| seen(v, e, [0.0; 2])).collect();
-        unexplained(&all)
+        unexplained(&all, LEAST_EXPLAINED)
     };
     // Too little in view, too little explained, and a cut bone that is unlike the others by itself.
     let good = [(1.0, 0.96); 6];
@@ -45,4 +46,12 @@ fn one_gain_is_held_for_all_bones() {
     let found: Vec<[f64; 2]> = all.iter().flatten().map(|h| [h.view, h.gain]).collect();
     assert_eq!(found, [[0.9, 1.0], [0.2, 1.0]]);
     assert!(held(&[seen(0.9, 0.0, [0.0; 2])]).iter().all(Option::is_none));
+}
+
+#[test]
+fn a_whole_bone_of_a_planning_mr_may_explain_less_and_a_cut_one_may_not() {
+    // Whole, whole, cut.
+    let all = [seen(1.0, 0.55, [0.0; 2]), seen(0.95, 0.35, [0.0; 2]), seen(0.6, 0.35, [0.0; 2])];
+    assert_eq!(unexplained(&all, FitOptions::default().least_explained), [false, true, true]);
+    assert_eq!(unexplained(&all, LEAST_EXPLAINED_OF_MR), [false, false, true]);
 }
