@@ -14,7 +14,7 @@ use crate::skeleton::Skeleton;
 use crate::view::View;
 use crate::volume::signed::{measured_depth, within_edges};
 use crate::volume::{Mask, Volume, trilinear_vector};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 /// A turn whose effect on the skin is looked at, degrees.
@@ -114,14 +114,20 @@ impl Unplaced<'_> {
         turned: &TurnedBySkin,
         fraction: &Fraction<'_>,
     ) {
-        let joint = &self.skeleton.bones[group[0]].joint;
-        let centre = transforms[group[0]] * joint.centre;
+        let root = &self.skeleton.bones[group[0]];
+        let centre = transforms[group[0]] * root.joint.centre;
+        let parent = root.parent.map_or_else(UnitQuaternion::identity, |parent| transforms[parent].rotation);
+        let axes = parent.to_rotation_matrix() * root.joint.axes;
         let sd_deg = turned.covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
         let pose = self.skeleton.pose_of(&transforms);
         let excess = self.skeleton.excess(&pose);
         for &b in group {
             let bone = &self.skeleton.bones[b];
-            let lever = (transforms[b] * bone.centroid - centre).norm() * 1f64.to_radians();
+            // What a turn about each axis does to the bone's middle, mm per degree.
+            let lever = transforms[b] * bone.centroid - centre;
+            let by_turn = Matrix3::from_columns(&[0, 1, 2].map(|a| axes.column(a).cross(&lever) * 1f64.to_radians()));
+            let open = by_turn * turned.covariance * by_turn.transpose();
+            let open_mm = open.symmetric_eigenvalues().max().max(0.0).sqrt();
             let told = &mut fit.bones[b];
             told.visible = in_view(self.scan, bone.label, &transforms[b], fraction);
             told.similarity_after = None;
@@ -129,7 +135,7 @@ impl Unplaced<'_> {
             told.unsettled_mm = 0.0;
             told.rotation_sd_deg = sd_deg;
             // What the turn leaves of the skin's distance is no better known of the bone.
-            told.position_sd_mm = (lever * sd_deg).hypot(turned.off_mm[1]);
+            told.position_sd_mm = open_mm.hypot(turned.off_mm[1]);
             told.beyond_range = BeyondRange::of(&excess[b]);
             told.motion_mm = (transforms[b] * bone.centroid - bone.centroid).norm();
             told.transform = transforms[b];

@@ -243,9 +243,9 @@ pub(super) fn fit_warnings(fit: &FitResult) -> Vec<Warning> {
             out.push(Warning::new(findings::BONE_NOT_EXPLAINED, message));
         }
         if bone.determined_by == DeterminedBy::Skin {
+            let found = if bone.visible > SHOULD_BE_FOUND { " and too little of its contrast is found" } else { "" };
             let message = format!(
-                "{} is placed by the skin around it: {:.0} % of it should be seen in the fraction, but too little of its contrast is \
-                 found to place it; look at the fusion images",
+                "{} is placed by the skin around it: {:.0} % of it is in view{found}; look at the fusion images",
                 bone.name,
                 100.0 * bone.visible
             );
