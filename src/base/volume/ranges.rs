@@ -24,33 +24,9 @@ pub fn memberships(hu: f32) -> [f32; RANGES] {
     out
 }
 
-/// The same of one range.
-pub fn membership(hu: f32, range: usize) -> f32 {
-    let share = |n: usize| (hu - KNOTS[n - 1]) / (KNOTS[n] - KNOTS[n - 1]);
-    let below = if range == 0 { hu < KNOTS[0] } else { hu < KNOTS[range] && hu >= KNOTS[range - 1] };
-    if below {
-        return if range == 0 { 1.0 } else { share(range) };
-    }
-    match KNOTS.get(range + 1) {
-        Some(next) if hu >= KNOTS[range] && hu < *next => 1.0 - share(range + 1),
-        // As of all of them, no number counts as the densest.
-        None if hu >= KNOTS[range] || hu.is_nan() => 1.0,
-        _ => 0.0,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn one_membership_is_that_of_all() {
-        let on_knots = KNOTS.iter().flat_map(|k| [k - 1e-3, *k, k + 1e-3]);
-        for hu in (-400..1400).map(|n| n as f32 * 1.37).chain(on_knots).chain([f32::NAN, f32::INFINITY]) {
-            let all = memberships(hu);
-            (0..RANGES).for_each(|k| assert_eq!(membership(hu, k).to_bits(), all[k].to_bits(), "{hu} {k}"));
-        }
-    }
 
     #[test]
     fn memberships_add_up_to_one_and_interpolate_between_the_knots() {

@@ -7,10 +7,7 @@ use nalgebra::{Point3, Vector3};
 /// Distance of each voxel from the surface of a mask, mm: negative inside; no more than `known`. Blurred by a share of the
 /// voxels' least edge, which draws the surface of a ball inwards by the blur's square over its radius.
 pub fn depth(inside: &Mask, known: f64, blur: f64) -> Volume<f32> {
-    let [outside, within] = [true, false].map(|target| squared_distance_within(inside, target, known));
-    let known = |square: f32| f64::from(square).sqrt().min(known) as f32;
-    let values = outside.data().iter().zip(within.data()).map(|(&o, &i)| known(o) - known(i)).collect();
-    let signed = Volume::new(inside.grid().clone(), values).expect("one value per voxel");
+    let signed = measured_depth(inside, |_| true, known);
     let edge = inside.grid().spacing().into_iter().fold(f64::MAX, f64::min);
     if blur > 0.0 { gaussian(&signed, blur * edge) } else { signed }
 }

@@ -7,7 +7,7 @@ use super::similarity::Measure;
 use super::tissue::Tissue;
 use super::{FitOptions, Resolution};
 use crate::skeleton::Skeleton;
-use crate::volume::ranges::{RANGES, membership, memberships};
+use crate::volume::ranges::{RANGES, memberships};
 use crate::volume::{LabelMap, Volume, trilinear};
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -23,10 +23,20 @@ const REACH: f64 = 3.0;
 
 /// How much planning's tissue in each range of HU counts at a place, blurred: the [`shares`] are what counts.
 fn ranges(planning: &Volume<f32>, sigma: f64) -> Vec<Volume<f32>> {
-    let of = |hu: f32, k: usize| if Tissue::is_air(hu) { 0.0 } else { membership(hu, k) };
-    let pairs =
-        (0..RANGES / 2).flat_map(|k| Tissue::spread(planning, sigma, |hu| [2 * k, 2 * k + 1].map(|k| of(hu, k))));
-    pairs.collect()
+    let of = |hu: f32| if Tissue::is_air(hu) { [0.0; RANGES] } else { memberships(hu) };
+    let pair = |k: usize| {
+        Tissue::spread(planning, sigma, |hu| {
+            let all = of(hu);
+            [all[k], all[k + 1]]
+        })
+    };
+    (0..RANGES).step_by(2).flat_map(pair).collect()
+}
+
+/// Shares of a whole.
+fn normalised(of: [f64; RANGES]) -> [f32; RANGES] {
+    let all = of.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    of.map(|share| (share / all) as f32)
 }
 
 /// Membership of the tissue at a place in each range.
@@ -35,8 +45,7 @@ fn shares(ranges: &[Volume<f32>], place: &Point3<f64>) -> [f32; RANGES] {
         let index = ranges[k].grid().index_within(place);
         trilinear(&ranges[k], &index).unwrap_or(0.0)
     });
-    let all = of.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    of.map(|share| (share / all) as f32)
+    normalised(of)
 }
 
 /// Membership of the tissue at a place in each range, of voxels as near to it as a fine blur reaches: cheaper there than a blur of
@@ -69,8 +78,7 @@ fn shares_near(planning: &Volume<f32>, sigma: f64, place: &Point3<f64>) -> [f32;
             }
         }
     }
-    let all = of.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    of.map(|share| (share / all) as f32)
+    normalised(of)
 }
 
 /// Samples of each bone at every resolution of the fit.

@@ -59,15 +59,15 @@ impl Unplaced<'_> {
         let (points, area) = outline(self.body, View::of_ends(&self.scan.ct).measured());
         let seen = Seen { chain_mail, couch: &couch, skin: couch.volume(skin), points, area };
         for group in groups {
-            if let Some((transforms, turned)) = self.turned(fit, &group, &seen)? {
+            if let Some((transforms, turned)) = self.turned(fit, group[0], &seen)? {
                 self.place(fit, &group, transforms, &turned, fraction);
             }
         }
         Ok(())
     }
 
-    /// The motions of all bones after a group has turned, where the skin tells how.
-    fn turned(&self, fit: &FitResult, group: &[usize], seen: &Seen<'_>) -> Result<Option<(Vec<Rigid>, TurnedBySkin)>> {
+    /// The motions of all bones after the joint of a group's first bone, `root`, has turned, where the skin tells how.
+    fn turned(&self, fit: &FitResult, root: usize, seen: &Seen<'_>) -> Result<Option<(Vec<Rigid>, TurnedBySkin)>> {
         let Self { scan, skeleton, body, resting, config } = *self;
         let carried = |transforms: &[Rigid]| {
             let transforms = seen.couch.transforms(transforms);
@@ -78,7 +78,7 @@ impl Unplaced<'_> {
             let as_is = carried(&transforms)?;
             let by_axis = |axis: usize| {
                 let turn = Vector3::ith(axis, TRIED_DEG);
-                carried(&with_turn(skeleton, &transforms, group, &turn))
+                carried(&with_turn(skeleton, &transforms, root, &turn))
             };
             let by_axis = [by_axis(0)?, by_axis(1)?, by_axis(2)?];
             let point = |at: &Point3<f64>| {
@@ -91,9 +91,9 @@ impl Unplaced<'_> {
                 Some(SkinPoint { place: at + now, by_turn })
             };
             let points: Vec<SkinPoint> = seen.points.par_iter().filter_map(point).collect();
-            let now = Vector3::from(skeleton.pose_of(&transforms).joints[group[0]].rotation).map(f64::to_degrees);
+            let now = Vector3::from(skeleton.pose_of(&transforms).joints[root].rotation).map(f64::to_degrees);
             let Some(found) = turn_by_skin(&points, &seen.skin, seen.area, now)? else { return Ok(None) };
-            transforms = with_turn(skeleton, &transforms, group, &found.by_deg);
+            transforms = with_turn(skeleton, &transforms, root, &found.by_deg);
             let off = *before.get_or_insert(found.off_mm[0]);
             if round == ROUNDS || found.by_deg.norm() < SETTLED_DEG {
                 let told = found.seen as f64 * seen.area >= LEAST_MM2
@@ -173,10 +173,10 @@ fn groups(skeleton: &Skeleton, fit: &FitResult) -> Vec<Vec<usize>> {
     out
 }
 
-/// The motions of all bones after the joint of a group's first bone has turned farther about its axes, degrees.
-fn with_turn(skeleton: &Skeleton, transforms: &[Rigid], group: &[usize], by_deg: &Vector3<f64>) -> Vec<Rigid> {
+/// The motions of all bones after the joint of a bone has turned farther about its axes, degrees.
+fn with_turn(skeleton: &Skeleton, transforms: &[Rigid], bone: usize, by_deg: &Vector3<f64>) -> Vec<Rigid> {
     let mut pose = skeleton.pose_of(transforms);
-    let rotation = &mut pose.joints[group[0]].rotation;
+    let rotation = &mut pose.joints[bone].rotation;
     (0..3).for_each(|a| rotation[a] += by_deg[a].to_radians());
     skeleton.transforms(&pose)
 }
